@@ -1,0 +1,444 @@
+"""A model: declared variables, one record that holds all of an instance's memory, and two kernels over it.
+
+From the declaration follow the numpy record, the FMI value references, the pythonfmu slave of this module, and
+(in `cosim.build`) modelDescription.xml and the compiled FMU. A model that cannot be written as kernels, because it
+talks to another program, overrides `do_step` and is an ordinary pythonfmu slave with the same ports.
+
+This module knows nothing of files, XML or C.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import lru_cache
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pythonfmu import Boolean, Fmi2Slave, Integer, Real, String
+from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
+
+__all__ = [
+    "FlatVariable",
+    "Input",
+    "Memory",
+    "Model",
+    "Output",
+    "PacketInput",
+    "PacketOutput",
+    "Parameter",
+    "State",
+    "Variable",
+    "flat_variables",
+    "record_layout",
+]
+
+Role = Literal["input", "output", "parameter", "state", "memory", "packet input", "packet output"]
+Kind = Literal["Real", "Integer", "Boolean", "Enumeration", "String", "Packets", "Memory"]
+Start = float | int | bool | str | tuple[float, ...] | tuple[int, ...] | tuple[bool, ...]
+
+_FIELD_TYPE = {"Real": "f8", "Integer": "i4", "Boolean": "?", "Enumeration": "i4"}
+_KEPT: tuple[Role, ...] = ("parameter", "input", "packet input")
+"""What survives a second run of `start`: what the environment has set."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One declared variable, scalar or one-dimensional array. Made by `Input`, `Output`, `Parameter`, ..."""
+
+    name: str
+    role: Role
+    kind: Kind
+    shape: tuple[int, ...] = ()
+    unit: str | None = None
+    start: Start = 0.0
+    description: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    tunable: bool = False
+    depends: tuple[str, ...] = ()
+    enumeration: type[IntEnum] | None = None
+    dtype: str = ""
+    capacity: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise ValueError(f"variable {self.name!r}: a name must be a Python identifier")
+        if isinstance(self.start, tuple) and self.shape != (len(self.start),):
+            raise ValueError(f"variable {self.name}: {len(self.start)} start values for shape {self.shape}")
+        if self.kind == "String" and self.shape:
+            raise ValueError(f"variable {self.name}: String variables are scalars")
+
+
+def _kind(of: type) -> tuple[Kind, type[IntEnum] | None]:
+    if of is float:
+        return "Real", None
+    if of is int:
+        return "Integer", None
+    if of is bool:
+        return "Boolean", None
+    if of is str:
+        return "String", None
+    if issubclass(of, IntEnum):
+        return "Enumeration", of
+    raise TypeError(f"type {of!r}: a variable is float, int, bool, str or an IntEnum")
+
+
+def _declare(
+    role: Role, name: str, of: type, shape: int | None, start: Start | None, **attributes: Any
+) -> Variable:
+    kind, enumeration = _kind(of)
+    zero: Start = "" if of is str else next(iter(enumeration)) if enumeration else of()
+    return Variable(
+        name,
+        role,
+        kind,
+        shape=() if shape is None else (shape,),
+        start=zero if start is None else start,
+        enumeration=enumeration,
+        **attributes,
+    )
+
+
+def Input(
+    name: str,
+    *,
+    type: type = float,
+    shape: int | None = None,
+    unit: str | None = None,
+    start: Start | None = None,
+    description: str = "",
+) -> Variable:
+    """An input, held constant over a step. `type`: float, int, bool or an IntEnum; `unit`: SI, FMI notation."""
+    return _declare("input", name, type, shape, start, unit=unit, description=description)
+
+
+def Output(
+    name: str,
+    *,
+    type: type = float,
+    shape: int | None = None,
+    unit: str | None = None,
+    start: Start | None = None,
+    depends: tuple[str, ...] = (),
+    description: str = "",
+) -> Variable:
+    """An output. `depends`: the inputs on which `start` makes it depend directly (feed-through), default none."""
+    return _declare("output", name, type, shape, start, unit=unit, depends=depends, description=description)
+
+
+def Parameter(
+    name: str,
+    *,
+    type: type = float,
+    shape: int | None = None,
+    unit: str | None = None,
+    start: Start | None = None,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    tunable: bool = False,
+    description: str = "",
+) -> Variable:
+    """A parameter, fixed after initialization unless `tunable`."""
+    limits = {"minimum": minimum, "maximum": maximum, "tunable": tunable}
+    return _declare("parameter", name, type, shape, start, unit=unit, description=description, **limits)
+
+
+def State(
+    name: str,
+    *,
+    type: type = float,
+    shape: int | None = None,
+    unit: str | None = None,
+    start: Start | None = None,
+    description: str = "",
+) -> Variable:
+    """A state, visible to tools as an FMI local variable."""
+    return _declare("state", name, type, shape, start, unit=unit, description=description)
+
+
+def Memory(name: str, *, dtype: str = "f8", shape: int | tuple[int, ...] | None = None) -> Variable:
+    """Private memory: part of the saved state, no FMI variable, zero at the start."""
+    dimensions = () if shape is None else (shape,) if isinstance(shape, int) else shape
+    return Variable(name, "memory", "Memory", shape=dimensions, start=0, dtype=dtype)
+
+
+def PacketInput(name: str, *, capacity: int, description: str = "") -> Variable:
+    """MAVLink packets delivered for one step: fields `name` (u1[capacity]) and `name_len` (bytes used)."""
+    return Variable(name, "packet input", "Packets", start="", description=description, capacity=capacity)
+
+
+def PacketOutput(name: str, *, capacity: int, description: str = "") -> Variable:
+    """MAVLink packets sent during one step: fields `name` (u1[capacity]) and `name_len` (bytes used)."""
+    return Variable(name, "packet output", "Packets", start="", description=description, capacity=capacity)
+
+
+@dataclass(frozen=True, slots=True)
+class FlatVariable:
+    """One FMI 2 scalar variable; its value reference is its place in `flat_variables`."""
+
+    name: str
+    variable: Variable
+    index: int | None
+    start: float | int | bool | str
+
+
+def flat_variables(variables: Sequence[Variable]) -> tuple[FlatVariable, ...]:
+    """The FMI scalar variables of a declaration, in order; arrays become name[1], name[2], ..."""
+    flat: list[FlatVariable] = []
+    for variable in variables:
+        if variable.kind == "Memory":
+            continue
+        if not variable.shape:
+            assert not isinstance(variable.start, tuple)
+            flat.append(FlatVariable(variable.name, variable, None, variable.start))
+            continue
+        for i in range(variable.shape[0]):
+            start = variable.start[i] if isinstance(variable.start, tuple) else variable.start
+            flat.append(FlatVariable(f"{variable.name}[{i + 1}]", variable, i, start))
+    return tuple(flat)
+
+
+@lru_cache(maxsize=None)
+def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], int]:
+    """The aligned record of a declaration, and the size of its head.
+
+    The head holds what the environment sets (parameters, inputs, packets received); everything behind it is
+    reset before each run of `start`. Strings are not in the record: only models without kernels have them.
+    """
+    fields: list[tuple[Any, ...]] = []
+    boundary = ""
+    for kept in (True, False):
+        for variable in variables:
+            if (variable.role in _KEPT) != kept or variable.kind == "String":
+                continue
+            if not kept and not boundary:
+                boundary = variable.name
+            if variable.kind == "Packets":
+                fields += [(variable.name, "u1", (variable.capacity,)), (f"{variable.name}_len", "i4")]
+            else:
+                field_type = variable.dtype or _FIELD_TYPE[variable.kind]
+                fields.append((variable.name, field_type, variable.shape) if variable.shape else (variable.name, field_type))
+    dtype = np.dtype((np.record, np.dtype(fields, align=True)))
+    assert dtype.fields is not None
+    head = dtype.fields[boundary][1] if boundary else dtype.itemsize
+    return dtype, head
+
+
+class Model(Fmi2Slave):
+    """Base class of all models. A subclass declares `variables`, `kernels` and, if it has any, `errors`.
+
+    ``kernels = (start, advance)``. `start(m)` derives states and outputs from parameters and inputs; it runs in
+    initialization mode, possibly several times, each time from the declared start values. `advance(m, t, h)`
+    moves the record from t to t + h [s]. Both return 0, or a key of `errors`. A subclass without kernels
+    overrides `do_step(t, h)` and, where needed, `initialize()`; its values are attributes of `self.m`, its strings
+    entries of `self.strings`.
+    """
+
+    variables: ClassVar[tuple[Variable, ...]] = ()
+    kernels: ClassVar[tuple[Callable[[Any], int], Callable[[Any, float, float], int]] | None] = None
+    errors: ClassVar[dict[int, str]] = {}
+    step_size: ClassVar[float] = 0.0
+    entry: ClassVar[Any] = None
+    """Set by the generated entry module of an interpreted FMU: (guid, modelDescription.xml as text)."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        names = [v.name for v in cls.variables]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"model {cls.__name__} declares {name} twice")
+        known = {v.name for v in cls.variables if v.role in ("input", "packet input")}
+        for variable in cls.variables:
+            if unknown := set(variable.depends) - known:
+                raise ValueError(f"{cls.__name__}.{variable.name} depends on {unknown}, which are no inputs of it")
+            if cls.kernels is not None and variable.kind == "String":
+                raise ValueError(f"{cls.__name__}.{variable.name}: a model with kernels has no String variables")
+
+    @classmethod
+    def record(cls) -> Any:
+        """A new record (numpy.record) with all declared start values."""
+        dtype, _ = record_layout(cls.variables)
+        record = np.zeros(1, dtype=dtype).view(np.recarray)[0]
+        for variable in cls.variables:
+            if variable.kind not in ("Packets", "Memory", "String"):
+                record[variable.name] = variable.start
+        return record
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        cls = type(self)
+        dtype, self._head = record_layout(cls.variables)
+        self._initial_bytes = cls.record().tobytes()
+        memory = np.frombuffer(bytearray(self._initial_bytes), dtype=np.uint8)
+        self._bytes = memory
+        self.m: Any = memory.view(dtype).view(np.recarray)[0]
+        self.strings = {v.name: str(v.start) for v in cls.variables if v.kind == "String"}
+        self._reals = memory[: dtype.itemsize - dtype.itemsize % 8].view(np.float64)
+        self._places: list[tuple[Variable, int]] = []
+        self._initialising = True
+        self._started = False
+        self._register(dtype)
+
+    def _register(self, dtype: np.dtype[np.void]) -> None:
+        types = {"Real": Real, "Integer": Integer, "Enumeration": Integer, "Boolean": Boolean}
+        for flat in flat_variables(type(self).variables):
+            variable = flat.variable
+            offset = -1
+            if variable.kind != "String":
+                assert dtype.fields is not None
+                offset = dtype.fields[variable.name][1]
+                if flat.index is not None:
+                    offset += flat.index * np.dtype(_FIELD_TYPE[variable.kind]).itemsize
+            self._places.append((variable, offset))
+            self.register_variable(types.get(variable.kind, String)(flat.name, **_fmi_attributes(variable)))
+
+    # ---- life cycle, called by pythonfmu's wrapper -------------------------------------------------------------
+
+    def enter_initialization_mode(self) -> None:
+        self._initialising = True
+
+    def exit_initialization_mode(self) -> None:
+        self._ensure_started()
+        self._initialising = False
+
+    def initialize(self) -> None:
+        """Derive states and outputs from parameters and inputs (models without kernels override this)."""
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """One step by the kernel; models without kernels override this and return True."""
+        if self.kernels is None:
+            raise TypeError(f"{type(self).__name__} has neither kernels nor a do_step of its own")
+        self._run("advance", lambda: type(self).kernels[1](self.m, current_time, step_size))  # type: ignore[index]
+        return True
+
+    def _ensure_started(self) -> None:
+        if self._started:
+            return
+        self._started = True
+        self._bytes[self._head :] = np.frombuffer(self._initial_bytes, dtype=np.uint8)[self._head :]
+        if self.kernels is None:
+            self._run("initialize", lambda: self.initialize() or 0)  # type: ignore[func-returns-value]
+        else:
+            self._run("start", lambda: type(self).kernels[0](self.m))  # type: ignore[index]
+
+    def _run(self, what: str, call: Callable[[], int]) -> None:
+        """Call a kernel; what it raises reaches the FMI logger with its traceback, then the caller."""
+        try:
+            code = int(call())
+            if code:
+                raise RuntimeError(f"{what}: {self.errors.get(code, 'error')} (code {code})")
+        except Exception:
+            self.log(f"{type(self).__name__}: {traceback.format_exc()}", Fmi2Status.error)
+            raise
+
+    # ---- access by value reference ---------------------------------------------------------------------------------
+
+    def _place(self, vr: int, *kinds: str) -> tuple[Variable, int]:
+        if not 0 <= vr < len(self._places):
+            raise ValueError(f"value reference {vr}: {type(self).__name__} has 0 to {len(self._places) - 1}")
+        variable, offset = self._places[vr]
+        if variable.kind not in kinds:
+            raise TypeError(f"value reference {vr} is {variable.name}, a {variable.kind}, not {' or '.join(kinds)}")
+        return variable, offset
+
+    def _before_get(self) -> None:
+        if self._initialising:
+            self._ensure_started()
+
+    def _before_set(self, variable: Variable) -> None:
+        if variable.role not in _KEPT:
+            raise ValueError(f"{variable.name} is an {variable.role} and cannot be set")
+        if self._initialising:
+            self._started = False
+        elif variable.role == "parameter" and not variable.tunable:
+            raise ValueError(f"{variable.name} is a fixed parameter: it cannot be set after initialization")
+
+    def get_real(self, vrs: list[int]) -> list[float]:
+        self._before_get()
+        return [float(self._reals[self._place(vr, "Real")[1] // 8]) for vr in vrs]
+
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
+        for vr, value in zip(vrs, values, strict=True):
+            variable, offset = self._place(vr, "Real")
+            self._before_set(variable)
+            self._reals[offset // 8] = value
+
+    def get_integer(self, vrs: list[int]) -> list[int]:
+        self._before_get()
+        places = [self._place(vr, "Integer", "Enumeration")[1] for vr in vrs]
+        return [int(self._bytes[o : o + 4].view(np.int32)[0]) for o in places]
+
+    def set_integer(self, vrs: list[int], values: list[int]) -> None:
+        for vr, value in zip(vrs, values, strict=True):
+            variable, offset = self._place(vr, "Integer", "Enumeration")
+            self._before_set(variable)
+            self._bytes[offset : offset + 4].view(np.int32)[0] = value
+
+    def get_boolean(self, vrs: list[int]) -> list[bool]:
+        self._before_get()
+        return [bool(self._bytes[self._place(vr, "Boolean")[1]]) for vr in vrs]
+
+    def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
+        for vr, value in zip(vrs, values, strict=True):
+            variable, offset = self._place(vr, "Boolean")
+            self._before_set(variable)
+            self._bytes[offset] = bool(value)
+
+    def get_string(self, vrs: list[int]) -> list[str]:
+        self._before_get()
+        return [self._get_text(self._place(vr, "String", "Packets")[0]) for vr in vrs]
+
+    def _get_text(self, variable: Variable) -> str:
+        if variable.kind == "String":
+            return self.strings[variable.name]
+        used = int(self.m[f"{variable.name}_len"])
+        return base64.b64encode(self.m[variable.name][:used].tobytes()).decode("ascii")
+
+    def set_string(self, vrs: list[int], values: list[str]) -> None:
+        for vr, value in zip(vrs, values, strict=True):
+            variable, _ = self._place(vr, "String", "Packets")
+            self._before_set(variable)
+            if variable.kind == "String":
+                self.strings[variable.name] = value
+                continue
+            try:
+                packets = base64.b64decode(value, validate=True)
+            except (binascii.Error, ValueError) as error:
+                raise ValueError(f"{variable.name}: not base64 text ({error})") from None
+            if len(packets) > variable.capacity:
+                raise ValueError(f"{variable.name} holds {variable.capacity} bytes, not {len(packets)}")
+            self.m[variable.name][: len(packets)] = np.frombuffer(packets, dtype=np.uint8)
+            self.m[f"{variable.name}_len"] = len(packets)
+
+    # ---- FMU state: the record is all there is -----------------------------------------------------------------------
+
+    def _get_fmu_state(self) -> dict[str, Any]:
+        modes = {"initialising": self._initialising, "started": self._started}
+        return {"record": base64.b64encode(self._bytes.tobytes()).decode("ascii"), **modes}
+
+    def _set_fmu_state(self, state: dict[str, Any]) -> None:
+        self._bytes[:] = np.frombuffer(base64.b64decode(state["record"]), dtype=np.uint8)
+        self._initialising, self._started = state["initialising"], state["started"]
+
+    def to_xml(self, model_options: dict[str, str] | None = None) -> Any:
+        """modelDescription.xml, as the build that made this FMU wrote it."""
+        if self.entry is None:
+            raise RuntimeError(f"{type(self).__name__}: build FMUs with `uav-cosim build`, which writes their description")
+        return self.entry()
+
+
+def _fmi_attributes(variable: Variable) -> dict[str, Any]:
+    """Causality, variability and initial of a declared variable, in pythonfmu's words."""
+    if variable.role == "parameter":
+        variability = Fmi2Variability.tunable if variable.tunable else Fmi2Variability.fixed
+        return {"causality": Fmi2Causality.parameter, "variability": variability, "initial": Fmi2Initial.exact}
+    variability = Fmi2Variability.continuous if variable.kind == "Real" else Fmi2Variability.discrete
+    if variable.role in ("input", "packet input"):
+        return {"causality": Fmi2Causality.input, "variability": variability}
+    causality = Fmi2Causality.local if variable.role == "state" else Fmi2Causality.output
+    return {"causality": causality, "variability": variability, "initial": Fmi2Initial.calculated}

@@ -1,0 +1,57 @@
+"""What every vehicle FMU has in common, so that one can replace another and an autopilot need not be told.
+
+A vehicle takes actuator commands and the wind, and gives its true motion and its `airframe`, from which an
+autopilot picks mixer and control laws while initialising. This module declares those ports once; it holds no
+physics.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from cosim.model import Input, Output, Variable
+
+__all__ = ["AIRFRAME", "MAX_MOTORS", "MOTION_INPUTS", "VEHICLE_INPUTS", "VEHICLE_OUTPUTS", "Airframe"]
+
+MAX_MOTORS = 8
+"""Length of the `motor` port of every vehicle and autopilot; a vehicle with fewer motors ignores the rest."""
+
+
+class Airframe(IntEnum):
+    """Which mixer and control family a vehicle needs. Motors are numbered as ArduPilot numbers them."""
+
+    quad_x = 1
+    hexa_x = 2
+    octa_x = 3
+
+
+VEHICLE_INPUTS: tuple[Variable, ...] = (
+    Input("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="actuator commands, 0 (stopped) to 1 (full)"),
+    Input("wind", shape=3, unit="m/s", start=0.0, description="velocity of the air over ground, NED"),
+)
+
+_MOTION = (
+    ("position", 3, "m", (0.0, 0.0, 0.0), "position relative to the local origin, NED (north, east, down)"),
+    ("velocity", 3, "m/s", (0.0, 0.0, 0.0), "velocity over ground, NED"),
+    ("attitude", 4, "1", (1.0, 0.0, 0.0, 0.0), "unit quaternion w, x, y, z that rotates body FRD into NED"),
+    ("angular_velocity", 3, "rad/s", (0.0, 0.0, 0.0), "angular velocity of the body, FRD"),
+    ("specific_force", 3, "m/s2", (0.0, 0.0, -9.80665), "what an accelerometer measures at the centre of mass, FRD"),
+)
+
+AIRFRAME = Output("airframe", type=Airframe, start=Airframe.quad_x, description="which mixer the vehicle needs")
+
+VEHICLE_OUTPUTS: tuple[Variable, ...] = (
+    *(
+        Output(name, shape=shape, unit=unit, start=start, description=description)
+        for name, shape, unit, start, description in _MOTION
+    ),
+    AIRFRAME,
+)
+
+MOTION_INPUTS: tuple[Variable, ...] = (
+    *(
+        Input(name, shape=shape, unit=unit, start=start, description=description)
+        for name, shape, unit, start, description in _MOTION
+    ),
+    Input("airframe", type=Airframe, start=Airframe.quad_x, description="which mixer the vehicle needs"),
+)
