@@ -1,0 +1,627 @@
+"""MAVLink 1 and 2 packets in byte buffers: find, read, write, address; and base64 text for string ports.
+
+A buffer is a one-dimensional uint8 array and a number of bytes in use; a packet is named by the index of its first
+byte. Everything here is a kernel: nothing allocates, nothing raises, the same source runs interpreted and compiled.
+What the fields of a message are is in `cosim.messages`; that module builds payloads, this one wraps them.
+
+Receiving::
+
+    p = 0
+    while True:
+        start, p, status = find(buffer, p, n)
+        if status == NOTHING or status == TRUNCATED:
+            break
+        if (status == GOOD or status == SIGNED) and message_id(buffer, start) == GLOBAL_POSITION_INT:
+            unpack(buffer, start, payload)
+
+Sending: `n = pack(buffer, n, payload, ...)` appends one packet; check for -1 before keeping the result.
+
+Not here: signatures are recognised but neither made nor verified (a receiver without a key accepts signed packets,
+as ArduPilot and pymavlink do), and nothing keeps a sequence counter: its owner passes it in.
+
+Sources: the MAVLink guide, "Packet Serialization" and "Message Signing"; RFC 4648 section 4 (base64).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.dialect import CRC_EXTRA, FULL_LENGTH, MESSAGE_IDS, MINIMUM_LENGTH, TARGET_COMPONENT, TARGET_SYSTEM
+from cosim.kernel import kernel
+
+__all__ = [
+    "BAD_CRC",
+    "GOOD",
+    "INCOMPATIBLE",
+    "MAX_PACKET",
+    "MAX_PAYLOAD",
+    "NOTHING",
+    "SIGNED",
+    "TRUNCATED",
+    "UNKNOWN",
+    "Bytes",
+    "clear",
+    "component",
+    "decode_base64",
+    "definition",
+    "encode_base64",
+    "equal_text",
+    "find",
+    "get_f32",
+    "get_f64",
+    "get_i8",
+    "get_i16",
+    "get_i32",
+    "get_i64",
+    "get_u8",
+    "get_u16",
+    "get_u32",
+    "get_u64",
+    "message_id",
+    "pack",
+    "packet_length",
+    "payload_length",
+    "payload_start",
+    "put_f32",
+    "put_f64",
+    "put_i8",
+    "put_i16",
+    "put_i32",
+    "put_i64",
+    "put_text",
+    "put_u8",
+    "put_u16",
+    "put_u32",
+    "put_u64",
+    "sequence",
+    "signed",
+    "system",
+    "target",
+    "unpack",
+    "version",
+    "x25",
+]
+
+Bytes = NDArray[np.uint8]
+"""A one-dimensional array of bytes: a buffer of packets, or one payload."""
+
+MAX_PAYLOAD = 255
+"""Bytes of the longest payload, and so of every payload buffer."""
+MAX_PACKET = 280
+"""Bytes of the longest packet: MAVLink 2 header, longest payload, CRC and signature."""
+
+NOTHING = 0
+"""`find`: no packet begins in the rest of the buffer."""
+GOOD = 1
+"""`find`: a complete packet with the right CRC."""
+SIGNED = 2
+"""`find`: a complete packet with the right CRC and a signature, which nobody has verified."""
+UNKNOWN = 3
+"""`find`: a complete packet of a message that is not in the dialect: its CRC cannot be checked, routers forward it."""
+BAD_CRC = 4
+"""`find`: as long as its header says, but the CRC is wrong: drop it."""
+INCOMPATIBLE = 5
+"""`find`: MAVLink 2 with an incompatibility flag other than "signed": the standard says to drop it."""
+TRUNCATED = 6
+"""`find`: a packet begins but the buffer ends before it does."""
+
+_MAGIC_V1 = 0xFE
+_MAGIC_V2 = 0xFD
+_HEADER_V1 = 6
+_HEADER_V2 = 10
+_CRC = 2
+_SIGNATURE = 13
+_FLAG_SIGNED = 0x01
+_EQUALS = 61  # "="
+
+
+def _x25_table() -> NDArray[np.uint16]:
+    table = []
+    for value in range(256):
+        for _ in range(8):
+            value = (value >> 1) ^ (0x8408 if value & 1 else 0)
+        table.append(value)
+    return np.array(table, np.uint16)
+
+
+def _base64_values(alphabet: bytes) -> NDArray[np.int8]:
+    values = np.full(256, -1, np.int8)
+    for value, character in enumerate(alphabet):
+        values[character] = value
+    return values
+
+
+_X25 = _x25_table()
+_ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
+_BASE64 = np.frombuffer(_ALPHABET, np.uint8).copy()
+_BASE64_VALUES = _base64_values(_ALPHABET)
+
+
+# -- numbers in a payload, little-endian ----------------------------------------------------------------------------
+
+
+@kernel
+def get_u8(payload: Bytes, offset: int) -> int:
+    """The uint8 at `offset`."""
+    # Through int64: numba makes uint64 of two unsigned operands and float64 of uint64 with int64.
+    return int(np.int64(payload[offset]))
+
+
+@kernel
+def get_u16(payload: Bytes, offset: int) -> int:
+    """The uint16 at `offset`."""
+    return get_u8(payload, offset) | get_u8(payload, offset + 1) << 8
+
+
+@kernel
+def get_u32(payload: Bytes, offset: int) -> int:
+    """The uint32 at `offset`."""
+    return get_u16(payload, offset) | get_u16(payload, offset + 2) << 16
+
+
+@kernel
+def get_i8(payload: Bytes, offset: int) -> int:
+    """The int8 at `offset`."""
+    value = get_u8(payload, offset)
+    return value - ((value & 0x80) << 1)
+
+
+@kernel
+def get_i16(payload: Bytes, offset: int) -> int:
+    """The int16 at `offset`."""
+    value = get_u16(payload, offset)
+    return value - ((value & 0x8000) << 1)
+
+
+@kernel
+def get_i32(payload: Bytes, offset: int) -> int:
+    """The int32 at `offset`."""
+    value = get_u32(payload, offset)
+    return value - ((value & 0x80000000) << 1)
+
+
+@kernel
+def get_i64(payload: Bytes, offset: int) -> int:
+    """The int64 at `offset`."""
+    return get_i32(payload, offset + 4) << 32 | get_u32(payload, offset)
+
+
+@kernel
+def get_u64(payload: Bytes, offset: int) -> int:
+    """The uint64 at `offset` as an int64: values of 2**63 and more come out 2**64 lower (numba has no wider integer)."""
+    return get_i64(payload, offset)
+
+
+@kernel
+def get_f32(payload: Bytes, offset: int) -> float:
+    """The float32 at `offset`, as a float64."""
+    return float(np.float64(np.int32(get_i32(payload, offset)).view(np.float32)))
+
+
+@kernel
+def get_f64(payload: Bytes, offset: int) -> float:
+    """The float64 at `offset`."""
+    return float(np.int64(get_i64(payload, offset)).view(np.float64))
+
+
+@kernel
+def put_u8(payload: Bytes, offset: int, value: int) -> None:
+    """Write `value` at `offset` as a uint8; as in every integer writer, higher bits are cut off."""
+    payload[offset] = int(np.int64(value)) & 0xFF
+
+
+@kernel
+def put_u16(payload: Bytes, offset: int, value: int) -> None:
+    """Write `value` at `offset` as a uint16."""
+    bits = int(np.int64(value))
+    payload[offset] = bits & 0xFF
+    payload[offset + 1] = bits >> 8 & 0xFF
+
+
+@kernel
+def put_u32(payload: Bytes, offset: int, value: int) -> None:
+    """Write `value` at `offset` as a uint32."""
+    bits = int(np.int64(value))
+    for i in range(4):
+        payload[offset + i] = bits >> 8 * i & 0xFF
+
+
+@kernel
+def put_u64(payload: Bytes, offset: int, value: int) -> None:
+    """Write `value` at `offset` as a uint64; values of 2**63 and more are passed 2**64 lower (as `get_u64` gives)."""
+    bits = int(np.int64(value))
+    for i in range(8):
+        payload[offset + i] = bits >> 8 * i & 0xFF
+
+
+@kernel
+def put_i8(payload: Bytes, offset: int, value: int) -> None:
+    """Write `value` at `offset` as an int8."""
+    put_u8(payload, offset, value)
+
+
+@kernel
+def put_i16(payload: Bytes, offset: int, value: int) -> None:
+    """Write `value` at `offset` as an int16."""
+    put_u16(payload, offset, value)
+
+
+@kernel
+def put_i32(payload: Bytes, offset: int, value: int) -> None:
+    """Write `value` at `offset` as an int32."""
+    put_u32(payload, offset, value)
+
+
+@kernel
+def put_i64(payload: Bytes, offset: int, value: int) -> None:
+    """Write `value` at `offset` as an int64."""
+    put_u64(payload, offset, value)
+
+
+@kernel
+def put_f32(payload: Bytes, offset: int, value: float) -> None:
+    """Write `value` at `offset` as a float32, rounded to nearest."""
+    put_u32(payload, offset, int(np.float32(value).view(np.int32)))
+
+
+@kernel
+def put_f64(payload: Bytes, offset: int, value: float) -> None:
+    """Write `value` at `offset` as a float64."""
+    put_u64(payload, offset, int(np.float64(value).view(np.int64)))
+
+
+@kernel
+def put_text(payload: Bytes, offset: int, size: int, text: Bytes) -> None:
+    """Fill the char[size] field at `offset` with `text`, cut off or padded with zeros (MAVLink's end of text)."""
+    for i in range(size):
+        payload[offset + i] = text[i] if i < text.shape[0] else 0
+
+
+@kernel
+def equal_text(payload: Bytes, offset: int, size: int, text: Bytes) -> bool:
+    """Whether the char[size] field at `offset` reads `text`; what follows the first zero does not count."""
+    for i in range(size):
+        wanted = get_u8(text, i) if i < text.shape[0] else 0
+        if get_u8(payload, offset + i) != wanted:
+            return False
+        if wanted == 0:
+            return True
+    return text.shape[0] <= size or get_u8(text, size) == 0
+
+
+@kernel
+def clear(payload: Bytes, start: int, stop: int) -> None:
+    """Set payload[start:stop] to zero."""
+    for i in range(start, stop):
+        payload[i] = 0
+
+
+# -- the dialect ----------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _row(message: int) -> int:
+    low = 0
+    high = MESSAGE_IDS.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if MESSAGE_IDS[middle] < message:
+            low = middle + 1
+        else:
+            high = middle
+    if low < MESSAGE_IDS.shape[0] and MESSAGE_IDS[low] == message:
+        return low
+    return -1
+
+
+@kernel
+def definition(message: int) -> tuple[int, int, int, int, int]:
+    """What the ardupilotmega dialect says of a message id.
+
+    Returns:
+        (CRC_EXTRA, length without extensions, full length, offset of target_system, offset of target_component);
+        the offsets are -1 where the message has no such field, all five are -1 if the message is not in the dialect.
+    """
+    row = _row(message)
+    if row < 0:
+        return -1, -1, -1, -1, -1
+    return (
+        int(np.int64(CRC_EXTRA[row])),
+        int(np.int64(MINIMUM_LENGTH[row])),
+        int(np.int64(FULL_LENGTH[row])),
+        int(np.int64(TARGET_SYSTEM[row])),
+        int(np.int64(TARGET_COMPONENT[row])),
+    )
+
+
+# -- headers --------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def version(buffer: Bytes, start: int) -> int:
+    """MAVLink version of the packet at `start`: 1 or 2."""
+    return 1 if buffer[start] == _MAGIC_V1 else 2
+
+
+@kernel
+def payload_length(buffer: Bytes, start: int) -> int:
+    """Bytes of payload on the wire of the packet at `start`."""
+    return get_u8(buffer, start + 1)
+
+
+@kernel
+def payload_start(buffer: Bytes, start: int) -> int:
+    """Index of the first payload byte of the packet at `start`."""
+    return start + (_HEADER_V1 if buffer[start] == _MAGIC_V1 else _HEADER_V2)
+
+
+@kernel
+def signed(buffer: Bytes, start: int) -> bool:
+    """Whether the packet at `start` carries a signature."""
+    return buffer[start] != _MAGIC_V1 and get_u8(buffer, start + 2) & _FLAG_SIGNED != 0
+
+
+@kernel
+def sequence(buffer: Bytes, start: int) -> int:
+    """Sequence number (0 to 255) of the packet at `start`."""
+    return get_u8(buffer, start + (2 if buffer[start] == _MAGIC_V1 else 4))
+
+
+@kernel
+def system(buffer: Bytes, start: int) -> int:
+    """System id of the sender of the packet at `start`."""
+    return get_u8(buffer, start + (3 if buffer[start] == _MAGIC_V1 else 5))
+
+
+@kernel
+def component(buffer: Bytes, start: int) -> int:
+    """Component id of the sender of the packet at `start`."""
+    return get_u8(buffer, start + (4 if buffer[start] == _MAGIC_V1 else 6))
+
+
+@kernel
+def message_id(buffer: Bytes, start: int) -> int:
+    """Message id of the packet at `start`."""
+    if buffer[start] == _MAGIC_V1:
+        return get_u8(buffer, start + 5)
+    return get_u16(buffer, start + 7) | get_u8(buffer, start + 9) << 16
+
+
+@kernel
+def packet_length(buffer: Bytes, start: int) -> int:
+    """Bytes of the whole packet at `start`, from its first three bytes."""
+    length = payload_length(buffer, start) + _CRC
+    if buffer[start] == _MAGIC_V1:
+        return length + _HEADER_V1
+    if signed(buffer, start):
+        length += _SIGNATURE
+    return length + _HEADER_V2
+
+
+@kernel
+def target(buffer: Bytes, start: int) -> tuple[int, int]:
+    """To whom the packet at `start` is addressed: (system, component), 0 = all.
+
+    Fields that MAVLink 2's truncation or MAVLink 1 left out are zero; messages without target fields, and unknown
+    ones, are for all.
+    """
+    _, _, _, system_offset, component_offset = definition(message_id(buffer, start))
+    length = payload_length(buffer, start)
+    payload = payload_start(buffer, start)
+    to_system = 0
+    to_component = 0
+    if 0 <= system_offset < length:
+        to_system = get_u8(buffer, payload + system_offset)
+    if 0 <= component_offset < length:
+        to_component = get_u8(buffer, payload + component_offset)
+    return to_system, to_component
+
+
+# -- packets --------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _x25_step(crc: int, byte: int) -> int:
+    return crc >> 8 ^ int(np.int64(_X25[(crc ^ byte) & 0xFF]))
+
+
+@kernel
+def x25(buffer: Bytes, start: int, stop: int) -> int:
+    """CRC-16/MCRF4XX of buffer[start:stop], MAVLink's checksum (before CRC_EXTRA)."""
+    crc = 0xFFFF
+    for i in range(start, stop):
+        crc = _x25_step(crc, get_u8(buffer, i))
+    return crc
+
+
+@kernel
+def find(buffer: Bytes, p: int, n: int) -> tuple[int, int, int]:
+    """The first packet that begins at or after index `p` of buffer[:n].
+
+    Bytes before it (start - p of them) are garbage. Continue at `stop`. A packet that cannot be used is skipped as
+    long as its header says, not byte by byte: its payload may contain magic bytes, and what a search there finds is
+    mostly an "unknown message", which routers would forward and which may swallow the good packets behind it. This is
+    what pymavlink does (robust parsing), so our receivers and standard ones count the same packets.
+
+    Args:
+        buffer: the bytes; nothing at or behind n, or behind the array's end, is read.
+        p: where to begin.
+        n: number of bytes in use.
+
+    Returns:
+        (start, stop, status): the packet is buffer[start:stop]; status is one of GOOD, SIGNED, UNKNOWN, BAD_CRC,
+        INCOMPATIBLE. With TRUNCATED, stop is n: a stream keeps buffer[start:n] until more bytes come, a datagram
+        drops it. With NOTHING, start and stop are n.
+    """
+    end = min(int(np.int64(n)), buffer.shape[0])
+    start = int(np.int64(p))
+    while start < end and buffer[start] != _MAGIC_V2 and buffer[start] != _MAGIC_V1:
+        start += 1
+    if start >= end:
+        return end, end, NOTHING
+    if end - start < 3:
+        return start, end, TRUNCATED
+    stop = start + packet_length(buffer, start)
+    if stop > end:
+        return start, end, TRUNCATED
+    if buffer[start] == _MAGIC_V2 and get_u8(buffer, start + 2) & ~_FLAG_SIGNED != 0:
+        return start, stop, INCOMPATIBLE
+    row = _row(message_id(buffer, start))
+    if row < 0:
+        return start, stop, UNKNOWN
+    crc_at = payload_start(buffer, start) + payload_length(buffer, start)
+    crc = _x25_step(x25(buffer, start + 1, crc_at), int(np.int64(CRC_EXTRA[row])))
+    if crc != get_u16(buffer, crc_at):
+        return start, stop, BAD_CRC
+    return start, stop, SIGNED if signed(buffer, start) else GOOD
+
+
+@kernel
+def unpack(buffer: Bytes, start: int, payload: Bytes) -> int:
+    """Copy the payload of the complete packet at `start` into `payload` and fill the rest of it with zeros.
+
+    The zeros are the fields that MAVLink 2's truncation or MAVLink 1 left out.
+
+    Args:
+        buffer: holds the packet.
+        start: index of its first byte.
+        payload: uint8[255].
+
+    Returns:
+        The number of bytes copied.
+    """
+    length = payload_length(buffer, start)
+    first = payload_start(buffer, start)
+    for i in range(length):
+        payload[i] = buffer[first + i]
+    clear(payload, length, MAX_PAYLOAD)
+    return length
+
+
+@kernel
+def pack(
+    buffer: Bytes,
+    n: int,
+    payload: Bytes,
+    message: int,
+    sequence_number: int,
+    system_id: int,
+    component_id: int,
+    mavlink_version: int,
+) -> int:
+    """Append one unsigned packet to buffer[:n].
+
+    Args:
+        buffer: receives the packet at index n.
+        n: number of bytes in use.
+        payload: uint8[255], of which the message's full length is used: MAVLink 2 leaves out trailing zeros (but sends
+            one byte at least), MAVLink 1 the extension fields.
+        message: message id.
+        sequence_number: the sender's packet counter; its low 8 bits are sent.
+        system_id: sender's system id, 1 to 255.
+        component_id: sender's component id.
+        mavlink_version: 1 or 2.
+
+    Returns:
+        The new number of bytes in use; -1 with nothing written if the packet does not fit, the message is not in the
+        dialect, or MAVLink 1 cannot carry its id.
+    """
+    crc_extra, length, full_length, _, _ = definition(message)
+    if crc_extra < 0 or (mavlink_version == 1 and message > 0xFF):
+        return -1
+    p = int(np.int64(n))
+    first = p + _HEADER_V1
+    if mavlink_version != 1:
+        first = p + _HEADER_V2
+        length = full_length
+        while length > 1 and payload[length - 1] == 0:
+            length -= 1
+    stop = first + length + _CRC
+    if stop > buffer.shape[0]:
+        return -1
+    put_u8(buffer, p + 1, length)
+    if mavlink_version == 1:
+        put_u8(buffer, p, _MAGIC_V1)
+        put_u8(buffer, p + 5, message)
+    else:
+        put_u8(buffer, p, _MAGIC_V2)
+        put_u16(buffer, p + 2, 0)
+        put_u16(buffer, p + 7, message)
+        put_u8(buffer, p + 9, message >> 16)
+    # The sender's address is the three bytes before the message id in both versions.
+    address = p + 2 if mavlink_version == 1 else p + 4
+    put_u8(buffer, address, sequence_number)
+    put_u8(buffer, address + 1, system_id)
+    put_u8(buffer, address + 2, component_id)
+    for i in range(length):
+        buffer[first + i] = payload[i]
+    crc = _x25_step(x25(buffer, p + 1, first + length), crc_extra)
+    put_u16(buffer, first + length, crc)
+    return stop
+
+
+# -- base64 ---------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def encode_base64(source: Bytes, n: int, text: Bytes) -> int:
+    """Write source[:n] as base64 text (ASCII, padded, no line breaks) into `text`.
+
+    Returns:
+        The length of the text, 4 * ceil(n / 3); -1 with nothing written if it does not fit.
+    """
+    count = int(np.int64(n))
+    length = (count + 2) // 3 * 4
+    if length > text.shape[0]:
+        return -1
+    for group in range(count // 3):
+        bits = get_u8(source, 3 * group) << 16 | get_u8(source, 3 * group + 1) << 8 | get_u8(source, 3 * group + 2)
+        for k in range(4):
+            text[4 * group + k] = _BASE64[bits >> 18 - 6 * k & 0x3F]
+    rest = count % 3
+    if rest > 0:
+        bits = get_u8(source, count - rest) << 16
+        if rest == 2:
+            bits |= get_u8(source, count - 1) << 8
+        text[length - 4] = _BASE64[bits >> 18]
+        text[length - 3] = _BASE64[bits >> 12 & 0x3F]
+        text[length - 2] = _BASE64[bits >> 6 & 0x3F] if rest == 2 else _EQUALS
+        text[length - 1] = _EQUALS
+    return length
+
+
+@kernel
+def decode_base64(text: Bytes, n: int, destination: Bytes) -> int:
+    """Read the base64 text text[:n] into `destination`.
+
+    Returns:
+        The number of bytes; -1 if the text is malformed (a character outside the alphabet, also white space; a length
+        that is no multiple of 4; "=" anywhere but as the last one or two characters) or the bytes do not fit. What
+        `destination` holds after -1 is undefined.
+    """
+    count = int(np.int64(n))
+    if count % 4 != 0 or count > text.shape[0]:
+        return -1
+    if count == 0:
+        return 0
+    padding = 0
+    if text[count - 1] == _EQUALS:
+        padding = 2 if text[count - 2] == _EQUALS else 1
+    length = count // 4 * 3 - padding
+    if length > destination.shape[0]:
+        return -1
+    for group in range(count // 4):
+        bits = 0
+        for k in range(4):
+            at = 4 * group + k
+            value = 0
+            if at < count - padding:
+                value = int(np.int64(_BASE64_VALUES[text[at]]))
+            if value < 0:
+                return -1
+            bits = bits << 6 | value
+        for k in range(3):
+            if 3 * group + k < length:
+                destination[3 * group + k] = bits >> 16 - 8 * k & 0xFF
+    return length
