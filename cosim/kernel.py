@@ -5,8 +5,9 @@ arithmetic, loops, branches, tuples, arrays that are passed in; no allocation an
 runs in three ways: compiled just in time, compiled ahead of time into an FMU without Python, and as plain Python
 (where numba is not installed, or with ``NUMBA_DISABLE_JIT=1`` to debug). All three give the same numbers.
 
-Compiled kernels are kept in the user's cache folder, in one folder per state of the sources: numba itself looks
-only at the file of the function it loads, and would go on calling the old code of a callee in another file.
+Compiled kernels of a package are kept in the user's cache folder, in one folder per state of its sources (and of
+this package's): numba itself looks only at the file of the function it loads, and would go on calling the old code
+of a callee in another file. Kernels of a single file outside a package are compiled anew each time.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def kernel(function: F) -> F:
         return function
     compiled = numba.njit(error_model="numpy", nogil=True)(function)
     source = Path(function.__code__.co_filename)
-    if not numba.config.DISABLE_JIT and source.is_file():
+    if not numba.config.DISABLE_JIT and (source.parent / "__init__.py").is_file():
         before = numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(_compiled_folder(_root(source)))
         try:
@@ -58,8 +59,8 @@ def cache_folder() -> Path:
 
 
 def _root(source: Path) -> Path:
-    """The outermost package that holds `source`, or the file itself."""
-    root = source
+    """The outermost package that holds `source`."""
+    root = source.parent
     while (root.parent / "__init__.py").is_file():
         root = root.parent
     return root
@@ -69,7 +70,7 @@ def _root(source: Path) -> Path:
 def _compiled_folder(root: Path) -> Path:
     digest = hashlib.sha256()
     for part in (Path(__file__).parent, root):
-        for file in [part] if part.is_file() else sorted(part.rglob("*.py")):
+        for file in sorted(part.rglob("*.py")):
             digest.update(str(file.relative_to(part.parent)).encode())
             digest.update(file.read_bytes())
     folder = cache_folder() / "kernels" / digest.hexdigest()[:16]

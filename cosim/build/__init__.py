@@ -1,0 +1,113 @@
+"""From a model class to an .fmu file: compiled where its kernels allow, interpreted otherwise or on request."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import json
+import logging
+import sys
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from cosim.build.compiled import HOST, TARGETS, CannotCompile, build_compiled
+from cosim.build.interpreted import build_interpreted
+from cosim.build.sources import sources_of
+from cosim.model import Model
+
+__all__ = ["HOST", "TARGETS", "Built", "build", "load_models"]
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """What `build` did: the file, how it was built, whether it was up to date already, and why not compiled."""
+
+    file: Path
+    compiled: bool
+    fresh: bool
+    note: str = ""
+
+
+def load_models(source: str) -> list[type[Model]]:
+    """The model classes of a Python file or of an importable module (``cosim_models.quadrotor``).
+
+    Raises:
+        ValueError: there is no such file or module, or it defines no model.
+    """
+    if source.endswith(".py"):
+        file = Path(source).resolve()
+        if not file.is_file():
+            raise ValueError(f"{source}: no such file")
+        spec = importlib.util.spec_from_file_location(file.stem, file)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        if file.stem in sys.modules:
+            raise ValueError(f"{source}: a module called {file.stem} is loaded already; give the file another name")
+        sys.modules[file.stem] = module
+        spec.loader.exec_module(module)
+    else:
+        module = importlib.import_module(source)
+    models = [
+        c for _, c in inspect.getmembers(module, inspect.isclass) if issubclass(c, Model) and c.__module__ == module.__name__
+    ]
+    if not models:
+        raise ValueError(f"{source}: no subclass of cosim.Model in it")
+    return models
+
+
+def build(model: type[Model], folder: Path, *, interpreted: bool = False, targets: Sequence[str] = (HOST,)) -> Built:
+    """Write ``folder/<Model>.fmu`` unless it is there and up to date.
+
+    Raises:
+        ValueError: the declaration is wrong, or a target is unknown.
+        RuntimeError: the C compiler failed.
+    """
+    if unknown := set(targets) - set(TARGETS):
+        raise ValueError(f"target {', '.join(sorted(unknown))}: there are {', '.join(TARGETS)}")
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{model.__name__}.fmu"
+    sources = sources_of(model)
+    stamp: dict[str, object] = {
+        "sources": dict(sources.digests),
+        "builder": _builder_digest(),
+        "targets": [] if interpreted or model.kernels is None else sorted(targets),
+    }
+    previous = _stamp_of(file)
+    if previous is not None and {k: previous.get(k) for k in stamp} == stamp:
+        return Built(file, bool(previous.get("compiled")), fresh=True, note=str(previous.get("note", "")))
+    note = ""
+    if model.kernels is not None and not interpreted:
+        try:
+            build_compiled(model, sources, {**stamp, "compiled": True}, file, targets)
+            return Built(file, compiled=True, fresh=False)
+        except CannotCompile as reason:
+            note = f"interpreted: {reason}"
+    build_interpreted(model, sources, {**stamp, "compiled": False, "note": note}, file)
+    return Built(file, compiled=False, fresh=False, note=note)
+
+
+def _builder_digest() -> str:
+    """Changes when this package or one of the tools that it drives does."""
+    digest = hashlib.sha256()
+    for file in sorted(Path(__file__).parent.glob("*.[pc]*")):
+        if file.is_file():
+            digest.update(file.read_bytes())
+    for tool in ("numba", "llvmlite", "numpy", "pythonfmu", "ziglang"):
+        digest.update(f"{tool} {version(tool)}".encode())
+    return digest.hexdigest()
+
+
+def _stamp_of(file: Path) -> dict[str, object] | None:
+    try:
+        with zipfile.ZipFile(file) as archive:
+            stamp = json.loads(archive.read("resources/build.json"))
+            return stamp if isinstance(stamp, dict) else None
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+        return None

@@ -1,0 +1,152 @@
+"""modelDescription.xml of a model (FMI 2.0.5, co-simulation), from its declaration."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from cosim.build.units import BASE, base_unit
+from cosim.model import FlatVariable, Model, Variable, flat_variables
+
+__all__ = ["PACKET_TOOL", "as_text", "model_description"]
+
+PACKET_TOOL = "uav-cosim"
+"""The tool name of our vendor annotation, which marks String variables that carry MAVLink packets."""
+
+
+def model_description(model: type[Model], guid: str, *, compiled: bool) -> Element:
+    """The whole document.
+
+    Raises:
+        ValueError: a unit is not known, or the model has no docstring, step size or variables.
+    """
+    if not model.__doc__ or model.step_size <= 0.0 or not model.variables:
+        raise ValueError(f"{model.__name__}: a model needs a docstring, a step_size > 0 and variables")
+    flat = flat_variables(model.variables)
+    root = Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=model.__name__,
+        guid=guid,
+        description=model.__doc__.strip().splitlines()[0],
+        generationTool="uav-cosim",
+        variableNamingConvention="structured",
+        numberOfEventIndicators="0",
+    )
+    keeps_state = str(model.kernels is not None).lower()
+    SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=model.__name__,
+        needsExecutionTool=str(not compiled).lower(),
+        canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUstate=keeps_state,
+        canSerializeFMUstate=keeps_state,
+        canNotUseMemoryManagementFunctions="true",
+    )
+    _unit_definitions(root, model.variables)
+    _type_definitions(root, model.variables)
+    categories = SubElement(root, "LogCategories")
+    SubElement(categories, "Category", name="logStatusError", description="why a call failed")
+    SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(model.step_size))
+    packets = [v for v in model.variables if v.kind == "Packets"]
+    if packets:
+        tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name=PACKET_TOOL)
+        for v in packets:
+            mime = "application/x-mavlink;version=2"
+            SubElement(tool, "PacketPort", variable=v.name, mimeType=mime, maxSize=str(v.capacity))
+    variables = SubElement(root, "ModelVariables")
+    for reference, one in enumerate(flat):
+        variables.append(_scalar_variable(one, reference))
+    _model_structure(root, flat)
+    return root
+
+
+def as_text(root: Element) -> str:
+    """The document as UTF-8 text with a declaration."""
+    indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
+
+
+def _unit_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
+    units = sorted({v.unit for v in variables if v.unit not in (None, "1")} - {None})
+    if not units:
+        return
+    definitions = SubElement(root, "UnitDefinitions")
+    for name in units:
+        assert name is not None
+        base = base_unit(name)
+        attributes = {symbol: str(e) for symbol, e in zip(BASE, base.exponents, strict=True) if e}
+        if base.factor != 1.0:
+            attributes["factor"] = repr(base.factor)
+        if base.offset:
+            attributes["offset"] = repr(base.offset)
+        SubElement(SubElement(definitions, "Unit", name=name), "BaseUnit", attributes)
+
+
+def _type_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
+    enumerations: dict[str, type[IntEnum]] = {v.enumeration.__name__: v.enumeration for v in variables if v.enumeration}
+    if not enumerations:
+        return
+    definitions = SubElement(root, "TypeDefinitions")
+    for name, enumeration in sorted(enumerations.items()):
+        items = SubElement(SubElement(definitions, "SimpleType", name=name), "Enumeration")
+        for item in enumeration:
+            SubElement(items, "Item", name=item.name, value=str(int(item)))
+
+
+def _scalar_variable(one: FlatVariable, reference: int) -> Element:
+    v = one.variable
+    attributes = {"name": one.name, "valueReference": str(reference)}
+    if v.description:
+        attributes["description"] = v.description
+    continuous = v.kind == "Real"
+    if v.role == "parameter":
+        attributes |= {"causality": "parameter", "variability": "tunable" if v.tunable else "fixed", "initial": "exact"}
+    elif v.role in ("input", "packet input"):
+        attributes |= {"causality": "input", "variability": "continuous" if continuous else "discrete"}
+    else:
+        attributes["causality"] = "local" if v.role == "state" else "output"
+        attributes |= {"variability": "continuous" if continuous else "discrete", "initial": "calculated"}
+    element = Element("ScalarVariable", attributes)
+    typed: dict[str, str] = {}
+    if v.enumeration:
+        typed["declaredType"] = v.enumeration.__name__
+    if v.kind == "Real" and v.unit not in (None, "1"):
+        typed["unit"] = str(v.unit)
+    for key, limit in (("min", v.minimum), ("max", v.maximum)):
+        if limit is not None:
+            typed[key] = repr(float(limit)) if v.kind == "Real" else str(int(limit))
+    if v.role in ("parameter", "input", "packet input"):
+        typed["start"] = _start(one)
+    SubElement(element, "String" if v.kind == "Packets" else v.kind, typed)
+    return element
+
+
+def _start(one: FlatVariable) -> str:
+    match one.variable.kind:
+        case "Real":
+            return repr(float(one.start))
+        case "Boolean":
+            return str(bool(one.start)).lower()
+        case "Integer" | "Enumeration":
+            return str(int(one.start))
+        case _:
+            return str(one.start)
+
+
+def _model_structure(root: Element, flat: tuple[FlatVariable, ...]) -> None:
+    """Outputs depend at a communication point on what they declare; at the start also on every parameter."""
+    structure = SubElement(root, "ModelStructure")
+    indices: dict[str, list[int]] = {}
+    for index, one in enumerate(flat, start=1):
+        indices.setdefault(one.variable.name, []).append(index)
+    parameters = [i for i, one in enumerate(flat, start=1) if one.variable.role == "parameter"]
+    outputs = [(i, one) for i, one in enumerate(flat, start=1) if one.variable.role in ("output", "packet output")]
+    if not outputs:
+        return
+    for tag, always in (("Outputs", []), ("InitialUnknowns", parameters)):
+        group = SubElement(structure, tag)
+        for index, one in outputs:
+            known = sorted({*always, *(i for name in one.variable.depends for i in indices[name])})
+            SubElement(group, "Unknown", index=str(index), dependencies=" ".join(map(str, known)))

@@ -1,0 +1,109 @@
+"""The interpreted build: pythonfmu packs the sources and its wrapper binary. Edit, run, debug; no compiler.
+
+All Python FMUs of a process share one interpreter, so the entry module has a name of its own, and it refuses to
+run with modules other than the ones this FMU was built from.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+from pythonfmu import FmuBuilder
+
+from cosim.build.description import as_text, model_description
+from cosim.build.sources import Sources
+from cosim.model import Model
+
+__all__ = ["build_interpreted"]
+
+_ENTRY = '''"""Entry module of one interpreted FMU, written by `uav-cosim build`."""
+
+import hashlib
+import importlib
+import pathlib
+import sys
+from xml.etree.ElementTree import fromstring
+
+DIGESTS = {digests!r}
+HERE = pathlib.Path(__file__).parent
+
+
+def _check(name, module):
+    file = pathlib.Path(module.__file__)
+    if hashlib.sha256(file.read_bytes()).hexdigest() != DIGESTS[name]:
+        raise ImportError(
+            f"the FMU {model} was built from another version of {{name}} than the one loaded from {{file}}: "
+            "build the FMUs anew (make fmus), or run this one in a process of its own"
+        )
+
+
+for _name in DIGESTS:
+    if _name in sys.modules:
+        _check(_name, sys.modules[_name])
+        if hasattr(sys.modules[_name], "__path__"):
+            sys.modules[_name].__path__.append(str(HERE.joinpath(*_name.split("."))))
+for _name in DIGESTS:
+    _check(_name, importlib.import_module(_name))
+
+from {module} import {model} as _Model
+
+
+class {model}(_Model):
+    __doc__ = _Model.__doc__
+
+    @staticmethod
+    def entry():
+        return fromstring((HERE / "description.xml").read_text(encoding="utf-8"))
+'''
+
+
+def build_interpreted(model: type[Model], sources: Sources, stamp: dict[str, object], file: Path) -> None:
+    """Write the FMU `file`."""
+    guid = sources.guid(model.__name__)
+    entry = f"cosim_fmu_{model.__name__.lower()}_{guid[:8]}"
+    with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
+        folder = Path(temporary)
+        project_files = _copy_sources(sources, folder)
+        digests = dict(sources.digests)
+        script = folder / f"{entry}.py"
+        script.write_text(_ENTRY.format(digests=digests, module=model.__module__, model=model.__name__))
+        description = folder / "description.xml"
+        description.write_text(as_text(model_description(model, guid, compiled=False)), encoding="utf-8")
+        build = folder / "build.json"
+        build.write_text(json.dumps(stamp, indent=1, sort_keys=True))
+        path, loaded = list(sys.path), set(sys.modules)
+        try:
+            written = FmuBuilder.build_FMU(script, dest=folder / "out", project_files=[*project_files, description, build])
+        finally:
+            sys.path[:] = path
+            for name in set(sys.modules) - loaded:
+                if name == entry:
+                    del sys.modules[name]
+        _normalise(Path(written), file)
+
+
+def _copy_sources(sources: Sources, folder: Path) -> list[Path]:
+    """Copy the closure below `folder`; returns its top-level packages and modules."""
+    top: set[Path] = set()
+    for name, file in sources.files.items():
+        parts = name.split(".")
+        target = folder.joinpath(*parts)
+        target = target / "__init__.py" if name in sources.packages else target.with_suffix(".py")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, target)
+        top.add(folder / parts[0] if len(parts) > 1 or name in sources.packages else target)
+    return sorted(top)
+
+
+def _normalise(built: Path, file: Path) -> None:
+    """Copy the archive with sorted entries and fixed times: the same sources give the same bytes."""
+    temporary = file.with_suffix(".part")
+    with zipfile.ZipFile(built) as source, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as target:
+        for name in sorted(source.namelist()):
+            target.writestr(zipfile.ZipInfo(name, (2020, 1, 1, 0, 0, 0)), source.read(name), zipfile.ZIP_DEFLATED)
+    temporary.replace(file)

@@ -1,0 +1,89 @@
+"""Which source files a model consists of, and what identifies them.
+
+The closure of a model is its own module and every module of its package and of `cosim` that it imports, found by
+reading the sources (nothing is executed). It decides what an interpreted FMU carries, the FMU's GUID, and whether
+an FMU is up to date.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import sys
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosim.model import Model
+
+__all__ = ["Sources", "sources_of"]
+
+_NAMESPACE = uuid.UUID("6b1f3a52-5a0e-4b52-9a70-3f7d0c1e9a11")
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """The modules of a model: dotted name -> file, and their digests (sha256 of the contents)."""
+
+    files: Mapping[str, Path]
+    digests: Mapping[str, str]
+    packages: frozenset[str]
+
+    def guid(self, model_name: str) -> str:
+        """A GUID that depends on the sources and the model's name only."""
+        return str(uuid.uuid5(_NAMESPACE, f"{model_name}:{sorted(self.digests.items())}"))
+
+
+def sources_of(model: type[Model]) -> Sources:
+    """The closure of `model`'s module.
+
+    Raises:
+        ValueError: a file cannot be found or read.
+    """
+    module = sys.modules[model.__module__]
+    if module.__file__ is None:
+        raise ValueError(f"{model.__module__} has no source file")
+    own = model.__module__.partition(".")[0]
+    files: dict[str, Path] = {}
+    packages: set[str] = set()
+    waiting = {model.__module__: Path(module.__file__)}
+    for name in ("cosim", "cosim.model"):
+        if file := _find(name):
+            waiting[name] = file
+    while waiting:
+        name, file = waiting.popitem()
+        files[name] = file
+        if file.name == "__init__.py":
+            packages.add(name)
+        for imported in _imports(name, file):
+            ours = imported.partition(".")[0] in {own, "cosim"}
+            if ours and imported not in files and (found := _find(imported)):
+                waiting[imported] = found
+    digests = {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in sorted(files.items())}
+    return Sources(files, digests, frozenset(packages))
+
+
+def _find(name: str) -> Path | None:
+    """The file of a module; None where `name` is an attribute of one."""
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ModuleNotFoundError, ValueError):
+        return None
+    return Path(spec.origin) if spec and spec.origin else None
+
+
+def _imports(name: str, file: Path) -> set[str]:
+    """Every dotted name that `file` may import, with the packages it lies in."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_bytes(), str(file))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            if node.level:
+                raise ValueError(f"{file}:{node.lineno}: write absolute imports; an FMU's modules are top-level")
+            assert node.module is not None
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    names.add(name)
+    return {".".join(parts[:i]) for n in names if (parts := n.split(".")) for i in range(1, len(parts) + 1)} - {name}

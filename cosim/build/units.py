@@ -1,0 +1,111 @@
+"""Unit names as FMI writes them ("m", "kg.m2", "N/(m/s)2") broken down into SI base units.
+
+Only for writing modelDescription.xml; the master reads the definitions that FMUs carry.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+__all__ = ["BASE", "BaseUnit", "base_unit"]
+
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+@dataclass(frozen=True, slots=True)
+class BaseUnit:
+    """value in base units = factor * value + offset; `exponents` in the order of `BASE`."""
+
+    exponents: tuple[int, ...]
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+def _unit(factor: float = 1.0, offset: float = 0.0, **exponents: int) -> BaseUnit:
+    return BaseUnit(tuple(exponents.get(name, 0) for name in BASE), factor, offset)
+
+
+_SYMBOLS = {
+    **{name: _unit(**{name: 1}) for name in BASE},
+    "1": _unit(),
+    "g": _unit(1e-3, kg=1),
+    "cm": _unit(1e-2, m=1),
+    "mm": _unit(1e-3, m=1),
+    "km": _unit(1e3, m=1),
+    "ms": _unit(1e-3, s=1),
+    "us": _unit(1e-6, s=1),
+    "min": _unit(60.0, s=1),
+    "h": _unit(3600.0, s=1),
+    "deg": _unit(math.pi / 180.0, rad=1),
+    "cdeg": _unit(math.pi / 18000.0, rad=1),
+    "Hz": _unit(s=-1),
+    "N": _unit(kg=1, m=1, s=-2),
+    "Pa": _unit(kg=1, m=-1, s=-2),
+    "J": _unit(kg=1, m=2, s=-2),
+    "W": _unit(kg=1, m=2, s=-3),
+    "V": _unit(kg=1, m=2, s=-3, A=-1),
+    "mV": _unit(1e-3, kg=1, m=2, s=-3, A=-1),
+    "Ah": _unit(3600.0, s=1, A=1),
+    "mAh": _unit(3.6, s=1, A=1),
+    "T": _unit(kg=1, s=-2, A=-1),
+    "degC": _unit(offset=273.15, K=1),
+    "%": _unit(0.01),
+}
+_TOKEN = re.compile(r"\s*([A-Za-z%]+|\d+|[./()*-])")
+
+
+def base_unit(unit: str) -> BaseUnit:
+    """The SI base unit of `unit`.
+
+    Raises:
+        ValueError: a symbol is unknown, or the text is no unit; names the known symbols.
+    """
+    if unit in _SYMBOLS:
+        return _SYMBOLS[unit]
+    tokens: list[str] = []
+    position = 0
+    while position < len(unit):
+        match = _TOKEN.match(unit, position)
+        if match is None:
+            raise ValueError(f"unit {unit!r}: unexpected {unit[position:]!r}")
+        tokens.append(match.group(1))
+        position = match.end()
+    exponents, factor, rest = _product(tokens, unit)
+    if rest:
+        raise ValueError(f"unit {unit!r}: unexpected {''.join(rest)!r}")
+    return BaseUnit(exponents, factor)
+
+
+def _product(tokens: list[str], unit: str) -> tuple[tuple[int, ...], float, list[str]]:
+    exponents, factor = (0,) * len(BASE), 1.0
+    sign = 1
+    while tokens and tokens[0] != ")":
+        part, part_factor, tokens = _power(tokens, unit)
+        exponents = tuple(a + sign * b for a, b in zip(exponents, part, strict=True))
+        factor *= part_factor**sign
+        if tokens and tokens[0] in "./*":
+            sign = -1 if tokens[0] == "/" else 1
+            tokens = tokens[1:]
+    return exponents, factor, tokens
+
+
+def _power(tokens: list[str], unit: str) -> tuple[tuple[int, ...], float, list[str]]:
+    if tokens[0] == "(":
+        exponents, factor, tokens = _product(tokens[1:], unit)
+        if not tokens:
+            raise ValueError(f"unit {unit!r}: a parenthesis is not closed")
+    else:
+        symbol = _SYMBOLS.get(tokens[0])
+        if symbol is None or symbol.offset:
+            raise ValueError(f"unit {unit!r}: {tokens[0]!r} is none of {', '.join(sorted(_SYMBOLS))}")
+        exponents, factor = symbol.exponents, symbol.factor
+    tokens = tokens[1:]
+    sign = 1
+    if tokens and tokens[0] == "-":
+        sign, tokens = -1, tokens[1:]
+    if tokens and tokens[0].isdigit():
+        power = sign * int(tokens[0])
+        exponents, factor, tokens = tuple(power * e for e in exponents), factor**power, tokens[1:]
+    return exponents, factor, tokens
