@@ -1,7 +1,7 @@
-"""What every message of MAVLink's ardupilotmega dialect needs to be checked and routed. Generated: do not edit.
+"""What checking and routing a message of MAVLink's ardupilotmega dialect needs. Generated: do not edit.
 
-`python -m cosim.build.messages` writes this file from pymavlink's definitions. Kernels see the arrays, sorted by
-message id, as constants; `cosim.packets.definition` looks a message up.
+`python -m cosim.build.messages` writes this file from pymavlink's definitions. Kernels see the arrays,
+sorted by message id, as constants; `cosim.packets.definition` looks a message up.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = [
 ]
 
 _ROWS = (
-    # id, CRC_EXTRA, length without extensions, full length, offsets of target_system and target_component or -1
+    # id, CRC_EXTRA, length without extensions, full length, offsets of target_system and target_component
     (0, 50, 9, 9, -1, -1),  # HEARTBEAT
     (1, 124, 31, 43, -1, -1),  # SYS_STATUS
     (2, 137, 12, 12, -1, -1),  # SYSTEM_TIME

@@ -3,43 +3,45 @@
 `python -m cosim.build.messages` writes this file from pymavlink's definitions, by message id. For a message X:
 
 - `X` is its id, `X_LENGTH` its full length in bytes, `X_<FIELD>` the offset of a field in the payload;
-- `encode_x(payload, ...)` fills the payload from all scalar fields in declared order, extensions last, sets its
-  arrays to zero and returns X_LENGTH; then `cosim.packets.pack` makes a packet of it;
-- `decode_x(payload)` returns all scalar fields in that order (a lone one as it is), after `cosim.packets.unpack`;
-- `put_x_<field>(payload, i, value)` and `get_x_<field>(payload, i)` access element i, from 0, of an array field;
-  for text see also `cosim.packets.put_text` and `equal_text`.
+- `encode_x(payload, ...)` fills the payload from all scalar fields in declared order, extensions last, sets
+  its arrays to zero and returns X_LENGTH; then `cosim.packets.pack` makes a packet of it;
+- `decode_x(payload)`, after `cosim.packets.unpack`, returns all scalar fields in that order (a lone one as is);
+- `put_x_<field>(payload, i, value)` and `get_x_<field>(payload, i)` access element i, from 0, of an array
+  field; for text see also `cosim.packets.put_text` and `equal_text`.
 
-A payload is a uint8[255] array. Units are MAVLink's, in brackets behind the type of each field, not SI. Values are
-cut to the field's width as in C; uint64 is carried in an int64. The entries of enumerations follow at the end.
+A payload is a uint8[255] array. Units are MAVLink's, in brackets behind the type of each field, not SI. Integers
+are cut to the field's width; uint64 is carried in an int64. The entries of enumerations follow at the end.
+Offsets are added to a `zero` that is no literal because numba compiles a kernel anew for every literal argument.
 Packets, CRC and the rest of the dialect: `cosim.packets`.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from cosim.kernel import kernel
 from cosim.packets import (
     Bytes,
     clear,
     get_f32,
+    get_i8,
     get_i16,
     get_i32,
     get_i64,
-    get_i8,
+    get_u8,
     get_u16,
     get_u32,
     get_u64,
-    get_u8,
     put_f32,
+    put_i8,
     put_i16,
     put_i32,
     put_i64,
-    put_i8,
+    put_u8,
     put_u16,
     put_u32,
     put_u64,
-    put_u8,
 )
-
 
 # -- HEARTBEAT --------------------------------------------------------------------------------------------------------
 
@@ -64,25 +66,27 @@ def encode_heartbeat(
     mavlink_version: int,
 ) -> int:
     """Fill `payload` with a HEARTBEAT; returns HEARTBEAT_LENGTH."""
-    put_u8(payload, HEARTBEAT_TYPE, type_)
-    put_u8(payload, HEARTBEAT_AUTOPILOT, autopilot)
-    put_u8(payload, HEARTBEAT_BASE_MODE, base_mode)
-    put_u32(payload, HEARTBEAT_CUSTOM_MODE, custom_mode)
-    put_u8(payload, HEARTBEAT_SYSTEM_STATUS, system_status)
-    put_u8(payload, HEARTBEAT_MAVLINK_VERSION, mavlink_version)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + HEARTBEAT_TYPE, type_)
+    put_u8(payload, zero + HEARTBEAT_AUTOPILOT, autopilot)
+    put_u8(payload, zero + HEARTBEAT_BASE_MODE, base_mode)
+    put_u32(payload, zero + HEARTBEAT_CUSTOM_MODE, custom_mode)
+    put_u8(payload, zero + HEARTBEAT_SYSTEM_STATUS, system_status)
+    put_u8(payload, zero + HEARTBEAT_MAVLINK_VERSION, mavlink_version)
     return HEARTBEAT_LENGTH
 
 
 @kernel
 def decode_heartbeat(payload: Bytes) -> tuple[int, int, int, int, int, int]:
     """The scalar fields of a HEARTBEAT: type, autopilot, base_mode, custom_mode, system_status, mavlink_version."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, HEARTBEAT_TYPE),
-        get_u8(payload, HEARTBEAT_AUTOPILOT),
-        get_u8(payload, HEARTBEAT_BASE_MODE),
-        get_u32(payload, HEARTBEAT_CUSTOM_MODE),
-        get_u8(payload, HEARTBEAT_SYSTEM_STATUS),
-        get_u8(payload, HEARTBEAT_MAVLINK_VERSION),
+        get_u8(payload, zero + HEARTBEAT_TYPE),
+        get_u8(payload, zero + HEARTBEAT_AUTOPILOT),
+        get_u8(payload, zero + HEARTBEAT_BASE_MODE),
+        get_u32(payload, zero + HEARTBEAT_CUSTOM_MODE),
+        get_u8(payload, zero + HEARTBEAT_SYSTEM_STATUS),
+        get_u8(payload, zero + HEARTBEAT_MAVLINK_VERSION),
     )
 
 
@@ -129,22 +133,27 @@ def encode_sys_status(
     onboard_control_sensors_health_extended: int,
 ) -> int:
     """Fill `payload` with a SYS_STATUS; returns SYS_STATUS_LENGTH."""
-    put_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT, onboard_control_sensors_present)
-    put_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED, onboard_control_sensors_enabled)
-    put_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_HEALTH, onboard_control_sensors_health)
-    put_u16(payload, SYS_STATUS_LOAD, load)
-    put_u16(payload, SYS_STATUS_VOLTAGE_BATTERY, voltage_battery)
-    put_i16(payload, SYS_STATUS_CURRENT_BATTERY, current_battery)
-    put_i8(payload, SYS_STATUS_BATTERY_REMAINING, battery_remaining)
-    put_u16(payload, SYS_STATUS_DROP_RATE_COMM, drop_rate_comm)
-    put_u16(payload, SYS_STATUS_ERRORS_COMM, errors_comm)
-    put_u16(payload, SYS_STATUS_ERRORS_COUNT1, errors_count1)
-    put_u16(payload, SYS_STATUS_ERRORS_COUNT2, errors_count2)
-    put_u16(payload, SYS_STATUS_ERRORS_COUNT3, errors_count3)
-    put_u16(payload, SYS_STATUS_ERRORS_COUNT4, errors_count4)
-    put_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT_EXTENDED, onboard_control_sensors_present_extended)
-    put_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED_EXTENDED, onboard_control_sensors_enabled_extended)
-    put_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_HEALTH_EXTENDED, onboard_control_sensors_health_extended)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT, onboard_control_sensors_present)
+    put_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED, onboard_control_sensors_enabled)
+    put_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_HEALTH, onboard_control_sensors_health)
+    put_u16(payload, zero + SYS_STATUS_LOAD, load)
+    put_u16(payload, zero + SYS_STATUS_VOLTAGE_BATTERY, voltage_battery)
+    put_i16(payload, zero + SYS_STATUS_CURRENT_BATTERY, current_battery)
+    put_i8(payload, zero + SYS_STATUS_BATTERY_REMAINING, battery_remaining)
+    put_u16(payload, zero + SYS_STATUS_DROP_RATE_COMM, drop_rate_comm)
+    put_u16(payload, zero + SYS_STATUS_ERRORS_COMM, errors_comm)
+    put_u16(payload, zero + SYS_STATUS_ERRORS_COUNT1, errors_count1)
+    put_u16(payload, zero + SYS_STATUS_ERRORS_COUNT2, errors_count2)
+    put_u16(payload, zero + SYS_STATUS_ERRORS_COUNT3, errors_count3)
+    put_u16(payload, zero + SYS_STATUS_ERRORS_COUNT4, errors_count4)
+    put_u32(
+        payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT_EXTENDED, onboard_control_sensors_present_extended
+    )
+    put_u32(
+        payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED_EXTENDED, onboard_control_sensors_enabled_extended
+    )
+    put_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_HEALTH_EXTENDED, onboard_control_sensors_health_extended)
     return SYS_STATUS_LENGTH
 
 
@@ -159,23 +168,24 @@ def decode_sys_status(
     errors_count3, errors_count4, onboard_control_sensors_present_extended, onboard_control_sensors_enabled_extended,
     onboard_control_sensors_health_extended.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT),
-        get_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED),
-        get_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_HEALTH),
-        get_u16(payload, SYS_STATUS_LOAD),
-        get_u16(payload, SYS_STATUS_VOLTAGE_BATTERY),
-        get_i16(payload, SYS_STATUS_CURRENT_BATTERY),
-        get_i8(payload, SYS_STATUS_BATTERY_REMAINING),
-        get_u16(payload, SYS_STATUS_DROP_RATE_COMM),
-        get_u16(payload, SYS_STATUS_ERRORS_COMM),
-        get_u16(payload, SYS_STATUS_ERRORS_COUNT1),
-        get_u16(payload, SYS_STATUS_ERRORS_COUNT2),
-        get_u16(payload, SYS_STATUS_ERRORS_COUNT3),
-        get_u16(payload, SYS_STATUS_ERRORS_COUNT4),
-        get_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT_EXTENDED),
-        get_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED_EXTENDED),
-        get_u32(payload, SYS_STATUS_ONBOARD_CONTROL_SENSORS_HEALTH_EXTENDED),
+        get_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT),
+        get_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED),
+        get_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_HEALTH),
+        get_u16(payload, zero + SYS_STATUS_LOAD),
+        get_u16(payload, zero + SYS_STATUS_VOLTAGE_BATTERY),
+        get_i16(payload, zero + SYS_STATUS_CURRENT_BATTERY),
+        get_i8(payload, zero + SYS_STATUS_BATTERY_REMAINING),
+        get_u16(payload, zero + SYS_STATUS_DROP_RATE_COMM),
+        get_u16(payload, zero + SYS_STATUS_ERRORS_COMM),
+        get_u16(payload, zero + SYS_STATUS_ERRORS_COUNT1),
+        get_u16(payload, zero + SYS_STATUS_ERRORS_COUNT2),
+        get_u16(payload, zero + SYS_STATUS_ERRORS_COUNT3),
+        get_u16(payload, zero + SYS_STATUS_ERRORS_COUNT4),
+        get_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT_EXTENDED),
+        get_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED_EXTENDED),
+        get_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_HEALTH_EXTENDED),
     )
 
 
@@ -190,17 +200,19 @@ SYSTEM_TIME_TIME_BOOT_MS = 8  # uint32_t [ms]
 @kernel
 def encode_system_time(payload: Bytes, time_unix_usec: int, time_boot_ms: int) -> int:
     """Fill `payload` with a SYSTEM_TIME; returns SYSTEM_TIME_LENGTH."""
-    put_u64(payload, SYSTEM_TIME_TIME_UNIX_USEC, time_unix_usec)
-    put_u32(payload, SYSTEM_TIME_TIME_BOOT_MS, time_boot_ms)
+    zero = int(np.int64(0))
+    put_u64(payload, zero + SYSTEM_TIME_TIME_UNIX_USEC, time_unix_usec)
+    put_u32(payload, zero + SYSTEM_TIME_TIME_BOOT_MS, time_boot_ms)
     return SYSTEM_TIME_LENGTH
 
 
 @kernel
 def decode_system_time(payload: Bytes) -> tuple[int, int]:
     """The scalar fields of a SYSTEM_TIME: time_unix_usec, time_boot_ms."""
+    zero = int(np.int64(0))
     return (
-        get_u64(payload, SYSTEM_TIME_TIME_UNIX_USEC),
-        get_u32(payload, SYSTEM_TIME_TIME_BOOT_MS),
+        get_u64(payload, zero + SYSTEM_TIME_TIME_UNIX_USEC),
+        get_u32(payload, zero + SYSTEM_TIME_TIME_BOOT_MS),
     )
 
 
@@ -217,21 +229,23 @@ PING_TARGET_COMPONENT = 13  # uint8_t
 @kernel
 def encode_ping(payload: Bytes, time_usec: int, seq: int, target_system: int, target_component: int) -> int:
     """Fill `payload` with a PING; returns PING_LENGTH."""
-    put_u64(payload, PING_TIME_USEC, time_usec)
-    put_u32(payload, PING_SEQ, seq)
-    put_u8(payload, PING_TARGET_SYSTEM, target_system)
-    put_u8(payload, PING_TARGET_COMPONENT, target_component)
+    zero = int(np.int64(0))
+    put_u64(payload, zero + PING_TIME_USEC, time_usec)
+    put_u32(payload, zero + PING_SEQ, seq)
+    put_u8(payload, zero + PING_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + PING_TARGET_COMPONENT, target_component)
     return PING_LENGTH
 
 
 @kernel
 def decode_ping(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a PING: time_usec, seq, target_system, target_component."""
+    zero = int(np.int64(0))
     return (
-        get_u64(payload, PING_TIME_USEC),
-        get_u32(payload, PING_SEQ),
-        get_u8(payload, PING_TARGET_SYSTEM),
-        get_u8(payload, PING_TARGET_COMPONENT),
+        get_u64(payload, zero + PING_TIME_USEC),
+        get_u32(payload, zero + PING_SEQ),
+        get_u8(payload, zero + PING_TARGET_SYSTEM),
+        get_u8(payload, zero + PING_TARGET_COMPONENT),
     )
 
 
@@ -247,19 +261,21 @@ SET_MODE_CUSTOM_MODE = 0  # uint32_t
 @kernel
 def encode_set_mode(payload: Bytes, target_system: int, base_mode: int, custom_mode: int) -> int:
     """Fill `payload` with a SET_MODE; returns SET_MODE_LENGTH."""
-    put_u8(payload, SET_MODE_TARGET_SYSTEM, target_system)
-    put_u8(payload, SET_MODE_BASE_MODE, base_mode)
-    put_u32(payload, SET_MODE_CUSTOM_MODE, custom_mode)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + SET_MODE_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + SET_MODE_BASE_MODE, base_mode)
+    put_u32(payload, zero + SET_MODE_CUSTOM_MODE, custom_mode)
     return SET_MODE_LENGTH
 
 
 @kernel
 def decode_set_mode(payload: Bytes) -> tuple[int, int, int]:
     """The scalar fields of a SET_MODE: target_system, base_mode, custom_mode."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, SET_MODE_TARGET_SYSTEM),
-        get_u8(payload, SET_MODE_BASE_MODE),
-        get_u32(payload, SET_MODE_CUSTOM_MODE),
+        get_u8(payload, zero + SET_MODE_TARGET_SYSTEM),
+        get_u8(payload, zero + SET_MODE_BASE_MODE),
+        get_u32(payload, zero + SET_MODE_CUSTOM_MODE),
     )
 
 
@@ -276,20 +292,22 @@ PARAM_REQUEST_READ_PARAM_INDEX = 0  # int16_t
 @kernel
 def encode_param_request_read(payload: Bytes, target_system: int, target_component: int, param_index: int) -> int:
     """Fill `payload` with a PARAM_REQUEST_READ; returns PARAM_REQUEST_READ_LENGTH."""
-    put_u8(payload, PARAM_REQUEST_READ_TARGET_SYSTEM, target_system)
-    put_u8(payload, PARAM_REQUEST_READ_TARGET_COMPONENT, target_component)
-    clear(payload, PARAM_REQUEST_READ_PARAM_ID, PARAM_REQUEST_READ_PARAM_ID + 16)
-    put_i16(payload, PARAM_REQUEST_READ_PARAM_INDEX, param_index)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + PARAM_REQUEST_READ_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + PARAM_REQUEST_READ_TARGET_COMPONENT, target_component)
+    clear(payload, zero + PARAM_REQUEST_READ_PARAM_ID, zero + PARAM_REQUEST_READ_PARAM_ID + 16)
+    put_i16(payload, zero + PARAM_REQUEST_READ_PARAM_INDEX, param_index)
     return PARAM_REQUEST_READ_LENGTH
 
 
 @kernel
 def decode_param_request_read(payload: Bytes) -> tuple[int, int, int]:
     """The scalar fields of a PARAM_REQUEST_READ: target_system, target_component, param_index."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, PARAM_REQUEST_READ_TARGET_SYSTEM),
-        get_u8(payload, PARAM_REQUEST_READ_TARGET_COMPONENT),
-        get_i16(payload, PARAM_REQUEST_READ_PARAM_INDEX),
+        get_u8(payload, zero + PARAM_REQUEST_READ_TARGET_SYSTEM),
+        get_u8(payload, zero + PARAM_REQUEST_READ_TARGET_COMPONENT),
+        get_i16(payload, zero + PARAM_REQUEST_READ_PARAM_INDEX),
     )
 
 
@@ -316,17 +334,19 @@ PARAM_REQUEST_LIST_TARGET_COMPONENT = 1  # uint8_t
 @kernel
 def encode_param_request_list(payload: Bytes, target_system: int, target_component: int) -> int:
     """Fill `payload` with a PARAM_REQUEST_LIST; returns PARAM_REQUEST_LIST_LENGTH."""
-    put_u8(payload, PARAM_REQUEST_LIST_TARGET_SYSTEM, target_system)
-    put_u8(payload, PARAM_REQUEST_LIST_TARGET_COMPONENT, target_component)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + PARAM_REQUEST_LIST_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + PARAM_REQUEST_LIST_TARGET_COMPONENT, target_component)
     return PARAM_REQUEST_LIST_LENGTH
 
 
 @kernel
 def decode_param_request_list(payload: Bytes) -> tuple[int, int]:
     """The scalar fields of a PARAM_REQUEST_LIST: target_system, target_component."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, PARAM_REQUEST_LIST_TARGET_SYSTEM),
-        get_u8(payload, PARAM_REQUEST_LIST_TARGET_COMPONENT),
+        get_u8(payload, zero + PARAM_REQUEST_LIST_TARGET_SYSTEM),
+        get_u8(payload, zero + PARAM_REQUEST_LIST_TARGET_COMPONENT),
     )
 
 
@@ -344,22 +364,24 @@ PARAM_VALUE_PARAM_INDEX = 6  # uint16_t
 @kernel
 def encode_param_value(payload: Bytes, param_value: float, param_type: int, param_count: int, param_index: int) -> int:
     """Fill `payload` with a PARAM_VALUE; returns PARAM_VALUE_LENGTH."""
-    clear(payload, PARAM_VALUE_PARAM_ID, PARAM_VALUE_PARAM_ID + 16)
-    put_f32(payload, PARAM_VALUE_PARAM_VALUE, param_value)
-    put_u8(payload, PARAM_VALUE_PARAM_TYPE, param_type)
-    put_u16(payload, PARAM_VALUE_PARAM_COUNT, param_count)
-    put_u16(payload, PARAM_VALUE_PARAM_INDEX, param_index)
+    zero = int(np.int64(0))
+    clear(payload, zero + PARAM_VALUE_PARAM_ID, zero + PARAM_VALUE_PARAM_ID + 16)
+    put_f32(payload, zero + PARAM_VALUE_PARAM_VALUE, param_value)
+    put_u8(payload, zero + PARAM_VALUE_PARAM_TYPE, param_type)
+    put_u16(payload, zero + PARAM_VALUE_PARAM_COUNT, param_count)
+    put_u16(payload, zero + PARAM_VALUE_PARAM_INDEX, param_index)
     return PARAM_VALUE_LENGTH
 
 
 @kernel
 def decode_param_value(payload: Bytes) -> tuple[float, int, int, int]:
     """The scalar fields of a PARAM_VALUE: param_value, param_type, param_count, param_index."""
+    zero = int(np.int64(0))
     return (
-        get_f32(payload, PARAM_VALUE_PARAM_VALUE),
-        get_u8(payload, PARAM_VALUE_PARAM_TYPE),
-        get_u16(payload, PARAM_VALUE_PARAM_COUNT),
-        get_u16(payload, PARAM_VALUE_PARAM_INDEX),
+        get_f32(payload, zero + PARAM_VALUE_PARAM_VALUE),
+        get_u8(payload, zero + PARAM_VALUE_PARAM_TYPE),
+        get_u16(payload, zero + PARAM_VALUE_PARAM_COUNT),
+        get_u16(payload, zero + PARAM_VALUE_PARAM_INDEX),
     )
 
 
@@ -391,22 +413,24 @@ def encode_param_set(
     payload: Bytes, target_system: int, target_component: int, param_value: float, param_type: int
 ) -> int:
     """Fill `payload` with a PARAM_SET; returns PARAM_SET_LENGTH."""
-    put_u8(payload, PARAM_SET_TARGET_SYSTEM, target_system)
-    put_u8(payload, PARAM_SET_TARGET_COMPONENT, target_component)
-    clear(payload, PARAM_SET_PARAM_ID, PARAM_SET_PARAM_ID + 16)
-    put_f32(payload, PARAM_SET_PARAM_VALUE, param_value)
-    put_u8(payload, PARAM_SET_PARAM_TYPE, param_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + PARAM_SET_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + PARAM_SET_TARGET_COMPONENT, target_component)
+    clear(payload, zero + PARAM_SET_PARAM_ID, zero + PARAM_SET_PARAM_ID + 16)
+    put_f32(payload, zero + PARAM_SET_PARAM_VALUE, param_value)
+    put_u8(payload, zero + PARAM_SET_PARAM_TYPE, param_type)
     return PARAM_SET_LENGTH
 
 
 @kernel
 def decode_param_set(payload: Bytes) -> tuple[int, int, float, int]:
     """The scalar fields of a PARAM_SET: target_system, target_component, param_value, param_type."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, PARAM_SET_TARGET_SYSTEM),
-        get_u8(payload, PARAM_SET_TARGET_COMPONENT),
-        get_f32(payload, PARAM_SET_PARAM_VALUE),
-        get_u8(payload, PARAM_SET_PARAM_TYPE),
+        get_u8(payload, zero + PARAM_SET_TARGET_SYSTEM),
+        get_u8(payload, zero + PARAM_SET_TARGET_COMPONENT),
+        get_f32(payload, zero + PARAM_SET_PARAM_VALUE),
+        get_u8(payload, zero + PARAM_SET_PARAM_TYPE),
     )
 
 
@@ -465,22 +489,23 @@ def encode_gps_raw_int(
     yaw: int,
 ) -> int:
     """Fill `payload` with a GPS_RAW_INT; returns GPS_RAW_INT_LENGTH."""
-    put_u64(payload, GPS_RAW_INT_TIME_USEC, time_usec)
-    put_u8(payload, GPS_RAW_INT_FIX_TYPE, fix_type)
-    put_i32(payload, GPS_RAW_INT_LAT, lat)
-    put_i32(payload, GPS_RAW_INT_LON, lon)
-    put_i32(payload, GPS_RAW_INT_ALT, alt)
-    put_u16(payload, GPS_RAW_INT_EPH, eph)
-    put_u16(payload, GPS_RAW_INT_EPV, epv)
-    put_u16(payload, GPS_RAW_INT_VEL, vel)
-    put_u16(payload, GPS_RAW_INT_COG, cog)
-    put_u8(payload, GPS_RAW_INT_SATELLITES_VISIBLE, satellites_visible)
-    put_i32(payload, GPS_RAW_INT_ALT_ELLIPSOID, alt_ellipsoid)
-    put_u32(payload, GPS_RAW_INT_H_ACC, h_acc)
-    put_u32(payload, GPS_RAW_INT_V_ACC, v_acc)
-    put_u32(payload, GPS_RAW_INT_VEL_ACC, vel_acc)
-    put_u32(payload, GPS_RAW_INT_HDG_ACC, hdg_acc)
-    put_u16(payload, GPS_RAW_INT_YAW, yaw)
+    zero = int(np.int64(0))
+    put_u64(payload, zero + GPS_RAW_INT_TIME_USEC, time_usec)
+    put_u8(payload, zero + GPS_RAW_INT_FIX_TYPE, fix_type)
+    put_i32(payload, zero + GPS_RAW_INT_LAT, lat)
+    put_i32(payload, zero + GPS_RAW_INT_LON, lon)
+    put_i32(payload, zero + GPS_RAW_INT_ALT, alt)
+    put_u16(payload, zero + GPS_RAW_INT_EPH, eph)
+    put_u16(payload, zero + GPS_RAW_INT_EPV, epv)
+    put_u16(payload, zero + GPS_RAW_INT_VEL, vel)
+    put_u16(payload, zero + GPS_RAW_INT_COG, cog)
+    put_u8(payload, zero + GPS_RAW_INT_SATELLITES_VISIBLE, satellites_visible)
+    put_i32(payload, zero + GPS_RAW_INT_ALT_ELLIPSOID, alt_ellipsoid)
+    put_u32(payload, zero + GPS_RAW_INT_H_ACC, h_acc)
+    put_u32(payload, zero + GPS_RAW_INT_V_ACC, v_acc)
+    put_u32(payload, zero + GPS_RAW_INT_VEL_ACC, vel_acc)
+    put_u32(payload, zero + GPS_RAW_INT_HDG_ACC, hdg_acc)
+    put_u16(payload, zero + GPS_RAW_INT_YAW, yaw)
     return GPS_RAW_INT_LENGTH
 
 
@@ -493,23 +518,24 @@ def decode_gps_raw_int(
     time_usec, fix_type, lat, lon, alt, eph, epv, vel, cog, satellites_visible, alt_ellipsoid, h_acc, v_acc, vel_acc,
     hdg_acc, yaw.
     """
+    zero = int(np.int64(0))
     return (
-        get_u64(payload, GPS_RAW_INT_TIME_USEC),
-        get_u8(payload, GPS_RAW_INT_FIX_TYPE),
-        get_i32(payload, GPS_RAW_INT_LAT),
-        get_i32(payload, GPS_RAW_INT_LON),
-        get_i32(payload, GPS_RAW_INT_ALT),
-        get_u16(payload, GPS_RAW_INT_EPH),
-        get_u16(payload, GPS_RAW_INT_EPV),
-        get_u16(payload, GPS_RAW_INT_VEL),
-        get_u16(payload, GPS_RAW_INT_COG),
-        get_u8(payload, GPS_RAW_INT_SATELLITES_VISIBLE),
-        get_i32(payload, GPS_RAW_INT_ALT_ELLIPSOID),
-        get_u32(payload, GPS_RAW_INT_H_ACC),
-        get_u32(payload, GPS_RAW_INT_V_ACC),
-        get_u32(payload, GPS_RAW_INT_VEL_ACC),
-        get_u32(payload, GPS_RAW_INT_HDG_ACC),
-        get_u16(payload, GPS_RAW_INT_YAW),
+        get_u64(payload, zero + GPS_RAW_INT_TIME_USEC),
+        get_u8(payload, zero + GPS_RAW_INT_FIX_TYPE),
+        get_i32(payload, zero + GPS_RAW_INT_LAT),
+        get_i32(payload, zero + GPS_RAW_INT_LON),
+        get_i32(payload, zero + GPS_RAW_INT_ALT),
+        get_u16(payload, zero + GPS_RAW_INT_EPH),
+        get_u16(payload, zero + GPS_RAW_INT_EPV),
+        get_u16(payload, zero + GPS_RAW_INT_VEL),
+        get_u16(payload, zero + GPS_RAW_INT_COG),
+        get_u8(payload, zero + GPS_RAW_INT_SATELLITES_VISIBLE),
+        get_i32(payload, zero + GPS_RAW_INT_ALT_ELLIPSOID),
+        get_u32(payload, zero + GPS_RAW_INT_H_ACC),
+        get_u32(payload, zero + GPS_RAW_INT_V_ACC),
+        get_u32(payload, zero + GPS_RAW_INT_VEL_ACC),
+        get_u32(payload, zero + GPS_RAW_INT_HDG_ACC),
+        get_u16(payload, zero + GPS_RAW_INT_YAW),
     )
 
 
@@ -546,17 +572,18 @@ def encode_scaled_imu(
     temperature: int,
 ) -> int:
     """Fill `payload` with a SCALED_IMU; returns SCALED_IMU_LENGTH."""
-    put_u32(payload, SCALED_IMU_TIME_BOOT_MS, time_boot_ms)
-    put_i16(payload, SCALED_IMU_XACC, xacc)
-    put_i16(payload, SCALED_IMU_YACC, yacc)
-    put_i16(payload, SCALED_IMU_ZACC, zacc)
-    put_i16(payload, SCALED_IMU_XGYRO, xgyro)
-    put_i16(payload, SCALED_IMU_YGYRO, ygyro)
-    put_i16(payload, SCALED_IMU_ZGYRO, zgyro)
-    put_i16(payload, SCALED_IMU_XMAG, xmag)
-    put_i16(payload, SCALED_IMU_YMAG, ymag)
-    put_i16(payload, SCALED_IMU_ZMAG, zmag)
-    put_i16(payload, SCALED_IMU_TEMPERATURE, temperature)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SCALED_IMU_TIME_BOOT_MS, time_boot_ms)
+    put_i16(payload, zero + SCALED_IMU_XACC, xacc)
+    put_i16(payload, zero + SCALED_IMU_YACC, yacc)
+    put_i16(payload, zero + SCALED_IMU_ZACC, zacc)
+    put_i16(payload, zero + SCALED_IMU_XGYRO, xgyro)
+    put_i16(payload, zero + SCALED_IMU_YGYRO, ygyro)
+    put_i16(payload, zero + SCALED_IMU_ZGYRO, zgyro)
+    put_i16(payload, zero + SCALED_IMU_XMAG, xmag)
+    put_i16(payload, zero + SCALED_IMU_YMAG, ymag)
+    put_i16(payload, zero + SCALED_IMU_ZMAG, zmag)
+    put_i16(payload, zero + SCALED_IMU_TEMPERATURE, temperature)
     return SCALED_IMU_LENGTH
 
 
@@ -566,18 +593,19 @@ def decode_scaled_imu(payload: Bytes) -> tuple[int, int, int, int, int, int, int
 
     time_boot_ms, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, temperature.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SCALED_IMU_TIME_BOOT_MS),
-        get_i16(payload, SCALED_IMU_XACC),
-        get_i16(payload, SCALED_IMU_YACC),
-        get_i16(payload, SCALED_IMU_ZACC),
-        get_i16(payload, SCALED_IMU_XGYRO),
-        get_i16(payload, SCALED_IMU_YGYRO),
-        get_i16(payload, SCALED_IMU_ZGYRO),
-        get_i16(payload, SCALED_IMU_XMAG),
-        get_i16(payload, SCALED_IMU_YMAG),
-        get_i16(payload, SCALED_IMU_ZMAG),
-        get_i16(payload, SCALED_IMU_TEMPERATURE),
+        get_u32(payload, zero + SCALED_IMU_TIME_BOOT_MS),
+        get_i16(payload, zero + SCALED_IMU_XACC),
+        get_i16(payload, zero + SCALED_IMU_YACC),
+        get_i16(payload, zero + SCALED_IMU_ZACC),
+        get_i16(payload, zero + SCALED_IMU_XGYRO),
+        get_i16(payload, zero + SCALED_IMU_YGYRO),
+        get_i16(payload, zero + SCALED_IMU_ZGYRO),
+        get_i16(payload, zero + SCALED_IMU_XMAG),
+        get_i16(payload, zero + SCALED_IMU_YMAG),
+        get_i16(payload, zero + SCALED_IMU_ZMAG),
+        get_i16(payload, zero + SCALED_IMU_TEMPERATURE),
     )
 
 
@@ -616,18 +644,19 @@ def encode_raw_imu(
     temperature: int,
 ) -> int:
     """Fill `payload` with a RAW_IMU; returns RAW_IMU_LENGTH."""
-    put_u64(payload, RAW_IMU_TIME_USEC, time_usec)
-    put_i16(payload, RAW_IMU_XACC, xacc)
-    put_i16(payload, RAW_IMU_YACC, yacc)
-    put_i16(payload, RAW_IMU_ZACC, zacc)
-    put_i16(payload, RAW_IMU_XGYRO, xgyro)
-    put_i16(payload, RAW_IMU_YGYRO, ygyro)
-    put_i16(payload, RAW_IMU_ZGYRO, zgyro)
-    put_i16(payload, RAW_IMU_XMAG, xmag)
-    put_i16(payload, RAW_IMU_YMAG, ymag)
-    put_i16(payload, RAW_IMU_ZMAG, zmag)
-    put_u8(payload, RAW_IMU_ID, id_)
-    put_i16(payload, RAW_IMU_TEMPERATURE, temperature)
+    zero = int(np.int64(0))
+    put_u64(payload, zero + RAW_IMU_TIME_USEC, time_usec)
+    put_i16(payload, zero + RAW_IMU_XACC, xacc)
+    put_i16(payload, zero + RAW_IMU_YACC, yacc)
+    put_i16(payload, zero + RAW_IMU_ZACC, zacc)
+    put_i16(payload, zero + RAW_IMU_XGYRO, xgyro)
+    put_i16(payload, zero + RAW_IMU_YGYRO, ygyro)
+    put_i16(payload, zero + RAW_IMU_ZGYRO, zgyro)
+    put_i16(payload, zero + RAW_IMU_XMAG, xmag)
+    put_i16(payload, zero + RAW_IMU_YMAG, ymag)
+    put_i16(payload, zero + RAW_IMU_ZMAG, zmag)
+    put_u8(payload, zero + RAW_IMU_ID, id_)
+    put_i16(payload, zero + RAW_IMU_TEMPERATURE, temperature)
     return RAW_IMU_LENGTH
 
 
@@ -637,19 +666,20 @@ def decode_raw_imu(payload: Bytes) -> tuple[int, int, int, int, int, int, int, i
 
     time_usec, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, id, temperature.
     """
+    zero = int(np.int64(0))
     return (
-        get_u64(payload, RAW_IMU_TIME_USEC),
-        get_i16(payload, RAW_IMU_XACC),
-        get_i16(payload, RAW_IMU_YACC),
-        get_i16(payload, RAW_IMU_ZACC),
-        get_i16(payload, RAW_IMU_XGYRO),
-        get_i16(payload, RAW_IMU_YGYRO),
-        get_i16(payload, RAW_IMU_ZGYRO),
-        get_i16(payload, RAW_IMU_XMAG),
-        get_i16(payload, RAW_IMU_YMAG),
-        get_i16(payload, RAW_IMU_ZMAG),
-        get_u8(payload, RAW_IMU_ID),
-        get_i16(payload, RAW_IMU_TEMPERATURE),
+        get_u64(payload, zero + RAW_IMU_TIME_USEC),
+        get_i16(payload, zero + RAW_IMU_XACC),
+        get_i16(payload, zero + RAW_IMU_YACC),
+        get_i16(payload, zero + RAW_IMU_ZACC),
+        get_i16(payload, zero + RAW_IMU_XGYRO),
+        get_i16(payload, zero + RAW_IMU_YGYRO),
+        get_i16(payload, zero + RAW_IMU_ZGYRO),
+        get_i16(payload, zero + RAW_IMU_XMAG),
+        get_i16(payload, zero + RAW_IMU_YMAG),
+        get_i16(payload, zero + RAW_IMU_ZMAG),
+        get_u8(payload, zero + RAW_IMU_ID),
+        get_i16(payload, zero + RAW_IMU_TEMPERATURE),
     )
 
 
@@ -674,11 +704,12 @@ def encode_scaled_pressure(
     temperature_press_diff: int,
 ) -> int:
     """Fill `payload` with a SCALED_PRESSURE; returns SCALED_PRESSURE_LENGTH."""
-    put_u32(payload, SCALED_PRESSURE_TIME_BOOT_MS, time_boot_ms)
-    put_f32(payload, SCALED_PRESSURE_PRESS_ABS, press_abs)
-    put_f32(payload, SCALED_PRESSURE_PRESS_DIFF, press_diff)
-    put_i16(payload, SCALED_PRESSURE_TEMPERATURE, temperature)
-    put_i16(payload, SCALED_PRESSURE_TEMPERATURE_PRESS_DIFF, temperature_press_diff)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SCALED_PRESSURE_TIME_BOOT_MS, time_boot_ms)
+    put_f32(payload, zero + SCALED_PRESSURE_PRESS_ABS, press_abs)
+    put_f32(payload, zero + SCALED_PRESSURE_PRESS_DIFF, press_diff)
+    put_i16(payload, zero + SCALED_PRESSURE_TEMPERATURE, temperature)
+    put_i16(payload, zero + SCALED_PRESSURE_TEMPERATURE_PRESS_DIFF, temperature_press_diff)
     return SCALED_PRESSURE_LENGTH
 
 
@@ -688,12 +719,13 @@ def decode_scaled_pressure(payload: Bytes) -> tuple[int, float, float, int, int]
 
     time_boot_ms, press_abs, press_diff, temperature, temperature_press_diff.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SCALED_PRESSURE_TIME_BOOT_MS),
-        get_f32(payload, SCALED_PRESSURE_PRESS_ABS),
-        get_f32(payload, SCALED_PRESSURE_PRESS_DIFF),
-        get_i16(payload, SCALED_PRESSURE_TEMPERATURE),
-        get_i16(payload, SCALED_PRESSURE_TEMPERATURE_PRESS_DIFF),
+        get_u32(payload, zero + SCALED_PRESSURE_TIME_BOOT_MS),
+        get_f32(payload, zero + SCALED_PRESSURE_PRESS_ABS),
+        get_f32(payload, zero + SCALED_PRESSURE_PRESS_DIFF),
+        get_i16(payload, zero + SCALED_PRESSURE_TEMPERATURE),
+        get_i16(payload, zero + SCALED_PRESSURE_TEMPERATURE_PRESS_DIFF),
     )
 
 
@@ -722,27 +754,29 @@ def encode_attitude(
     yawspeed: float,
 ) -> int:
     """Fill `payload` with an ATTITUDE; returns ATTITUDE_LENGTH."""
-    put_u32(payload, ATTITUDE_TIME_BOOT_MS, time_boot_ms)
-    put_f32(payload, ATTITUDE_ROLL, roll)
-    put_f32(payload, ATTITUDE_PITCH, pitch)
-    put_f32(payload, ATTITUDE_YAW, yaw)
-    put_f32(payload, ATTITUDE_ROLLSPEED, rollspeed)
-    put_f32(payload, ATTITUDE_PITCHSPEED, pitchspeed)
-    put_f32(payload, ATTITUDE_YAWSPEED, yawspeed)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + ATTITUDE_TIME_BOOT_MS, time_boot_ms)
+    put_f32(payload, zero + ATTITUDE_ROLL, roll)
+    put_f32(payload, zero + ATTITUDE_PITCH, pitch)
+    put_f32(payload, zero + ATTITUDE_YAW, yaw)
+    put_f32(payload, zero + ATTITUDE_ROLLSPEED, rollspeed)
+    put_f32(payload, zero + ATTITUDE_PITCHSPEED, pitchspeed)
+    put_f32(payload, zero + ATTITUDE_YAWSPEED, yawspeed)
     return ATTITUDE_LENGTH
 
 
 @kernel
 def decode_attitude(payload: Bytes) -> tuple[int, float, float, float, float, float, float]:
     """The scalar fields of an ATTITUDE: time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed."""
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, ATTITUDE_TIME_BOOT_MS),
-        get_f32(payload, ATTITUDE_ROLL),
-        get_f32(payload, ATTITUDE_PITCH),
-        get_f32(payload, ATTITUDE_YAW),
-        get_f32(payload, ATTITUDE_ROLLSPEED),
-        get_f32(payload, ATTITUDE_PITCHSPEED),
-        get_f32(payload, ATTITUDE_YAWSPEED),
+        get_u32(payload, zero + ATTITUDE_TIME_BOOT_MS),
+        get_f32(payload, zero + ATTITUDE_ROLL),
+        get_f32(payload, zero + ATTITUDE_PITCH),
+        get_f32(payload, zero + ATTITUDE_YAW),
+        get_f32(payload, zero + ATTITUDE_ROLLSPEED),
+        get_f32(payload, zero + ATTITUDE_PITCHSPEED),
+        get_f32(payload, zero + ATTITUDE_YAWSPEED),
     )
 
 
@@ -774,30 +808,32 @@ def encode_attitude_quaternion(
     yawspeed: float,
 ) -> int:
     """Fill `payload` with an ATTITUDE_QUATERNION; returns ATTITUDE_QUATERNION_LENGTH."""
-    put_u32(payload, ATTITUDE_QUATERNION_TIME_BOOT_MS, time_boot_ms)
-    put_f32(payload, ATTITUDE_QUATERNION_Q1, q1)
-    put_f32(payload, ATTITUDE_QUATERNION_Q2, q2)
-    put_f32(payload, ATTITUDE_QUATERNION_Q3, q3)
-    put_f32(payload, ATTITUDE_QUATERNION_Q4, q4)
-    put_f32(payload, ATTITUDE_QUATERNION_ROLLSPEED, rollspeed)
-    put_f32(payload, ATTITUDE_QUATERNION_PITCHSPEED, pitchspeed)
-    put_f32(payload, ATTITUDE_QUATERNION_YAWSPEED, yawspeed)
-    clear(payload, ATTITUDE_QUATERNION_REPR_OFFSET_Q, ATTITUDE_QUATERNION_REPR_OFFSET_Q + 16)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + ATTITUDE_QUATERNION_TIME_BOOT_MS, time_boot_ms)
+    put_f32(payload, zero + ATTITUDE_QUATERNION_Q1, q1)
+    put_f32(payload, zero + ATTITUDE_QUATERNION_Q2, q2)
+    put_f32(payload, zero + ATTITUDE_QUATERNION_Q3, q3)
+    put_f32(payload, zero + ATTITUDE_QUATERNION_Q4, q4)
+    put_f32(payload, zero + ATTITUDE_QUATERNION_ROLLSPEED, rollspeed)
+    put_f32(payload, zero + ATTITUDE_QUATERNION_PITCHSPEED, pitchspeed)
+    put_f32(payload, zero + ATTITUDE_QUATERNION_YAWSPEED, yawspeed)
+    clear(payload, zero + ATTITUDE_QUATERNION_REPR_OFFSET_Q, zero + ATTITUDE_QUATERNION_REPR_OFFSET_Q + 16)
     return ATTITUDE_QUATERNION_LENGTH
 
 
 @kernel
 def decode_attitude_quaternion(payload: Bytes) -> tuple[int, float, float, float, float, float, float, float]:
     """The scalar fields of an ATTITUDE_QUATERNION: time_boot_ms, q1, q2, q3, q4, rollspeed, pitchspeed, yawspeed."""
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, ATTITUDE_QUATERNION_TIME_BOOT_MS),
-        get_f32(payload, ATTITUDE_QUATERNION_Q1),
-        get_f32(payload, ATTITUDE_QUATERNION_Q2),
-        get_f32(payload, ATTITUDE_QUATERNION_Q3),
-        get_f32(payload, ATTITUDE_QUATERNION_Q4),
-        get_f32(payload, ATTITUDE_QUATERNION_ROLLSPEED),
-        get_f32(payload, ATTITUDE_QUATERNION_PITCHSPEED),
-        get_f32(payload, ATTITUDE_QUATERNION_YAWSPEED),
+        get_u32(payload, zero + ATTITUDE_QUATERNION_TIME_BOOT_MS),
+        get_f32(payload, zero + ATTITUDE_QUATERNION_Q1),
+        get_f32(payload, zero + ATTITUDE_QUATERNION_Q2),
+        get_f32(payload, zero + ATTITUDE_QUATERNION_Q3),
+        get_f32(payload, zero + ATTITUDE_QUATERNION_Q4),
+        get_f32(payload, zero + ATTITUDE_QUATERNION_ROLLSPEED),
+        get_f32(payload, zero + ATTITUDE_QUATERNION_PITCHSPEED),
+        get_f32(payload, zero + ATTITUDE_QUATERNION_YAWSPEED),
     )
 
 
@@ -831,27 +867,29 @@ def encode_local_position_ned(
     payload: Bytes, time_boot_ms: int, x: float, y: float, z: float, vx: float, vy: float, vz: float
 ) -> int:
     """Fill `payload` with a LOCAL_POSITION_NED; returns LOCAL_POSITION_NED_LENGTH."""
-    put_u32(payload, LOCAL_POSITION_NED_TIME_BOOT_MS, time_boot_ms)
-    put_f32(payload, LOCAL_POSITION_NED_X, x)
-    put_f32(payload, LOCAL_POSITION_NED_Y, y)
-    put_f32(payload, LOCAL_POSITION_NED_Z, z)
-    put_f32(payload, LOCAL_POSITION_NED_VX, vx)
-    put_f32(payload, LOCAL_POSITION_NED_VY, vy)
-    put_f32(payload, LOCAL_POSITION_NED_VZ, vz)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + LOCAL_POSITION_NED_TIME_BOOT_MS, time_boot_ms)
+    put_f32(payload, zero + LOCAL_POSITION_NED_X, x)
+    put_f32(payload, zero + LOCAL_POSITION_NED_Y, y)
+    put_f32(payload, zero + LOCAL_POSITION_NED_Z, z)
+    put_f32(payload, zero + LOCAL_POSITION_NED_VX, vx)
+    put_f32(payload, zero + LOCAL_POSITION_NED_VY, vy)
+    put_f32(payload, zero + LOCAL_POSITION_NED_VZ, vz)
     return LOCAL_POSITION_NED_LENGTH
 
 
 @kernel
 def decode_local_position_ned(payload: Bytes) -> tuple[int, float, float, float, float, float, float]:
     """The scalar fields of a LOCAL_POSITION_NED: time_boot_ms, x, y, z, vx, vy, vz."""
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, LOCAL_POSITION_NED_TIME_BOOT_MS),
-        get_f32(payload, LOCAL_POSITION_NED_X),
-        get_f32(payload, LOCAL_POSITION_NED_Y),
-        get_f32(payload, LOCAL_POSITION_NED_Z),
-        get_f32(payload, LOCAL_POSITION_NED_VX),
-        get_f32(payload, LOCAL_POSITION_NED_VY),
-        get_f32(payload, LOCAL_POSITION_NED_VZ),
+        get_u32(payload, zero + LOCAL_POSITION_NED_TIME_BOOT_MS),
+        get_f32(payload, zero + LOCAL_POSITION_NED_X),
+        get_f32(payload, zero + LOCAL_POSITION_NED_Y),
+        get_f32(payload, zero + LOCAL_POSITION_NED_Z),
+        get_f32(payload, zero + LOCAL_POSITION_NED_VX),
+        get_f32(payload, zero + LOCAL_POSITION_NED_VY),
+        get_f32(payload, zero + LOCAL_POSITION_NED_VZ),
     )
 
 
@@ -884,31 +922,33 @@ def encode_global_position_int(
     hdg: int,
 ) -> int:
     """Fill `payload` with a GLOBAL_POSITION_INT; returns GLOBAL_POSITION_INT_LENGTH."""
-    put_u32(payload, GLOBAL_POSITION_INT_TIME_BOOT_MS, time_boot_ms)
-    put_i32(payload, GLOBAL_POSITION_INT_LAT, lat)
-    put_i32(payload, GLOBAL_POSITION_INT_LON, lon)
-    put_i32(payload, GLOBAL_POSITION_INT_ALT, alt)
-    put_i32(payload, GLOBAL_POSITION_INT_RELATIVE_ALT, relative_alt)
-    put_i16(payload, GLOBAL_POSITION_INT_VX, vx)
-    put_i16(payload, GLOBAL_POSITION_INT_VY, vy)
-    put_i16(payload, GLOBAL_POSITION_INT_VZ, vz)
-    put_u16(payload, GLOBAL_POSITION_INT_HDG, hdg)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + GLOBAL_POSITION_INT_TIME_BOOT_MS, time_boot_ms)
+    put_i32(payload, zero + GLOBAL_POSITION_INT_LAT, lat)
+    put_i32(payload, zero + GLOBAL_POSITION_INT_LON, lon)
+    put_i32(payload, zero + GLOBAL_POSITION_INT_ALT, alt)
+    put_i32(payload, zero + GLOBAL_POSITION_INT_RELATIVE_ALT, relative_alt)
+    put_i16(payload, zero + GLOBAL_POSITION_INT_VX, vx)
+    put_i16(payload, zero + GLOBAL_POSITION_INT_VY, vy)
+    put_i16(payload, zero + GLOBAL_POSITION_INT_VZ, vz)
+    put_u16(payload, zero + GLOBAL_POSITION_INT_HDG, hdg)
     return GLOBAL_POSITION_INT_LENGTH
 
 
 @kernel
 def decode_global_position_int(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, int]:
     """The scalar fields of a GLOBAL_POSITION_INT: time_boot_ms, lat, lon, alt, relative_alt, vx, vy, vz, hdg."""
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, GLOBAL_POSITION_INT_TIME_BOOT_MS),
-        get_i32(payload, GLOBAL_POSITION_INT_LAT),
-        get_i32(payload, GLOBAL_POSITION_INT_LON),
-        get_i32(payload, GLOBAL_POSITION_INT_ALT),
-        get_i32(payload, GLOBAL_POSITION_INT_RELATIVE_ALT),
-        get_i16(payload, GLOBAL_POSITION_INT_VX),
-        get_i16(payload, GLOBAL_POSITION_INT_VY),
-        get_i16(payload, GLOBAL_POSITION_INT_VZ),
-        get_u16(payload, GLOBAL_POSITION_INT_HDG),
+        get_u32(payload, zero + GLOBAL_POSITION_INT_TIME_BOOT_MS),
+        get_i32(payload, zero + GLOBAL_POSITION_INT_LAT),
+        get_i32(payload, zero + GLOBAL_POSITION_INT_LON),
+        get_i32(payload, zero + GLOBAL_POSITION_INT_ALT),
+        get_i32(payload, zero + GLOBAL_POSITION_INT_RELATIVE_ALT),
+        get_i16(payload, zero + GLOBAL_POSITION_INT_VX),
+        get_i16(payload, zero + GLOBAL_POSITION_INT_VY),
+        get_i16(payload, zero + GLOBAL_POSITION_INT_VZ),
+        get_u16(payload, zero + GLOBAL_POSITION_INT_HDG),
     )
 
 
@@ -959,24 +999,25 @@ def encode_servo_output_raw(
     servo16_raw: int,
 ) -> int:
     """Fill `payload` with a SERVO_OUTPUT_RAW; returns SERVO_OUTPUT_RAW_LENGTH."""
-    put_u32(payload, SERVO_OUTPUT_RAW_TIME_USEC, time_usec)
-    put_u8(payload, SERVO_OUTPUT_RAW_PORT, port)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO1_RAW, servo1_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO2_RAW, servo2_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO3_RAW, servo3_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO4_RAW, servo4_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO5_RAW, servo5_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO6_RAW, servo6_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO7_RAW, servo7_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO8_RAW, servo8_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO9_RAW, servo9_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO10_RAW, servo10_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO11_RAW, servo11_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO12_RAW, servo12_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO13_RAW, servo13_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO14_RAW, servo14_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO15_RAW, servo15_raw)
-    put_u16(payload, SERVO_OUTPUT_RAW_SERVO16_RAW, servo16_raw)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SERVO_OUTPUT_RAW_TIME_USEC, time_usec)
+    put_u8(payload, zero + SERVO_OUTPUT_RAW_PORT, port)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO1_RAW, servo1_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO2_RAW, servo2_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO3_RAW, servo3_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO4_RAW, servo4_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO5_RAW, servo5_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO6_RAW, servo6_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO7_RAW, servo7_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO8_RAW, servo8_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO9_RAW, servo9_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO10_RAW, servo10_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO11_RAW, servo11_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO12_RAW, servo12_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO13_RAW, servo13_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO14_RAW, servo14_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO15_RAW, servo15_raw)
+    put_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO16_RAW, servo16_raw)
     return SERVO_OUTPUT_RAW_LENGTH
 
 
@@ -989,25 +1030,26 @@ def decode_servo_output_raw(
     time_usec, port, servo1_raw, servo2_raw, servo3_raw, servo4_raw, servo5_raw, servo6_raw, servo7_raw, servo8_raw,
     servo9_raw, servo10_raw, servo11_raw, servo12_raw, servo13_raw, servo14_raw, servo15_raw, servo16_raw.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SERVO_OUTPUT_RAW_TIME_USEC),
-        get_u8(payload, SERVO_OUTPUT_RAW_PORT),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO1_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO2_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO3_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO4_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO5_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO6_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO7_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO8_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO9_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO10_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO11_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO12_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO13_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO14_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO15_RAW),
-        get_u16(payload, SERVO_OUTPUT_RAW_SERVO16_RAW),
+        get_u32(payload, zero + SERVO_OUTPUT_RAW_TIME_USEC),
+        get_u8(payload, zero + SERVO_OUTPUT_RAW_PORT),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO1_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO2_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO3_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO4_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO5_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO6_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO7_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO8_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO9_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO10_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO11_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO12_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO13_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO14_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO15_RAW),
+        get_u16(payload, zero + SERVO_OUTPUT_RAW_SERVO16_RAW),
     )
 
 
@@ -1027,11 +1069,12 @@ def encode_mission_request_partial_list(
     payload: Bytes, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int
 ) -> int:
     """Fill `payload` with a MISSION_REQUEST_PARTIAL_LIST; returns MISSION_REQUEST_PARTIAL_LIST_LENGTH."""
-    put_u8(payload, MISSION_REQUEST_PARTIAL_LIST_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_REQUEST_PARTIAL_LIST_TARGET_COMPONENT, target_component)
-    put_i16(payload, MISSION_REQUEST_PARTIAL_LIST_START_INDEX, start_index)
-    put_i16(payload, MISSION_REQUEST_PARTIAL_LIST_END_INDEX, end_index)
-    put_u8(payload, MISSION_REQUEST_PARTIAL_LIST_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_REQUEST_PARTIAL_LIST_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_REQUEST_PARTIAL_LIST_TARGET_COMPONENT, target_component)
+    put_i16(payload, zero + MISSION_REQUEST_PARTIAL_LIST_START_INDEX, start_index)
+    put_i16(payload, zero + MISSION_REQUEST_PARTIAL_LIST_END_INDEX, end_index)
+    put_u8(payload, zero + MISSION_REQUEST_PARTIAL_LIST_MISSION_TYPE, mission_type)
     return MISSION_REQUEST_PARTIAL_LIST_LENGTH
 
 
@@ -1041,12 +1084,13 @@ def decode_mission_request_partial_list(payload: Bytes) -> tuple[int, int, int, 
 
     target_system, target_component, start_index, end_index, mission_type.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_REQUEST_PARTIAL_LIST_TARGET_SYSTEM),
-        get_u8(payload, MISSION_REQUEST_PARTIAL_LIST_TARGET_COMPONENT),
-        get_i16(payload, MISSION_REQUEST_PARTIAL_LIST_START_INDEX),
-        get_i16(payload, MISSION_REQUEST_PARTIAL_LIST_END_INDEX),
-        get_u8(payload, MISSION_REQUEST_PARTIAL_LIST_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_REQUEST_PARTIAL_LIST_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_REQUEST_PARTIAL_LIST_TARGET_COMPONENT),
+        get_i16(payload, zero + MISSION_REQUEST_PARTIAL_LIST_START_INDEX),
+        get_i16(payload, zero + MISSION_REQUEST_PARTIAL_LIST_END_INDEX),
+        get_u8(payload, zero + MISSION_REQUEST_PARTIAL_LIST_MISSION_TYPE),
     )
 
 
@@ -1066,11 +1110,12 @@ def encode_mission_write_partial_list(
     payload: Bytes, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int
 ) -> int:
     """Fill `payload` with a MISSION_WRITE_PARTIAL_LIST; returns MISSION_WRITE_PARTIAL_LIST_LENGTH."""
-    put_u8(payload, MISSION_WRITE_PARTIAL_LIST_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_WRITE_PARTIAL_LIST_TARGET_COMPONENT, target_component)
-    put_i16(payload, MISSION_WRITE_PARTIAL_LIST_START_INDEX, start_index)
-    put_i16(payload, MISSION_WRITE_PARTIAL_LIST_END_INDEX, end_index)
-    put_u8(payload, MISSION_WRITE_PARTIAL_LIST_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_WRITE_PARTIAL_LIST_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_WRITE_PARTIAL_LIST_TARGET_COMPONENT, target_component)
+    put_i16(payload, zero + MISSION_WRITE_PARTIAL_LIST_START_INDEX, start_index)
+    put_i16(payload, zero + MISSION_WRITE_PARTIAL_LIST_END_INDEX, end_index)
+    put_u8(payload, zero + MISSION_WRITE_PARTIAL_LIST_MISSION_TYPE, mission_type)
     return MISSION_WRITE_PARTIAL_LIST_LENGTH
 
 
@@ -1080,12 +1125,13 @@ def decode_mission_write_partial_list(payload: Bytes) -> tuple[int, int, int, in
 
     target_system, target_component, start_index, end_index, mission_type.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_WRITE_PARTIAL_LIST_TARGET_SYSTEM),
-        get_u8(payload, MISSION_WRITE_PARTIAL_LIST_TARGET_COMPONENT),
-        get_i16(payload, MISSION_WRITE_PARTIAL_LIST_START_INDEX),
-        get_i16(payload, MISSION_WRITE_PARTIAL_LIST_END_INDEX),
-        get_u8(payload, MISSION_WRITE_PARTIAL_LIST_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_WRITE_PARTIAL_LIST_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_WRITE_PARTIAL_LIST_TARGET_COMPONENT),
+        get_i16(payload, zero + MISSION_WRITE_PARTIAL_LIST_START_INDEX),
+        get_i16(payload, zero + MISSION_WRITE_PARTIAL_LIST_END_INDEX),
+        get_u8(payload, zero + MISSION_WRITE_PARTIAL_LIST_MISSION_TYPE),
     )
 
 
@@ -1130,21 +1176,22 @@ def encode_mission_item(
     mission_type: int,
 ) -> int:
     """Fill `payload` with a MISSION_ITEM; returns MISSION_ITEM_LENGTH."""
-    put_u8(payload, MISSION_ITEM_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_ITEM_TARGET_COMPONENT, target_component)
-    put_u16(payload, MISSION_ITEM_SEQ, seq)
-    put_u8(payload, MISSION_ITEM_FRAME, frame)
-    put_u16(payload, MISSION_ITEM_COMMAND, command)
-    put_u8(payload, MISSION_ITEM_CURRENT, current)
-    put_u8(payload, MISSION_ITEM_AUTOCONTINUE, autocontinue)
-    put_f32(payload, MISSION_ITEM_PARAM1, param1)
-    put_f32(payload, MISSION_ITEM_PARAM2, param2)
-    put_f32(payload, MISSION_ITEM_PARAM3, param3)
-    put_f32(payload, MISSION_ITEM_PARAM4, param4)
-    put_f32(payload, MISSION_ITEM_X, x)
-    put_f32(payload, MISSION_ITEM_Y, y)
-    put_f32(payload, MISSION_ITEM_Z, z)
-    put_u8(payload, MISSION_ITEM_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_ITEM_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_ITEM_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + MISSION_ITEM_SEQ, seq)
+    put_u8(payload, zero + MISSION_ITEM_FRAME, frame)
+    put_u16(payload, zero + MISSION_ITEM_COMMAND, command)
+    put_u8(payload, zero + MISSION_ITEM_CURRENT, current)
+    put_u8(payload, zero + MISSION_ITEM_AUTOCONTINUE, autocontinue)
+    put_f32(payload, zero + MISSION_ITEM_PARAM1, param1)
+    put_f32(payload, zero + MISSION_ITEM_PARAM2, param2)
+    put_f32(payload, zero + MISSION_ITEM_PARAM3, param3)
+    put_f32(payload, zero + MISSION_ITEM_PARAM4, param4)
+    put_f32(payload, zero + MISSION_ITEM_X, x)
+    put_f32(payload, zero + MISSION_ITEM_Y, y)
+    put_f32(payload, zero + MISSION_ITEM_Z, z)
+    put_u8(payload, zero + MISSION_ITEM_MISSION_TYPE, mission_type)
     return MISSION_ITEM_LENGTH
 
 
@@ -1157,22 +1204,23 @@ def decode_mission_item(
     target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y,
     z, mission_type.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_ITEM_TARGET_SYSTEM),
-        get_u8(payload, MISSION_ITEM_TARGET_COMPONENT),
-        get_u16(payload, MISSION_ITEM_SEQ),
-        get_u8(payload, MISSION_ITEM_FRAME),
-        get_u16(payload, MISSION_ITEM_COMMAND),
-        get_u8(payload, MISSION_ITEM_CURRENT),
-        get_u8(payload, MISSION_ITEM_AUTOCONTINUE),
-        get_f32(payload, MISSION_ITEM_PARAM1),
-        get_f32(payload, MISSION_ITEM_PARAM2),
-        get_f32(payload, MISSION_ITEM_PARAM3),
-        get_f32(payload, MISSION_ITEM_PARAM4),
-        get_f32(payload, MISSION_ITEM_X),
-        get_f32(payload, MISSION_ITEM_Y),
-        get_f32(payload, MISSION_ITEM_Z),
-        get_u8(payload, MISSION_ITEM_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_ITEM_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_ITEM_TARGET_COMPONENT),
+        get_u16(payload, zero + MISSION_ITEM_SEQ),
+        get_u8(payload, zero + MISSION_ITEM_FRAME),
+        get_u16(payload, zero + MISSION_ITEM_COMMAND),
+        get_u8(payload, zero + MISSION_ITEM_CURRENT),
+        get_u8(payload, zero + MISSION_ITEM_AUTOCONTINUE),
+        get_f32(payload, zero + MISSION_ITEM_PARAM1),
+        get_f32(payload, zero + MISSION_ITEM_PARAM2),
+        get_f32(payload, zero + MISSION_ITEM_PARAM3),
+        get_f32(payload, zero + MISSION_ITEM_PARAM4),
+        get_f32(payload, zero + MISSION_ITEM_X),
+        get_f32(payload, zero + MISSION_ITEM_Y),
+        get_f32(payload, zero + MISSION_ITEM_Z),
+        get_u8(payload, zero + MISSION_ITEM_MISSION_TYPE),
     )
 
 
@@ -1191,21 +1239,23 @@ def encode_mission_request(
     payload: Bytes, target_system: int, target_component: int, seq: int, mission_type: int
 ) -> int:
     """Fill `payload` with a MISSION_REQUEST; returns MISSION_REQUEST_LENGTH."""
-    put_u8(payload, MISSION_REQUEST_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_REQUEST_TARGET_COMPONENT, target_component)
-    put_u16(payload, MISSION_REQUEST_SEQ, seq)
-    put_u8(payload, MISSION_REQUEST_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_REQUEST_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_REQUEST_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + MISSION_REQUEST_SEQ, seq)
+    put_u8(payload, zero + MISSION_REQUEST_MISSION_TYPE, mission_type)
     return MISSION_REQUEST_LENGTH
 
 
 @kernel
 def decode_mission_request(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a MISSION_REQUEST: target_system, target_component, seq, mission_type."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_REQUEST_TARGET_SYSTEM),
-        get_u8(payload, MISSION_REQUEST_TARGET_COMPONENT),
-        get_u16(payload, MISSION_REQUEST_SEQ),
-        get_u8(payload, MISSION_REQUEST_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_REQUEST_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_REQUEST_TARGET_COMPONENT),
+        get_u16(payload, zero + MISSION_REQUEST_SEQ),
+        get_u8(payload, zero + MISSION_REQUEST_MISSION_TYPE),
     )
 
 
@@ -1221,19 +1271,21 @@ MISSION_SET_CURRENT_SEQ = 0  # uint16_t
 @kernel
 def encode_mission_set_current(payload: Bytes, target_system: int, target_component: int, seq: int) -> int:
     """Fill `payload` with a MISSION_SET_CURRENT; returns MISSION_SET_CURRENT_LENGTH."""
-    put_u8(payload, MISSION_SET_CURRENT_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_SET_CURRENT_TARGET_COMPONENT, target_component)
-    put_u16(payload, MISSION_SET_CURRENT_SEQ, seq)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_SET_CURRENT_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_SET_CURRENT_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + MISSION_SET_CURRENT_SEQ, seq)
     return MISSION_SET_CURRENT_LENGTH
 
 
 @kernel
 def decode_mission_set_current(payload: Bytes) -> tuple[int, int, int]:
     """The scalar fields of a MISSION_SET_CURRENT: target_system, target_component, seq."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_SET_CURRENT_TARGET_SYSTEM),
-        get_u8(payload, MISSION_SET_CURRENT_TARGET_COMPONENT),
-        get_u16(payload, MISSION_SET_CURRENT_SEQ),
+        get_u8(payload, zero + MISSION_SET_CURRENT_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_SET_CURRENT_TARGET_COMPONENT),
+        get_u16(payload, zero + MISSION_SET_CURRENT_SEQ),
     )
 
 
@@ -1250,21 +1302,23 @@ MISSION_CURRENT_MISSION_MODE = 5  # uint8_t, extension
 @kernel
 def encode_mission_current(payload: Bytes, seq: int, total: int, mission_state: int, mission_mode: int) -> int:
     """Fill `payload` with a MISSION_CURRENT; returns MISSION_CURRENT_LENGTH."""
-    put_u16(payload, MISSION_CURRENT_SEQ, seq)
-    put_u16(payload, MISSION_CURRENT_TOTAL, total)
-    put_u8(payload, MISSION_CURRENT_MISSION_STATE, mission_state)
-    put_u8(payload, MISSION_CURRENT_MISSION_MODE, mission_mode)
+    zero = int(np.int64(0))
+    put_u16(payload, zero + MISSION_CURRENT_SEQ, seq)
+    put_u16(payload, zero + MISSION_CURRENT_TOTAL, total)
+    put_u8(payload, zero + MISSION_CURRENT_MISSION_STATE, mission_state)
+    put_u8(payload, zero + MISSION_CURRENT_MISSION_MODE, mission_mode)
     return MISSION_CURRENT_LENGTH
 
 
 @kernel
 def decode_mission_current(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a MISSION_CURRENT: seq, total, mission_state, mission_mode."""
+    zero = int(np.int64(0))
     return (
-        get_u16(payload, MISSION_CURRENT_SEQ),
-        get_u16(payload, MISSION_CURRENT_TOTAL),
-        get_u8(payload, MISSION_CURRENT_MISSION_STATE),
-        get_u8(payload, MISSION_CURRENT_MISSION_MODE),
+        get_u16(payload, zero + MISSION_CURRENT_SEQ),
+        get_u16(payload, zero + MISSION_CURRENT_TOTAL),
+        get_u8(payload, zero + MISSION_CURRENT_MISSION_STATE),
+        get_u8(payload, zero + MISSION_CURRENT_MISSION_MODE),
     )
 
 
@@ -1280,19 +1334,21 @@ MISSION_REQUEST_LIST_MISSION_TYPE = 2  # uint8_t, extension
 @kernel
 def encode_mission_request_list(payload: Bytes, target_system: int, target_component: int, mission_type: int) -> int:
     """Fill `payload` with a MISSION_REQUEST_LIST; returns MISSION_REQUEST_LIST_LENGTH."""
-    put_u8(payload, MISSION_REQUEST_LIST_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_REQUEST_LIST_TARGET_COMPONENT, target_component)
-    put_u8(payload, MISSION_REQUEST_LIST_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_REQUEST_LIST_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_REQUEST_LIST_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + MISSION_REQUEST_LIST_MISSION_TYPE, mission_type)
     return MISSION_REQUEST_LIST_LENGTH
 
 
 @kernel
 def decode_mission_request_list(payload: Bytes) -> tuple[int, int, int]:
     """The scalar fields of a MISSION_REQUEST_LIST: target_system, target_component, mission_type."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_REQUEST_LIST_TARGET_SYSTEM),
-        get_u8(payload, MISSION_REQUEST_LIST_TARGET_COMPONENT),
-        get_u8(payload, MISSION_REQUEST_LIST_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_REQUEST_LIST_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_REQUEST_LIST_TARGET_COMPONENT),
+        get_u8(payload, zero + MISSION_REQUEST_LIST_MISSION_TYPE),
     )
 
 
@@ -1311,21 +1367,23 @@ def encode_mission_count(
     payload: Bytes, target_system: int, target_component: int, count: int, mission_type: int
 ) -> int:
     """Fill `payload` with a MISSION_COUNT; returns MISSION_COUNT_LENGTH."""
-    put_u8(payload, MISSION_COUNT_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_COUNT_TARGET_COMPONENT, target_component)
-    put_u16(payload, MISSION_COUNT_COUNT, count)
-    put_u8(payload, MISSION_COUNT_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_COUNT_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_COUNT_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + MISSION_COUNT_COUNT, count)
+    put_u8(payload, zero + MISSION_COUNT_MISSION_TYPE, mission_type)
     return MISSION_COUNT_LENGTH
 
 
 @kernel
 def decode_mission_count(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a MISSION_COUNT: target_system, target_component, count, mission_type."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_COUNT_TARGET_SYSTEM),
-        get_u8(payload, MISSION_COUNT_TARGET_COMPONENT),
-        get_u16(payload, MISSION_COUNT_COUNT),
-        get_u8(payload, MISSION_COUNT_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_COUNT_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_COUNT_TARGET_COMPONENT),
+        get_u16(payload, zero + MISSION_COUNT_COUNT),
+        get_u8(payload, zero + MISSION_COUNT_MISSION_TYPE),
     )
 
 
@@ -1341,19 +1399,21 @@ MISSION_CLEAR_ALL_MISSION_TYPE = 2  # uint8_t, extension
 @kernel
 def encode_mission_clear_all(payload: Bytes, target_system: int, target_component: int, mission_type: int) -> int:
     """Fill `payload` with a MISSION_CLEAR_ALL; returns MISSION_CLEAR_ALL_LENGTH."""
-    put_u8(payload, MISSION_CLEAR_ALL_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_CLEAR_ALL_TARGET_COMPONENT, target_component)
-    put_u8(payload, MISSION_CLEAR_ALL_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_CLEAR_ALL_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_CLEAR_ALL_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + MISSION_CLEAR_ALL_MISSION_TYPE, mission_type)
     return MISSION_CLEAR_ALL_LENGTH
 
 
 @kernel
 def decode_mission_clear_all(payload: Bytes) -> tuple[int, int, int]:
     """The scalar fields of a MISSION_CLEAR_ALL: target_system, target_component, mission_type."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_CLEAR_ALL_TARGET_SYSTEM),
-        get_u8(payload, MISSION_CLEAR_ALL_TARGET_COMPONENT),
-        get_u8(payload, MISSION_CLEAR_ALL_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_CLEAR_ALL_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_CLEAR_ALL_TARGET_COMPONENT),
+        get_u8(payload, zero + MISSION_CLEAR_ALL_MISSION_TYPE),
     )
 
 
@@ -1367,14 +1427,16 @@ MISSION_ITEM_REACHED_SEQ = 0  # uint16_t
 @kernel
 def encode_mission_item_reached(payload: Bytes, seq: int) -> int:
     """Fill `payload` with a MISSION_ITEM_REACHED; returns MISSION_ITEM_REACHED_LENGTH."""
-    put_u16(payload, MISSION_ITEM_REACHED_SEQ, seq)
+    zero = int(np.int64(0))
+    put_u16(payload, zero + MISSION_ITEM_REACHED_SEQ, seq)
     return MISSION_ITEM_REACHED_LENGTH
 
 
 @kernel
 def decode_mission_item_reached(payload: Bytes) -> int:
     """The scalar fields of a MISSION_ITEM_REACHED: seq."""
-    return get_u16(payload, MISSION_ITEM_REACHED_SEQ)
+    zero = int(np.int64(0))
+    return get_u16(payload, zero + MISSION_ITEM_REACHED_SEQ)
 
 
 # -- MISSION_ACK ------------------------------------------------------------------------------------------------------
@@ -1390,21 +1452,23 @@ MISSION_ACK_MISSION_TYPE = 3  # uint8_t, extension
 @kernel
 def encode_mission_ack(payload: Bytes, target_system: int, target_component: int, type_: int, mission_type: int) -> int:
     """Fill `payload` with a MISSION_ACK; returns MISSION_ACK_LENGTH."""
-    put_u8(payload, MISSION_ACK_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_ACK_TARGET_COMPONENT, target_component)
-    put_u8(payload, MISSION_ACK_TYPE, type_)
-    put_u8(payload, MISSION_ACK_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_ACK_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_ACK_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + MISSION_ACK_TYPE, type_)
+    put_u8(payload, zero + MISSION_ACK_MISSION_TYPE, mission_type)
     return MISSION_ACK_LENGTH
 
 
 @kernel
 def decode_mission_ack(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a MISSION_ACK: target_system, target_component, type, mission_type."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_ACK_TARGET_SYSTEM),
-        get_u8(payload, MISSION_ACK_TARGET_COMPONENT),
-        get_u8(payload, MISSION_ACK_TYPE),
-        get_u8(payload, MISSION_ACK_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_ACK_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_ACK_TARGET_COMPONENT),
+        get_u8(payload, zero + MISSION_ACK_TYPE),
+        get_u8(payload, zero + MISSION_ACK_MISSION_TYPE),
     )
 
 
@@ -1424,23 +1488,25 @@ def encode_set_gps_global_origin(
     payload: Bytes, target_system: int, latitude: int, longitude: int, altitude: int, time_usec: int
 ) -> int:
     """Fill `payload` with a SET_GPS_GLOBAL_ORIGIN; returns SET_GPS_GLOBAL_ORIGIN_LENGTH."""
-    put_u8(payload, SET_GPS_GLOBAL_ORIGIN_TARGET_SYSTEM, target_system)
-    put_i32(payload, SET_GPS_GLOBAL_ORIGIN_LATITUDE, latitude)
-    put_i32(payload, SET_GPS_GLOBAL_ORIGIN_LONGITUDE, longitude)
-    put_i32(payload, SET_GPS_GLOBAL_ORIGIN_ALTITUDE, altitude)
-    put_u64(payload, SET_GPS_GLOBAL_ORIGIN_TIME_USEC, time_usec)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + SET_GPS_GLOBAL_ORIGIN_TARGET_SYSTEM, target_system)
+    put_i32(payload, zero + SET_GPS_GLOBAL_ORIGIN_LATITUDE, latitude)
+    put_i32(payload, zero + SET_GPS_GLOBAL_ORIGIN_LONGITUDE, longitude)
+    put_i32(payload, zero + SET_GPS_GLOBAL_ORIGIN_ALTITUDE, altitude)
+    put_u64(payload, zero + SET_GPS_GLOBAL_ORIGIN_TIME_USEC, time_usec)
     return SET_GPS_GLOBAL_ORIGIN_LENGTH
 
 
 @kernel
 def decode_set_gps_global_origin(payload: Bytes) -> tuple[int, int, int, int, int]:
     """The scalar fields of a SET_GPS_GLOBAL_ORIGIN: target_system, latitude, longitude, altitude, time_usec."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, SET_GPS_GLOBAL_ORIGIN_TARGET_SYSTEM),
-        get_i32(payload, SET_GPS_GLOBAL_ORIGIN_LATITUDE),
-        get_i32(payload, SET_GPS_GLOBAL_ORIGIN_LONGITUDE),
-        get_i32(payload, SET_GPS_GLOBAL_ORIGIN_ALTITUDE),
-        get_u64(payload, SET_GPS_GLOBAL_ORIGIN_TIME_USEC),
+        get_u8(payload, zero + SET_GPS_GLOBAL_ORIGIN_TARGET_SYSTEM),
+        get_i32(payload, zero + SET_GPS_GLOBAL_ORIGIN_LATITUDE),
+        get_i32(payload, zero + SET_GPS_GLOBAL_ORIGIN_LONGITUDE),
+        get_i32(payload, zero + SET_GPS_GLOBAL_ORIGIN_ALTITUDE),
+        get_u64(payload, zero + SET_GPS_GLOBAL_ORIGIN_TIME_USEC),
     )
 
 
@@ -1457,21 +1523,23 @@ GPS_GLOBAL_ORIGIN_TIME_USEC = 12  # uint64_t [us], extension
 @kernel
 def encode_gps_global_origin(payload: Bytes, latitude: int, longitude: int, altitude: int, time_usec: int) -> int:
     """Fill `payload` with a GPS_GLOBAL_ORIGIN; returns GPS_GLOBAL_ORIGIN_LENGTH."""
-    put_i32(payload, GPS_GLOBAL_ORIGIN_LATITUDE, latitude)
-    put_i32(payload, GPS_GLOBAL_ORIGIN_LONGITUDE, longitude)
-    put_i32(payload, GPS_GLOBAL_ORIGIN_ALTITUDE, altitude)
-    put_u64(payload, GPS_GLOBAL_ORIGIN_TIME_USEC, time_usec)
+    zero = int(np.int64(0))
+    put_i32(payload, zero + GPS_GLOBAL_ORIGIN_LATITUDE, latitude)
+    put_i32(payload, zero + GPS_GLOBAL_ORIGIN_LONGITUDE, longitude)
+    put_i32(payload, zero + GPS_GLOBAL_ORIGIN_ALTITUDE, altitude)
+    put_u64(payload, zero + GPS_GLOBAL_ORIGIN_TIME_USEC, time_usec)
     return GPS_GLOBAL_ORIGIN_LENGTH
 
 
 @kernel
 def decode_gps_global_origin(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a GPS_GLOBAL_ORIGIN: latitude, longitude, altitude, time_usec."""
+    zero = int(np.int64(0))
     return (
-        get_i32(payload, GPS_GLOBAL_ORIGIN_LATITUDE),
-        get_i32(payload, GPS_GLOBAL_ORIGIN_LONGITUDE),
-        get_i32(payload, GPS_GLOBAL_ORIGIN_ALTITUDE),
-        get_u64(payload, GPS_GLOBAL_ORIGIN_TIME_USEC),
+        get_i32(payload, zero + GPS_GLOBAL_ORIGIN_LATITUDE),
+        get_i32(payload, zero + GPS_GLOBAL_ORIGIN_LONGITUDE),
+        get_i32(payload, zero + GPS_GLOBAL_ORIGIN_ALTITUDE),
+        get_u64(payload, zero + GPS_GLOBAL_ORIGIN_TIME_USEC),
     )
 
 
@@ -1490,21 +1558,23 @@ def encode_mission_request_int(
     payload: Bytes, target_system: int, target_component: int, seq: int, mission_type: int
 ) -> int:
     """Fill `payload` with a MISSION_REQUEST_INT; returns MISSION_REQUEST_INT_LENGTH."""
-    put_u8(payload, MISSION_REQUEST_INT_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_REQUEST_INT_TARGET_COMPONENT, target_component)
-    put_u16(payload, MISSION_REQUEST_INT_SEQ, seq)
-    put_u8(payload, MISSION_REQUEST_INT_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_REQUEST_INT_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_REQUEST_INT_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + MISSION_REQUEST_INT_SEQ, seq)
+    put_u8(payload, zero + MISSION_REQUEST_INT_MISSION_TYPE, mission_type)
     return MISSION_REQUEST_INT_LENGTH
 
 
 @kernel
 def decode_mission_request_int(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a MISSION_REQUEST_INT: target_system, target_component, seq, mission_type."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_REQUEST_INT_TARGET_SYSTEM),
-        get_u8(payload, MISSION_REQUEST_INT_TARGET_COMPONENT),
-        get_u16(payload, MISSION_REQUEST_INT_SEQ),
-        get_u8(payload, MISSION_REQUEST_INT_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_REQUEST_INT_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_REQUEST_INT_TARGET_COMPONENT),
+        get_u16(payload, zero + MISSION_REQUEST_INT_SEQ),
+        get_u8(payload, zero + MISSION_REQUEST_INT_MISSION_TYPE),
     )
 
 
@@ -1535,14 +1605,15 @@ def encode_nav_controller_output(
     xtrack_error: float,
 ) -> int:
     """Fill `payload` with a NAV_CONTROLLER_OUTPUT; returns NAV_CONTROLLER_OUTPUT_LENGTH."""
-    put_f32(payload, NAV_CONTROLLER_OUTPUT_NAV_ROLL, nav_roll)
-    put_f32(payload, NAV_CONTROLLER_OUTPUT_NAV_PITCH, nav_pitch)
-    put_i16(payload, NAV_CONTROLLER_OUTPUT_NAV_BEARING, nav_bearing)
-    put_i16(payload, NAV_CONTROLLER_OUTPUT_TARGET_BEARING, target_bearing)
-    put_u16(payload, NAV_CONTROLLER_OUTPUT_WP_DIST, wp_dist)
-    put_f32(payload, NAV_CONTROLLER_OUTPUT_ALT_ERROR, alt_error)
-    put_f32(payload, NAV_CONTROLLER_OUTPUT_ASPD_ERROR, aspd_error)
-    put_f32(payload, NAV_CONTROLLER_OUTPUT_XTRACK_ERROR, xtrack_error)
+    zero = int(np.int64(0))
+    put_f32(payload, zero + NAV_CONTROLLER_OUTPUT_NAV_ROLL, nav_roll)
+    put_f32(payload, zero + NAV_CONTROLLER_OUTPUT_NAV_PITCH, nav_pitch)
+    put_i16(payload, zero + NAV_CONTROLLER_OUTPUT_NAV_BEARING, nav_bearing)
+    put_i16(payload, zero + NAV_CONTROLLER_OUTPUT_TARGET_BEARING, target_bearing)
+    put_u16(payload, zero + NAV_CONTROLLER_OUTPUT_WP_DIST, wp_dist)
+    put_f32(payload, zero + NAV_CONTROLLER_OUTPUT_ALT_ERROR, alt_error)
+    put_f32(payload, zero + NAV_CONTROLLER_OUTPUT_ASPD_ERROR, aspd_error)
+    put_f32(payload, zero + NAV_CONTROLLER_OUTPUT_XTRACK_ERROR, xtrack_error)
     return NAV_CONTROLLER_OUTPUT_LENGTH
 
 
@@ -1552,15 +1623,16 @@ def decode_nav_controller_output(payload: Bytes) -> tuple[float, float, int, int
 
     nav_roll, nav_pitch, nav_bearing, target_bearing, wp_dist, alt_error, aspd_error, xtrack_error.
     """
+    zero = int(np.int64(0))
     return (
-        get_f32(payload, NAV_CONTROLLER_OUTPUT_NAV_ROLL),
-        get_f32(payload, NAV_CONTROLLER_OUTPUT_NAV_PITCH),
-        get_i16(payload, NAV_CONTROLLER_OUTPUT_NAV_BEARING),
-        get_i16(payload, NAV_CONTROLLER_OUTPUT_TARGET_BEARING),
-        get_u16(payload, NAV_CONTROLLER_OUTPUT_WP_DIST),
-        get_f32(payload, NAV_CONTROLLER_OUTPUT_ALT_ERROR),
-        get_f32(payload, NAV_CONTROLLER_OUTPUT_ASPD_ERROR),
-        get_f32(payload, NAV_CONTROLLER_OUTPUT_XTRACK_ERROR),
+        get_f32(payload, zero + NAV_CONTROLLER_OUTPUT_NAV_ROLL),
+        get_f32(payload, zero + NAV_CONTROLLER_OUTPUT_NAV_PITCH),
+        get_i16(payload, zero + NAV_CONTROLLER_OUTPUT_NAV_BEARING),
+        get_i16(payload, zero + NAV_CONTROLLER_OUTPUT_TARGET_BEARING),
+        get_u16(payload, zero + NAV_CONTROLLER_OUTPUT_WP_DIST),
+        get_f32(payload, zero + NAV_CONTROLLER_OUTPUT_ALT_ERROR),
+        get_f32(payload, zero + NAV_CONTROLLER_OUTPUT_ASPD_ERROR),
+        get_f32(payload, zero + NAV_CONTROLLER_OUTPUT_XTRACK_ERROR),
     )
 
 
@@ -1617,27 +1689,28 @@ def encode_rc_channels(
     rssi: int,
 ) -> int:
     """Fill `payload` with an RC_CHANNELS; returns RC_CHANNELS_LENGTH."""
-    put_u32(payload, RC_CHANNELS_TIME_BOOT_MS, time_boot_ms)
-    put_u8(payload, RC_CHANNELS_CHANCOUNT, chancount)
-    put_u16(payload, RC_CHANNELS_CHAN1_RAW, chan1_raw)
-    put_u16(payload, RC_CHANNELS_CHAN2_RAW, chan2_raw)
-    put_u16(payload, RC_CHANNELS_CHAN3_RAW, chan3_raw)
-    put_u16(payload, RC_CHANNELS_CHAN4_RAW, chan4_raw)
-    put_u16(payload, RC_CHANNELS_CHAN5_RAW, chan5_raw)
-    put_u16(payload, RC_CHANNELS_CHAN6_RAW, chan6_raw)
-    put_u16(payload, RC_CHANNELS_CHAN7_RAW, chan7_raw)
-    put_u16(payload, RC_CHANNELS_CHAN8_RAW, chan8_raw)
-    put_u16(payload, RC_CHANNELS_CHAN9_RAW, chan9_raw)
-    put_u16(payload, RC_CHANNELS_CHAN10_RAW, chan10_raw)
-    put_u16(payload, RC_CHANNELS_CHAN11_RAW, chan11_raw)
-    put_u16(payload, RC_CHANNELS_CHAN12_RAW, chan12_raw)
-    put_u16(payload, RC_CHANNELS_CHAN13_RAW, chan13_raw)
-    put_u16(payload, RC_CHANNELS_CHAN14_RAW, chan14_raw)
-    put_u16(payload, RC_CHANNELS_CHAN15_RAW, chan15_raw)
-    put_u16(payload, RC_CHANNELS_CHAN16_RAW, chan16_raw)
-    put_u16(payload, RC_CHANNELS_CHAN17_RAW, chan17_raw)
-    put_u16(payload, RC_CHANNELS_CHAN18_RAW, chan18_raw)
-    put_u8(payload, RC_CHANNELS_RSSI, rssi)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + RC_CHANNELS_TIME_BOOT_MS, time_boot_ms)
+    put_u8(payload, zero + RC_CHANNELS_CHANCOUNT, chancount)
+    put_u16(payload, zero + RC_CHANNELS_CHAN1_RAW, chan1_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN2_RAW, chan2_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN3_RAW, chan3_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN4_RAW, chan4_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN5_RAW, chan5_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN6_RAW, chan6_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN7_RAW, chan7_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN8_RAW, chan8_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN9_RAW, chan9_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN10_RAW, chan10_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN11_RAW, chan11_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN12_RAW, chan12_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN13_RAW, chan13_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN14_RAW, chan14_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN15_RAW, chan15_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN16_RAW, chan16_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN17_RAW, chan17_raw)
+    put_u16(payload, zero + RC_CHANNELS_CHAN18_RAW, chan18_raw)
+    put_u8(payload, zero + RC_CHANNELS_RSSI, rssi)
     return RC_CHANNELS_LENGTH
 
 
@@ -1651,28 +1724,29 @@ def decode_rc_channels(
     chan9_raw, chan10_raw, chan11_raw, chan12_raw, chan13_raw, chan14_raw, chan15_raw, chan16_raw, chan17_raw,
     chan18_raw, rssi.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, RC_CHANNELS_TIME_BOOT_MS),
-        get_u8(payload, RC_CHANNELS_CHANCOUNT),
-        get_u16(payload, RC_CHANNELS_CHAN1_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN2_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN3_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN4_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN5_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN6_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN7_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN8_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN9_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN10_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN11_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN12_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN13_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN14_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN15_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN16_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN17_RAW),
-        get_u16(payload, RC_CHANNELS_CHAN18_RAW),
-        get_u8(payload, RC_CHANNELS_RSSI),
+        get_u32(payload, zero + RC_CHANNELS_TIME_BOOT_MS),
+        get_u8(payload, zero + RC_CHANNELS_CHANCOUNT),
+        get_u16(payload, zero + RC_CHANNELS_CHAN1_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN2_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN3_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN4_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN5_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN6_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN7_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN8_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN9_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN10_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN11_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN12_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN13_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN14_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN15_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN16_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN17_RAW),
+        get_u16(payload, zero + RC_CHANNELS_CHAN18_RAW),
+        get_u8(payload, zero + RC_CHANNELS_RSSI),
     )
 
 
@@ -1697,11 +1771,12 @@ def encode_request_data_stream(
     start_stop: int,
 ) -> int:
     """Fill `payload` with a REQUEST_DATA_STREAM; returns REQUEST_DATA_STREAM_LENGTH."""
-    put_u8(payload, REQUEST_DATA_STREAM_TARGET_SYSTEM, target_system)
-    put_u8(payload, REQUEST_DATA_STREAM_TARGET_COMPONENT, target_component)
-    put_u8(payload, REQUEST_DATA_STREAM_REQ_STREAM_ID, req_stream_id)
-    put_u16(payload, REQUEST_DATA_STREAM_REQ_MESSAGE_RATE, req_message_rate)
-    put_u8(payload, REQUEST_DATA_STREAM_START_STOP, start_stop)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + REQUEST_DATA_STREAM_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + REQUEST_DATA_STREAM_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + REQUEST_DATA_STREAM_REQ_STREAM_ID, req_stream_id)
+    put_u16(payload, zero + REQUEST_DATA_STREAM_REQ_MESSAGE_RATE, req_message_rate)
+    put_u8(payload, zero + REQUEST_DATA_STREAM_START_STOP, start_stop)
     return REQUEST_DATA_STREAM_LENGTH
 
 
@@ -1711,12 +1786,13 @@ def decode_request_data_stream(payload: Bytes) -> tuple[int, int, int, int, int]
 
     target_system, target_component, req_stream_id, req_message_rate, start_stop.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, REQUEST_DATA_STREAM_TARGET_SYSTEM),
-        get_u8(payload, REQUEST_DATA_STREAM_TARGET_COMPONENT),
-        get_u8(payload, REQUEST_DATA_STREAM_REQ_STREAM_ID),
-        get_u16(payload, REQUEST_DATA_STREAM_REQ_MESSAGE_RATE),
-        get_u8(payload, REQUEST_DATA_STREAM_START_STOP),
+        get_u8(payload, zero + REQUEST_DATA_STREAM_TARGET_SYSTEM),
+        get_u8(payload, zero + REQUEST_DATA_STREAM_TARGET_COMPONENT),
+        get_u8(payload, zero + REQUEST_DATA_STREAM_REQ_STREAM_ID),
+        get_u16(payload, zero + REQUEST_DATA_STREAM_REQ_MESSAGE_RATE),
+        get_u8(payload, zero + REQUEST_DATA_STREAM_START_STOP),
     )
 
 
@@ -1763,22 +1839,23 @@ def encode_manual_control(
     aux6: int,
 ) -> int:
     """Fill `payload` with a MANUAL_CONTROL; returns MANUAL_CONTROL_LENGTH."""
-    put_u8(payload, MANUAL_CONTROL_TARGET, target)
-    put_i16(payload, MANUAL_CONTROL_X, x)
-    put_i16(payload, MANUAL_CONTROL_Y, y)
-    put_i16(payload, MANUAL_CONTROL_Z, z)
-    put_i16(payload, MANUAL_CONTROL_R, r)
-    put_u16(payload, MANUAL_CONTROL_BUTTONS, buttons)
-    put_u16(payload, MANUAL_CONTROL_BUTTONS2, buttons2)
-    put_u8(payload, MANUAL_CONTROL_ENABLED_EXTENSIONS, enabled_extensions)
-    put_i16(payload, MANUAL_CONTROL_S, s)
-    put_i16(payload, MANUAL_CONTROL_T, t)
-    put_i16(payload, MANUAL_CONTROL_AUX1, aux1)
-    put_i16(payload, MANUAL_CONTROL_AUX2, aux2)
-    put_i16(payload, MANUAL_CONTROL_AUX3, aux3)
-    put_i16(payload, MANUAL_CONTROL_AUX4, aux4)
-    put_i16(payload, MANUAL_CONTROL_AUX5, aux5)
-    put_i16(payload, MANUAL_CONTROL_AUX6, aux6)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MANUAL_CONTROL_TARGET, target)
+    put_i16(payload, zero + MANUAL_CONTROL_X, x)
+    put_i16(payload, zero + MANUAL_CONTROL_Y, y)
+    put_i16(payload, zero + MANUAL_CONTROL_Z, z)
+    put_i16(payload, zero + MANUAL_CONTROL_R, r)
+    put_u16(payload, zero + MANUAL_CONTROL_BUTTONS, buttons)
+    put_u16(payload, zero + MANUAL_CONTROL_BUTTONS2, buttons2)
+    put_u8(payload, zero + MANUAL_CONTROL_ENABLED_EXTENSIONS, enabled_extensions)
+    put_i16(payload, zero + MANUAL_CONTROL_S, s)
+    put_i16(payload, zero + MANUAL_CONTROL_T, t)
+    put_i16(payload, zero + MANUAL_CONTROL_AUX1, aux1)
+    put_i16(payload, zero + MANUAL_CONTROL_AUX2, aux2)
+    put_i16(payload, zero + MANUAL_CONTROL_AUX3, aux3)
+    put_i16(payload, zero + MANUAL_CONTROL_AUX4, aux4)
+    put_i16(payload, zero + MANUAL_CONTROL_AUX5, aux5)
+    put_i16(payload, zero + MANUAL_CONTROL_AUX6, aux6)
     return MANUAL_CONTROL_LENGTH
 
 
@@ -1790,23 +1867,24 @@ def decode_manual_control(
 
     target, x, y, z, r, buttons, buttons2, enabled_extensions, s, t, aux1, aux2, aux3, aux4, aux5, aux6.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MANUAL_CONTROL_TARGET),
-        get_i16(payload, MANUAL_CONTROL_X),
-        get_i16(payload, MANUAL_CONTROL_Y),
-        get_i16(payload, MANUAL_CONTROL_Z),
-        get_i16(payload, MANUAL_CONTROL_R),
-        get_u16(payload, MANUAL_CONTROL_BUTTONS),
-        get_u16(payload, MANUAL_CONTROL_BUTTONS2),
-        get_u8(payload, MANUAL_CONTROL_ENABLED_EXTENSIONS),
-        get_i16(payload, MANUAL_CONTROL_S),
-        get_i16(payload, MANUAL_CONTROL_T),
-        get_i16(payload, MANUAL_CONTROL_AUX1),
-        get_i16(payload, MANUAL_CONTROL_AUX2),
-        get_i16(payload, MANUAL_CONTROL_AUX3),
-        get_i16(payload, MANUAL_CONTROL_AUX4),
-        get_i16(payload, MANUAL_CONTROL_AUX5),
-        get_i16(payload, MANUAL_CONTROL_AUX6),
+        get_u8(payload, zero + MANUAL_CONTROL_TARGET),
+        get_i16(payload, zero + MANUAL_CONTROL_X),
+        get_i16(payload, zero + MANUAL_CONTROL_Y),
+        get_i16(payload, zero + MANUAL_CONTROL_Z),
+        get_i16(payload, zero + MANUAL_CONTROL_R),
+        get_u16(payload, zero + MANUAL_CONTROL_BUTTONS),
+        get_u16(payload, zero + MANUAL_CONTROL_BUTTONS2),
+        get_u8(payload, zero + MANUAL_CONTROL_ENABLED_EXTENSIONS),
+        get_i16(payload, zero + MANUAL_CONTROL_S),
+        get_i16(payload, zero + MANUAL_CONTROL_T),
+        get_i16(payload, zero + MANUAL_CONTROL_AUX1),
+        get_i16(payload, zero + MANUAL_CONTROL_AUX2),
+        get_i16(payload, zero + MANUAL_CONTROL_AUX3),
+        get_i16(payload, zero + MANUAL_CONTROL_AUX4),
+        get_i16(payload, zero + MANUAL_CONTROL_AUX5),
+        get_i16(payload, zero + MANUAL_CONTROL_AUX6),
     )
 
 
@@ -1861,26 +1939,27 @@ def encode_rc_channels_override(
     chan18_raw: int,
 ) -> int:
     """Fill `payload` with an RC_CHANNELS_OVERRIDE; returns RC_CHANNELS_OVERRIDE_LENGTH."""
-    put_u8(payload, RC_CHANNELS_OVERRIDE_TARGET_SYSTEM, target_system)
-    put_u8(payload, RC_CHANNELS_OVERRIDE_TARGET_COMPONENT, target_component)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN1_RAW, chan1_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN2_RAW, chan2_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN3_RAW, chan3_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN4_RAW, chan4_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN5_RAW, chan5_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN6_RAW, chan6_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN7_RAW, chan7_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN8_RAW, chan8_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN9_RAW, chan9_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN10_RAW, chan10_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN11_RAW, chan11_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN12_RAW, chan12_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN13_RAW, chan13_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN14_RAW, chan14_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN15_RAW, chan15_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN16_RAW, chan16_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN17_RAW, chan17_raw)
-    put_u16(payload, RC_CHANNELS_OVERRIDE_CHAN18_RAW, chan18_raw)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + RC_CHANNELS_OVERRIDE_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + RC_CHANNELS_OVERRIDE_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN1_RAW, chan1_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN2_RAW, chan2_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN3_RAW, chan3_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN4_RAW, chan4_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN5_RAW, chan5_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN6_RAW, chan6_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN7_RAW, chan7_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN8_RAW, chan8_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN9_RAW, chan9_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN10_RAW, chan10_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN11_RAW, chan11_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN12_RAW, chan12_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN13_RAW, chan13_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN14_RAW, chan14_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN15_RAW, chan15_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN16_RAW, chan16_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN17_RAW, chan17_raw)
+    put_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN18_RAW, chan18_raw)
     return RC_CHANNELS_OVERRIDE_LENGTH
 
 
@@ -1894,27 +1973,28 @@ def decode_rc_channels_override(
     chan8_raw, chan9_raw, chan10_raw, chan11_raw, chan12_raw, chan13_raw, chan14_raw, chan15_raw, chan16_raw,
     chan17_raw, chan18_raw.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, RC_CHANNELS_OVERRIDE_TARGET_SYSTEM),
-        get_u8(payload, RC_CHANNELS_OVERRIDE_TARGET_COMPONENT),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN1_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN2_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN3_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN4_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN5_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN6_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN7_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN8_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN9_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN10_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN11_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN12_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN13_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN14_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN15_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN16_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN17_RAW),
-        get_u16(payload, RC_CHANNELS_OVERRIDE_CHAN18_RAW),
+        get_u8(payload, zero + RC_CHANNELS_OVERRIDE_TARGET_SYSTEM),
+        get_u8(payload, zero + RC_CHANNELS_OVERRIDE_TARGET_COMPONENT),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN1_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN2_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN3_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN4_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN5_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN6_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN7_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN8_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN9_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN10_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN11_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN12_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN13_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN14_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN15_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN16_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN17_RAW),
+        get_u16(payload, zero + RC_CHANNELS_OVERRIDE_CHAN18_RAW),
     )
 
 
@@ -1959,21 +2039,22 @@ def encode_mission_item_int(
     mission_type: int,
 ) -> int:
     """Fill `payload` with a MISSION_ITEM_INT; returns MISSION_ITEM_INT_LENGTH."""
-    put_u8(payload, MISSION_ITEM_INT_TARGET_SYSTEM, target_system)
-    put_u8(payload, MISSION_ITEM_INT_TARGET_COMPONENT, target_component)
-    put_u16(payload, MISSION_ITEM_INT_SEQ, seq)
-    put_u8(payload, MISSION_ITEM_INT_FRAME, frame)
-    put_u16(payload, MISSION_ITEM_INT_COMMAND, command)
-    put_u8(payload, MISSION_ITEM_INT_CURRENT, current)
-    put_u8(payload, MISSION_ITEM_INT_AUTOCONTINUE, autocontinue)
-    put_f32(payload, MISSION_ITEM_INT_PARAM1, param1)
-    put_f32(payload, MISSION_ITEM_INT_PARAM2, param2)
-    put_f32(payload, MISSION_ITEM_INT_PARAM3, param3)
-    put_f32(payload, MISSION_ITEM_INT_PARAM4, param4)
-    put_i32(payload, MISSION_ITEM_INT_X, x)
-    put_i32(payload, MISSION_ITEM_INT_Y, y)
-    put_f32(payload, MISSION_ITEM_INT_Z, z)
-    put_u8(payload, MISSION_ITEM_INT_MISSION_TYPE, mission_type)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + MISSION_ITEM_INT_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + MISSION_ITEM_INT_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + MISSION_ITEM_INT_SEQ, seq)
+    put_u8(payload, zero + MISSION_ITEM_INT_FRAME, frame)
+    put_u16(payload, zero + MISSION_ITEM_INT_COMMAND, command)
+    put_u8(payload, zero + MISSION_ITEM_INT_CURRENT, current)
+    put_u8(payload, zero + MISSION_ITEM_INT_AUTOCONTINUE, autocontinue)
+    put_f32(payload, zero + MISSION_ITEM_INT_PARAM1, param1)
+    put_f32(payload, zero + MISSION_ITEM_INT_PARAM2, param2)
+    put_f32(payload, zero + MISSION_ITEM_INT_PARAM3, param3)
+    put_f32(payload, zero + MISSION_ITEM_INT_PARAM4, param4)
+    put_i32(payload, zero + MISSION_ITEM_INT_X, x)
+    put_i32(payload, zero + MISSION_ITEM_INT_Y, y)
+    put_f32(payload, zero + MISSION_ITEM_INT_Z, z)
+    put_u8(payload, zero + MISSION_ITEM_INT_MISSION_TYPE, mission_type)
     return MISSION_ITEM_INT_LENGTH
 
 
@@ -1986,22 +2067,23 @@ def decode_mission_item_int(
     target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y,
     z, mission_type.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, MISSION_ITEM_INT_TARGET_SYSTEM),
-        get_u8(payload, MISSION_ITEM_INT_TARGET_COMPONENT),
-        get_u16(payload, MISSION_ITEM_INT_SEQ),
-        get_u8(payload, MISSION_ITEM_INT_FRAME),
-        get_u16(payload, MISSION_ITEM_INT_COMMAND),
-        get_u8(payload, MISSION_ITEM_INT_CURRENT),
-        get_u8(payload, MISSION_ITEM_INT_AUTOCONTINUE),
-        get_f32(payload, MISSION_ITEM_INT_PARAM1),
-        get_f32(payload, MISSION_ITEM_INT_PARAM2),
-        get_f32(payload, MISSION_ITEM_INT_PARAM3),
-        get_f32(payload, MISSION_ITEM_INT_PARAM4),
-        get_i32(payload, MISSION_ITEM_INT_X),
-        get_i32(payload, MISSION_ITEM_INT_Y),
-        get_f32(payload, MISSION_ITEM_INT_Z),
-        get_u8(payload, MISSION_ITEM_INT_MISSION_TYPE),
+        get_u8(payload, zero + MISSION_ITEM_INT_TARGET_SYSTEM),
+        get_u8(payload, zero + MISSION_ITEM_INT_TARGET_COMPONENT),
+        get_u16(payload, zero + MISSION_ITEM_INT_SEQ),
+        get_u8(payload, zero + MISSION_ITEM_INT_FRAME),
+        get_u16(payload, zero + MISSION_ITEM_INT_COMMAND),
+        get_u8(payload, zero + MISSION_ITEM_INT_CURRENT),
+        get_u8(payload, zero + MISSION_ITEM_INT_AUTOCONTINUE),
+        get_f32(payload, zero + MISSION_ITEM_INT_PARAM1),
+        get_f32(payload, zero + MISSION_ITEM_INT_PARAM2),
+        get_f32(payload, zero + MISSION_ITEM_INT_PARAM3),
+        get_f32(payload, zero + MISSION_ITEM_INT_PARAM4),
+        get_i32(payload, zero + MISSION_ITEM_INT_X),
+        get_i32(payload, zero + MISSION_ITEM_INT_Y),
+        get_f32(payload, zero + MISSION_ITEM_INT_Z),
+        get_u8(payload, zero + MISSION_ITEM_INT_MISSION_TYPE),
     )
 
 
@@ -2022,25 +2104,27 @@ def encode_vfr_hud(
     payload: Bytes, airspeed: float, groundspeed: float, heading: int, throttle: int, alt: float, climb: float
 ) -> int:
     """Fill `payload` with a VFR_HUD; returns VFR_HUD_LENGTH."""
-    put_f32(payload, VFR_HUD_AIRSPEED, airspeed)
-    put_f32(payload, VFR_HUD_GROUNDSPEED, groundspeed)
-    put_i16(payload, VFR_HUD_HEADING, heading)
-    put_u16(payload, VFR_HUD_THROTTLE, throttle)
-    put_f32(payload, VFR_HUD_ALT, alt)
-    put_f32(payload, VFR_HUD_CLIMB, climb)
+    zero = int(np.int64(0))
+    put_f32(payload, zero + VFR_HUD_AIRSPEED, airspeed)
+    put_f32(payload, zero + VFR_HUD_GROUNDSPEED, groundspeed)
+    put_i16(payload, zero + VFR_HUD_HEADING, heading)
+    put_u16(payload, zero + VFR_HUD_THROTTLE, throttle)
+    put_f32(payload, zero + VFR_HUD_ALT, alt)
+    put_f32(payload, zero + VFR_HUD_CLIMB, climb)
     return VFR_HUD_LENGTH
 
 
 @kernel
 def decode_vfr_hud(payload: Bytes) -> tuple[float, float, int, int, float, float]:
     """The scalar fields of a VFR_HUD: airspeed, groundspeed, heading, throttle, alt, climb."""
+    zero = int(np.int64(0))
     return (
-        get_f32(payload, VFR_HUD_AIRSPEED),
-        get_f32(payload, VFR_HUD_GROUNDSPEED),
-        get_i16(payload, VFR_HUD_HEADING),
-        get_u16(payload, VFR_HUD_THROTTLE),
-        get_f32(payload, VFR_HUD_ALT),
-        get_f32(payload, VFR_HUD_CLIMB),
+        get_f32(payload, zero + VFR_HUD_AIRSPEED),
+        get_f32(payload, zero + VFR_HUD_GROUNDSPEED),
+        get_i16(payload, zero + VFR_HUD_HEADING),
+        get_u16(payload, zero + VFR_HUD_THROTTLE),
+        get_f32(payload, zero + VFR_HUD_ALT),
+        get_f32(payload, zero + VFR_HUD_CLIMB),
     )
 
 
@@ -2081,19 +2165,20 @@ def encode_command_int(
     z: float,
 ) -> int:
     """Fill `payload` with a COMMAND_INT; returns COMMAND_INT_LENGTH."""
-    put_u8(payload, COMMAND_INT_TARGET_SYSTEM, target_system)
-    put_u8(payload, COMMAND_INT_TARGET_COMPONENT, target_component)
-    put_u8(payload, COMMAND_INT_FRAME, frame)
-    put_u16(payload, COMMAND_INT_COMMAND, command)
-    put_u8(payload, COMMAND_INT_CURRENT, current)
-    put_u8(payload, COMMAND_INT_AUTOCONTINUE, autocontinue)
-    put_f32(payload, COMMAND_INT_PARAM1, param1)
-    put_f32(payload, COMMAND_INT_PARAM2, param2)
-    put_f32(payload, COMMAND_INT_PARAM3, param3)
-    put_f32(payload, COMMAND_INT_PARAM4, param4)
-    put_i32(payload, COMMAND_INT_X, x)
-    put_i32(payload, COMMAND_INT_Y, y)
-    put_f32(payload, COMMAND_INT_Z, z)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + COMMAND_INT_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + COMMAND_INT_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + COMMAND_INT_FRAME, frame)
+    put_u16(payload, zero + COMMAND_INT_COMMAND, command)
+    put_u8(payload, zero + COMMAND_INT_CURRENT, current)
+    put_u8(payload, zero + COMMAND_INT_AUTOCONTINUE, autocontinue)
+    put_f32(payload, zero + COMMAND_INT_PARAM1, param1)
+    put_f32(payload, zero + COMMAND_INT_PARAM2, param2)
+    put_f32(payload, zero + COMMAND_INT_PARAM3, param3)
+    put_f32(payload, zero + COMMAND_INT_PARAM4, param4)
+    put_i32(payload, zero + COMMAND_INT_X, x)
+    put_i32(payload, zero + COMMAND_INT_Y, y)
+    put_f32(payload, zero + COMMAND_INT_Z, z)
     return COMMAND_INT_LENGTH
 
 
@@ -2105,20 +2190,21 @@ def decode_command_int(
 
     target_system, target_component, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, COMMAND_INT_TARGET_SYSTEM),
-        get_u8(payload, COMMAND_INT_TARGET_COMPONENT),
-        get_u8(payload, COMMAND_INT_FRAME),
-        get_u16(payload, COMMAND_INT_COMMAND),
-        get_u8(payload, COMMAND_INT_CURRENT),
-        get_u8(payload, COMMAND_INT_AUTOCONTINUE),
-        get_f32(payload, COMMAND_INT_PARAM1),
-        get_f32(payload, COMMAND_INT_PARAM2),
-        get_f32(payload, COMMAND_INT_PARAM3),
-        get_f32(payload, COMMAND_INT_PARAM4),
-        get_i32(payload, COMMAND_INT_X),
-        get_i32(payload, COMMAND_INT_Y),
-        get_f32(payload, COMMAND_INT_Z),
+        get_u8(payload, zero + COMMAND_INT_TARGET_SYSTEM),
+        get_u8(payload, zero + COMMAND_INT_TARGET_COMPONENT),
+        get_u8(payload, zero + COMMAND_INT_FRAME),
+        get_u16(payload, zero + COMMAND_INT_COMMAND),
+        get_u8(payload, zero + COMMAND_INT_CURRENT),
+        get_u8(payload, zero + COMMAND_INT_AUTOCONTINUE),
+        get_f32(payload, zero + COMMAND_INT_PARAM1),
+        get_f32(payload, zero + COMMAND_INT_PARAM2),
+        get_f32(payload, zero + COMMAND_INT_PARAM3),
+        get_f32(payload, zero + COMMAND_INT_PARAM4),
+        get_i32(payload, zero + COMMAND_INT_X),
+        get_i32(payload, zero + COMMAND_INT_Y),
+        get_f32(payload, zero + COMMAND_INT_Z),
     )
 
 
@@ -2155,17 +2241,18 @@ def encode_command_long(
     param7: float,
 ) -> int:
     """Fill `payload` with a COMMAND_LONG; returns COMMAND_LONG_LENGTH."""
-    put_u8(payload, COMMAND_LONG_TARGET_SYSTEM, target_system)
-    put_u8(payload, COMMAND_LONG_TARGET_COMPONENT, target_component)
-    put_u16(payload, COMMAND_LONG_COMMAND, command)
-    put_u8(payload, COMMAND_LONG_CONFIRMATION, confirmation)
-    put_f32(payload, COMMAND_LONG_PARAM1, param1)
-    put_f32(payload, COMMAND_LONG_PARAM2, param2)
-    put_f32(payload, COMMAND_LONG_PARAM3, param3)
-    put_f32(payload, COMMAND_LONG_PARAM4, param4)
-    put_f32(payload, COMMAND_LONG_PARAM5, param5)
-    put_f32(payload, COMMAND_LONG_PARAM6, param6)
-    put_f32(payload, COMMAND_LONG_PARAM7, param7)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + COMMAND_LONG_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + COMMAND_LONG_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + COMMAND_LONG_COMMAND, command)
+    put_u8(payload, zero + COMMAND_LONG_CONFIRMATION, confirmation)
+    put_f32(payload, zero + COMMAND_LONG_PARAM1, param1)
+    put_f32(payload, zero + COMMAND_LONG_PARAM2, param2)
+    put_f32(payload, zero + COMMAND_LONG_PARAM3, param3)
+    put_f32(payload, zero + COMMAND_LONG_PARAM4, param4)
+    put_f32(payload, zero + COMMAND_LONG_PARAM5, param5)
+    put_f32(payload, zero + COMMAND_LONG_PARAM6, param6)
+    put_f32(payload, zero + COMMAND_LONG_PARAM7, param7)
     return COMMAND_LONG_LENGTH
 
 
@@ -2175,18 +2262,19 @@ def decode_command_long(payload: Bytes) -> tuple[int, int, int, int, float, floa
 
     target_system, target_component, command, confirmation, param1, param2, param3, param4, param5, param6, param7.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, COMMAND_LONG_TARGET_SYSTEM),
-        get_u8(payload, COMMAND_LONG_TARGET_COMPONENT),
-        get_u16(payload, COMMAND_LONG_COMMAND),
-        get_u8(payload, COMMAND_LONG_CONFIRMATION),
-        get_f32(payload, COMMAND_LONG_PARAM1),
-        get_f32(payload, COMMAND_LONG_PARAM2),
-        get_f32(payload, COMMAND_LONG_PARAM3),
-        get_f32(payload, COMMAND_LONG_PARAM4),
-        get_f32(payload, COMMAND_LONG_PARAM5),
-        get_f32(payload, COMMAND_LONG_PARAM6),
-        get_f32(payload, COMMAND_LONG_PARAM7),
+        get_u8(payload, zero + COMMAND_LONG_TARGET_SYSTEM),
+        get_u8(payload, zero + COMMAND_LONG_TARGET_COMPONENT),
+        get_u16(payload, zero + COMMAND_LONG_COMMAND),
+        get_u8(payload, zero + COMMAND_LONG_CONFIRMATION),
+        get_f32(payload, zero + COMMAND_LONG_PARAM1),
+        get_f32(payload, zero + COMMAND_LONG_PARAM2),
+        get_f32(payload, zero + COMMAND_LONG_PARAM3),
+        get_f32(payload, zero + COMMAND_LONG_PARAM4),
+        get_f32(payload, zero + COMMAND_LONG_PARAM5),
+        get_f32(payload, zero + COMMAND_LONG_PARAM6),
+        get_f32(payload, zero + COMMAND_LONG_PARAM7),
     )
 
 
@@ -2213,25 +2301,27 @@ def encode_command_ack(
     target_component: int,
 ) -> int:
     """Fill `payload` with a COMMAND_ACK; returns COMMAND_ACK_LENGTH."""
-    put_u16(payload, COMMAND_ACK_COMMAND, command)
-    put_u8(payload, COMMAND_ACK_RESULT, result)
-    put_u8(payload, COMMAND_ACK_PROGRESS, progress)
-    put_i32(payload, COMMAND_ACK_RESULT_PARAM2, result_param2)
-    put_u8(payload, COMMAND_ACK_TARGET_SYSTEM, target_system)
-    put_u8(payload, COMMAND_ACK_TARGET_COMPONENT, target_component)
+    zero = int(np.int64(0))
+    put_u16(payload, zero + COMMAND_ACK_COMMAND, command)
+    put_u8(payload, zero + COMMAND_ACK_RESULT, result)
+    put_u8(payload, zero + COMMAND_ACK_PROGRESS, progress)
+    put_i32(payload, zero + COMMAND_ACK_RESULT_PARAM2, result_param2)
+    put_u8(payload, zero + COMMAND_ACK_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + COMMAND_ACK_TARGET_COMPONENT, target_component)
     return COMMAND_ACK_LENGTH
 
 
 @kernel
 def decode_command_ack(payload: Bytes) -> tuple[int, int, int, int, int, int]:
     """The scalar fields of a COMMAND_ACK: command, result, progress, result_param2, target_system, target_component."""
+    zero = int(np.int64(0))
     return (
-        get_u16(payload, COMMAND_ACK_COMMAND),
-        get_u8(payload, COMMAND_ACK_RESULT),
-        get_u8(payload, COMMAND_ACK_PROGRESS),
-        get_i32(payload, COMMAND_ACK_RESULT_PARAM2),
-        get_u8(payload, COMMAND_ACK_TARGET_SYSTEM),
-        get_u8(payload, COMMAND_ACK_TARGET_COMPONENT),
+        get_u16(payload, zero + COMMAND_ACK_COMMAND),
+        get_u8(payload, zero + COMMAND_ACK_RESULT),
+        get_u8(payload, zero + COMMAND_ACK_PROGRESS),
+        get_i32(payload, zero + COMMAND_ACK_RESULT_PARAM2),
+        get_u8(payload, zero + COMMAND_ACK_TARGET_SYSTEM),
+        get_u8(payload, zero + COMMAND_ACK_TARGET_COMPONENT),
     )
 
 
@@ -2263,15 +2353,16 @@ def encode_set_attitude_target(
     thrust: float,
 ) -> int:
     """Fill `payload` with a SET_ATTITUDE_TARGET; returns SET_ATTITUDE_TARGET_LENGTH."""
-    put_u32(payload, SET_ATTITUDE_TARGET_TIME_BOOT_MS, time_boot_ms)
-    put_u8(payload, SET_ATTITUDE_TARGET_TARGET_SYSTEM, target_system)
-    put_u8(payload, SET_ATTITUDE_TARGET_TARGET_COMPONENT, target_component)
-    put_u8(payload, SET_ATTITUDE_TARGET_TYPE_MASK, type_mask)
-    clear(payload, SET_ATTITUDE_TARGET_Q, SET_ATTITUDE_TARGET_Q + 16)
-    put_f32(payload, SET_ATTITUDE_TARGET_BODY_ROLL_RATE, body_roll_rate)
-    put_f32(payload, SET_ATTITUDE_TARGET_BODY_PITCH_RATE, body_pitch_rate)
-    put_f32(payload, SET_ATTITUDE_TARGET_BODY_YAW_RATE, body_yaw_rate)
-    put_f32(payload, SET_ATTITUDE_TARGET_THRUST, thrust)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SET_ATTITUDE_TARGET_TIME_BOOT_MS, time_boot_ms)
+    put_u8(payload, zero + SET_ATTITUDE_TARGET_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + SET_ATTITUDE_TARGET_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + SET_ATTITUDE_TARGET_TYPE_MASK, type_mask)
+    clear(payload, zero + SET_ATTITUDE_TARGET_Q, zero + SET_ATTITUDE_TARGET_Q + 16)
+    put_f32(payload, zero + SET_ATTITUDE_TARGET_BODY_ROLL_RATE, body_roll_rate)
+    put_f32(payload, zero + SET_ATTITUDE_TARGET_BODY_PITCH_RATE, body_pitch_rate)
+    put_f32(payload, zero + SET_ATTITUDE_TARGET_BODY_YAW_RATE, body_yaw_rate)
+    put_f32(payload, zero + SET_ATTITUDE_TARGET_THRUST, thrust)
     return SET_ATTITUDE_TARGET_LENGTH
 
 
@@ -2281,15 +2372,16 @@ def decode_set_attitude_target(payload: Bytes) -> tuple[int, int, int, int, floa
 
     time_boot_ms, target_system, target_component, type_mask, body_roll_rate, body_pitch_rate, body_yaw_rate, thrust.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SET_ATTITUDE_TARGET_TIME_BOOT_MS),
-        get_u8(payload, SET_ATTITUDE_TARGET_TARGET_SYSTEM),
-        get_u8(payload, SET_ATTITUDE_TARGET_TARGET_COMPONENT),
-        get_u8(payload, SET_ATTITUDE_TARGET_TYPE_MASK),
-        get_f32(payload, SET_ATTITUDE_TARGET_BODY_ROLL_RATE),
-        get_f32(payload, SET_ATTITUDE_TARGET_BODY_PITCH_RATE),
-        get_f32(payload, SET_ATTITUDE_TARGET_BODY_YAW_RATE),
-        get_f32(payload, SET_ATTITUDE_TARGET_THRUST),
+        get_u32(payload, zero + SET_ATTITUDE_TARGET_TIME_BOOT_MS),
+        get_u8(payload, zero + SET_ATTITUDE_TARGET_TARGET_SYSTEM),
+        get_u8(payload, zero + SET_ATTITUDE_TARGET_TARGET_COMPONENT),
+        get_u8(payload, zero + SET_ATTITUDE_TARGET_TYPE_MASK),
+        get_f32(payload, zero + SET_ATTITUDE_TARGET_BODY_ROLL_RATE),
+        get_f32(payload, zero + SET_ATTITUDE_TARGET_BODY_PITCH_RATE),
+        get_f32(payload, zero + SET_ATTITUDE_TARGET_BODY_YAW_RATE),
+        get_f32(payload, zero + SET_ATTITUDE_TARGET_THRUST),
     )
 
 
@@ -2329,13 +2421,14 @@ def encode_attitude_target(
     thrust: float,
 ) -> int:
     """Fill `payload` with an ATTITUDE_TARGET; returns ATTITUDE_TARGET_LENGTH."""
-    put_u32(payload, ATTITUDE_TARGET_TIME_BOOT_MS, time_boot_ms)
-    put_u8(payload, ATTITUDE_TARGET_TYPE_MASK, type_mask)
-    clear(payload, ATTITUDE_TARGET_Q, ATTITUDE_TARGET_Q + 16)
-    put_f32(payload, ATTITUDE_TARGET_BODY_ROLL_RATE, body_roll_rate)
-    put_f32(payload, ATTITUDE_TARGET_BODY_PITCH_RATE, body_pitch_rate)
-    put_f32(payload, ATTITUDE_TARGET_BODY_YAW_RATE, body_yaw_rate)
-    put_f32(payload, ATTITUDE_TARGET_THRUST, thrust)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + ATTITUDE_TARGET_TIME_BOOT_MS, time_boot_ms)
+    put_u8(payload, zero + ATTITUDE_TARGET_TYPE_MASK, type_mask)
+    clear(payload, zero + ATTITUDE_TARGET_Q, zero + ATTITUDE_TARGET_Q + 16)
+    put_f32(payload, zero + ATTITUDE_TARGET_BODY_ROLL_RATE, body_roll_rate)
+    put_f32(payload, zero + ATTITUDE_TARGET_BODY_PITCH_RATE, body_pitch_rate)
+    put_f32(payload, zero + ATTITUDE_TARGET_BODY_YAW_RATE, body_yaw_rate)
+    put_f32(payload, zero + ATTITUDE_TARGET_THRUST, thrust)
     return ATTITUDE_TARGET_LENGTH
 
 
@@ -2345,13 +2438,14 @@ def decode_attitude_target(payload: Bytes) -> tuple[int, int, float, float, floa
 
     time_boot_ms, type_mask, body_roll_rate, body_pitch_rate, body_yaw_rate, thrust.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, ATTITUDE_TARGET_TIME_BOOT_MS),
-        get_u8(payload, ATTITUDE_TARGET_TYPE_MASK),
-        get_f32(payload, ATTITUDE_TARGET_BODY_ROLL_RATE),
-        get_f32(payload, ATTITUDE_TARGET_BODY_PITCH_RATE),
-        get_f32(payload, ATTITUDE_TARGET_BODY_YAW_RATE),
-        get_f32(payload, ATTITUDE_TARGET_THRUST),
+        get_u32(payload, zero + ATTITUDE_TARGET_TIME_BOOT_MS),
+        get_u8(payload, zero + ATTITUDE_TARGET_TYPE_MASK),
+        get_f32(payload, zero + ATTITUDE_TARGET_BODY_ROLL_RATE),
+        get_f32(payload, zero + ATTITUDE_TARGET_BODY_PITCH_RATE),
+        get_f32(payload, zero + ATTITUDE_TARGET_BODY_YAW_RATE),
+        get_f32(payload, zero + ATTITUDE_TARGET_THRUST),
     )
 
 
@@ -2410,22 +2504,23 @@ def encode_set_position_target_local_ned(
     yaw_rate: float,
 ) -> int:
     """Fill `payload` with a SET_POSITION_TARGET_LOCAL_NED; returns SET_POSITION_TARGET_LOCAL_NED_LENGTH."""
-    put_u32(payload, SET_POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS, time_boot_ms)
-    put_u8(payload, SET_POSITION_TARGET_LOCAL_NED_TARGET_SYSTEM, target_system)
-    put_u8(payload, SET_POSITION_TARGET_LOCAL_NED_TARGET_COMPONENT, target_component)
-    put_u8(payload, SET_POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME, coordinate_frame)
-    put_u16(payload, SET_POSITION_TARGET_LOCAL_NED_TYPE_MASK, type_mask)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_X, x)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_Y, y)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_Z, z)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_VX, vx)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_VY, vy)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_VZ, vz)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_AFX, afx)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_AFY, afy)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_AFZ, afz)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_YAW, yaw)
-    put_f32(payload, SET_POSITION_TARGET_LOCAL_NED_YAW_RATE, yaw_rate)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS, time_boot_ms)
+    put_u8(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + SET_POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME, coordinate_frame)
+    put_u16(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TYPE_MASK, type_mask)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_X, x)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_Y, y)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_Z, z)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_VX, vx)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_VY, vy)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_VZ, vz)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_AFX, afx)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_AFY, afy)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_AFZ, afz)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_YAW, yaw)
+    put_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_YAW_RATE, yaw_rate)
     return SET_POSITION_TARGET_LOCAL_NED_LENGTH
 
 
@@ -2438,23 +2533,24 @@ def decode_set_position_target_local_ned(
     time_boot_ms, target_system, target_component, coordinate_frame, type_mask, x, y, z, vx, vy, vz, afx, afy, afz,
     yaw, yaw_rate.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SET_POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS),
-        get_u8(payload, SET_POSITION_TARGET_LOCAL_NED_TARGET_SYSTEM),
-        get_u8(payload, SET_POSITION_TARGET_LOCAL_NED_TARGET_COMPONENT),
-        get_u8(payload, SET_POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME),
-        get_u16(payload, SET_POSITION_TARGET_LOCAL_NED_TYPE_MASK),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_X),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_Y),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_Z),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_VX),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_VY),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_VZ),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_AFX),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_AFY),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_AFZ),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_YAW),
-        get_f32(payload, SET_POSITION_TARGET_LOCAL_NED_YAW_RATE),
+        get_u32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS),
+        get_u8(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TARGET_SYSTEM),
+        get_u8(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TARGET_COMPONENT),
+        get_u8(payload, zero + SET_POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME),
+        get_u16(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TYPE_MASK),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_X),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_Y),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_Z),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_VX),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_VY),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_VZ),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_AFX),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_AFY),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_AFZ),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_YAW),
+        get_f32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_YAW_RATE),
     )
 
 
@@ -2497,20 +2593,21 @@ def encode_position_target_local_ned(
     yaw_rate: float,
 ) -> int:
     """Fill `payload` with a POSITION_TARGET_LOCAL_NED; returns POSITION_TARGET_LOCAL_NED_LENGTH."""
-    put_u32(payload, POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS, time_boot_ms)
-    put_u8(payload, POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME, coordinate_frame)
-    put_u16(payload, POSITION_TARGET_LOCAL_NED_TYPE_MASK, type_mask)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_X, x)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_Y, y)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_Z, z)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_VX, vx)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_VY, vy)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_VZ, vz)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_AFX, afx)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_AFY, afy)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_AFZ, afz)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_YAW, yaw)
-    put_f32(payload, POSITION_TARGET_LOCAL_NED_YAW_RATE, yaw_rate)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS, time_boot_ms)
+    put_u8(payload, zero + POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME, coordinate_frame)
+    put_u16(payload, zero + POSITION_TARGET_LOCAL_NED_TYPE_MASK, type_mask)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_X, x)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_Y, y)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_Z, z)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_VX, vx)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_VY, vy)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_VZ, vz)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_AFX, afx)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_AFY, afy)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_AFZ, afz)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_YAW, yaw)
+    put_f32(payload, zero + POSITION_TARGET_LOCAL_NED_YAW_RATE, yaw_rate)
     return POSITION_TARGET_LOCAL_NED_LENGTH
 
 
@@ -2522,21 +2619,22 @@ def decode_position_target_local_ned(
 
     time_boot_ms, coordinate_frame, type_mask, x, y, z, vx, vy, vz, afx, afy, afz, yaw, yaw_rate.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS),
-        get_u8(payload, POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME),
-        get_u16(payload, POSITION_TARGET_LOCAL_NED_TYPE_MASK),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_X),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_Y),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_Z),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_VX),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_VY),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_VZ),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_AFX),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_AFY),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_AFZ),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_YAW),
-        get_f32(payload, POSITION_TARGET_LOCAL_NED_YAW_RATE),
+        get_u32(payload, zero + POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS),
+        get_u8(payload, zero + POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME),
+        get_u16(payload, zero + POSITION_TARGET_LOCAL_NED_TYPE_MASK),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_X),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_Y),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_Z),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_VX),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_VY),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_VZ),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_AFX),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_AFY),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_AFZ),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_YAW),
+        get_f32(payload, zero + POSITION_TARGET_LOCAL_NED_YAW_RATE),
     )
 
 
@@ -2583,22 +2681,23 @@ def encode_set_position_target_global_int(
     yaw_rate: float,
 ) -> int:
     """Fill `payload` with a SET_POSITION_TARGET_GLOBAL_INT; returns SET_POSITION_TARGET_GLOBAL_INT_LENGTH."""
-    put_u32(payload, SET_POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS, time_boot_ms)
-    put_u8(payload, SET_POSITION_TARGET_GLOBAL_INT_TARGET_SYSTEM, target_system)
-    put_u8(payload, SET_POSITION_TARGET_GLOBAL_INT_TARGET_COMPONENT, target_component)
-    put_u8(payload, SET_POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME, coordinate_frame)
-    put_u16(payload, SET_POSITION_TARGET_GLOBAL_INT_TYPE_MASK, type_mask)
-    put_i32(payload, SET_POSITION_TARGET_GLOBAL_INT_LAT_INT, lat_int)
-    put_i32(payload, SET_POSITION_TARGET_GLOBAL_INT_LON_INT, lon_int)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_ALT, alt)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_VX, vx)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_VY, vy)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_VZ, vz)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_AFX, afx)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_AFY, afy)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_AFZ, afz)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_YAW, yaw)
-    put_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_YAW_RATE, yaw_rate)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS, time_boot_ms)
+    put_u8(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME, coordinate_frame)
+    put_u16(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TYPE_MASK, type_mask)
+    put_i32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_LAT_INT, lat_int)
+    put_i32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_LON_INT, lon_int)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_ALT, alt)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_VX, vx)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_VY, vy)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_VZ, vz)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_AFX, afx)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_AFY, afy)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_AFZ, afz)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_YAW, yaw)
+    put_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_YAW_RATE, yaw_rate)
     return SET_POSITION_TARGET_GLOBAL_INT_LENGTH
 
 
@@ -2611,23 +2710,24 @@ def decode_set_position_target_global_int(
     time_boot_ms, target_system, target_component, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx,
     afy, afz, yaw, yaw_rate.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SET_POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS),
-        get_u8(payload, SET_POSITION_TARGET_GLOBAL_INT_TARGET_SYSTEM),
-        get_u8(payload, SET_POSITION_TARGET_GLOBAL_INT_TARGET_COMPONENT),
-        get_u8(payload, SET_POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME),
-        get_u16(payload, SET_POSITION_TARGET_GLOBAL_INT_TYPE_MASK),
-        get_i32(payload, SET_POSITION_TARGET_GLOBAL_INT_LAT_INT),
-        get_i32(payload, SET_POSITION_TARGET_GLOBAL_INT_LON_INT),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_ALT),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_VX),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_VY),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_VZ),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_AFX),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_AFY),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_AFZ),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_YAW),
-        get_f32(payload, SET_POSITION_TARGET_GLOBAL_INT_YAW_RATE),
+        get_u32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS),
+        get_u8(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TARGET_SYSTEM),
+        get_u8(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TARGET_COMPONENT),
+        get_u8(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME),
+        get_u16(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TYPE_MASK),
+        get_i32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_LAT_INT),
+        get_i32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_LON_INT),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_ALT),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_VX),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_VY),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_VZ),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_AFX),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_AFY),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_AFZ),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_YAW),
+        get_f32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_YAW_RATE),
     )
 
 
@@ -2670,20 +2770,21 @@ def encode_position_target_global_int(
     yaw_rate: float,
 ) -> int:
     """Fill `payload` with a POSITION_TARGET_GLOBAL_INT; returns POSITION_TARGET_GLOBAL_INT_LENGTH."""
-    put_u32(payload, POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS, time_boot_ms)
-    put_u8(payload, POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME, coordinate_frame)
-    put_u16(payload, POSITION_TARGET_GLOBAL_INT_TYPE_MASK, type_mask)
-    put_i32(payload, POSITION_TARGET_GLOBAL_INT_LAT_INT, lat_int)
-    put_i32(payload, POSITION_TARGET_GLOBAL_INT_LON_INT, lon_int)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_ALT, alt)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_VX, vx)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_VY, vy)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_VZ, vz)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_AFX, afx)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_AFY, afy)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_AFZ, afz)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_YAW, yaw)
-    put_f32(payload, POSITION_TARGET_GLOBAL_INT_YAW_RATE, yaw_rate)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS, time_boot_ms)
+    put_u8(payload, zero + POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME, coordinate_frame)
+    put_u16(payload, zero + POSITION_TARGET_GLOBAL_INT_TYPE_MASK, type_mask)
+    put_i32(payload, zero + POSITION_TARGET_GLOBAL_INT_LAT_INT, lat_int)
+    put_i32(payload, zero + POSITION_TARGET_GLOBAL_INT_LON_INT, lon_int)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_ALT, alt)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_VX, vx)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_VY, vy)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_VZ, vz)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_AFX, afx)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_AFY, afy)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_AFZ, afz)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_YAW, yaw)
+    put_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_YAW_RATE, yaw_rate)
     return POSITION_TARGET_GLOBAL_INT_LENGTH
 
 
@@ -2695,21 +2796,22 @@ def decode_position_target_global_int(
 
     time_boot_ms, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx, afy, afz, yaw, yaw_rate.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS),
-        get_u8(payload, POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME),
-        get_u16(payload, POSITION_TARGET_GLOBAL_INT_TYPE_MASK),
-        get_i32(payload, POSITION_TARGET_GLOBAL_INT_LAT_INT),
-        get_i32(payload, POSITION_TARGET_GLOBAL_INT_LON_INT),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_ALT),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_VX),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_VY),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_VZ),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_AFX),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_AFY),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_AFZ),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_YAW),
-        get_f32(payload, POSITION_TARGET_GLOBAL_INT_YAW_RATE),
+        get_u32(payload, zero + POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS),
+        get_u8(payload, zero + POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME),
+        get_u16(payload, zero + POSITION_TARGET_GLOBAL_INT_TYPE_MASK),
+        get_i32(payload, zero + POSITION_TARGET_GLOBAL_INT_LAT_INT),
+        get_i32(payload, zero + POSITION_TARGET_GLOBAL_INT_LON_INT),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_ALT),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_VX),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_VY),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_VZ),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_AFX),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_AFY),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_AFZ),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_YAW),
+        get_f32(payload, zero + POSITION_TARGET_GLOBAL_INT_YAW_RATE),
     )
 
 
@@ -2770,29 +2872,30 @@ def encode_sim_state(
     lon_int: int,
 ) -> int:
     """Fill `payload` with a SIM_STATE; returns SIM_STATE_LENGTH."""
-    put_f32(payload, SIM_STATE_Q1, q1)
-    put_f32(payload, SIM_STATE_Q2, q2)
-    put_f32(payload, SIM_STATE_Q3, q3)
-    put_f32(payload, SIM_STATE_Q4, q4)
-    put_f32(payload, SIM_STATE_ROLL, roll)
-    put_f32(payload, SIM_STATE_PITCH, pitch)
-    put_f32(payload, SIM_STATE_YAW, yaw)
-    put_f32(payload, SIM_STATE_XACC, xacc)
-    put_f32(payload, SIM_STATE_YACC, yacc)
-    put_f32(payload, SIM_STATE_ZACC, zacc)
-    put_f32(payload, SIM_STATE_XGYRO, xgyro)
-    put_f32(payload, SIM_STATE_YGYRO, ygyro)
-    put_f32(payload, SIM_STATE_ZGYRO, zgyro)
-    put_f32(payload, SIM_STATE_LAT, lat)
-    put_f32(payload, SIM_STATE_LON, lon)
-    put_f32(payload, SIM_STATE_ALT, alt)
-    put_f32(payload, SIM_STATE_STD_DEV_HORZ, std_dev_horz)
-    put_f32(payload, SIM_STATE_STD_DEV_VERT, std_dev_vert)
-    put_f32(payload, SIM_STATE_VN, vn)
-    put_f32(payload, SIM_STATE_VE, ve)
-    put_f32(payload, SIM_STATE_VD, vd)
-    put_i32(payload, SIM_STATE_LAT_INT, lat_int)
-    put_i32(payload, SIM_STATE_LON_INT, lon_int)
+    zero = int(np.int64(0))
+    put_f32(payload, zero + SIM_STATE_Q1, q1)
+    put_f32(payload, zero + SIM_STATE_Q2, q2)
+    put_f32(payload, zero + SIM_STATE_Q3, q3)
+    put_f32(payload, zero + SIM_STATE_Q4, q4)
+    put_f32(payload, zero + SIM_STATE_ROLL, roll)
+    put_f32(payload, zero + SIM_STATE_PITCH, pitch)
+    put_f32(payload, zero + SIM_STATE_YAW, yaw)
+    put_f32(payload, zero + SIM_STATE_XACC, xacc)
+    put_f32(payload, zero + SIM_STATE_YACC, yacc)
+    put_f32(payload, zero + SIM_STATE_ZACC, zacc)
+    put_f32(payload, zero + SIM_STATE_XGYRO, xgyro)
+    put_f32(payload, zero + SIM_STATE_YGYRO, ygyro)
+    put_f32(payload, zero + SIM_STATE_ZGYRO, zgyro)
+    put_f32(payload, zero + SIM_STATE_LAT, lat)
+    put_f32(payload, zero + SIM_STATE_LON, lon)
+    put_f32(payload, zero + SIM_STATE_ALT, alt)
+    put_f32(payload, zero + SIM_STATE_STD_DEV_HORZ, std_dev_horz)
+    put_f32(payload, zero + SIM_STATE_STD_DEV_VERT, std_dev_vert)
+    put_f32(payload, zero + SIM_STATE_VN, vn)
+    put_f32(payload, zero + SIM_STATE_VE, ve)
+    put_f32(payload, zero + SIM_STATE_VD, vd)
+    put_i32(payload, zero + SIM_STATE_LAT_INT, lat_int)
+    put_i32(payload, zero + SIM_STATE_LON_INT, lon_int)
     return SIM_STATE_LENGTH
 
 
@@ -2829,30 +2932,31 @@ def decode_sim_state(
     q1, q2, q3, q4, roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lon, alt, std_dev_horz, std_dev_vert,
     vn, ve, vd, lat_int, lon_int.
     """
+    zero = int(np.int64(0))
     return (
-        get_f32(payload, SIM_STATE_Q1),
-        get_f32(payload, SIM_STATE_Q2),
-        get_f32(payload, SIM_STATE_Q3),
-        get_f32(payload, SIM_STATE_Q4),
-        get_f32(payload, SIM_STATE_ROLL),
-        get_f32(payload, SIM_STATE_PITCH),
-        get_f32(payload, SIM_STATE_YAW),
-        get_f32(payload, SIM_STATE_XACC),
-        get_f32(payload, SIM_STATE_YACC),
-        get_f32(payload, SIM_STATE_ZACC),
-        get_f32(payload, SIM_STATE_XGYRO),
-        get_f32(payload, SIM_STATE_YGYRO),
-        get_f32(payload, SIM_STATE_ZGYRO),
-        get_f32(payload, SIM_STATE_LAT),
-        get_f32(payload, SIM_STATE_LON),
-        get_f32(payload, SIM_STATE_ALT),
-        get_f32(payload, SIM_STATE_STD_DEV_HORZ),
-        get_f32(payload, SIM_STATE_STD_DEV_VERT),
-        get_f32(payload, SIM_STATE_VN),
-        get_f32(payload, SIM_STATE_VE),
-        get_f32(payload, SIM_STATE_VD),
-        get_i32(payload, SIM_STATE_LAT_INT),
-        get_i32(payload, SIM_STATE_LON_INT),
+        get_f32(payload, zero + SIM_STATE_Q1),
+        get_f32(payload, zero + SIM_STATE_Q2),
+        get_f32(payload, zero + SIM_STATE_Q3),
+        get_f32(payload, zero + SIM_STATE_Q4),
+        get_f32(payload, zero + SIM_STATE_ROLL),
+        get_f32(payload, zero + SIM_STATE_PITCH),
+        get_f32(payload, zero + SIM_STATE_YAW),
+        get_f32(payload, zero + SIM_STATE_XACC),
+        get_f32(payload, zero + SIM_STATE_YACC),
+        get_f32(payload, zero + SIM_STATE_ZACC),
+        get_f32(payload, zero + SIM_STATE_XGYRO),
+        get_f32(payload, zero + SIM_STATE_YGYRO),
+        get_f32(payload, zero + SIM_STATE_ZGYRO),
+        get_f32(payload, zero + SIM_STATE_LAT),
+        get_f32(payload, zero + SIM_STATE_LON),
+        get_f32(payload, zero + SIM_STATE_ALT),
+        get_f32(payload, zero + SIM_STATE_STD_DEV_HORZ),
+        get_f32(payload, zero + SIM_STATE_STD_DEV_VERT),
+        get_f32(payload, zero + SIM_STATE_VN),
+        get_f32(payload, zero + SIM_STATE_VE),
+        get_f32(payload, zero + SIM_STATE_VD),
+        get_i32(payload, zero + SIM_STATE_LAT_INT),
+        get_i32(payload, zero + SIM_STATE_LON_INT),
     )
 
 
@@ -2874,27 +2978,29 @@ def encode_radio_status(
     payload: Bytes, rssi: int, remrssi: int, txbuf: int, noise: int, remnoise: int, rxerrors: int, fixed: int
 ) -> int:
     """Fill `payload` with a RADIO_STATUS; returns RADIO_STATUS_LENGTH."""
-    put_u8(payload, RADIO_STATUS_RSSI, rssi)
-    put_u8(payload, RADIO_STATUS_REMRSSI, remrssi)
-    put_u8(payload, RADIO_STATUS_TXBUF, txbuf)
-    put_u8(payload, RADIO_STATUS_NOISE, noise)
-    put_u8(payload, RADIO_STATUS_REMNOISE, remnoise)
-    put_u16(payload, RADIO_STATUS_RXERRORS, rxerrors)
-    put_u16(payload, RADIO_STATUS_FIXED, fixed)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + RADIO_STATUS_RSSI, rssi)
+    put_u8(payload, zero + RADIO_STATUS_REMRSSI, remrssi)
+    put_u8(payload, zero + RADIO_STATUS_TXBUF, txbuf)
+    put_u8(payload, zero + RADIO_STATUS_NOISE, noise)
+    put_u8(payload, zero + RADIO_STATUS_REMNOISE, remnoise)
+    put_u16(payload, zero + RADIO_STATUS_RXERRORS, rxerrors)
+    put_u16(payload, zero + RADIO_STATUS_FIXED, fixed)
     return RADIO_STATUS_LENGTH
 
 
 @kernel
 def decode_radio_status(payload: Bytes) -> tuple[int, int, int, int, int, int, int]:
     """The scalar fields of a RADIO_STATUS: rssi, remrssi, txbuf, noise, remnoise, rxerrors, fixed."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, RADIO_STATUS_RSSI),
-        get_u8(payload, RADIO_STATUS_REMRSSI),
-        get_u8(payload, RADIO_STATUS_TXBUF),
-        get_u8(payload, RADIO_STATUS_NOISE),
-        get_u8(payload, RADIO_STATUS_REMNOISE),
-        get_u16(payload, RADIO_STATUS_RXERRORS),
-        get_u16(payload, RADIO_STATUS_FIXED),
+        get_u8(payload, zero + RADIO_STATUS_RSSI),
+        get_u8(payload, zero + RADIO_STATUS_REMRSSI),
+        get_u8(payload, zero + RADIO_STATUS_TXBUF),
+        get_u8(payload, zero + RADIO_STATUS_NOISE),
+        get_u8(payload, zero + RADIO_STATUS_REMNOISE),
+        get_u16(payload, zero + RADIO_STATUS_RXERRORS),
+        get_u16(payload, zero + RADIO_STATUS_FIXED),
     )
 
 
@@ -2909,17 +3015,19 @@ TIMESYNC_TS1 = 8  # int64_t [ns]
 @kernel
 def encode_timesync(payload: Bytes, tc1: int, ts1: int) -> int:
     """Fill `payload` with a TIMESYNC; returns TIMESYNC_LENGTH."""
-    put_i64(payload, TIMESYNC_TC1, tc1)
-    put_i64(payload, TIMESYNC_TS1, ts1)
+    zero = int(np.int64(0))
+    put_i64(payload, zero + TIMESYNC_TC1, tc1)
+    put_i64(payload, zero + TIMESYNC_TS1, ts1)
     return TIMESYNC_LENGTH
 
 
 @kernel
 def decode_timesync(payload: Bytes) -> tuple[int, int]:
     """The scalar fields of a TIMESYNC: tc1, ts1."""
+    zero = int(np.int64(0))
     return (
-        get_i64(payload, TIMESYNC_TC1),
-        get_i64(payload, TIMESYNC_TS1),
+        get_i64(payload, zero + TIMESYNC_TC1),
+        get_i64(payload, zero + TIMESYNC_TS1),
     )
 
 
@@ -2956,17 +3064,18 @@ def encode_scaled_imu2(
     temperature: int,
 ) -> int:
     """Fill `payload` with a SCALED_IMU2; returns SCALED_IMU2_LENGTH."""
-    put_u32(payload, SCALED_IMU2_TIME_BOOT_MS, time_boot_ms)
-    put_i16(payload, SCALED_IMU2_XACC, xacc)
-    put_i16(payload, SCALED_IMU2_YACC, yacc)
-    put_i16(payload, SCALED_IMU2_ZACC, zacc)
-    put_i16(payload, SCALED_IMU2_XGYRO, xgyro)
-    put_i16(payload, SCALED_IMU2_YGYRO, ygyro)
-    put_i16(payload, SCALED_IMU2_ZGYRO, zgyro)
-    put_i16(payload, SCALED_IMU2_XMAG, xmag)
-    put_i16(payload, SCALED_IMU2_YMAG, ymag)
-    put_i16(payload, SCALED_IMU2_ZMAG, zmag)
-    put_i16(payload, SCALED_IMU2_TEMPERATURE, temperature)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SCALED_IMU2_TIME_BOOT_MS, time_boot_ms)
+    put_i16(payload, zero + SCALED_IMU2_XACC, xacc)
+    put_i16(payload, zero + SCALED_IMU2_YACC, yacc)
+    put_i16(payload, zero + SCALED_IMU2_ZACC, zacc)
+    put_i16(payload, zero + SCALED_IMU2_XGYRO, xgyro)
+    put_i16(payload, zero + SCALED_IMU2_YGYRO, ygyro)
+    put_i16(payload, zero + SCALED_IMU2_ZGYRO, zgyro)
+    put_i16(payload, zero + SCALED_IMU2_XMAG, xmag)
+    put_i16(payload, zero + SCALED_IMU2_YMAG, ymag)
+    put_i16(payload, zero + SCALED_IMU2_ZMAG, zmag)
+    put_i16(payload, zero + SCALED_IMU2_TEMPERATURE, temperature)
     return SCALED_IMU2_LENGTH
 
 
@@ -2976,18 +3085,19 @@ def decode_scaled_imu2(payload: Bytes) -> tuple[int, int, int, int, int, int, in
 
     time_boot_ms, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, temperature.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SCALED_IMU2_TIME_BOOT_MS),
-        get_i16(payload, SCALED_IMU2_XACC),
-        get_i16(payload, SCALED_IMU2_YACC),
-        get_i16(payload, SCALED_IMU2_ZACC),
-        get_i16(payload, SCALED_IMU2_XGYRO),
-        get_i16(payload, SCALED_IMU2_YGYRO),
-        get_i16(payload, SCALED_IMU2_ZGYRO),
-        get_i16(payload, SCALED_IMU2_XMAG),
-        get_i16(payload, SCALED_IMU2_YMAG),
-        get_i16(payload, SCALED_IMU2_ZMAG),
-        get_i16(payload, SCALED_IMU2_TEMPERATURE),
+        get_u32(payload, zero + SCALED_IMU2_TIME_BOOT_MS),
+        get_i16(payload, zero + SCALED_IMU2_XACC),
+        get_i16(payload, zero + SCALED_IMU2_YACC),
+        get_i16(payload, zero + SCALED_IMU2_ZACC),
+        get_i16(payload, zero + SCALED_IMU2_XGYRO),
+        get_i16(payload, zero + SCALED_IMU2_YGYRO),
+        get_i16(payload, zero + SCALED_IMU2_ZGYRO),
+        get_i16(payload, zero + SCALED_IMU2_XMAG),
+        get_i16(payload, zero + SCALED_IMU2_YMAG),
+        get_i16(payload, zero + SCALED_IMU2_ZMAG),
+        get_i16(payload, zero + SCALED_IMU2_TEMPERATURE),
     )
 
 
@@ -3003,19 +3113,21 @@ POWER_STATUS_FLAGS = 4  # uint16_t
 @kernel
 def encode_power_status(payload: Bytes, Vcc: int, Vservo: int, flags: int) -> int:
     """Fill `payload` with a POWER_STATUS; returns POWER_STATUS_LENGTH."""
-    put_u16(payload, POWER_STATUS_VCC, Vcc)
-    put_u16(payload, POWER_STATUS_VSERVO, Vservo)
-    put_u16(payload, POWER_STATUS_FLAGS, flags)
+    zero = int(np.int64(0))
+    put_u16(payload, zero + POWER_STATUS_VCC, Vcc)
+    put_u16(payload, zero + POWER_STATUS_VSERVO, Vservo)
+    put_u16(payload, zero + POWER_STATUS_FLAGS, flags)
     return POWER_STATUS_LENGTH
 
 
 @kernel
 def decode_power_status(payload: Bytes) -> tuple[int, int, int]:
     """The scalar fields of a POWER_STATUS: Vcc, Vservo, flags."""
+    zero = int(np.int64(0))
     return (
-        get_u16(payload, POWER_STATUS_VCC),
-        get_u16(payload, POWER_STATUS_VSERVO),
-        get_u16(payload, POWER_STATUS_FLAGS),
+        get_u16(payload, zero + POWER_STATUS_VCC),
+        get_u16(payload, zero + POWER_STATUS_VSERVO),
+        get_u16(payload, zero + POWER_STATUS_FLAGS),
     )
 
 
@@ -3052,17 +3164,18 @@ def encode_scaled_imu3(
     temperature: int,
 ) -> int:
     """Fill `payload` with a SCALED_IMU3; returns SCALED_IMU3_LENGTH."""
-    put_u32(payload, SCALED_IMU3_TIME_BOOT_MS, time_boot_ms)
-    put_i16(payload, SCALED_IMU3_XACC, xacc)
-    put_i16(payload, SCALED_IMU3_YACC, yacc)
-    put_i16(payload, SCALED_IMU3_ZACC, zacc)
-    put_i16(payload, SCALED_IMU3_XGYRO, xgyro)
-    put_i16(payload, SCALED_IMU3_YGYRO, ygyro)
-    put_i16(payload, SCALED_IMU3_ZGYRO, zgyro)
-    put_i16(payload, SCALED_IMU3_XMAG, xmag)
-    put_i16(payload, SCALED_IMU3_YMAG, ymag)
-    put_i16(payload, SCALED_IMU3_ZMAG, zmag)
-    put_i16(payload, SCALED_IMU3_TEMPERATURE, temperature)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SCALED_IMU3_TIME_BOOT_MS, time_boot_ms)
+    put_i16(payload, zero + SCALED_IMU3_XACC, xacc)
+    put_i16(payload, zero + SCALED_IMU3_YACC, yacc)
+    put_i16(payload, zero + SCALED_IMU3_ZACC, zacc)
+    put_i16(payload, zero + SCALED_IMU3_XGYRO, xgyro)
+    put_i16(payload, zero + SCALED_IMU3_YGYRO, ygyro)
+    put_i16(payload, zero + SCALED_IMU3_ZGYRO, zgyro)
+    put_i16(payload, zero + SCALED_IMU3_XMAG, xmag)
+    put_i16(payload, zero + SCALED_IMU3_YMAG, ymag)
+    put_i16(payload, zero + SCALED_IMU3_ZMAG, zmag)
+    put_i16(payload, zero + SCALED_IMU3_TEMPERATURE, temperature)
     return SCALED_IMU3_LENGTH
 
 
@@ -3072,18 +3185,19 @@ def decode_scaled_imu3(payload: Bytes) -> tuple[int, int, int, int, int, int, in
 
     time_boot_ms, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, temperature.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, SCALED_IMU3_TIME_BOOT_MS),
-        get_i16(payload, SCALED_IMU3_XACC),
-        get_i16(payload, SCALED_IMU3_YACC),
-        get_i16(payload, SCALED_IMU3_ZACC),
-        get_i16(payload, SCALED_IMU3_XGYRO),
-        get_i16(payload, SCALED_IMU3_YGYRO),
-        get_i16(payload, SCALED_IMU3_ZGYRO),
-        get_i16(payload, SCALED_IMU3_XMAG),
-        get_i16(payload, SCALED_IMU3_YMAG),
-        get_i16(payload, SCALED_IMU3_ZMAG),
-        get_i16(payload, SCALED_IMU3_TEMPERATURE),
+        get_u32(payload, zero + SCALED_IMU3_TIME_BOOT_MS),
+        get_i16(payload, zero + SCALED_IMU3_XACC),
+        get_i16(payload, zero + SCALED_IMU3_YACC),
+        get_i16(payload, zero + SCALED_IMU3_ZACC),
+        get_i16(payload, zero + SCALED_IMU3_XGYRO),
+        get_i16(payload, zero + SCALED_IMU3_YGYRO),
+        get_i16(payload, zero + SCALED_IMU3_ZGYRO),
+        get_i16(payload, zero + SCALED_IMU3_XMAG),
+        get_i16(payload, zero + SCALED_IMU3_YMAG),
+        get_i16(payload, zero + SCALED_IMU3_ZMAG),
+        get_i16(payload, zero + SCALED_IMU3_TEMPERATURE),
     )
 
 
@@ -3121,18 +3235,19 @@ def encode_distance_sensor(
     signal_quality: int,
 ) -> int:
     """Fill `payload` with a DISTANCE_SENSOR; returns DISTANCE_SENSOR_LENGTH."""
-    put_u32(payload, DISTANCE_SENSOR_TIME_BOOT_MS, time_boot_ms)
-    put_u16(payload, DISTANCE_SENSOR_MIN_DISTANCE, min_distance)
-    put_u16(payload, DISTANCE_SENSOR_MAX_DISTANCE, max_distance)
-    put_u16(payload, DISTANCE_SENSOR_CURRENT_DISTANCE, current_distance)
-    put_u8(payload, DISTANCE_SENSOR_TYPE, type_)
-    put_u8(payload, DISTANCE_SENSOR_ID, id_)
-    put_u8(payload, DISTANCE_SENSOR_ORIENTATION, orientation)
-    put_u8(payload, DISTANCE_SENSOR_COVARIANCE, covariance)
-    put_f32(payload, DISTANCE_SENSOR_HORIZONTAL_FOV, horizontal_fov)
-    put_f32(payload, DISTANCE_SENSOR_VERTICAL_FOV, vertical_fov)
-    clear(payload, DISTANCE_SENSOR_QUATERNION, DISTANCE_SENSOR_QUATERNION + 16)
-    put_u8(payload, DISTANCE_SENSOR_SIGNAL_QUALITY, signal_quality)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + DISTANCE_SENSOR_TIME_BOOT_MS, time_boot_ms)
+    put_u16(payload, zero + DISTANCE_SENSOR_MIN_DISTANCE, min_distance)
+    put_u16(payload, zero + DISTANCE_SENSOR_MAX_DISTANCE, max_distance)
+    put_u16(payload, zero + DISTANCE_SENSOR_CURRENT_DISTANCE, current_distance)
+    put_u8(payload, zero + DISTANCE_SENSOR_TYPE, type_)
+    put_u8(payload, zero + DISTANCE_SENSOR_ID, id_)
+    put_u8(payload, zero + DISTANCE_SENSOR_ORIENTATION, orientation)
+    put_u8(payload, zero + DISTANCE_SENSOR_COVARIANCE, covariance)
+    put_f32(payload, zero + DISTANCE_SENSOR_HORIZONTAL_FOV, horizontal_fov)
+    put_f32(payload, zero + DISTANCE_SENSOR_VERTICAL_FOV, vertical_fov)
+    clear(payload, zero + DISTANCE_SENSOR_QUATERNION, zero + DISTANCE_SENSOR_QUATERNION + 16)
+    put_u8(payload, zero + DISTANCE_SENSOR_SIGNAL_QUALITY, signal_quality)
     return DISTANCE_SENSOR_LENGTH
 
 
@@ -3143,18 +3258,19 @@ def decode_distance_sensor(payload: Bytes) -> tuple[int, int, int, int, int, int
     time_boot_ms, min_distance, max_distance, current_distance, type, id, orientation, covariance, horizontal_fov,
     vertical_fov, signal_quality.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, DISTANCE_SENSOR_TIME_BOOT_MS),
-        get_u16(payload, DISTANCE_SENSOR_MIN_DISTANCE),
-        get_u16(payload, DISTANCE_SENSOR_MAX_DISTANCE),
-        get_u16(payload, DISTANCE_SENSOR_CURRENT_DISTANCE),
-        get_u8(payload, DISTANCE_SENSOR_TYPE),
-        get_u8(payload, DISTANCE_SENSOR_ID),
-        get_u8(payload, DISTANCE_SENSOR_ORIENTATION),
-        get_u8(payload, DISTANCE_SENSOR_COVARIANCE),
-        get_f32(payload, DISTANCE_SENSOR_HORIZONTAL_FOV),
-        get_f32(payload, DISTANCE_SENSOR_VERTICAL_FOV),
-        get_u8(payload, DISTANCE_SENSOR_SIGNAL_QUALITY),
+        get_u32(payload, zero + DISTANCE_SENSOR_TIME_BOOT_MS),
+        get_u16(payload, zero + DISTANCE_SENSOR_MIN_DISTANCE),
+        get_u16(payload, zero + DISTANCE_SENSOR_MAX_DISTANCE),
+        get_u16(payload, zero + DISTANCE_SENSOR_CURRENT_DISTANCE),
+        get_u8(payload, zero + DISTANCE_SENSOR_TYPE),
+        get_u8(payload, zero + DISTANCE_SENSOR_ID),
+        get_u8(payload, zero + DISTANCE_SENSOR_ORIENTATION),
+        get_u8(payload, zero + DISTANCE_SENSOR_COVARIANCE),
+        get_f32(payload, zero + DISTANCE_SENSOR_HORIZONTAL_FOV),
+        get_f32(payload, zero + DISTANCE_SENSOR_VERTICAL_FOV),
+        get_u8(payload, zero + DISTANCE_SENSOR_SIGNAL_QUALITY),
     )
 
 
@@ -3195,27 +3311,29 @@ def encode_terrain_report(
     loaded: int,
 ) -> int:
     """Fill `payload` with a TERRAIN_REPORT; returns TERRAIN_REPORT_LENGTH."""
-    put_i32(payload, TERRAIN_REPORT_LAT, lat)
-    put_i32(payload, TERRAIN_REPORT_LON, lon)
-    put_u16(payload, TERRAIN_REPORT_SPACING, spacing)
-    put_f32(payload, TERRAIN_REPORT_TERRAIN_HEIGHT, terrain_height)
-    put_f32(payload, TERRAIN_REPORT_CURRENT_HEIGHT, current_height)
-    put_u16(payload, TERRAIN_REPORT_PENDING, pending)
-    put_u16(payload, TERRAIN_REPORT_LOADED, loaded)
+    zero = int(np.int64(0))
+    put_i32(payload, zero + TERRAIN_REPORT_LAT, lat)
+    put_i32(payload, zero + TERRAIN_REPORT_LON, lon)
+    put_u16(payload, zero + TERRAIN_REPORT_SPACING, spacing)
+    put_f32(payload, zero + TERRAIN_REPORT_TERRAIN_HEIGHT, terrain_height)
+    put_f32(payload, zero + TERRAIN_REPORT_CURRENT_HEIGHT, current_height)
+    put_u16(payload, zero + TERRAIN_REPORT_PENDING, pending)
+    put_u16(payload, zero + TERRAIN_REPORT_LOADED, loaded)
     return TERRAIN_REPORT_LENGTH
 
 
 @kernel
 def decode_terrain_report(payload: Bytes) -> tuple[int, int, int, float, float, int, int]:
     """The scalar fields of a TERRAIN_REPORT: lat, lon, spacing, terrain_height, current_height, pending, loaded."""
+    zero = int(np.int64(0))
     return (
-        get_i32(payload, TERRAIN_REPORT_LAT),
-        get_i32(payload, TERRAIN_REPORT_LON),
-        get_u16(payload, TERRAIN_REPORT_SPACING),
-        get_f32(payload, TERRAIN_REPORT_TERRAIN_HEIGHT),
-        get_f32(payload, TERRAIN_REPORT_CURRENT_HEIGHT),
-        get_u16(payload, TERRAIN_REPORT_PENDING),
-        get_u16(payload, TERRAIN_REPORT_LOADED),
+        get_i32(payload, zero + TERRAIN_REPORT_LAT),
+        get_i32(payload, zero + TERRAIN_REPORT_LON),
+        get_u16(payload, zero + TERRAIN_REPORT_SPACING),
+        get_f32(payload, zero + TERRAIN_REPORT_TERRAIN_HEIGHT),
+        get_f32(payload, zero + TERRAIN_REPORT_CURRENT_HEIGHT),
+        get_u16(payload, zero + TERRAIN_REPORT_PENDING),
+        get_u16(payload, zero + TERRAIN_REPORT_LOADED),
     )
 
 
@@ -3241,30 +3359,32 @@ def encode_follow_target(
     payload: Bytes, timestamp: int, est_capabilities: int, lat: int, lon: int, alt: float, custom_state: int
 ) -> int:
     """Fill `payload` with a FOLLOW_TARGET; returns FOLLOW_TARGET_LENGTH."""
-    put_u64(payload, FOLLOW_TARGET_TIMESTAMP, timestamp)
-    put_u8(payload, FOLLOW_TARGET_EST_CAPABILITIES, est_capabilities)
-    put_i32(payload, FOLLOW_TARGET_LAT, lat)
-    put_i32(payload, FOLLOW_TARGET_LON, lon)
-    put_f32(payload, FOLLOW_TARGET_ALT, alt)
-    clear(payload, FOLLOW_TARGET_VEL, FOLLOW_TARGET_VEL + 12)
-    clear(payload, FOLLOW_TARGET_ACC, FOLLOW_TARGET_ACC + 12)
-    clear(payload, FOLLOW_TARGET_ATTITUDE_Q, FOLLOW_TARGET_ATTITUDE_Q + 16)
-    clear(payload, FOLLOW_TARGET_RATES, FOLLOW_TARGET_RATES + 12)
-    clear(payload, FOLLOW_TARGET_POSITION_COV, FOLLOW_TARGET_POSITION_COV + 12)
-    put_u64(payload, FOLLOW_TARGET_CUSTOM_STATE, custom_state)
+    zero = int(np.int64(0))
+    put_u64(payload, zero + FOLLOW_TARGET_TIMESTAMP, timestamp)
+    put_u8(payload, zero + FOLLOW_TARGET_EST_CAPABILITIES, est_capabilities)
+    put_i32(payload, zero + FOLLOW_TARGET_LAT, lat)
+    put_i32(payload, zero + FOLLOW_TARGET_LON, lon)
+    put_f32(payload, zero + FOLLOW_TARGET_ALT, alt)
+    clear(payload, zero + FOLLOW_TARGET_VEL, zero + FOLLOW_TARGET_VEL + 12)
+    clear(payload, zero + FOLLOW_TARGET_ACC, zero + FOLLOW_TARGET_ACC + 12)
+    clear(payload, zero + FOLLOW_TARGET_ATTITUDE_Q, zero + FOLLOW_TARGET_ATTITUDE_Q + 16)
+    clear(payload, zero + FOLLOW_TARGET_RATES, zero + FOLLOW_TARGET_RATES + 12)
+    clear(payload, zero + FOLLOW_TARGET_POSITION_COV, zero + FOLLOW_TARGET_POSITION_COV + 12)
+    put_u64(payload, zero + FOLLOW_TARGET_CUSTOM_STATE, custom_state)
     return FOLLOW_TARGET_LENGTH
 
 
 @kernel
 def decode_follow_target(payload: Bytes) -> tuple[int, int, int, int, float, int]:
     """The scalar fields of a FOLLOW_TARGET: timestamp, est_capabilities, lat, lon, alt, custom_state."""
+    zero = int(np.int64(0))
     return (
-        get_u64(payload, FOLLOW_TARGET_TIMESTAMP),
-        get_u8(payload, FOLLOW_TARGET_EST_CAPABILITIES),
-        get_i32(payload, FOLLOW_TARGET_LAT),
-        get_i32(payload, FOLLOW_TARGET_LON),
-        get_f32(payload, FOLLOW_TARGET_ALT),
-        get_u64(payload, FOLLOW_TARGET_CUSTOM_STATE),
+        get_u64(payload, zero + FOLLOW_TARGET_TIMESTAMP),
+        get_u8(payload, zero + FOLLOW_TARGET_EST_CAPABILITIES),
+        get_i32(payload, zero + FOLLOW_TARGET_LAT),
+        get_i32(payload, zero + FOLLOW_TARGET_LON),
+        get_f32(payload, zero + FOLLOW_TARGET_ALT),
+        get_u64(payload, zero + FOLLOW_TARGET_CUSTOM_STATE),
     )
 
 
@@ -3365,20 +3485,21 @@ def encode_battery_status(
     fault_bitmask: int,
 ) -> int:
     """Fill `payload` with a BATTERY_STATUS; returns BATTERY_STATUS_LENGTH."""
-    put_u8(payload, BATTERY_STATUS_ID, id_)
-    put_u8(payload, BATTERY_STATUS_BATTERY_FUNCTION, battery_function)
-    put_u8(payload, BATTERY_STATUS_TYPE, type_)
-    put_i16(payload, BATTERY_STATUS_TEMPERATURE, temperature)
-    clear(payload, BATTERY_STATUS_VOLTAGES, BATTERY_STATUS_VOLTAGES + 20)
-    put_i16(payload, BATTERY_STATUS_CURRENT_BATTERY, current_battery)
-    put_i32(payload, BATTERY_STATUS_CURRENT_CONSUMED, current_consumed)
-    put_i32(payload, BATTERY_STATUS_ENERGY_CONSUMED, energy_consumed)
-    put_i8(payload, BATTERY_STATUS_BATTERY_REMAINING, battery_remaining)
-    put_i32(payload, BATTERY_STATUS_TIME_REMAINING, time_remaining)
-    put_u8(payload, BATTERY_STATUS_CHARGE_STATE, charge_state)
-    clear(payload, BATTERY_STATUS_VOLTAGES_EXT, BATTERY_STATUS_VOLTAGES_EXT + 8)
-    put_u8(payload, BATTERY_STATUS_MODE, mode)
-    put_u32(payload, BATTERY_STATUS_FAULT_BITMASK, fault_bitmask)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + BATTERY_STATUS_ID, id_)
+    put_u8(payload, zero + BATTERY_STATUS_BATTERY_FUNCTION, battery_function)
+    put_u8(payload, zero + BATTERY_STATUS_TYPE, type_)
+    put_i16(payload, zero + BATTERY_STATUS_TEMPERATURE, temperature)
+    clear(payload, zero + BATTERY_STATUS_VOLTAGES, zero + BATTERY_STATUS_VOLTAGES + 20)
+    put_i16(payload, zero + BATTERY_STATUS_CURRENT_BATTERY, current_battery)
+    put_i32(payload, zero + BATTERY_STATUS_CURRENT_CONSUMED, current_consumed)
+    put_i32(payload, zero + BATTERY_STATUS_ENERGY_CONSUMED, energy_consumed)
+    put_i8(payload, zero + BATTERY_STATUS_BATTERY_REMAINING, battery_remaining)
+    put_i32(payload, zero + BATTERY_STATUS_TIME_REMAINING, time_remaining)
+    put_u8(payload, zero + BATTERY_STATUS_CHARGE_STATE, charge_state)
+    clear(payload, zero + BATTERY_STATUS_VOLTAGES_EXT, zero + BATTERY_STATUS_VOLTAGES_EXT + 8)
+    put_u8(payload, zero + BATTERY_STATUS_MODE, mode)
+    put_u32(payload, zero + BATTERY_STATUS_FAULT_BITMASK, fault_bitmask)
     return BATTERY_STATUS_LENGTH
 
 
@@ -3389,19 +3510,20 @@ def decode_battery_status(payload: Bytes) -> tuple[int, int, int, int, int, int,
     id, battery_function, type, temperature, current_battery, current_consumed, energy_consumed, battery_remaining,
     time_remaining, charge_state, mode, fault_bitmask.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, BATTERY_STATUS_ID),
-        get_u8(payload, BATTERY_STATUS_BATTERY_FUNCTION),
-        get_u8(payload, BATTERY_STATUS_TYPE),
-        get_i16(payload, BATTERY_STATUS_TEMPERATURE),
-        get_i16(payload, BATTERY_STATUS_CURRENT_BATTERY),
-        get_i32(payload, BATTERY_STATUS_CURRENT_CONSUMED),
-        get_i32(payload, BATTERY_STATUS_ENERGY_CONSUMED),
-        get_i8(payload, BATTERY_STATUS_BATTERY_REMAINING),
-        get_i32(payload, BATTERY_STATUS_TIME_REMAINING),
-        get_u8(payload, BATTERY_STATUS_CHARGE_STATE),
-        get_u8(payload, BATTERY_STATUS_MODE),
-        get_u32(payload, BATTERY_STATUS_FAULT_BITMASK),
+        get_u8(payload, zero + BATTERY_STATUS_ID),
+        get_u8(payload, zero + BATTERY_STATUS_BATTERY_FUNCTION),
+        get_u8(payload, zero + BATTERY_STATUS_TYPE),
+        get_i16(payload, zero + BATTERY_STATUS_TEMPERATURE),
+        get_i16(payload, zero + BATTERY_STATUS_CURRENT_BATTERY),
+        get_i32(payload, zero + BATTERY_STATUS_CURRENT_CONSUMED),
+        get_i32(payload, zero + BATTERY_STATUS_ENERGY_CONSUMED),
+        get_i8(payload, zero + BATTERY_STATUS_BATTERY_REMAINING),
+        get_i32(payload, zero + BATTERY_STATUS_TIME_REMAINING),
+        get_u8(payload, zero + BATTERY_STATUS_CHARGE_STATE),
+        get_u8(payload, zero + BATTERY_STATUS_MODE),
+        get_u32(payload, zero + BATTERY_STATUS_FAULT_BITMASK),
     )
 
 
@@ -3460,18 +3582,23 @@ def encode_autopilot_version(
     uid: int,
 ) -> int:
     """Fill `payload` with an AUTOPILOT_VERSION; returns AUTOPILOT_VERSION_LENGTH."""
-    put_u64(payload, AUTOPILOT_VERSION_CAPABILITIES, capabilities)
-    put_u32(payload, AUTOPILOT_VERSION_FLIGHT_SW_VERSION, flight_sw_version)
-    put_u32(payload, AUTOPILOT_VERSION_MIDDLEWARE_SW_VERSION, middleware_sw_version)
-    put_u32(payload, AUTOPILOT_VERSION_OS_SW_VERSION, os_sw_version)
-    put_u32(payload, AUTOPILOT_VERSION_BOARD_VERSION, board_version)
-    clear(payload, AUTOPILOT_VERSION_FLIGHT_CUSTOM_VERSION, AUTOPILOT_VERSION_FLIGHT_CUSTOM_VERSION + 8)
-    clear(payload, AUTOPILOT_VERSION_MIDDLEWARE_CUSTOM_VERSION, AUTOPILOT_VERSION_MIDDLEWARE_CUSTOM_VERSION + 8)
-    clear(payload, AUTOPILOT_VERSION_OS_CUSTOM_VERSION, AUTOPILOT_VERSION_OS_CUSTOM_VERSION + 8)
-    put_u16(payload, AUTOPILOT_VERSION_VENDOR_ID, vendor_id)
-    put_u16(payload, AUTOPILOT_VERSION_PRODUCT_ID, product_id)
-    put_u64(payload, AUTOPILOT_VERSION_UID, uid)
-    clear(payload, AUTOPILOT_VERSION_UID2, AUTOPILOT_VERSION_UID2 + 18)
+    zero = int(np.int64(0))
+    put_u64(payload, zero + AUTOPILOT_VERSION_CAPABILITIES, capabilities)
+    put_u32(payload, zero + AUTOPILOT_VERSION_FLIGHT_SW_VERSION, flight_sw_version)
+    put_u32(payload, zero + AUTOPILOT_VERSION_MIDDLEWARE_SW_VERSION, middleware_sw_version)
+    put_u32(payload, zero + AUTOPILOT_VERSION_OS_SW_VERSION, os_sw_version)
+    put_u32(payload, zero + AUTOPILOT_VERSION_BOARD_VERSION, board_version)
+    clear(payload, zero + AUTOPILOT_VERSION_FLIGHT_CUSTOM_VERSION, zero + AUTOPILOT_VERSION_FLIGHT_CUSTOM_VERSION + 8)
+    clear(
+        payload,
+        zero + AUTOPILOT_VERSION_MIDDLEWARE_CUSTOM_VERSION,
+        zero + AUTOPILOT_VERSION_MIDDLEWARE_CUSTOM_VERSION + 8,
+    )
+    clear(payload, zero + AUTOPILOT_VERSION_OS_CUSTOM_VERSION, zero + AUTOPILOT_VERSION_OS_CUSTOM_VERSION + 8)
+    put_u16(payload, zero + AUTOPILOT_VERSION_VENDOR_ID, vendor_id)
+    put_u16(payload, zero + AUTOPILOT_VERSION_PRODUCT_ID, product_id)
+    put_u64(payload, zero + AUTOPILOT_VERSION_UID, uid)
+    clear(payload, zero + AUTOPILOT_VERSION_UID2, zero + AUTOPILOT_VERSION_UID2 + 18)
     return AUTOPILOT_VERSION_LENGTH
 
 
@@ -3481,15 +3608,16 @@ def decode_autopilot_version(payload: Bytes) -> tuple[int, int, int, int, int, i
 
     capabilities, flight_sw_version, middleware_sw_version, os_sw_version, board_version, vendor_id, product_id, uid.
     """
+    zero = int(np.int64(0))
     return (
-        get_u64(payload, AUTOPILOT_VERSION_CAPABILITIES),
-        get_u32(payload, AUTOPILOT_VERSION_FLIGHT_SW_VERSION),
-        get_u32(payload, AUTOPILOT_VERSION_MIDDLEWARE_SW_VERSION),
-        get_u32(payload, AUTOPILOT_VERSION_OS_SW_VERSION),
-        get_u32(payload, AUTOPILOT_VERSION_BOARD_VERSION),
-        get_u16(payload, AUTOPILOT_VERSION_VENDOR_ID),
-        get_u16(payload, AUTOPILOT_VERSION_PRODUCT_ID),
-        get_u64(payload, AUTOPILOT_VERSION_UID),
+        get_u64(payload, zero + AUTOPILOT_VERSION_CAPABILITIES),
+        get_u32(payload, zero + AUTOPILOT_VERSION_FLIGHT_SW_VERSION),
+        get_u32(payload, zero + AUTOPILOT_VERSION_MIDDLEWARE_SW_VERSION),
+        get_u32(payload, zero + AUTOPILOT_VERSION_OS_SW_VERSION),
+        get_u32(payload, zero + AUTOPILOT_VERSION_BOARD_VERSION),
+        get_u16(payload, zero + AUTOPILOT_VERSION_VENDOR_ID),
+        get_u16(payload, zero + AUTOPILOT_VERSION_PRODUCT_ID),
+        get_u64(payload, zero + AUTOPILOT_VERSION_UID),
     )
 
 
@@ -3553,19 +3681,21 @@ MEMINFO_FREEMEM32 = 4  # uint32_t [bytes], extension
 @kernel
 def encode_meminfo(payload: Bytes, brkval: int, freemem: int, freemem32: int) -> int:
     """Fill `payload` with a MEMINFO; returns MEMINFO_LENGTH."""
-    put_u16(payload, MEMINFO_BRKVAL, brkval)
-    put_u16(payload, MEMINFO_FREEMEM, freemem)
-    put_u32(payload, MEMINFO_FREEMEM32, freemem32)
+    zero = int(np.int64(0))
+    put_u16(payload, zero + MEMINFO_BRKVAL, brkval)
+    put_u16(payload, zero + MEMINFO_FREEMEM, freemem)
+    put_u32(payload, zero + MEMINFO_FREEMEM32, freemem32)
     return MEMINFO_LENGTH
 
 
 @kernel
 def decode_meminfo(payload: Bytes) -> tuple[int, int, int]:
     """The scalar fields of a MEMINFO: brkval, freemem, freemem32."""
+    zero = int(np.int64(0))
     return (
-        get_u16(payload, MEMINFO_BRKVAL),
-        get_u16(payload, MEMINFO_FREEMEM),
-        get_u32(payload, MEMINFO_FREEMEM32),
+        get_u16(payload, zero + MEMINFO_BRKVAL),
+        get_u16(payload, zero + MEMINFO_FREEMEM),
+        get_u32(payload, zero + MEMINFO_FREEMEM32),
     )
 
 
@@ -3585,23 +3715,25 @@ def encode_fence_status(
     payload: Bytes, breach_status: int, breach_count: int, breach_type: int, breach_time: int, breach_mitigation: int
 ) -> int:
     """Fill `payload` with a FENCE_STATUS; returns FENCE_STATUS_LENGTH."""
-    put_u8(payload, FENCE_STATUS_BREACH_STATUS, breach_status)
-    put_u16(payload, FENCE_STATUS_BREACH_COUNT, breach_count)
-    put_u8(payload, FENCE_STATUS_BREACH_TYPE, breach_type)
-    put_u32(payload, FENCE_STATUS_BREACH_TIME, breach_time)
-    put_u8(payload, FENCE_STATUS_BREACH_MITIGATION, breach_mitigation)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + FENCE_STATUS_BREACH_STATUS, breach_status)
+    put_u16(payload, zero + FENCE_STATUS_BREACH_COUNT, breach_count)
+    put_u8(payload, zero + FENCE_STATUS_BREACH_TYPE, breach_type)
+    put_u32(payload, zero + FENCE_STATUS_BREACH_TIME, breach_time)
+    put_u8(payload, zero + FENCE_STATUS_BREACH_MITIGATION, breach_mitigation)
     return FENCE_STATUS_LENGTH
 
 
 @kernel
 def decode_fence_status(payload: Bytes) -> tuple[int, int, int, int, int]:
     """The scalar fields of a FENCE_STATUS: breach_status, breach_count, breach_type, breach_time, breach_mitigation."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, FENCE_STATUS_BREACH_STATUS),
-        get_u16(payload, FENCE_STATUS_BREACH_COUNT),
-        get_u8(payload, FENCE_STATUS_BREACH_TYPE),
-        get_u32(payload, FENCE_STATUS_BREACH_TIME),
-        get_u8(payload, FENCE_STATUS_BREACH_MITIGATION),
+        get_u8(payload, zero + FENCE_STATUS_BREACH_STATUS),
+        get_u16(payload, zero + FENCE_STATUS_BREACH_COUNT),
+        get_u8(payload, zero + FENCE_STATUS_BREACH_TYPE),
+        get_u32(payload, zero + FENCE_STATUS_BREACH_TIME),
+        get_u8(payload, zero + FENCE_STATUS_BREACH_MITIGATION),
     )
 
 
@@ -3630,27 +3762,29 @@ def encode_ahrs(
     error_yaw: float,
 ) -> int:
     """Fill `payload` with an AHRS; returns AHRS_LENGTH."""
-    put_f32(payload, AHRS_OMEGAIX, omegaIx)
-    put_f32(payload, AHRS_OMEGAIY, omegaIy)
-    put_f32(payload, AHRS_OMEGAIZ, omegaIz)
-    put_f32(payload, AHRS_ACCEL_WEIGHT, accel_weight)
-    put_f32(payload, AHRS_RENORM_VAL, renorm_val)
-    put_f32(payload, AHRS_ERROR_RP, error_rp)
-    put_f32(payload, AHRS_ERROR_YAW, error_yaw)
+    zero = int(np.int64(0))
+    put_f32(payload, zero + AHRS_OMEGAIX, omegaIx)
+    put_f32(payload, zero + AHRS_OMEGAIY, omegaIy)
+    put_f32(payload, zero + AHRS_OMEGAIZ, omegaIz)
+    put_f32(payload, zero + AHRS_ACCEL_WEIGHT, accel_weight)
+    put_f32(payload, zero + AHRS_RENORM_VAL, renorm_val)
+    put_f32(payload, zero + AHRS_ERROR_RP, error_rp)
+    put_f32(payload, zero + AHRS_ERROR_YAW, error_yaw)
     return AHRS_LENGTH
 
 
 @kernel
 def decode_ahrs(payload: Bytes) -> tuple[float, float, float, float, float, float, float]:
     """The scalar fields of an AHRS: omegaIx, omegaIy, omegaIz, accel_weight, renorm_val, error_rp, error_yaw."""
+    zero = int(np.int64(0))
     return (
-        get_f32(payload, AHRS_OMEGAIX),
-        get_f32(payload, AHRS_OMEGAIY),
-        get_f32(payload, AHRS_OMEGAIZ),
-        get_f32(payload, AHRS_ACCEL_WEIGHT),
-        get_f32(payload, AHRS_RENORM_VAL),
-        get_f32(payload, AHRS_ERROR_RP),
-        get_f32(payload, AHRS_ERROR_YAW),
+        get_f32(payload, zero + AHRS_OMEGAIX),
+        get_f32(payload, zero + AHRS_OMEGAIY),
+        get_f32(payload, zero + AHRS_OMEGAIZ),
+        get_f32(payload, zero + AHRS_ACCEL_WEIGHT),
+        get_f32(payload, zero + AHRS_RENORM_VAL),
+        get_f32(payload, zero + AHRS_ERROR_RP),
+        get_f32(payload, zero + AHRS_ERROR_YAW),
     )
 
 
@@ -3687,35 +3821,37 @@ def encode_simstate(
     lng: int,
 ) -> int:
     """Fill `payload` with a SIMSTATE; returns SIMSTATE_LENGTH."""
-    put_f32(payload, SIMSTATE_ROLL, roll)
-    put_f32(payload, SIMSTATE_PITCH, pitch)
-    put_f32(payload, SIMSTATE_YAW, yaw)
-    put_f32(payload, SIMSTATE_XACC, xacc)
-    put_f32(payload, SIMSTATE_YACC, yacc)
-    put_f32(payload, SIMSTATE_ZACC, zacc)
-    put_f32(payload, SIMSTATE_XGYRO, xgyro)
-    put_f32(payload, SIMSTATE_YGYRO, ygyro)
-    put_f32(payload, SIMSTATE_ZGYRO, zgyro)
-    put_i32(payload, SIMSTATE_LAT, lat)
-    put_i32(payload, SIMSTATE_LNG, lng)
+    zero = int(np.int64(0))
+    put_f32(payload, zero + SIMSTATE_ROLL, roll)
+    put_f32(payload, zero + SIMSTATE_PITCH, pitch)
+    put_f32(payload, zero + SIMSTATE_YAW, yaw)
+    put_f32(payload, zero + SIMSTATE_XACC, xacc)
+    put_f32(payload, zero + SIMSTATE_YACC, yacc)
+    put_f32(payload, zero + SIMSTATE_ZACC, zacc)
+    put_f32(payload, zero + SIMSTATE_XGYRO, xgyro)
+    put_f32(payload, zero + SIMSTATE_YGYRO, ygyro)
+    put_f32(payload, zero + SIMSTATE_ZGYRO, zgyro)
+    put_i32(payload, zero + SIMSTATE_LAT, lat)
+    put_i32(payload, zero + SIMSTATE_LNG, lng)
     return SIMSTATE_LENGTH
 
 
 @kernel
 def decode_simstate(payload: Bytes) -> tuple[float, float, float, float, float, float, float, float, float, int, int]:
     """The scalar fields of a SIMSTATE: roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lng."""
+    zero = int(np.int64(0))
     return (
-        get_f32(payload, SIMSTATE_ROLL),
-        get_f32(payload, SIMSTATE_PITCH),
-        get_f32(payload, SIMSTATE_YAW),
-        get_f32(payload, SIMSTATE_XACC),
-        get_f32(payload, SIMSTATE_YACC),
-        get_f32(payload, SIMSTATE_ZACC),
-        get_f32(payload, SIMSTATE_XGYRO),
-        get_f32(payload, SIMSTATE_YGYRO),
-        get_f32(payload, SIMSTATE_ZGYRO),
-        get_i32(payload, SIMSTATE_LAT),
-        get_i32(payload, SIMSTATE_LNG),
+        get_f32(payload, zero + SIMSTATE_ROLL),
+        get_f32(payload, zero + SIMSTATE_PITCH),
+        get_f32(payload, zero + SIMSTATE_YAW),
+        get_f32(payload, zero + SIMSTATE_XACC),
+        get_f32(payload, zero + SIMSTATE_YACC),
+        get_f32(payload, zero + SIMSTATE_ZACC),
+        get_f32(payload, zero + SIMSTATE_XGYRO),
+        get_f32(payload, zero + SIMSTATE_YGYRO),
+        get_f32(payload, zero + SIMSTATE_ZGYRO),
+        get_i32(payload, zero + SIMSTATE_LAT),
+        get_i32(payload, zero + SIMSTATE_LNG),
     )
 
 
@@ -3731,19 +3867,21 @@ WIND_SPEED_Z = 8  # float [m/s]
 @kernel
 def encode_wind(payload: Bytes, direction: float, speed: float, speed_z: float) -> int:
     """Fill `payload` with a WIND; returns WIND_LENGTH."""
-    put_f32(payload, WIND_DIRECTION, direction)
-    put_f32(payload, WIND_SPEED, speed)
-    put_f32(payload, WIND_SPEED_Z, speed_z)
+    zero = int(np.int64(0))
+    put_f32(payload, zero + WIND_DIRECTION, direction)
+    put_f32(payload, zero + WIND_SPEED, speed)
+    put_f32(payload, zero + WIND_SPEED_Z, speed_z)
     return WIND_LENGTH
 
 
 @kernel
 def decode_wind(payload: Bytes) -> tuple[float, float, float]:
     """The scalar fields of a WIND: direction, speed, speed_z."""
+    zero = int(np.int64(0))
     return (
-        get_f32(payload, WIND_DIRECTION),
-        get_f32(payload, WIND_SPEED),
-        get_f32(payload, WIND_SPEED_Z),
+        get_f32(payload, zero + WIND_DIRECTION),
+        get_f32(payload, zero + WIND_SPEED),
+        get_f32(payload, zero + WIND_SPEED_Z),
     )
 
 
@@ -3762,25 +3900,27 @@ AHRS2_LNG = 20  # int32_t [degE7]
 @kernel
 def encode_ahrs2(payload: Bytes, roll: float, pitch: float, yaw: float, altitude: float, lat: int, lng: int) -> int:
     """Fill `payload` with an AHRS2; returns AHRS2_LENGTH."""
-    put_f32(payload, AHRS2_ROLL, roll)
-    put_f32(payload, AHRS2_PITCH, pitch)
-    put_f32(payload, AHRS2_YAW, yaw)
-    put_f32(payload, AHRS2_ALTITUDE, altitude)
-    put_i32(payload, AHRS2_LAT, lat)
-    put_i32(payload, AHRS2_LNG, lng)
+    zero = int(np.int64(0))
+    put_f32(payload, zero + AHRS2_ROLL, roll)
+    put_f32(payload, zero + AHRS2_PITCH, pitch)
+    put_f32(payload, zero + AHRS2_YAW, yaw)
+    put_f32(payload, zero + AHRS2_ALTITUDE, altitude)
+    put_i32(payload, zero + AHRS2_LAT, lat)
+    put_i32(payload, zero + AHRS2_LNG, lng)
     return AHRS2_LENGTH
 
 
 @kernel
 def decode_ahrs2(payload: Bytes) -> tuple[float, float, float, float, int, int]:
     """The scalar fields of an AHRS2: roll, pitch, yaw, altitude, lat, lng."""
+    zero = int(np.int64(0))
     return (
-        get_f32(payload, AHRS2_ROLL),
-        get_f32(payload, AHRS2_PITCH),
-        get_f32(payload, AHRS2_YAW),
-        get_f32(payload, AHRS2_ALTITUDE),
-        get_i32(payload, AHRS2_LAT),
-        get_i32(payload, AHRS2_LNG),
+        get_f32(payload, zero + AHRS2_ROLL),
+        get_f32(payload, zero + AHRS2_PITCH),
+        get_f32(payload, zero + AHRS2_YAW),
+        get_f32(payload, zero + AHRS2_ALTITUDE),
+        get_i32(payload, zero + AHRS2_LAT),
+        get_i32(payload, zero + AHRS2_LNG),
     )
 
 
@@ -3809,13 +3949,14 @@ def encode_ekf_status_report(
     airspeed_variance: float,
 ) -> int:
     """Fill `payload` with an EKF_STATUS_REPORT; returns EKF_STATUS_REPORT_LENGTH."""
-    put_u16(payload, EKF_STATUS_REPORT_FLAGS, flags)
-    put_f32(payload, EKF_STATUS_REPORT_VELOCITY_VARIANCE, velocity_variance)
-    put_f32(payload, EKF_STATUS_REPORT_POS_HORIZ_VARIANCE, pos_horiz_variance)
-    put_f32(payload, EKF_STATUS_REPORT_POS_VERT_VARIANCE, pos_vert_variance)
-    put_f32(payload, EKF_STATUS_REPORT_COMPASS_VARIANCE, compass_variance)
-    put_f32(payload, EKF_STATUS_REPORT_TERRAIN_ALT_VARIANCE, terrain_alt_variance)
-    put_f32(payload, EKF_STATUS_REPORT_AIRSPEED_VARIANCE, airspeed_variance)
+    zero = int(np.int64(0))
+    put_u16(payload, zero + EKF_STATUS_REPORT_FLAGS, flags)
+    put_f32(payload, zero + EKF_STATUS_REPORT_VELOCITY_VARIANCE, velocity_variance)
+    put_f32(payload, zero + EKF_STATUS_REPORT_POS_HORIZ_VARIANCE, pos_horiz_variance)
+    put_f32(payload, zero + EKF_STATUS_REPORT_POS_VERT_VARIANCE, pos_vert_variance)
+    put_f32(payload, zero + EKF_STATUS_REPORT_COMPASS_VARIANCE, compass_variance)
+    put_f32(payload, zero + EKF_STATUS_REPORT_TERRAIN_ALT_VARIANCE, terrain_alt_variance)
+    put_f32(payload, zero + EKF_STATUS_REPORT_AIRSPEED_VARIANCE, airspeed_variance)
     return EKF_STATUS_REPORT_LENGTH
 
 
@@ -3826,14 +3967,15 @@ def decode_ekf_status_report(payload: Bytes) -> tuple[int, float, float, float, 
     flags, velocity_variance, pos_horiz_variance, pos_vert_variance, compass_variance, terrain_alt_variance,
     airspeed_variance.
     """
+    zero = int(np.int64(0))
     return (
-        get_u16(payload, EKF_STATUS_REPORT_FLAGS),
-        get_f32(payload, EKF_STATUS_REPORT_VELOCITY_VARIANCE),
-        get_f32(payload, EKF_STATUS_REPORT_POS_HORIZ_VARIANCE),
-        get_f32(payload, EKF_STATUS_REPORT_POS_VERT_VARIANCE),
-        get_f32(payload, EKF_STATUS_REPORT_COMPASS_VARIANCE),
-        get_f32(payload, EKF_STATUS_REPORT_TERRAIN_ALT_VARIANCE),
-        get_f32(payload, EKF_STATUS_REPORT_AIRSPEED_VARIANCE),
+        get_u16(payload, zero + EKF_STATUS_REPORT_FLAGS),
+        get_f32(payload, zero + EKF_STATUS_REPORT_VELOCITY_VARIANCE),
+        get_f32(payload, zero + EKF_STATUS_REPORT_POS_HORIZ_VARIANCE),
+        get_f32(payload, zero + EKF_STATUS_REPORT_POS_VERT_VARIANCE),
+        get_f32(payload, zero + EKF_STATUS_REPORT_COMPASS_VARIANCE),
+        get_f32(payload, zero + EKF_STATUS_REPORT_TERRAIN_ALT_VARIANCE),
+        get_f32(payload, zero + EKF_STATUS_REPORT_AIRSPEED_VARIANCE),
     )
 
 
@@ -3902,33 +4044,34 @@ def encode_high_latency2(
     custom2: int,
 ) -> int:
     """Fill `payload` with a HIGH_LATENCY2; returns HIGH_LATENCY2_LENGTH."""
-    put_u32(payload, HIGH_LATENCY2_TIMESTAMP, timestamp)
-    put_u8(payload, HIGH_LATENCY2_TYPE, type_)
-    put_u8(payload, HIGH_LATENCY2_AUTOPILOT, autopilot)
-    put_u16(payload, HIGH_LATENCY2_CUSTOM_MODE, custom_mode)
-    put_i32(payload, HIGH_LATENCY2_LATITUDE, latitude)
-    put_i32(payload, HIGH_LATENCY2_LONGITUDE, longitude)
-    put_i16(payload, HIGH_LATENCY2_ALTITUDE, altitude)
-    put_i16(payload, HIGH_LATENCY2_TARGET_ALTITUDE, target_altitude)
-    put_u8(payload, HIGH_LATENCY2_HEADING, heading)
-    put_u8(payload, HIGH_LATENCY2_TARGET_HEADING, target_heading)
-    put_u16(payload, HIGH_LATENCY2_TARGET_DISTANCE, target_distance)
-    put_u8(payload, HIGH_LATENCY2_THROTTLE, throttle)
-    put_u8(payload, HIGH_LATENCY2_AIRSPEED, airspeed)
-    put_u8(payload, HIGH_LATENCY2_AIRSPEED_SP, airspeed_sp)
-    put_u8(payload, HIGH_LATENCY2_GROUNDSPEED, groundspeed)
-    put_u8(payload, HIGH_LATENCY2_WINDSPEED, windspeed)
-    put_u8(payload, HIGH_LATENCY2_WIND_HEADING, wind_heading)
-    put_u8(payload, HIGH_LATENCY2_EPH, eph)
-    put_u8(payload, HIGH_LATENCY2_EPV, epv)
-    put_i8(payload, HIGH_LATENCY2_TEMPERATURE_AIR, temperature_air)
-    put_i8(payload, HIGH_LATENCY2_CLIMB_RATE, climb_rate)
-    put_i8(payload, HIGH_LATENCY2_BATTERY, battery)
-    put_u16(payload, HIGH_LATENCY2_WP_NUM, wp_num)
-    put_u16(payload, HIGH_LATENCY2_FAILURE_FLAGS, failure_flags)
-    put_i8(payload, HIGH_LATENCY2_CUSTOM0, custom0)
-    put_i8(payload, HIGH_LATENCY2_CUSTOM1, custom1)
-    put_i8(payload, HIGH_LATENCY2_CUSTOM2, custom2)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + HIGH_LATENCY2_TIMESTAMP, timestamp)
+    put_u8(payload, zero + HIGH_LATENCY2_TYPE, type_)
+    put_u8(payload, zero + HIGH_LATENCY2_AUTOPILOT, autopilot)
+    put_u16(payload, zero + HIGH_LATENCY2_CUSTOM_MODE, custom_mode)
+    put_i32(payload, zero + HIGH_LATENCY2_LATITUDE, latitude)
+    put_i32(payload, zero + HIGH_LATENCY2_LONGITUDE, longitude)
+    put_i16(payload, zero + HIGH_LATENCY2_ALTITUDE, altitude)
+    put_i16(payload, zero + HIGH_LATENCY2_TARGET_ALTITUDE, target_altitude)
+    put_u8(payload, zero + HIGH_LATENCY2_HEADING, heading)
+    put_u8(payload, zero + HIGH_LATENCY2_TARGET_HEADING, target_heading)
+    put_u16(payload, zero + HIGH_LATENCY2_TARGET_DISTANCE, target_distance)
+    put_u8(payload, zero + HIGH_LATENCY2_THROTTLE, throttle)
+    put_u8(payload, zero + HIGH_LATENCY2_AIRSPEED, airspeed)
+    put_u8(payload, zero + HIGH_LATENCY2_AIRSPEED_SP, airspeed_sp)
+    put_u8(payload, zero + HIGH_LATENCY2_GROUNDSPEED, groundspeed)
+    put_u8(payload, zero + HIGH_LATENCY2_WINDSPEED, windspeed)
+    put_u8(payload, zero + HIGH_LATENCY2_WIND_HEADING, wind_heading)
+    put_u8(payload, zero + HIGH_LATENCY2_EPH, eph)
+    put_u8(payload, zero + HIGH_LATENCY2_EPV, epv)
+    put_i8(payload, zero + HIGH_LATENCY2_TEMPERATURE_AIR, temperature_air)
+    put_i8(payload, zero + HIGH_LATENCY2_CLIMB_RATE, climb_rate)
+    put_i8(payload, zero + HIGH_LATENCY2_BATTERY, battery)
+    put_u16(payload, zero + HIGH_LATENCY2_WP_NUM, wp_num)
+    put_u16(payload, zero + HIGH_LATENCY2_FAILURE_FLAGS, failure_flags)
+    put_i8(payload, zero + HIGH_LATENCY2_CUSTOM0, custom0)
+    put_i8(payload, zero + HIGH_LATENCY2_CUSTOM1, custom1)
+    put_i8(payload, zero + HIGH_LATENCY2_CUSTOM2, custom2)
     return HIGH_LATENCY2_LENGTH
 
 
@@ -3970,34 +4113,35 @@ def decode_high_latency2(
     target_distance, throttle, airspeed, airspeed_sp, groundspeed, windspeed, wind_heading, eph, epv, temperature_air,
     climb_rate, battery, wp_num, failure_flags, custom0, custom1, custom2.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, HIGH_LATENCY2_TIMESTAMP),
-        get_u8(payload, HIGH_LATENCY2_TYPE),
-        get_u8(payload, HIGH_LATENCY2_AUTOPILOT),
-        get_u16(payload, HIGH_LATENCY2_CUSTOM_MODE),
-        get_i32(payload, HIGH_LATENCY2_LATITUDE),
-        get_i32(payload, HIGH_LATENCY2_LONGITUDE),
-        get_i16(payload, HIGH_LATENCY2_ALTITUDE),
-        get_i16(payload, HIGH_LATENCY2_TARGET_ALTITUDE),
-        get_u8(payload, HIGH_LATENCY2_HEADING),
-        get_u8(payload, HIGH_LATENCY2_TARGET_HEADING),
-        get_u16(payload, HIGH_LATENCY2_TARGET_DISTANCE),
-        get_u8(payload, HIGH_LATENCY2_THROTTLE),
-        get_u8(payload, HIGH_LATENCY2_AIRSPEED),
-        get_u8(payload, HIGH_LATENCY2_AIRSPEED_SP),
-        get_u8(payload, HIGH_LATENCY2_GROUNDSPEED),
-        get_u8(payload, HIGH_LATENCY2_WINDSPEED),
-        get_u8(payload, HIGH_LATENCY2_WIND_HEADING),
-        get_u8(payload, HIGH_LATENCY2_EPH),
-        get_u8(payload, HIGH_LATENCY2_EPV),
-        get_i8(payload, HIGH_LATENCY2_TEMPERATURE_AIR),
-        get_i8(payload, HIGH_LATENCY2_CLIMB_RATE),
-        get_i8(payload, HIGH_LATENCY2_BATTERY),
-        get_u16(payload, HIGH_LATENCY2_WP_NUM),
-        get_u16(payload, HIGH_LATENCY2_FAILURE_FLAGS),
-        get_i8(payload, HIGH_LATENCY2_CUSTOM0),
-        get_i8(payload, HIGH_LATENCY2_CUSTOM1),
-        get_i8(payload, HIGH_LATENCY2_CUSTOM2),
+        get_u32(payload, zero + HIGH_LATENCY2_TIMESTAMP),
+        get_u8(payload, zero + HIGH_LATENCY2_TYPE),
+        get_u8(payload, zero + HIGH_LATENCY2_AUTOPILOT),
+        get_u16(payload, zero + HIGH_LATENCY2_CUSTOM_MODE),
+        get_i32(payload, zero + HIGH_LATENCY2_LATITUDE),
+        get_i32(payload, zero + HIGH_LATENCY2_LONGITUDE),
+        get_i16(payload, zero + HIGH_LATENCY2_ALTITUDE),
+        get_i16(payload, zero + HIGH_LATENCY2_TARGET_ALTITUDE),
+        get_u8(payload, zero + HIGH_LATENCY2_HEADING),
+        get_u8(payload, zero + HIGH_LATENCY2_TARGET_HEADING),
+        get_u16(payload, zero + HIGH_LATENCY2_TARGET_DISTANCE),
+        get_u8(payload, zero + HIGH_LATENCY2_THROTTLE),
+        get_u8(payload, zero + HIGH_LATENCY2_AIRSPEED),
+        get_u8(payload, zero + HIGH_LATENCY2_AIRSPEED_SP),
+        get_u8(payload, zero + HIGH_LATENCY2_GROUNDSPEED),
+        get_u8(payload, zero + HIGH_LATENCY2_WINDSPEED),
+        get_u8(payload, zero + HIGH_LATENCY2_WIND_HEADING),
+        get_u8(payload, zero + HIGH_LATENCY2_EPH),
+        get_u8(payload, zero + HIGH_LATENCY2_EPV),
+        get_i8(payload, zero + HIGH_LATENCY2_TEMPERATURE_AIR),
+        get_i8(payload, zero + HIGH_LATENCY2_CLIMB_RATE),
+        get_i8(payload, zero + HIGH_LATENCY2_BATTERY),
+        get_u16(payload, zero + HIGH_LATENCY2_WP_NUM),
+        get_u16(payload, zero + HIGH_LATENCY2_FAILURE_FLAGS),
+        get_i8(payload, zero + HIGH_LATENCY2_CUSTOM0),
+        get_i8(payload, zero + HIGH_LATENCY2_CUSTOM1),
+        get_i8(payload, zero + HIGH_LATENCY2_CUSTOM2),
     )
 
 
@@ -4026,13 +4170,14 @@ def encode_vibration(
     clipping_2: int,
 ) -> int:
     """Fill `payload` with a VIBRATION; returns VIBRATION_LENGTH."""
-    put_u64(payload, VIBRATION_TIME_USEC, time_usec)
-    put_f32(payload, VIBRATION_VIBRATION_X, vibration_x)
-    put_f32(payload, VIBRATION_VIBRATION_Y, vibration_y)
-    put_f32(payload, VIBRATION_VIBRATION_Z, vibration_z)
-    put_u32(payload, VIBRATION_CLIPPING_0, clipping_0)
-    put_u32(payload, VIBRATION_CLIPPING_1, clipping_1)
-    put_u32(payload, VIBRATION_CLIPPING_2, clipping_2)
+    zero = int(np.int64(0))
+    put_u64(payload, zero + VIBRATION_TIME_USEC, time_usec)
+    put_f32(payload, zero + VIBRATION_VIBRATION_X, vibration_x)
+    put_f32(payload, zero + VIBRATION_VIBRATION_Y, vibration_y)
+    put_f32(payload, zero + VIBRATION_VIBRATION_Z, vibration_z)
+    put_u32(payload, zero + VIBRATION_CLIPPING_0, clipping_0)
+    put_u32(payload, zero + VIBRATION_CLIPPING_1, clipping_1)
+    put_u32(payload, zero + VIBRATION_CLIPPING_2, clipping_2)
     return VIBRATION_LENGTH
 
 
@@ -4042,14 +4187,15 @@ def decode_vibration(payload: Bytes) -> tuple[int, float, float, float, int, int
 
     time_usec, vibration_x, vibration_y, vibration_z, clipping_0, clipping_1, clipping_2.
     """
+    zero = int(np.int64(0))
     return (
-        get_u64(payload, VIBRATION_TIME_USEC),
-        get_f32(payload, VIBRATION_VIBRATION_X),
-        get_f32(payload, VIBRATION_VIBRATION_Y),
-        get_f32(payload, VIBRATION_VIBRATION_Z),
-        get_u32(payload, VIBRATION_CLIPPING_0),
-        get_u32(payload, VIBRATION_CLIPPING_1),
-        get_u32(payload, VIBRATION_CLIPPING_2),
+        get_u64(payload, zero + VIBRATION_TIME_USEC),
+        get_f32(payload, zero + VIBRATION_VIBRATION_X),
+        get_f32(payload, zero + VIBRATION_VIBRATION_Y),
+        get_f32(payload, zero + VIBRATION_VIBRATION_Z),
+        get_u32(payload, zero + VIBRATION_CLIPPING_0),
+        get_u32(payload, zero + VIBRATION_CLIPPING_1),
+        get_u32(payload, zero + VIBRATION_CLIPPING_2),
     )
 
 
@@ -4085,17 +4231,18 @@ def encode_home_position(
     time_usec: int,
 ) -> int:
     """Fill `payload` with a HOME_POSITION; returns HOME_POSITION_LENGTH."""
-    put_i32(payload, HOME_POSITION_LATITUDE, latitude)
-    put_i32(payload, HOME_POSITION_LONGITUDE, longitude)
-    put_i32(payload, HOME_POSITION_ALTITUDE, altitude)
-    put_f32(payload, HOME_POSITION_X, x)
-    put_f32(payload, HOME_POSITION_Y, y)
-    put_f32(payload, HOME_POSITION_Z, z)
-    clear(payload, HOME_POSITION_Q, HOME_POSITION_Q + 16)
-    put_f32(payload, HOME_POSITION_APPROACH_X, approach_x)
-    put_f32(payload, HOME_POSITION_APPROACH_Y, approach_y)
-    put_f32(payload, HOME_POSITION_APPROACH_Z, approach_z)
-    put_u64(payload, HOME_POSITION_TIME_USEC, time_usec)
+    zero = int(np.int64(0))
+    put_i32(payload, zero + HOME_POSITION_LATITUDE, latitude)
+    put_i32(payload, zero + HOME_POSITION_LONGITUDE, longitude)
+    put_i32(payload, zero + HOME_POSITION_ALTITUDE, altitude)
+    put_f32(payload, zero + HOME_POSITION_X, x)
+    put_f32(payload, zero + HOME_POSITION_Y, y)
+    put_f32(payload, zero + HOME_POSITION_Z, z)
+    clear(payload, zero + HOME_POSITION_Q, zero + HOME_POSITION_Q + 16)
+    put_f32(payload, zero + HOME_POSITION_APPROACH_X, approach_x)
+    put_f32(payload, zero + HOME_POSITION_APPROACH_Y, approach_y)
+    put_f32(payload, zero + HOME_POSITION_APPROACH_Z, approach_z)
+    put_u64(payload, zero + HOME_POSITION_TIME_USEC, time_usec)
     return HOME_POSITION_LENGTH
 
 
@@ -4105,17 +4252,18 @@ def decode_home_position(payload: Bytes) -> tuple[int, int, int, float, float, f
 
     latitude, longitude, altitude, x, y, z, approach_x, approach_y, approach_z, time_usec.
     """
+    zero = int(np.int64(0))
     return (
-        get_i32(payload, HOME_POSITION_LATITUDE),
-        get_i32(payload, HOME_POSITION_LONGITUDE),
-        get_i32(payload, HOME_POSITION_ALTITUDE),
-        get_f32(payload, HOME_POSITION_X),
-        get_f32(payload, HOME_POSITION_Y),
-        get_f32(payload, HOME_POSITION_Z),
-        get_f32(payload, HOME_POSITION_APPROACH_X),
-        get_f32(payload, HOME_POSITION_APPROACH_Y),
-        get_f32(payload, HOME_POSITION_APPROACH_Z),
-        get_u64(payload, HOME_POSITION_TIME_USEC),
+        get_i32(payload, zero + HOME_POSITION_LATITUDE),
+        get_i32(payload, zero + HOME_POSITION_LONGITUDE),
+        get_i32(payload, zero + HOME_POSITION_ALTITUDE),
+        get_f32(payload, zero + HOME_POSITION_X),
+        get_f32(payload, zero + HOME_POSITION_Y),
+        get_f32(payload, zero + HOME_POSITION_Z),
+        get_f32(payload, zero + HOME_POSITION_APPROACH_X),
+        get_f32(payload, zero + HOME_POSITION_APPROACH_Y),
+        get_f32(payload, zero + HOME_POSITION_APPROACH_Z),
+        get_u64(payload, zero + HOME_POSITION_TIME_USEC),
     )
 
 
@@ -4165,18 +4313,19 @@ def encode_set_home_position(
     time_usec: int,
 ) -> int:
     """Fill `payload` with a SET_HOME_POSITION; returns SET_HOME_POSITION_LENGTH."""
-    put_u8(payload, SET_HOME_POSITION_TARGET_SYSTEM, target_system)
-    put_i32(payload, SET_HOME_POSITION_LATITUDE, latitude)
-    put_i32(payload, SET_HOME_POSITION_LONGITUDE, longitude)
-    put_i32(payload, SET_HOME_POSITION_ALTITUDE, altitude)
-    put_f32(payload, SET_HOME_POSITION_X, x)
-    put_f32(payload, SET_HOME_POSITION_Y, y)
-    put_f32(payload, SET_HOME_POSITION_Z, z)
-    clear(payload, SET_HOME_POSITION_Q, SET_HOME_POSITION_Q + 16)
-    put_f32(payload, SET_HOME_POSITION_APPROACH_X, approach_x)
-    put_f32(payload, SET_HOME_POSITION_APPROACH_Y, approach_y)
-    put_f32(payload, SET_HOME_POSITION_APPROACH_Z, approach_z)
-    put_u64(payload, SET_HOME_POSITION_TIME_USEC, time_usec)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + SET_HOME_POSITION_TARGET_SYSTEM, target_system)
+    put_i32(payload, zero + SET_HOME_POSITION_LATITUDE, latitude)
+    put_i32(payload, zero + SET_HOME_POSITION_LONGITUDE, longitude)
+    put_i32(payload, zero + SET_HOME_POSITION_ALTITUDE, altitude)
+    put_f32(payload, zero + SET_HOME_POSITION_X, x)
+    put_f32(payload, zero + SET_HOME_POSITION_Y, y)
+    put_f32(payload, zero + SET_HOME_POSITION_Z, z)
+    clear(payload, zero + SET_HOME_POSITION_Q, zero + SET_HOME_POSITION_Q + 16)
+    put_f32(payload, zero + SET_HOME_POSITION_APPROACH_X, approach_x)
+    put_f32(payload, zero + SET_HOME_POSITION_APPROACH_Y, approach_y)
+    put_f32(payload, zero + SET_HOME_POSITION_APPROACH_Z, approach_z)
+    put_u64(payload, zero + SET_HOME_POSITION_TIME_USEC, time_usec)
     return SET_HOME_POSITION_LENGTH
 
 
@@ -4188,18 +4337,19 @@ def decode_set_home_position(
 
     target_system, latitude, longitude, altitude, x, y, z, approach_x, approach_y, approach_z, time_usec.
     """
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, SET_HOME_POSITION_TARGET_SYSTEM),
-        get_i32(payload, SET_HOME_POSITION_LATITUDE),
-        get_i32(payload, SET_HOME_POSITION_LONGITUDE),
-        get_i32(payload, SET_HOME_POSITION_ALTITUDE),
-        get_f32(payload, SET_HOME_POSITION_X),
-        get_f32(payload, SET_HOME_POSITION_Y),
-        get_f32(payload, SET_HOME_POSITION_Z),
-        get_f32(payload, SET_HOME_POSITION_APPROACH_X),
-        get_f32(payload, SET_HOME_POSITION_APPROACH_Y),
-        get_f32(payload, SET_HOME_POSITION_APPROACH_Z),
-        get_u64(payload, SET_HOME_POSITION_TIME_USEC),
+        get_u8(payload, zero + SET_HOME_POSITION_TARGET_SYSTEM),
+        get_i32(payload, zero + SET_HOME_POSITION_LATITUDE),
+        get_i32(payload, zero + SET_HOME_POSITION_LONGITUDE),
+        get_i32(payload, zero + SET_HOME_POSITION_ALTITUDE),
+        get_f32(payload, zero + SET_HOME_POSITION_X),
+        get_f32(payload, zero + SET_HOME_POSITION_Y),
+        get_f32(payload, zero + SET_HOME_POSITION_Z),
+        get_f32(payload, zero + SET_HOME_POSITION_APPROACH_X),
+        get_f32(payload, zero + SET_HOME_POSITION_APPROACH_Y),
+        get_f32(payload, zero + SET_HOME_POSITION_APPROACH_Z),
+        get_u64(payload, zero + SET_HOME_POSITION_TIME_USEC),
     )
 
 
@@ -4226,17 +4376,19 @@ MESSAGE_INTERVAL_INTERVAL_US = 0  # int32_t [us]
 @kernel
 def encode_message_interval(payload: Bytes, message_id: int, interval_us: int) -> int:
     """Fill `payload` with a MESSAGE_INTERVAL; returns MESSAGE_INTERVAL_LENGTH."""
-    put_u16(payload, MESSAGE_INTERVAL_MESSAGE_ID, message_id)
-    put_i32(payload, MESSAGE_INTERVAL_INTERVAL_US, interval_us)
+    zero = int(np.int64(0))
+    put_u16(payload, zero + MESSAGE_INTERVAL_MESSAGE_ID, message_id)
+    put_i32(payload, zero + MESSAGE_INTERVAL_INTERVAL_US, interval_us)
     return MESSAGE_INTERVAL_LENGTH
 
 
 @kernel
 def decode_message_interval(payload: Bytes) -> tuple[int, int]:
     """The scalar fields of a MESSAGE_INTERVAL: message_id, interval_us."""
+    zero = int(np.int64(0))
     return (
-        get_u16(payload, MESSAGE_INTERVAL_MESSAGE_ID),
-        get_i32(payload, MESSAGE_INTERVAL_INTERVAL_US),
+        get_u16(payload, zero + MESSAGE_INTERVAL_MESSAGE_ID),
+        get_i32(payload, zero + MESSAGE_INTERVAL_INTERVAL_US),
     )
 
 
@@ -4251,17 +4403,19 @@ EXTENDED_SYS_STATE_LANDED_STATE = 1  # uint8_t
 @kernel
 def encode_extended_sys_state(payload: Bytes, vtol_state: int, landed_state: int) -> int:
     """Fill `payload` with an EXTENDED_SYS_STATE; returns EXTENDED_SYS_STATE_LENGTH."""
-    put_u8(payload, EXTENDED_SYS_STATE_VTOL_STATE, vtol_state)
-    put_u8(payload, EXTENDED_SYS_STATE_LANDED_STATE, landed_state)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + EXTENDED_SYS_STATE_VTOL_STATE, vtol_state)
+    put_u8(payload, zero + EXTENDED_SYS_STATE_LANDED_STATE, landed_state)
     return EXTENDED_SYS_STATE_LENGTH
 
 
 @kernel
 def decode_extended_sys_state(payload: Bytes) -> tuple[int, int]:
     """The scalar fields of an EXTENDED_SYS_STATE: vtol_state, landed_state."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, EXTENDED_SYS_STATE_VTOL_STATE),
-        get_u8(payload, EXTENDED_SYS_STATE_LANDED_STATE),
+        get_u8(payload, zero + EXTENDED_SYS_STATE_VTOL_STATE),
+        get_u8(payload, zero + EXTENDED_SYS_STATE_LANDED_STATE),
     )
 
 
@@ -4301,19 +4455,20 @@ def encode_adsb_vehicle(
     squawk: int,
 ) -> int:
     """Fill `payload` with an ADSB_VEHICLE; returns ADSB_VEHICLE_LENGTH."""
-    put_u32(payload, ADSB_VEHICLE_ICAO_ADDRESS, ICAO_address)
-    put_i32(payload, ADSB_VEHICLE_LAT, lat)
-    put_i32(payload, ADSB_VEHICLE_LON, lon)
-    put_u8(payload, ADSB_VEHICLE_ALTITUDE_TYPE, altitude_type)
-    put_i32(payload, ADSB_VEHICLE_ALTITUDE, altitude)
-    put_u16(payload, ADSB_VEHICLE_HEADING, heading)
-    put_u16(payload, ADSB_VEHICLE_HOR_VELOCITY, hor_velocity)
-    put_i16(payload, ADSB_VEHICLE_VER_VELOCITY, ver_velocity)
-    clear(payload, ADSB_VEHICLE_CALLSIGN, ADSB_VEHICLE_CALLSIGN + 9)
-    put_u8(payload, ADSB_VEHICLE_EMITTER_TYPE, emitter_type)
-    put_u8(payload, ADSB_VEHICLE_TSLC, tslc)
-    put_u16(payload, ADSB_VEHICLE_FLAGS, flags)
-    put_u16(payload, ADSB_VEHICLE_SQUAWK, squawk)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + ADSB_VEHICLE_ICAO_ADDRESS, ICAO_address)
+    put_i32(payload, zero + ADSB_VEHICLE_LAT, lat)
+    put_i32(payload, zero + ADSB_VEHICLE_LON, lon)
+    put_u8(payload, zero + ADSB_VEHICLE_ALTITUDE_TYPE, altitude_type)
+    put_i32(payload, zero + ADSB_VEHICLE_ALTITUDE, altitude)
+    put_u16(payload, zero + ADSB_VEHICLE_HEADING, heading)
+    put_u16(payload, zero + ADSB_VEHICLE_HOR_VELOCITY, hor_velocity)
+    put_i16(payload, zero + ADSB_VEHICLE_VER_VELOCITY, ver_velocity)
+    clear(payload, zero + ADSB_VEHICLE_CALLSIGN, zero + ADSB_VEHICLE_CALLSIGN + 9)
+    put_u8(payload, zero + ADSB_VEHICLE_EMITTER_TYPE, emitter_type)
+    put_u8(payload, zero + ADSB_VEHICLE_TSLC, tslc)
+    put_u16(payload, zero + ADSB_VEHICLE_FLAGS, flags)
+    put_u16(payload, zero + ADSB_VEHICLE_SQUAWK, squawk)
     return ADSB_VEHICLE_LENGTH
 
 
@@ -4324,19 +4479,20 @@ def decode_adsb_vehicle(payload: Bytes) -> tuple[int, int, int, int, int, int, i
     ICAO_address, lat, lon, altitude_type, altitude, heading, hor_velocity, ver_velocity, emitter_type, tslc, flags,
     squawk.
     """
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, ADSB_VEHICLE_ICAO_ADDRESS),
-        get_i32(payload, ADSB_VEHICLE_LAT),
-        get_i32(payload, ADSB_VEHICLE_LON),
-        get_u8(payload, ADSB_VEHICLE_ALTITUDE_TYPE),
-        get_i32(payload, ADSB_VEHICLE_ALTITUDE),
-        get_u16(payload, ADSB_VEHICLE_HEADING),
-        get_u16(payload, ADSB_VEHICLE_HOR_VELOCITY),
-        get_i16(payload, ADSB_VEHICLE_VER_VELOCITY),
-        get_u8(payload, ADSB_VEHICLE_EMITTER_TYPE),
-        get_u8(payload, ADSB_VEHICLE_TSLC),
-        get_u16(payload, ADSB_VEHICLE_FLAGS),
-        get_u16(payload, ADSB_VEHICLE_SQUAWK),
+        get_u32(payload, zero + ADSB_VEHICLE_ICAO_ADDRESS),
+        get_i32(payload, zero + ADSB_VEHICLE_LAT),
+        get_i32(payload, zero + ADSB_VEHICLE_LON),
+        get_u8(payload, zero + ADSB_VEHICLE_ALTITUDE_TYPE),
+        get_i32(payload, zero + ADSB_VEHICLE_ALTITUDE),
+        get_u16(payload, zero + ADSB_VEHICLE_HEADING),
+        get_u16(payload, zero + ADSB_VEHICLE_HOR_VELOCITY),
+        get_i16(payload, zero + ADSB_VEHICLE_VER_VELOCITY),
+        get_u8(payload, zero + ADSB_VEHICLE_EMITTER_TYPE),
+        get_u8(payload, zero + ADSB_VEHICLE_TSLC),
+        get_u16(payload, zero + ADSB_VEHICLE_FLAGS),
+        get_u16(payload, zero + ADSB_VEHICLE_SQUAWK),
     )
 
 
@@ -4368,22 +4524,24 @@ def encode_v2_extension(
     payload: Bytes, target_network: int, target_system: int, target_component: int, message_type: int
 ) -> int:
     """Fill `payload` with a V2_EXTENSION; returns V2_EXTENSION_LENGTH."""
-    put_u8(payload, V2_EXTENSION_TARGET_NETWORK, target_network)
-    put_u8(payload, V2_EXTENSION_TARGET_SYSTEM, target_system)
-    put_u8(payload, V2_EXTENSION_TARGET_COMPONENT, target_component)
-    put_u16(payload, V2_EXTENSION_MESSAGE_TYPE, message_type)
-    clear(payload, V2_EXTENSION_PAYLOAD, V2_EXTENSION_PAYLOAD + 249)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + V2_EXTENSION_TARGET_NETWORK, target_network)
+    put_u8(payload, zero + V2_EXTENSION_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + V2_EXTENSION_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + V2_EXTENSION_MESSAGE_TYPE, message_type)
+    clear(payload, zero + V2_EXTENSION_PAYLOAD, zero + V2_EXTENSION_PAYLOAD + 249)
     return V2_EXTENSION_LENGTH
 
 
 @kernel
 def decode_v2_extension(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a V2_EXTENSION: target_network, target_system, target_component, message_type."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, V2_EXTENSION_TARGET_NETWORK),
-        get_u8(payload, V2_EXTENSION_TARGET_SYSTEM),
-        get_u8(payload, V2_EXTENSION_TARGET_COMPONENT),
-        get_u16(payload, V2_EXTENSION_MESSAGE_TYPE),
+        get_u8(payload, zero + V2_EXTENSION_TARGET_NETWORK),
+        get_u8(payload, zero + V2_EXTENSION_TARGET_SYSTEM),
+        get_u8(payload, zero + V2_EXTENSION_TARGET_COMPONENT),
+        get_u16(payload, zero + V2_EXTENSION_MESSAGE_TYPE),
     )
 
 
@@ -4413,22 +4571,24 @@ DEBUG_VECT_Z = 16  # float
 @kernel
 def encode_debug_vect(payload: Bytes, time_usec: int, x: float, y: float, z: float) -> int:
     """Fill `payload` with a DEBUG_VECT; returns DEBUG_VECT_LENGTH."""
-    clear(payload, DEBUG_VECT_NAME, DEBUG_VECT_NAME + 10)
-    put_u64(payload, DEBUG_VECT_TIME_USEC, time_usec)
-    put_f32(payload, DEBUG_VECT_X, x)
-    put_f32(payload, DEBUG_VECT_Y, y)
-    put_f32(payload, DEBUG_VECT_Z, z)
+    zero = int(np.int64(0))
+    clear(payload, zero + DEBUG_VECT_NAME, zero + DEBUG_VECT_NAME + 10)
+    put_u64(payload, zero + DEBUG_VECT_TIME_USEC, time_usec)
+    put_f32(payload, zero + DEBUG_VECT_X, x)
+    put_f32(payload, zero + DEBUG_VECT_Y, y)
+    put_f32(payload, zero + DEBUG_VECT_Z, z)
     return DEBUG_VECT_LENGTH
 
 
 @kernel
 def decode_debug_vect(payload: Bytes) -> tuple[int, float, float, float]:
     """The scalar fields of a DEBUG_VECT: time_usec, x, y, z."""
+    zero = int(np.int64(0))
     return (
-        get_u64(payload, DEBUG_VECT_TIME_USEC),
-        get_f32(payload, DEBUG_VECT_X),
-        get_f32(payload, DEBUG_VECT_Y),
-        get_f32(payload, DEBUG_VECT_Z),
+        get_u64(payload, zero + DEBUG_VECT_TIME_USEC),
+        get_f32(payload, zero + DEBUG_VECT_X),
+        get_f32(payload, zero + DEBUG_VECT_Y),
+        get_f32(payload, zero + DEBUG_VECT_Z),
     )
 
 
@@ -4456,18 +4616,20 @@ NAMED_VALUE_FLOAT_VALUE = 4  # float
 @kernel
 def encode_named_value_float(payload: Bytes, time_boot_ms: int, value: float) -> int:
     """Fill `payload` with a NAMED_VALUE_FLOAT; returns NAMED_VALUE_FLOAT_LENGTH."""
-    put_u32(payload, NAMED_VALUE_FLOAT_TIME_BOOT_MS, time_boot_ms)
-    clear(payload, NAMED_VALUE_FLOAT_NAME, NAMED_VALUE_FLOAT_NAME + 10)
-    put_f32(payload, NAMED_VALUE_FLOAT_VALUE, value)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + NAMED_VALUE_FLOAT_TIME_BOOT_MS, time_boot_ms)
+    clear(payload, zero + NAMED_VALUE_FLOAT_NAME, zero + NAMED_VALUE_FLOAT_NAME + 10)
+    put_f32(payload, zero + NAMED_VALUE_FLOAT_VALUE, value)
     return NAMED_VALUE_FLOAT_LENGTH
 
 
 @kernel
 def decode_named_value_float(payload: Bytes) -> tuple[int, float]:
     """The scalar fields of a NAMED_VALUE_FLOAT: time_boot_ms, value."""
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, NAMED_VALUE_FLOAT_TIME_BOOT_MS),
-        get_f32(payload, NAMED_VALUE_FLOAT_VALUE),
+        get_u32(payload, zero + NAMED_VALUE_FLOAT_TIME_BOOT_MS),
+        get_f32(payload, zero + NAMED_VALUE_FLOAT_VALUE),
     )
 
 
@@ -4495,18 +4657,20 @@ NAMED_VALUE_INT_VALUE = 4  # int32_t
 @kernel
 def encode_named_value_int(payload: Bytes, time_boot_ms: int, value: int) -> int:
     """Fill `payload` with a NAMED_VALUE_INT; returns NAMED_VALUE_INT_LENGTH."""
-    put_u32(payload, NAMED_VALUE_INT_TIME_BOOT_MS, time_boot_ms)
-    clear(payload, NAMED_VALUE_INT_NAME, NAMED_VALUE_INT_NAME + 10)
-    put_i32(payload, NAMED_VALUE_INT_VALUE, value)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + NAMED_VALUE_INT_TIME_BOOT_MS, time_boot_ms)
+    clear(payload, zero + NAMED_VALUE_INT_NAME, zero + NAMED_VALUE_INT_NAME + 10)
+    put_i32(payload, zero + NAMED_VALUE_INT_VALUE, value)
     return NAMED_VALUE_INT_LENGTH
 
 
 @kernel
 def decode_named_value_int(payload: Bytes) -> tuple[int, int]:
     """The scalar fields of a NAMED_VALUE_INT: time_boot_ms, value."""
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, NAMED_VALUE_INT_TIME_BOOT_MS),
-        get_i32(payload, NAMED_VALUE_INT_VALUE),
+        get_u32(payload, zero + NAMED_VALUE_INT_TIME_BOOT_MS),
+        get_i32(payload, zero + NAMED_VALUE_INT_VALUE),
     )
 
 
@@ -4535,20 +4699,22 @@ STATUSTEXT_CHUNK_SEQ = 53  # uint8_t, extension
 @kernel
 def encode_statustext(payload: Bytes, severity: int, id_: int, chunk_seq: int) -> int:
     """Fill `payload` with a STATUSTEXT; returns STATUSTEXT_LENGTH."""
-    put_u8(payload, STATUSTEXT_SEVERITY, severity)
-    clear(payload, STATUSTEXT_TEXT, STATUSTEXT_TEXT + 50)
-    put_u16(payload, STATUSTEXT_ID, id_)
-    put_u8(payload, STATUSTEXT_CHUNK_SEQ, chunk_seq)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + STATUSTEXT_SEVERITY, severity)
+    clear(payload, zero + STATUSTEXT_TEXT, zero + STATUSTEXT_TEXT + 50)
+    put_u16(payload, zero + STATUSTEXT_ID, id_)
+    put_u8(payload, zero + STATUSTEXT_CHUNK_SEQ, chunk_seq)
     return STATUSTEXT_LENGTH
 
 
 @kernel
 def decode_statustext(payload: Bytes) -> tuple[int, int, int]:
     """The scalar fields of a STATUSTEXT: severity, id, chunk_seq."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, STATUSTEXT_SEVERITY),
-        get_u16(payload, STATUSTEXT_ID),
-        get_u8(payload, STATUSTEXT_CHUNK_SEQ),
+        get_u8(payload, zero + STATUSTEXT_SEVERITY),
+        get_u16(payload, zero + STATUSTEXT_ID),
+        get_u8(payload, zero + STATUSTEXT_CHUNK_SEQ),
     )
 
 
@@ -4576,19 +4742,21 @@ DEBUG_VALUE = 4  # float
 @kernel
 def encode_debug(payload: Bytes, time_boot_ms: int, ind: int, value: float) -> int:
     """Fill `payload` with a DEBUG; returns DEBUG_LENGTH."""
-    put_u32(payload, DEBUG_TIME_BOOT_MS, time_boot_ms)
-    put_u8(payload, DEBUG_IND, ind)
-    put_f32(payload, DEBUG_VALUE, value)
+    zero = int(np.int64(0))
+    put_u32(payload, zero + DEBUG_TIME_BOOT_MS, time_boot_ms)
+    put_u8(payload, zero + DEBUG_IND, ind)
+    put_f32(payload, zero + DEBUG_VALUE, value)
     return DEBUG_LENGTH
 
 
 @kernel
 def decode_debug(payload: Bytes) -> tuple[int, int, float]:
     """The scalar fields of a DEBUG: time_boot_ms, ind, value."""
+    zero = int(np.int64(0))
     return (
-        get_u32(payload, DEBUG_TIME_BOOT_MS),
-        get_u8(payload, DEBUG_IND),
-        get_f32(payload, DEBUG_VALUE),
+        get_u32(payload, zero + DEBUG_TIME_BOOT_MS),
+        get_u8(payload, zero + DEBUG_IND),
+        get_f32(payload, zero + DEBUG_VALUE),
     )
 
 
@@ -4608,22 +4776,24 @@ def encode_tunnel(
     payload: Bytes, target_system: int, target_component: int, payload_type: int, payload_length: int
 ) -> int:
     """Fill `payload` with a TUNNEL; returns TUNNEL_LENGTH."""
-    put_u8(payload, TUNNEL_TARGET_SYSTEM, target_system)
-    put_u8(payload, TUNNEL_TARGET_COMPONENT, target_component)
-    put_u16(payload, TUNNEL_PAYLOAD_TYPE, payload_type)
-    put_u8(payload, TUNNEL_PAYLOAD_LENGTH, payload_length)
-    clear(payload, TUNNEL_PAYLOAD, TUNNEL_PAYLOAD + 128)
+    zero = int(np.int64(0))
+    put_u8(payload, zero + TUNNEL_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + TUNNEL_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + TUNNEL_PAYLOAD_TYPE, payload_type)
+    put_u8(payload, zero + TUNNEL_PAYLOAD_LENGTH, payload_length)
+    clear(payload, zero + TUNNEL_PAYLOAD, zero + TUNNEL_PAYLOAD + 128)
     return TUNNEL_LENGTH
 
 
 @kernel
 def decode_tunnel(payload: Bytes) -> tuple[int, int, int, int]:
     """The scalar fields of a TUNNEL: target_system, target_component, payload_type, payload_length."""
+    zero = int(np.int64(0))
     return (
-        get_u8(payload, TUNNEL_TARGET_SYSTEM),
-        get_u8(payload, TUNNEL_TARGET_COMPONENT),
-        get_u16(payload, TUNNEL_PAYLOAD_TYPE),
-        get_u8(payload, TUNNEL_PAYLOAD_LENGTH),
+        get_u8(payload, zero + TUNNEL_TARGET_SYSTEM),
+        get_u8(payload, zero + TUNNEL_TARGET_COMPONENT),
+        get_u16(payload, zero + TUNNEL_PAYLOAD_TYPE),
+        get_u8(payload, zero + TUNNEL_PAYLOAD_LENGTH),
     )
 
 

@@ -151,7 +151,7 @@ def get_u8(payload: Bytes, offset: int) -> int:
 @kernel
 def get_u16(payload: Bytes, offset: int) -> int:
     """The uint16 at `offset`."""
-    return get_u8(payload, offset) | get_u8(payload, offset + 1) << 8
+    return int(np.int64(payload[offset]) | np.int64(payload[offset + 1]) << 8)
 
 
 @kernel
@@ -189,7 +189,7 @@ def get_i64(payload: Bytes, offset: int) -> int:
 
 @kernel
 def get_u64(payload: Bytes, offset: int) -> int:
-    """The uint64 at `offset` as an int64: values of 2**63 and more come out 2**64 lower (numba has no wider integer)."""
+    """The uint64 at `offset` as an int64: values of 2**63 and more come out 2**64 lower."""
     return get_i64(payload, offset)
 
 
@@ -495,7 +495,7 @@ def unpack(buffer: Bytes, start: int, payload: Bytes) -> int:
     first = payload_start(buffer, start)
     for i in range(length):
         payload[i] = buffer[first + i]
-    clear(payload, length, MAX_PAYLOAD)
+    clear(payload, length, payload.shape[0])
     return length
 
 
@@ -527,36 +527,60 @@ def pack(
         The new number of bytes in use; -1 with nothing written if the packet does not fit, the message is not in the
         dialect, or MAVLink 1 cannot carry its id.
     """
+    # numba compiles a kernel anew for every literal argument (a message id, say): that is this thin one, once per call.
+    return _pack(
+        buffer,
+        int(np.int64(n)),
+        payload,
+        int(np.int64(message)),
+        int(np.int64(sequence_number)),
+        int(np.int64(system_id)),
+        int(np.int64(component_id)),
+        int(np.int64(mavlink_version)),
+    )
+
+
+@kernel
+def _pack(
+    buffer: Bytes,
+    n: int,
+    payload: Bytes,
+    message: int,
+    sequence_number: int,
+    system_id: int,
+    component_id: int,
+    mavlink_version: int,
+) -> int:
     crc_extra, length, full_length, _, _ = definition(message)
     if crc_extra < 0 or (mavlink_version == 1 and message > 0xFF):
         return -1
-    p = int(np.int64(n))
-    first = p + _HEADER_V1
+    first = n + _HEADER_V1
     if mavlink_version != 1:
-        first = p + _HEADER_V2
+        first = n + _HEADER_V2
         length = full_length
         while length > 1 and payload[length - 1] == 0:
             length -= 1
     stop = first + length + _CRC
     if stop > buffer.shape[0]:
         return -1
-    put_u8(buffer, p + 1, length)
+    buffer[n + 1] = length
     if mavlink_version == 1:
-        put_u8(buffer, p, _MAGIC_V1)
-        put_u8(buffer, p + 5, message)
+        buffer[n] = _MAGIC_V1
+        buffer[n + 5] = message
     else:
-        put_u8(buffer, p, _MAGIC_V2)
-        put_u16(buffer, p + 2, 0)
-        put_u16(buffer, p + 7, message)
-        put_u8(buffer, p + 9, message >> 16)
-    # The sender's address is the three bytes before the message id in both versions.
-    address = p + 2 if mavlink_version == 1 else p + 4
+        buffer[n] = _MAGIC_V2
+        buffer[n + 2] = 0
+        buffer[n + 3] = 0
+        put_u16(buffer, n + 7, message)
+        put_u8(buffer, n + 9, message >> 16)
+    # The sequence number and the sender's address are the three bytes before the message id in both versions.
+    address = n + 2 if mavlink_version == 1 else n + 4
     put_u8(buffer, address, sequence_number)
     put_u8(buffer, address + 1, system_id)
     put_u8(buffer, address + 2, component_id)
     for i in range(length):
         buffer[first + i] = payload[i]
-    crc = _x25_step(x25(buffer, p + 1, first + length), crc_extra)
+    crc = _x25_step(x25(buffer, n + 1, first + length), crc_extra)
     put_u16(buffer, first + length, crc)
     return stop
 

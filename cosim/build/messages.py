@@ -54,6 +54,8 @@ ENUMS = (
 """Enumerations whose entries become integer constants."""
 
 _WIDTH = 120
+# numba compiles a kernel anew for every literal argument, here every offset: 20 times the time to compile.
+_NOT_LITERAL = "    zero = int(np.int64(0))"
 # MAVLink type -> (suffix of the readers and writers, bytes, Python type)
 _TYPES = {
     "char": ("u8", 1, "int"),
@@ -169,7 +171,7 @@ def _read_message(description: Any, base_fields: dict[str, list[str]]) -> Messag
         offsets[wire_name] = (at, count)
         at += _TYPES[description.fieldtypes[index]][1] * max(count, 1)
     if at != description.unpacker.size:
-        raise ValueError(f"{DIALECT}: {name} has fields of {at} bytes in all, but a payload of {description.unpacker.size}")
+        raise ValueError(f"{DIALECT}: {name} has fields of {at} bytes in all, not {description.unpacker.size}")
     fields = tuple(
         Field(
             name=field,
@@ -192,10 +194,10 @@ def dialect_source() -> str:
         for m in read_dialect().values()
     ]
     return _join(
-        f'"""What every message of MAVLink\'s {DIALECT} dialect needs to be checked and routed. Generated: do not edit.',
+        f'"""What checking and routing a message of MAVLink\'s {DIALECT} dialect needs. Generated: do not edit.',
         "",
-        "`python -m cosim.build.messages` writes this file from pymavlink's definitions. Kernels see the arrays, sorted by",
-        "message id, as constants; `cosim.packets.definition` looks a message up.",
+        "`python -m cosim.build.messages` writes this file from pymavlink's definitions. Kernels see the arrays,",
+        "sorted by message id, as constants; `cosim.packets.definition` looks a message up.",
         '"""',
         "",
         "from __future__ import annotations",
@@ -207,7 +209,7 @@ def dialect_source() -> str:
         "]",
         "",
         "_ROWS = (",
-        "    # id, CRC_EXTRA, length without extensions, full length, offsets of target_system and target_component or -1",
+        "    # id, CRC_EXTRA, length without extensions, full length, offsets of target_system and target_component",
         *rows,
         ")",
         "",
@@ -242,18 +244,19 @@ def messages_source() -> str:
     messages = sorted((dialect[name] for name in MESSAGES), key=lambda message: message.id)
     body = _join(*(line for message in messages for line in _message_lines(message)), *_enum_lines(enums))
     _require_unique(body)
-    access = sorted(name for name in _access_names() if f"{name}(" in body)
+    access = [name for name in _access_names() if f"{name}(" in body]
     return _join(
         *_MESSAGES_DOC,
         "",
         "from __future__ import annotations",
+        "",
+        "import numpy as np",
         "",
         "from cosim.kernel import kernel",
         "from cosim.packets import (",
         "    Bytes,",
         *(f"    {name}," for name in access),
         ")",
-        "",
         body.rstrip("\n"),
     )
 
@@ -264,22 +267,23 @@ _MESSAGES_DOC = (
     "`python -m cosim.build.messages` writes this file from pymavlink's definitions, by message id. For a message X:",
     "",
     "- `X` is its id, `X_LENGTH` its full length in bytes, `X_<FIELD>` the offset of a field in the payload;",
-    "- `encode_x(payload, ...)` fills the payload from all scalar fields in declared order, extensions last, sets its",
-    "  arrays to zero and returns X_LENGTH; then `cosim.packets.pack` makes a packet of it;",
-    "- `decode_x(payload)` returns all scalar fields in that order (a lone one as it is), after `cosim.packets.unpack`;",
-    "- `put_x_<field>(payload, i, value)` and `get_x_<field>(payload, i)` access element i, from 0, of an array field;",
-    "  for text see also `cosim.packets.put_text` and `equal_text`.",
+    "- `encode_x(payload, ...)` fills the payload from all scalar fields in declared order, extensions last, sets",
+    "  its arrays to zero and returns X_LENGTH; then `cosim.packets.pack` makes a packet of it;",
+    "- `decode_x(payload)`, after `cosim.packets.unpack`, returns all scalar fields in that order (a lone one as is);",
+    "- `put_x_<field>(payload, i, value)` and `get_x_<field>(payload, i)` access element i, from 0, of an array",
+    "  field; for text see also `cosim.packets.put_text` and `equal_text`.",
     "",
-    "A payload is a uint8[255] array. Units are MAVLink's, in brackets behind the type of each field, not SI. Values are",
-    "cut to the field's width as in C; uint64 is carried in an int64. The entries of enumerations follow at the end.",
+    "A payload is a uint8[255] array. Units are MAVLink's, in brackets behind the type of each field, not SI. Integers",
+    "are cut to the field's width; uint64 is carried in an int64. The entries of enumerations follow at the end.",
+    "Offsets are added to a `zero` that is no literal because numba compiles a kernel anew for every literal argument.",
     "Packets, CRC and the rest of the dialect: `cosim.packets`.",
     '"""',
 )
 
 
 def _access_names() -> list[str]:
-    kinds = sorted({suffix for suffix, _, _ in _TYPES.values()})
-    return ["clear", *(f"get_{kind}" for kind in kinds), *(f"put_{kind}" for kind in kinds)]
+    kinds = ("f32", "f64", "i8", "i16", "i32", "i64", "u8", "u16", "u32", "u64")  # as ruff sorts imports
+    return ["clear", *(f"{access}_{kind}" for access in ("get", "put") for kind in kinds)]
 
 
 def _message_lines(message: Message) -> list[str]:
@@ -311,14 +315,16 @@ def _constant(message: Message, field: Field) -> str:
 def _encode_lines(message: Message, scalars: Sequence[Field]) -> list[str]:
     arguments = [f"{field.argument}: {_TYPES[field.type][2]}" for field in scalars]
     lines = ["", "", "@kernel"]
-    lines += _wrapped(f"def encode_{message.name.lower()}(", ["payload: Bytes", *arguments], ") -> int:", comma=True)
+    lines += _wrapped(f"def encode_{message.name.lower()}(", ["payload: Bytes", *arguments], ") -> int:")
     lines.append(f'    """Fill `payload` with {_article(message.name)}; returns {message.name}_LENGTH."""')
+    lines.append(_NOT_LITERAL)
     for field in message.fields:
-        constant = _constant(message, field)
+        offset = f"zero + {_constant(message, field)}"
         if field.count:
-            lines.append(f"    clear(payload, {constant}, {constant} + {field.size})")
+            lines += _wrapped("clear(", ["payload", offset, f"{offset} + {field.size}"], ")", indent="    ")
         else:
-            lines.append(f"    put_{_TYPES[field.type][0]}(payload, {constant}, {field.argument})")
+            put = f"put_{_TYPES[field.type][0]}("
+            lines += _wrapped(put, ["payload", offset, field.argument], ")", indent="    ")
     return [*lines, f"    return {message.name}_LENGTH"]
 
 
@@ -326,7 +332,7 @@ def _decode_lines(message: Message, scalars: Sequence[Field]) -> list[str]:
     if not scalars:
         return []
     types = [_TYPES[field.type][2] for field in scalars]
-    values = [f"get_{_TYPES[field.type][0]}(payload, {_constant(message, field)})" for field in scalars]
+    values = [f"get_{_TYPES[field.type][0]}(payload, zero + {_constant(message, field)})" for field in scalars]
     lines = ["", "", "@kernel"]
     start = f"def decode_{message.name.lower()}(payload: Bytes) -> "
     if len(scalars) == 1:
@@ -337,15 +343,16 @@ def _decode_lines(message: Message, scalars: Sequence[Field]) -> list[str]:
         lines += [
             f"def decode_{message.name.lower()}(",
             "    payload: Bytes,",
-            *_wrapped(") -> tuple[", types, "]:", comma=True),
+            *_wrapped(") -> tuple[", types, "]:"),
         ]
     lines.append(f'    """The scalar fields of {_article(message.name)}: {", ".join(f.name for f in scalars)}."""')
     if len(lines[-1]) > _WIDTH:
         names = _filled([f.name for f in scalars], "    ")
         lines[-1:] = [f'    """The scalar fields of {_article(message.name)}.', "", *names, '    """']
+    lines.append(_NOT_LITERAL)
     if len(scalars) == 1:
         return [*lines, f"    return {values[0]}"]
-    return lines + ["    " + line for line in _wrapped("return (", values, ")", comma=True, explode=True)]
+    return lines + _wrapped("return (", values, ")", indent="    ", explode=True)
 
 
 def _element_lines(message: Message, field: Field) -> list[str]:
@@ -386,15 +393,15 @@ def _article(name: str) -> str:
     return f"an {name}" if name[0] in "AEIO" or name.startswith("RC_") else f"a {name}"
 
 
-def _wrapped(start: str, items: Sequence[str], end: str, *, comma: bool, explode: bool = False) -> list[str]:
-    """`start` items `end` on as few lines as the formatter would use: one, three, or one per item."""
-    line = start + ", ".join(items) + end
+def _wrapped(start: str, items: Sequence[str], end: str, *, indent: str = "", explode: bool = False) -> list[str]:
+    """`start` items `end` on as many lines as the formatter would use: one, three, or one per item."""
+    line = indent + start + ", ".join(items) + end
     if not explode and len(line) <= _WIDTH:
         return [line]
-    inner = "    " + ", ".join(items)
+    inner = f"{indent}    {', '.join(items)}"
     if not explode and len(inner) <= _WIDTH:
-        return [start, inner, end]
-    return [start, *(f"    {item}{',' if comma else ''}" for item in items), end]
+        return [indent + start, inner, indent + end]
+    return [indent + start, *(f"{indent}    {item}," for item in items), indent + end]
 
 
 def _filled(words: Iterable[str], indent: str) -> list[str]:
