@@ -1,0 +1,117 @@
+"""The vehicle presets: complete, about existing parameters, and with the hover figures of their sources."""
+
+from __future__ import annotations
+
+import math
+from importlib import resources
+from typing import Any
+
+import pytest
+from cosim_models.quadrotor import Quadrotor
+from cosim_models.rotor import MotorCurve
+from lxml import etree
+
+from cosim.model import flat_variables
+
+G = 9.80665
+PRESETS = {
+    file.name.removesuffix(".ssv"): file
+    for file in (resources.files("cosim_models") / "presets").iterdir()
+    if file.name.endswith(".ssv")
+}
+NOT_OF_THE_VEHICLE = ("position_start", "yaw_start", "ground_", "foot_", "substep")
+SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
+
+
+def values(name: str) -> dict[str, Any]:
+    """Parameter name to value, as a strict reader of SSP 1.0 parameter values would give it."""
+    root = etree.fromstring(PRESETS[name].read_bytes())
+    assert root.tag == f"{SSV}ParameterSet"
+    assert root.get("version") == "1.0"
+    assert root.get("name") == name
+    (parameters,) = root
+    found: dict[str, Any] = {}
+    for parameter in parameters:
+        (value,) = parameter
+        key, text = parameter.get("name"), value.get("value")
+        assert key not in found
+        types = {f"{SSV}Real": float, f"{SSV}Integer": int, f"{SSV}Enumeration": lambda t: MotorCurve[t]}
+        found[key] = types[value.tag](text)
+    return found
+
+
+def with_preset(name: str) -> Any:
+    m = Quadrotor.record()
+    for key, value in values(name).items():
+        array, _, index = key.partition("[")
+        if index:
+            m[array][int(index[:-1]) - 1] = value
+        else:
+            m[key] = value
+    assert Quadrotor.kernels is not None
+    assert Quadrotor.kernels[0](m) == 0
+    return m
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_sets_every_parameter_of_the_vehicle(name: str) -> None:
+    given = values(name)
+    known = {f.name: f.variable for f in flat_variables(Quadrotor.variables) if f.variable.role == "parameter"}
+    assert set(given) <= set(known)
+    kinds = {float: "Real", int: "Integer", MotorCurve: "Enumeration"}
+    assert all(kinds[type(value)] == known[key].kind for key, value in given.items())
+    spare = {f"rotor_{axis}[{i}]" for axis in ("x", "y", "z", "direction") for i in range(5, 9)}
+    wanted = {key for key in known if not key.startswith(NOT_OF_THE_VEHICLE)} - spare
+    assert set(given) == wanted
+
+
+def test_the_px4_iris_is_the_default() -> None:
+    defaults = {f.name: f.start for f in flat_variables(Quadrotor.variables)}
+    assert all(defaults[key] == value for key, value in values("px4_iris").items())
+
+
+@pytest.mark.parametrize(
+    ("name", "hover", "thrust_over_weight"),
+    [
+        ("px4_iris", 805.0, 1.87),
+        ("rotors_iris", 660.0, 1.61),
+        ("ardupilot_gazebo_iris", 445.0, 3.55),
+        ("ardupilot_sitl_quad", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
+        ("ardupilot_json", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
+    ],
+)
+def test_hover(name: str, hover: float, thrust_over_weight: float) -> None:
+    m = with_preset(name)
+    speed = math.sqrt(m.mass * G / (4.0 * m.thrust_constant))
+    assert speed == pytest.approx(hover, abs=0.6)
+    assert (m.speed_max / speed) ** 2 == pytest.approx(thrust_over_weight, abs=0.01)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_it_flies(name: str) -> None:
+    """Full command lifts it with the acceleration of its thrust over weight, until drag matters."""
+    m = with_preset(name)
+    m.motor[:4] = 1.0
+    assert Quadrotor.kernels is not None
+    for k in range(80):
+        assert Quadrotor.kernels[1](m, 0.0025 * k, 0.0025) == 0
+    thrust = 4.0 * m.thrust_constant * m.speed_max**2 / m.mass
+    loss = 1.0 - abs(m.velocity[2]) / m.axial_speed_limit if m.axial_speed_limit else 1.0
+    assert -m.specific_force[2] == pytest.approx(thrust * loss, rel=0.03)
+    assert not m.on_ground
+
+
+def test_sitl_quad_leans_45_degrees_at_its_reference_speed() -> None:
+    """Level flight, nose down by 45 degrees: thrust m g sqrt(2) and drag balance, as SIM_Frame.cpp sets its drag."""
+    m = with_preset("ardupilot_sitl_quad")
+    m.attitude[:] = (math.cos(math.pi / 8), 0.0, -math.sin(math.pi / 8), 0.0)
+    m.velocity[0] = 15.08
+    m.position[2] = -500.0
+    speed = math.sqrt(m.mass * G * math.sqrt(2.0) / (4.0 * m.thrust_constant))
+    m.rotor_speed[:4] = speed
+    part = (speed / m.speed_max) ** 2
+    command = (-0.35 + math.sqrt(0.35**2 + 4.0 * 0.65 * part)) / 1.3
+    m.motor[:4] = 0.15 + 0.8 * command
+    assert Quadrotor.kernels is not None
+    assert Quadrotor.kernels[1](m, 0.0, 0.001) == 0
+    assert (m.velocity[0] - 15.08) / 0.001 == pytest.approx(0.0, abs=0.01 * G)
