@@ -1,0 +1,352 @@
+"""Compares a described system with its FMUs and flattens it: everything a run needs, with all names resolved.
+
+`check` raises every problem of every file, FMU, connection and parameter at once. What it returns is plain data;
+no FMU has been loaded.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosim_master.binding import Bindings, Unmatched
+from cosim_master.document import line_of, near
+from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmu import FmuDescription, Start, describe
+from cosim_master.initialization import exchange_order
+from cosim_master.system import Annotation, Component, System, SystemStructure, Value
+from cosim_master.units import Unit
+from cosim_master.wiring import Part, Wiring, assemble
+from lxml import etree
+
+__all__ = ["ANNOTATION_TYPES", "Alias", "CheckedSystem", "Instance", "Link", "OwnedAnnotation", "check", "natural"]
+
+STEPPING = "org.uav-cosim.stepping"
+ANNOTATION_TYPES = (STEPPING, "org.uav-cosim.network", "org.uav-cosim.recording")
+_NAMESPACE = "https://uav-cosim.org/ns/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """An FMU instance to be.
+
+    Attributes:
+        name: hierarchical name ("drone1.vehicle"), unique.
+        start_values: what the system sets, in the FMU's units and types (enumerations as integers).
+        step_size: communication step in s: the system's, else the FMU's own, else None.
+    """
+
+    name: str
+    fmu: FmuDescription
+    start_values: Mapping[str, Value]
+    step_size: float | None
+    where: Where
+
+    def effective_values(self) -> dict[str, Start]:
+        """Start values of all parameters and inputs: the system's where it sets one, else the FMU's."""
+        own = {
+            variable.name: variable.start
+            for variable in self.fmu.variables.values()
+            if variable.start is not None and variable.settable and variable.causality in ("parameter", "input")
+        }
+        return {**own, **self.start_values}
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One variable driving another: value_target = factor * value_source + offset.
+
+    Unit conversions and linear transformations of all connections on the way are in factor and offset, which are
+    1 and 0 for everything but Reals. `initial_only` links end at a parameter: exchanged while initializing only.
+    """
+
+    source: tuple[str, str]
+    target: tuple[str, str]
+    factor: float
+    offset: float
+    initial_only: bool
+    where: Where
+
+
+@dataclass(frozen=True, slots=True)
+class Alias:
+    """The connector of a system as a signal: value = factor * source + offset, in `unit`."""
+
+    name: str
+    source: tuple[str, str]
+    factor: float
+    offset: float
+    unit: Unit | None
+
+
+@dataclass(frozen=True, slots=True)
+class OwnedAnnotation:
+    """An annotation with the hierarchical name of the system or component it is on; empty for the root."""
+
+    owner: str
+    annotation: Annotation
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedSystem:
+    """A system without known problems.
+
+    Attributes:
+        structure: what was checked; keep it open as long as files of an .ssp are needed.
+        instances: sorted by name, drone2 before drone10.
+        links: sorted by target.
+        start_time, stop_time: s; stop_time None if the system names none.
+        init_order: stages of indices into `links`: in initialization mode get all sources of a stage, set its
+            targets, go on to the next.
+        aliases: connectors of systems that are driven, sorted by name.
+        annotations: all of them, outer before inner.
+        unmatched: parameters of bindings that match nothing and are ignored.
+        notes: what was assumed or ignored, for the user.
+    """
+
+    structure: SystemStructure
+    instances: tuple[Instance, ...]
+    links: tuple[Link, ...]
+    start_time: float
+    stop_time: float | None
+    init_order: tuple[tuple[int, ...], ...]
+    aliases: tuple[Alias, ...]
+    annotations: tuple[OwnedAnnotation, ...]
+    unmatched: tuple[Unmatched, ...]
+    notes: tuple[str, ...]
+
+
+def natural(name: str) -> tuple[tuple[str | int, ...], str]:
+    """Sort key that puts drone2 before drone10."""
+    parts = re.split(r"([0-9]+)", name)
+    return tuple(int(part) if index % 2 else part for index, part in enumerate(parts)), name
+
+
+def check(structure: SystemStructure, overrides: Mapping[str, str] | None = None) -> CheckedSystem:
+    """Compare a system with its FMUs and flatten it.
+
+    Args:
+        structure: what `read_system` returned.
+        overrides: start values by hierarchical name ("drone1.autopilot.WPNAV_SPEED"), as text; they win over
+            everything in the files.
+
+    Raises:
+        SystemDescriptionError: all problems of the structure, its FMUs, connections and parameters.
+    """
+    return _Check(structure, overrides or {}).checked()
+
+
+class _Check:
+    def __init__(self, structure: SystemStructure, overrides: Mapping[str, str]) -> None:
+        self.structure = structure
+        self.overrides = overrides
+        self.problems: list[Problem] = list(structure.problems)
+        self.notes: list[str] = list(structure.notes)
+
+    def checked(self) -> CheckedSystem:
+        fmus = self._described()
+        root = assemble(self.structure.system, fmus, self.problems, self.notes)
+        parts = [part for part in root.walk() if isinstance(part.element, Component) and part.system is None]
+        self._unique(parts)
+        wiring = Wiring(root, self.problems)
+        links, aliases = self._links(parts, wiring), self._aliases(root, wiring)
+        bindings = Bindings(wiring, self.problems, self.notes)
+        bindings.apply(root)
+        bindings.override(self.overrides)
+        annotations = self._annotations(root)
+        instances = self._instances(parts, bindings)
+        order = exchange_order(
+            [(link.source, link.target) for link in links],
+            [link.where for link in links],
+            {instance.name: instance.fmu for instance in instances},
+            self.problems,
+            self.notes,
+        )
+        self._assumptions(wiring, bindings, fmus, instances)
+        if self.problems:
+            raise SystemDescriptionError(dict.fromkeys(self.problems))
+        return CheckedSystem(
+            structure=self.structure,
+            instances=instances,
+            links=links,
+            start_time=self.structure.start_time or 0.0,
+            stop_time=self.structure.stop_time,
+            init_order=order,
+            aliases=aliases,
+            annotations=annotations,
+            unmatched=tuple(bindings.unmatched),
+            notes=tuple(dict.fromkeys(self.notes)),
+        )
+
+    def _described(self) -> dict[Path, FmuDescription | None]:
+        """The description of every FMU file, read once however many components use it."""
+        found: dict[Path, FmuDescription | None] = {}
+        seen: set[int] = set()
+
+        def visit(system: System) -> None:
+            if id(system) in seen:
+                return
+            seen.add(id(system))
+            for element in system.elements:
+                if isinstance(element, System):
+                    visit(element)
+                elif element.content is not None:
+                    visit(element.content)
+                elif element.source is not None and element.source not in found:
+                    found[element.source] = self._describe(element, element.source)
+
+        visit(self.structure.system)
+        return found
+
+    def _describe(self, component: Component, path: Path) -> FmuDescription | None:
+        if component.type != "application/x-fmu-sharedlibrary":
+            return None
+        try:
+            return describe(path)
+        except SystemDescriptionError as error:
+            for problem in error.problems:
+                text = f'{problem.message} (source of component "{component.name}" at {component.where})'
+                self.problems.append(Problem(problem.where, text))
+            return None
+
+    def _unique(self, parts: list[Part]) -> None:
+        first: dict[str, Part] = {}
+        for part in parts:
+            if part.name in first:
+                other = first[part.name].element.where
+                text = f'two components have the hierarchical name "{part.name}"; the other is at {other}'
+                self.problems.append(Problem(part.element.where, text))
+            first.setdefault(part.name, part)
+
+    def _links(self, parts: list[Part], wiring: Wiring) -> tuple[Link, ...]:
+        links: list[Link] = []
+        for part in parts:
+            written: dict[tuple[str, int], str] = {}
+            for port in part.ports.values():
+                if port not in wiring.incoming or port.variable is None:
+                    continue
+                connection = wiring.incoming[port][0]
+                key = (port.variable.type, port.variable.value_reference)
+                if key in written:
+                    text = f'"{port}" and "{written[key]}" are the same variable of the FMU, and both are written'
+                    self.problems.append(Problem(connection.where, text))
+                written[key] = str(port)
+                route = wiring.route(port)
+                if route.source is None:
+                    continue
+                source = (route.source.part.name, route.source.name)
+                initial_only = port.variable.causality == "parameter"
+                links.append(
+                    Link(source, (part.name, port.name), route.factor, route.offset, initial_only, connection.where)
+                )
+        return tuple(sorted(links, key=lambda link: (natural(link.target[0]), natural(link.target[1]))))
+
+    def _aliases(self, root: Part, wiring: Wiring) -> tuple[Alias, ...]:
+        aliases = []
+        for part in root.walk():
+            if part.system is None:
+                continue
+            for port in part.ports.values():
+                route = wiring.route(port)
+                if route.source is not None:
+                    name = f"{part.name}.{port.name}" if part.name else port.name
+                    source = (route.source.part.name, route.source.name)
+                    aliases.append(Alias(name, source, route.factor, route.offset, route.unit))
+        return tuple(sorted(aliases, key=lambda alias: natural(alias.name)))
+
+    def _annotations(self, root: Part) -> tuple[OwnedAnnotation, ...]:
+        owned = [OwnedAnnotation("", annotation) for annotation in self.structure.annotations]
+        for part in root.walk():
+            found = part.element.annotations
+            if part.system is not None and part.system is not part.element:
+                found = (*found, *part.system.annotations)
+            owned += [OwnedAnnotation(part.name, annotation) for annotation in found]
+        for annotation in {id(item.annotation): item.annotation for item in owned}.values():
+            if annotation.type in ANNOTATION_TYPES:
+                continue
+            if annotation.type.startswith("org.uav-cosim"):
+                hint = near(annotation.type, ANNOTATION_TYPES)
+                self.problems.append(Problem(annotation.where, f'there is no annotation "{annotation.type}"; {hint}'))
+            else:
+                self.notes.append(f'{annotation.where}: annotation "{annotation.type}" is ignored')
+        return tuple(owned)
+
+    def _instances(self, parts: list[Part], bindings: Bindings) -> tuple[Instance, ...]:
+        instances: list[Instance] = []
+        only_once: dict[str, str] = {}
+        for part in sorted(parts, key=lambda item: natural(item.name)):
+            step = self._step_size(part)
+            if part.fmu is None:
+                continue
+            if part.fmu.capabilities.canBeInstantiatedOnlyOncePerProcess:
+                other = only_once.setdefault(part.fmu.digest, part.name)
+                if other != part.name:
+                    text = (
+                        f"{part.fmu.path.name} can be instantiated only once per process, but is used by "
+                        f"{other} and {part.name}"
+                    )
+                    self.problems.append(Problem(part.element.where, text))
+            values = bindings.values.get(part.name, {})
+            instances.append(Instance(part.name, part.fmu, values, step or part.fmu.step_size, part.element.where))
+        return tuple(instances)
+
+    def _step_size(self, part: Part) -> float | None:
+        """The communication step the system gives an FMU, from the nearest annotation around it."""
+        owner: Part | None = part
+        while owner is not None:
+            inner = owner.system.annotations if owner.system is not None else ()
+            outer = owner.element.annotations if owner.element is not owner.system else ()
+            top = self.structure.annotations if owner.parent is None else ()
+            for annotation in (*inner, *outer, *top):
+                if annotation.type == STEPPING:
+                    return self._stepping(annotation)
+            owner = owner.parent
+        return None
+
+    def _stepping(self, annotation: Annotation) -> float | None:
+        children = list(annotation.element)
+        if len(children) != 1 or children[0].tag != f"{{{_NAMESPACE}}}stepping":
+            text = f'annotation {STEPPING} needs one element: <stepping xmlns="{_NAMESPACE}" stepSize="0.01"/>'
+            self.problems.append(Problem(annotation.where, text))
+            return None
+        stepping = children[0]
+        where = Where(annotation.where.path, line_of(stepping))
+        for attribute in map(str, stepping.attrib):
+            if attribute != "stepSize":
+                self.problems.append(Problem(where, f'<stepping> has no attribute "{attribute}"; valid: "stepSize"'))
+        for child in stepping:
+            text = f"<stepping> holds no <{etree.QName(child).localname}>"
+            self.problems.append(Problem(where, text))
+        try:
+            step = float(stepping.get("stepSize", ""))
+        except ValueError:
+            step = math.nan
+        if not 0.0 < step < math.inf:
+            text = f'stepSize "{stepping.get("stepSize", "")}" of <stepping> must be a positive number of seconds'
+            self.problems.append(Problem(where, text))
+            return None
+        return step
+
+    def _assumptions(
+        self,
+        wiring: Wiring,
+        bindings: Bindings,
+        fmus: Mapping[Path, FmuDescription | None],
+        instances: tuple[Instance, ...],
+    ) -> None:
+        if self.structure.start_time is None:
+            self.notes.append("the system names no start time: it starts at 0 s")
+        if not instances:
+            self.notes.append("the system has no components")
+        for fmu in fmus.values():
+            if fmu is not None:
+                self.notes += [f"{fmu.path.name}: {note}" for note in fmu.notes]
+        for item in bindings.unmatched:
+            self.notes.append(f'{item.where}: parameter "{item.name}" matches nothing and is ignored; {item.hint}')
+        if wiring.unit_gaps:
+            where = wiring.unit_gaps[0].where
+            count = len(wiring.unit_gaps)
+            self.notes.append(f"{count} connections join a unit to a port without one, unconverted; the first: {where}")

@@ -1,0 +1,79 @@
+"""What can go wrong, as exceptions a caller can act on.
+
+    CosimError
+    ├── SystemDescriptionError   the description of a system or an FMU is wrong; nothing has been loaded yet
+    └── FmuError                 an FMU refused or failed a call while it was alive
+
+How a run ended is a value, not an error; misuse of an API is a `ValueError` or `TypeError`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+__all__ = ["CosimError", "FmuError", "Problem", "SystemDescriptionError", "Where"]
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """A place in a description: a file as the user would name it, and a line of it where one is known."""
+
+    path: str
+    line: int | None = None
+
+    def __str__(self) -> str:
+        return self.path if self.line is None else f"{self.path}:{self.line}"
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong with a description: where, what, and what would be valid."""
+
+    where: Where
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.message}"
+
+
+class CosimError(Exception):
+    """Whatever this package raises on purpose."""
+
+
+class SystemDescriptionError(CosimError):
+    """A description is wrong.
+
+    Attributes:
+        problems: every problem that was found, in the order of the files; never empty.
+    """
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        if not self.problems:
+            raise ValueError("a SystemDescriptionError needs at least one problem")
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class FmuError(CosimError):
+    """An FMU failed.
+
+    Attributes:
+        instance: hierarchical name of the instance, as in the system structure.
+        function: the FMI function that was called.
+        status: what it answered, in the standard's words ("fmi2Error"), or what was wrong with the answer.
+        time: simulation time of the call in s, None before initialization.
+        log: the last lines the FMU logged.
+    """
+
+    def __init__(
+        self, instance: str, function: str, status: str, time: float | None = None, log: Iterable[str] = ()
+    ) -> None:
+        self.instance = instance
+        self.function = function
+        self.status = status
+        self.time = time
+        self.log = tuple(log)
+        at = "" if time is None else f" at t = {time:.9g} s"
+        lines = [f"{instance}: {function} failed{at}: {status}", *(f"    {line}" for line in self.log)]
+        super().__init__("\n".join(lines))

@@ -1,0 +1,428 @@
+"""What an FMU says about itself: reads and judges modelDescription.xml, and unpacks an FMU. Executes nothing.
+
+FMPy parses; this module decides what is fatal (we could not run the FMU, or not run it right) and what is a note
+(the description breaks a rule that does not matter for a run; many exporters do). The only module that imports FMPy.
+Supported: FMI 2.0 for Co-Simulation. FMI 1 and 3 are refused by name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import struct
+import sys
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeAlias, cast
+
+from cosim_master import archive
+from cosim_master.document import line_of, near, parse
+from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.units import BASE_UNITS, BaseUnit, Unit
+from fmpy.model_description import ModelDescription, ValidationError, read_model_description
+from lxml import etree
+
+__all__ = ["Capabilities", "FmuDescription", "Variable", "describe", "extract", "platform"]
+
+_MAX_DESCRIPTION_BYTES = 128 << 20
+_LIBRARY_SUFFIX = {"linux": ".so", "win": ".dll", "darwin": ".dylib"}
+_SHOWN_NOTES = 5
+
+Start: TypeAlias = float | int | bool | str
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A variable of an FMU, with FMI's defaults filled in.
+
+    Attributes:
+        type: "Real", "Integer", "Boolean", "String" or "Enumeration".
+        causality, variability, initial: the standard's words; `initial` is None for inputs and time.
+        unit: of a Real, with its definition; without offset if the variable is a relative quantity.
+        items: of an Enumeration, item name -> value.
+        packet_capacity: bytes of MAVLink packets it can carry per step (base64 text in a String), None for others.
+    """
+
+    name: str
+    value_reference: int
+    type: str
+    causality: str
+    variability: str
+    initial: str | None
+    unit: Unit | None = None
+    start: Start | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    items: Mapping[str, int] | None = None
+    packet_capacity: int | None = None
+    description: str = ""
+
+    @property
+    def settable(self) -> bool:
+        """Whether a start value may be set before initialization (FMI 2.0.5, section 2.2.7)."""
+        if self.variability == "constant":
+            return False
+        return self.causality == "input" or self.initial in ("exact", "approx")
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """Capability flags of the CoSimulation element, in the standard's spelling (FMI 2.0.5, section 4.3.1)."""
+
+    needsExecutionTool: bool = False
+    canHandleVariableCommunicationStepSize: bool = False
+    canInterpolateInputs: bool = False
+    maxOutputDerivativeOrder: int = 0
+    canRunAsynchronuously: bool = False
+    canBeInstantiatedOnlyOncePerProcess: bool = False
+    canNotUseMemoryManagementFunctions: bool = False
+    canGetAndSetFMUstate: bool = False
+    canSerializeFMUstate: bool = False
+    providesDirectionalDerivative: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FmuDescription:
+    """What a co-simulation needs to know about one FMU file.
+
+    Attributes:
+        path: the .fmu, absolute.
+        digest: SHA-256 of the file, hexadecimal.
+        library: member of the archive that is loaded on this platform.
+        variables: by name, in the order of the file.
+        units: its unit definitions, by name.
+        step_size: stepSize of the DefaultExperiment in s.
+        outputs: direct feed-through: output -> the inputs it depends on; None means on all of them.
+        initial_unknowns: what each unknown depends on in initialization mode; None means on all knowns.
+            A variable that is an unknown but is missing here is one of an FMU that does not say (see `notes`).
+        notes: what is not as the standard wants it but does not stop us.
+    """
+
+    path: Path
+    digest: str
+    fmi_version: str
+    model_name: str
+    model_identifier: str
+    guid: str
+    description: str
+    library: str
+    variables: Mapping[str, Variable]
+    units: Mapping[str, Unit]
+    step_size: float | None
+    capabilities: Capabilities
+    outputs: Mapping[str, tuple[str, ...] | None]
+    initial_unknowns: Mapping[str, tuple[str, ...] | None]
+    notes: tuple[str, ...] = ()
+
+
+def platform() -> str:
+    """The name of this machine's folder in `binaries/` of an FMI 2 FMU: "linux64", "win64", "darwin64", ..."""
+    system = "win" if sys.platform == "win32" else "darwin" if sys.platform == "darwin" else "linux"
+    return f"{system}{struct.calcsize('P') * 8}"
+
+
+def describe(path: str | Path) -> FmuDescription:
+    """Read and judge the description of an FMU.
+
+    Args:
+        path: the .fmu file.
+
+    Raises:
+        SystemDescriptionError: not a ZIP archive, without a readable modelDescription.xml, of another FMI version,
+            not for Co-Simulation, or without a library for this platform; all problems at once.
+    """
+    shown = str(path)
+    names = archive.member_names(Path(path), shown)
+    data = archive.read_member(Path(path), "modelDescription.xml", shown, limit=_MAX_DESCRIPTION_BYTES)
+    if data is None:
+        raise SystemDescriptionError([Problem(Where(shown), "is not an FMU: it has no modelDescription.xml")])
+    reading = _Reading(f"{shown}/modelDescription.xml", data)
+    library = None if reading.identifier is None else _library(names, reading.identifier, Where(shown), reading)
+    if reading.problems:
+        raise SystemDescriptionError(reading.problems)
+    return reading.description(Path(path), cast(str, library))
+
+
+def extract(description: FmuDescription, directory: Path) -> Path:
+    """Unpack an FMU into `directory`, which is made, and return the path of its library.
+
+    The path must be plain ASCII without "%", "#", "?", "+" and spaces: FMUs get it as a URI, and pythonfmu decodes
+    nothing but "%20" in it.
+
+    Raises:
+        ValueError: the path of `directory` has other characters.
+        SystemDescriptionError: the archive is refused, or has changed since it was described.
+    """
+    target = str(directory.absolute())
+    if not target.isascii() or any(character in "%#?+ " for character in target):
+        raise ValueError(f'FMUs must be unpacked into a path of plain ASCII without % # ? + and spaces, not "{target}"')
+    if _digest(description.path) != description.digest:
+        problem = Problem(Where(str(description.path)), "the file has changed since it was checked")
+        raise SystemDescriptionError([problem])
+    archive.unpack(description.path, directory, str(description.path))
+    return directory.joinpath(*PurePosixPath(description.library).parts)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _library(names: Sequence[str], identifier: str, where: Where, reading: _Reading) -> str | None:
+    folder = platform()
+    suffix = next(suffix for system, suffix in _LIBRARY_SUFFIX.items() if folder.startswith(system))
+    expected = f"binaries/{folder}/{identifier}{suffix}"
+    if expected in names:
+        return expected
+    # Old exporters name the library after the .fmu file; if there is only one, there is no doubt.
+    pattern = f"binaries/{folder}/"
+    others = [name for name in names if name.startswith(pattern) and name.endswith(suffix) and name.count("/") == 2]
+    if len(others) == 1:
+        reading.notes.append(f"its library is {others[0]}, by its modelIdentifier it should be {expected}")
+        return others[0]
+    available = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
+    offered = f"it has binaries for {', '.join(available)}" if available else "it has no binaries"
+    reading.problems.append(Problem(where, f"has no library for this platform ({expected}); {offered}"))
+    return None
+
+
+class _Reading:
+    """One modelDescription.xml being read. Whatever is fatal goes to `problems`, the rest to `notes`."""
+
+    def __init__(self, shown: str, data: bytes) -> None:
+        self.shown = shown
+        self.problems: list[Problem] = []
+        self.notes: list[str] = []
+        self.identifier: str | None = None
+        self.root = parse(data, shown)
+        self._interface()
+        if self.problems:
+            raise SystemDescriptionError(self.problems)
+        self._structure()
+        if self.problems:
+            raise SystemDescriptionError(self.problems)
+        self._repair()
+        self.model = self._parsed()
+        self.units = {unit.name: self._unit(unit) for unit in self.model.unitDefinitions}
+        self.variables: dict[str, Variable] = {}
+        self._variables()
+        self.step_size = self._step_size()
+
+    def _problem(self, element: etree._Element, message: str) -> None:
+        self.problems.append(Problem(Where(self.shown, line_of(element)), message))
+
+    def _interface(self) -> None:
+        root = self.root
+        version = root.get("fmiVersion", "")
+        if root.tag != "fmiModelDescription":
+            self._problem(root, f"the root element is <{root.tag}>; it must be <fmiModelDescription>")
+        elif version != "2.0":
+            kind = "FMI 3.0 is not supported yet" if version.startswith("3.") else f'FMI "{version}" is not supported'
+            self._problem(root, f'{kind}; valid: fmiVersion="2.0"')
+        elif (interface := root.find("CoSimulation")) is None:
+            has = "it is for Model Exchange only" if root.find("ModelExchange") is not None else "it has no interface"
+            self._problem(root, f"is not an FMU for Co-Simulation: {has}")
+        else:
+            self.identifier = interface.get("modelIdentifier")
+            if not self.identifier or "/" in self.identifier:
+                self._problem(interface, "<CoSimulation> needs the attribute modelIdentifier, a C identifier")
+        if not self.problems:
+            if not root.get("guid"):
+                self._problem(root, "<fmiModelDescription> needs the attribute guid")
+            if root.find("ModelVariables") is None:
+                self._problem(root, "<fmiModelDescription> needs <ModelVariables>")
+
+    def _structure(self) -> None:
+        """Indices of the ModelStructure count from 1. FMPy takes 0 for the last variable."""
+        count = len(self.root.findall("ModelVariables/ScalarVariable"))
+        for unknown in self.root.iterfind("ModelStructure/*/Unknown"):
+            indices = [unknown.get("index", ""), *unknown.get("dependencies", "").split()]
+            wrong = [text for text in indices if not (text.isdecimal() and len(text) < 10 and 1 <= int(text) <= count)]
+            if wrong:
+                self._problem(unknown, f'<Unknown> refers to variable "{wrong[0]}"; valid: 1 to {count}')
+            elif unknown.get("dependencies") is not None:
+                unknown.set("dependencies", " ".join(indices[1:]))
+
+    def _unit(self, unit: Any) -> Unit:
+        base = unit.baseUnit
+        if base is None:
+            return Unit(unit.name)
+        if not (math.isfinite(base.factor) and math.isfinite(base.offset) and base.factor != 0.0):
+            text = f'unit "{unit.name}": factor must be finite and not 0, offset finite'
+            self.problems.append(Problem(Where(self.shown), text))
+            return Unit(unit.name)
+        return Unit(unit.name, BaseUnit(tuple(getattr(base, name) for name in BASE_UNITS), base.factor, base.offset))
+
+    def _step_size(self) -> float | None:
+        experiment = self.model.defaultExperiment
+        if experiment is None:
+            return None
+        step = cast("float | None", self._value(self.root, "stepSize", experiment.stepSize, "Real"))
+        if step is not None and not 0.0 < step < math.inf:
+            self.notes.append(f"its DefaultExperiment's stepSize of {step:g} s is not used: it must be positive")
+            return None
+        return step
+
+    def _repair(self) -> None:
+        """Give variables the variability that only one reading of their causality allows; FMPy gives up on them.
+
+        FMI's default is "continuous", which no parameter and no Integer, Boolean, String or Enumeration can be;
+        pythonfmu leaves the attribute out all the same.
+        """
+        repaired = []
+        for variable in self.root.iterfind("ModelVariables/ScalarVariable"):
+            if variable.get("variability") is not None:
+                continue
+            causality = variable.get("causality", "local")
+            if causality in ("parameter", "calculatedParameter"):
+                variable.set("variability", "fixed")
+            elif len(variable) and variable[0].tag != "Real":
+                variable.set("variability", "discrete")
+            else:
+                continue
+            repaired.append(variable.get("name", ""))
+        if repaired:
+            more = f" and {len(repaired) - 1} more" if len(repaired) > 1 else ""
+            self.notes.append(
+                f'variables without the variability they need, taken as fixed or discrete: "{repaired[0]}"{more}'
+            )
+
+    def _parsed(self) -> ModelDescription:
+        """FMPy's reading, strict if it can be, else lenient with the strict findings as notes."""
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w") as memory:
+            memory.writestr("modelDescription.xml", etree.tostring(self.root, encoding="utf-8", xml_declaration=True))
+        findings: list[str] = []
+        try:
+            return read_model_description(packed, validate=True, validate_model_structure=True)
+        except ValidationError as error:
+            findings = [str(problem) for problem in error.problems]
+        except Exception as error:
+            # FMPy lets whatever its parsing raises come through: KeyError, ValueError, plain Exception.
+            findings = [f"{type(error).__name__}: {error}"]
+        try:
+            model = read_model_description(packed, validate=False)
+        except Exception as error:
+            findings.append(f"{type(error).__name__}: {error}")
+            unique = list(dict.fromkeys(findings))
+            raise SystemDescriptionError(
+                Problem(Where(self.shown), f"cannot be read: {text}") for text in unique
+            ) from error
+        self.notes += findings[:_SHOWN_NOTES]
+        if len(findings) > _SHOWN_NOTES:
+            self.notes.append(f"and {len(findings) - _SHOWN_NOTES} more findings of this kind")
+        return model
+
+    def _variables(self) -> None:
+        elements = self.root.findall("ModelVariables/ScalarVariable")
+        capacities = self._packet_ports()
+        for read, element in zip(self.model.modelVariables, elements, strict=True):
+            if read.name in self.variables:
+                self._problem(element, f'variable "{read.name}" is declared twice')
+                continue
+            variable = self._variable(read, element, capacities.pop(read.name, None))
+            if variable is not None:
+                self.variables[read.name] = variable
+        for name in capacities:
+            self._problem(self.root, f'PacketPort: there is no variable "{name}"; {near(name, self.variables)}')
+        if self.model.initialUnknowns == [] and any(
+            variable.causality == "output" and variable.initial != "exact" for variable in self.variables.values()
+        ):
+            self.notes.append("has no InitialUnknowns: what its outputs depend on while initializing is not known")
+
+    def _variable(self, read: Any, element: etree._Element, capacity: int | None) -> Variable | None:
+        declared, value = read.declaredType, element.find(read.type)
+        if value is None:
+            self._problem(element, f'variable "{read.name}" has no type element')
+            return None
+        unit_name = read.unit or (declared.unit if declared is not None else None)
+        unit = self.units.get(unit_name, Unit(unit_name)) if unit_name else None
+        relative = value.get("relativeQuantity")
+        if relative in ("true", "1") or (relative is None and declared is not None and declared.relativeQuantity):
+            unit = None if unit is None else unit.relative()
+        limits = []
+        for bound in ("min", "max"):
+            text = getattr(read, bound) or (getattr(declared, bound) if declared is not None else None)
+            limits.append(cast("float | None", self._value(element, bound, text, "Real")))
+        items = None
+        if read.type == "Enumeration" and declared is not None:
+            items = {item.name: self._item(element, declared, item.value) for item in declared.items}
+        if capacity is not None and read.type != "String":
+            self._problem(element, f'PacketPort "{read.name}" is of type {read.type}; in FMI 2 it must be a String')
+        return Variable(
+            name=read.name,
+            value_reference=read.valueReference,
+            type=read.type,
+            causality=read.causality,
+            variability=read.variability,
+            initial=None if read.causality in ("input", "independent") else read.initial,
+            unit=unit,
+            start=self._value(element, "start", read.start, read.type),
+            minimum=limits[0],
+            maximum=limits[1],
+            items=items,
+            packet_capacity=capacity,
+            description=read.description or "",
+        )
+
+    def _value(self, element: etree._Element, attribute: str, text: str | None, kind: str) -> Start | None:
+        """A start value or limit, None if it is absent."""
+        if text is None or kind == "String":
+            return text
+        try:
+            if kind == "Real":
+                number = float(text)
+                if math.isnan(number):
+                    raise ValueError
+                return number
+            if kind == "Boolean":
+                return {"true": True, "1": True, "false": False, "0": False}[text.strip()]
+            return int(text)
+        except (ValueError, KeyError):
+            self._problem(element, f'{attribute} "{text}" of "{element.get("name", "the FMU")}" is not of type {kind}')
+            return None
+
+    def _item(self, element: etree._Element, declared: Any, value: str | None) -> int:
+        try:
+            return int(value or "")
+        except ValueError:
+            self._problem(element, f'an item of its type "{declared.name}" has the value "{value}", not an integer')
+            return 0
+
+    def _packet_ports(self) -> dict[str, int]:
+        capacities: dict[str, int] = {}
+        for port in self.root.iterfind("VendorAnnotations/Tool[@name='uav-cosim']/PacketPort"):
+            name, size = port.get("variable"), port.get("maxSize", "")
+            if not name or not size.isascii() or not size.isdigit() or not 0 < int(size) < 2**31:
+                self._problem(port, "PacketPort needs the attributes variable and maxSize (a positive number of bytes)")
+            else:
+                capacities[name] = int(size)
+        return capacities
+
+    def description(self, path: Path, library: str) -> FmuDescription:
+        model = self.model
+        flags = {name: getattr(model.coSimulation, name) for name in Capabilities.__slots__}
+        return FmuDescription(
+            path=path.resolve(),
+            digest=_digest(path),
+            fmi_version=model.fmiVersion,
+            model_name=model.modelName or "",
+            model_identifier=cast(str, self.identifier),
+            guid=model.guid,
+            description=model.description or "",
+            library=library,
+            variables=self.variables,
+            units=self.units,
+            step_size=self.step_size,
+            capabilities=Capabilities(**flags),
+            outputs={unknown.variable.name: _dependencies(unknown) for unknown in model.outputs},
+            initial_unknowns={unknown.variable.name: _dependencies(unknown) for unknown in model.initialUnknowns},
+            notes=tuple(self.notes),
+        )
+
+
+def _dependencies(unknown: Any) -> tuple[str, ...] | None:
+    return None if unknown.dependencies is None else tuple(variable.name for variable in unknown.dependencies)

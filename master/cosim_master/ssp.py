@@ -1,0 +1,677 @@
+"""Reads SSP files (.ssd, .ssv, .ssp) into a `SystemStructure`. The only module that knows SSP's XML.
+
+Supported: SSP 1.0, and files that say 2.0 as far as they use what 1.0 has: nested systems, components that are FMUs,
+.ssd or .ssp files, connectors and connections with linear transformations, units, enumerations, inline and external
+parameter sets with prefix, annotations. Whatever else the standard has is reported as not supported yet, whatever the
+standard has not is reported with what would be valid; geometry is drawing only and passed over. No FMU is opened.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import cast
+from urllib.parse import unquote, urlsplit
+
+from cosim_master import archive
+from cosim_master.document import Form, Grammar, Reader, local_name, near, parse
+from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.system import (
+    Annotation,
+    Component,
+    Connection,
+    Connector,
+    Element,
+    Enumeration,
+    ExtractedArchive,
+    Kind,
+    Parameter,
+    ParameterBinding,
+    System,
+    SystemStructure,
+)
+from cosim_master.units import BASE_UNITS, BaseUnit, Unit
+from lxml import etree
+
+__all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE", "read_system"]
+
+ROOT_DOCUMENT = "SystemStructure.ssd"
+FMU_TYPE = "application/x-fmu-sharedlibrary"
+SSD_TYPE = "application/x-ssp-definition"
+SSP_TYPE = "application/x-ssp-package"
+COMPONENT_TYPES = (FMU_TYPE, SSD_TYPE, SSP_TYPE)
+
+_MAX_DOCUMENT_BYTES = 256 << 20
+
+_SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
+_SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
+_SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
+
+_BASE = ("id", "description")
+_TOP = (*_BASE, "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
+_TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
+_TYPES_2 = ("Float64", "Float32", *(f"{sign}Int{width}" for sign in ("", "U") for width in (8, 16, 32, 64)), "Clock")
+_META_2 = frozenset({_SSC + "MetaData", _SSC + "Signature"})
+_KINDS = ("input", "output", "parameter", "calculatedParameter")
+_KINDS_LATER = ("inout", "structuralParameter", "constant", "local", "unspecified")
+_OPAQUE = Form(opaque=True)
+_ANNOTATIONS = _SSD + "Annotations"
+
+
+def _ssc(*names: str) -> tuple[str, ...]:
+    return tuple(_SSC + name for name in names)
+
+
+def _ssd(*names: str) -> tuple[str, ...]:
+    return tuple(_SSD + name for name in names)
+
+
+def _annotations(namespace: str) -> Grammar:
+    children = _ssc("Annotation")
+    return {namespace + "Annotations": Form(children=children, repeated=frozenset(children), mandatory=children)}
+
+
+_ANY_TYPE = frozenset(_ssc(*_TYPES))
+_PARAMETER_TYPES = tuple(_SSV + name for name in _TYPES)
+
+_GRAMMAR: Grammar = {
+    _SSD + "SystemStructureDescription": Form(
+        required=("version", "name"),
+        optional=_TOP,
+        children=_ssd("System", "Enumerations", "Units", "DefaultExperiment", "Annotations"),
+        mandatory=_ssd("System"),
+        unsupported=_META_2,
+    ),
+    _SSD + "System": Form(
+        required=("name",),
+        optional=_BASE,
+        children=_ssd(
+            "Connectors",
+            "ElementGeometry",
+            "ParameterBindings",
+            "Elements",
+            "Connections",
+            "SystemGeometry",
+            "GraphicalElements",
+            "Annotations",
+        ),
+        unsupported=frozenset(_ssd("SignalDictionaries")) | _META_2,
+    ),
+    _SSD + "Component": Form(
+        required=("name", "source"),
+        optional=(*_BASE, "type", "implementation"),
+        children=_ssd("Connectors", "ElementGeometry", "ParameterBindings", "Annotations"),
+        unsupported=_META_2 | {"path"},
+    ),
+    _SSD + "Connectors": Form(
+        children=_ssd("Connector"), repeated=frozenset(_ssd("Connector")), mandatory=_ssd("Connector")
+    ),
+    _SSD + "Connector": Form(
+        required=("name", "kind"),
+        optional=_BASE,
+        children=(*_ssc(*_TYPES), *_ssd("ConnectorGeometry", "Annotations")),
+        choices=(_ANY_TYPE,),
+        unsupported=frozenset(_ssc(*_TYPES_2, "Dimension")) | frozenset(_ssd("Clock")) | _META_2,
+    ),
+    _SSD + "Elements": Form(
+        children=_ssd("Component", "System"),
+        repeated=frozenset(_ssd("Component", "System")),
+        unsupported=frozenset(_ssd("SignalDictionaryReference")),
+    ),
+    _SSD + "Connections": Form(
+        children=_ssd("Connection"), repeated=frozenset(_ssd("Connection")), mandatory=_ssd("Connection")
+    ),
+    _SSD + "Connection": Form(
+        required=("startConnector", "endConnector"),
+        optional=(*_BASE, "startElement", "endElement", "suppressUnitConversion"),
+        children=(*_ssc("LinearTransformation"), *_ssd("ConnectionGeometry", "Annotations")),
+        unsupported=frozenset(
+            _ssc("BooleanMappingTransformation", "IntegerMappingTransformation", "EnumerationMappingTransformation")
+        )
+        | _META_2
+        | {"startIndices", "endIndices"},
+    ),
+    _SSC + "LinearTransformation": Form(optional=("factor", "offset")),
+    _SSD + "ParameterBindings": Form(
+        children=_ssd("ParameterBinding"),
+        repeated=frozenset(_ssd("ParameterBinding")),
+        mandatory=_ssd("ParameterBinding"),
+    ),
+    _SSD + "ParameterBinding": Form(
+        optional=(*_BASE, "type", "source", "sourceBase", "prefix"),
+        children=_ssd("ParameterValues", "Annotations"),
+        unsupported=frozenset(_ssd("ParameterMapping")) | _META_2,
+    ),
+    _SSD + "ParameterValues": Form(children=(_SSV + "ParameterSet",), mandatory=(_SSV + "ParameterSet",)),
+    _SSV + "ParameterSet": Form(
+        required=("version", "name"),
+        optional=_TOP,
+        children=tuple(_SSV + name for name in ("Parameters", "Enumerations", "Units", "Annotations")),
+        mandatory=(_SSV + "Parameters",),
+        unsupported=_META_2,
+    ),
+    _SSV + "Parameters": Form(children=(_SSV + "Parameter",), repeated=frozenset({_SSV + "Parameter"})),
+    _SSV + "Parameter": Form(
+        required=("name",),
+        optional=_BASE,
+        children=(*_PARAMETER_TYPES, _SSV + "Annotations"),
+        choices=(frozenset(_PARAMETER_TYPES),),
+        unsupported=frozenset(_SSV + name for name in _TYPES_2) | _META_2,
+    ),
+    _SSV + "Real": Form(required=("value",), optional=("unit",)),
+    _SSV + "Integer": Form(required=("value",)),
+    _SSV + "Boolean": Form(required=("value",)),
+    _SSV + "String": Form(required=("value",)),
+    _SSV + "Enumeration": Form(required=("value",), optional=("name",)),
+    _SSD + "DefaultExperiment": Form(optional=("startTime", "stopTime"), children=_ssd("Annotations")),
+    _SSC + "Annotation": Form(required=("type",), opaque=True),
+    _SSC + "Real": Form(optional=("unit",)),
+    _SSC + "Integer": Form(),
+    _SSC + "Boolean": Form(),
+    _SSC + "String": Form(),
+    _SSC + "Enumeration": Form(required=("name",)),
+    _SSC + "Binary": Form(optional=("mime-type",)),
+    _SSC + "Unit": Form(
+        required=("name",),
+        optional=_BASE,
+        children=_ssc("BaseUnit", "Annotations"),
+        mandatory=_ssc("BaseUnit"),
+        unsupported=frozenset({_SSC + "DisplayUnit"}) | _META_2,
+    ),
+    _SSC + "BaseUnit": Form(optional=(*BASE_UNITS, "factor", "offset")),
+    _SSC + "Enumeration type": Form(
+        required=("name",),
+        optional=_BASE,
+        children=_ssc("Item", "Annotations"),
+        repeated=frozenset(_ssc("Item")),
+        mandatory=_ssc("Item"),
+        unsupported=_META_2,
+    ),
+    _SSC + "Item": Form(required=("name", "value")),
+    **_annotations(_SSD),
+    **_annotations(_SSC),
+    **_annotations(_SSV),
+    **{
+        namespace + plural: Form(children=_ssc(single), repeated=frozenset(_ssc(single)), mandatory=_ssc(single))
+        for namespace in (_SSD, _SSV)
+        for plural, single in (("Units", "Unit"), ("Enumerations", "Enumeration"))
+    },
+}
+
+
+def read_system(path: str | Path) -> SystemStructure:
+    """Read a system structure and everything it refers to, except the inside of FMUs.
+
+    Args:
+        path: an .ssd file, an .ssp archive, or a folder with a SystemStructure.ssd.
+
+    Returns:
+        The structure. What is wrong with its files is in `problems`, so that `check` can report it together with
+        what is wrong with the FMUs and connections; close it to remove an unpacked archive.
+
+    Raises:
+        SystemDescriptionError: there is no readable root document at all.
+    """
+    given = Path(path)
+    files = _Files()
+    if not given.exists():
+        message = f"no such file or folder; give an .ssd, an .ssp or a folder with {ROOT_DOCUMENT}"
+        raise SystemDescriptionError([Problem(Where(str(given)), message)])
+    try:
+        if given.is_dir():
+            root = _File(given / ROOT_DOCUMENT, str(given / ROOT_DOCUMENT), None)
+        elif given.suffix.lower() == ".ssp":
+            root = files.unpacked(_File(given, str(given), None))
+        elif given.suffix.lower() == ".ssd":
+            root = _File(given, str(given), None)
+        else:
+            message = f"is neither an .ssd, an .ssp nor a folder with {ROOT_DOCUMENT}"
+            raise SystemDescriptionError([Problem(Where(str(given)), message)])
+        return _structure(given, root, files)
+    except BaseException:
+        for opened in files.archives:
+            opened.close()
+        raise
+
+
+def _structure(given: Path, file: _File, files: _Files) -> SystemStructure:
+    if not file.path.is_file():
+        raise SystemDescriptionError([Problem(Where(file.shown), "no such file")])
+    document = _Document(file, files, (file.path.resolve(),))
+    root = document.root
+    system = document.system()
+    start, stop = document.experiment()
+    return SystemStructure(
+        name=root.get("name", ""),
+        version=root.get("version", ""),
+        path=given,
+        document=file.path.resolve(),
+        system=system,
+        where=document.reader.where(root),
+        start_time=start,
+        stop_time=stop,
+        units=document.units,
+        enumerations=document.enumerations,
+        annotations=document.annotations(root),
+        problems=tuple(files.problems),
+        notes=tuple(files.notes),
+        archives=tuple(files.archives),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    path: Path
+    shown: str
+    boundary: Path | None
+    """The unpacked archive the file is in and must not lead out of; None for files of the user's own."""
+
+
+@dataclass(slots=True)
+class _Files:
+    """What has been read for one structure: every file once, however many components refer to it."""
+
+    problems: list[Problem] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    archives: list[ExtractedArchive] = field(default_factory=list)
+    roots: dict[Path, _File] = field(default_factory=dict)
+    systems: dict[Path, System | None] = field(default_factory=dict)
+    sets: dict[Path, tuple[Parameter, ...]] = field(default_factory=dict)
+
+    def unpacked(self, file: _File) -> _File:
+        """The root document of an .ssp, unpacked on first use."""
+        key = file.path.resolve()
+        if key not in self.roots:
+            opened = ExtractedArchive(Path(tempfile.mkdtemp(prefix="ssp-")).resolve())
+            self.archives.append(opened)
+            archive.unpack(file.path, opened.directory, file.shown)
+            variants = sorted(path.name for path in opened.directory.glob("*.ssd") if path.name != ROOT_DOCUMENT)
+            if variants:
+                self.notes.append(f"{file.shown}: variants {', '.join(variants)} are left out; {ROOT_DOCUMENT} is used")
+            root = opened.directory / ROOT_DOCUMENT
+            self.roots[key] = _File(root, f"{file.shown}/{ROOT_DOCUMENT}", opened.directory)
+        return self.roots[key]
+
+
+class _Document:
+    """One .ssd file being read. `stack` holds the documents that are being read around it, against recursion."""
+
+    def __init__(self, file: _File, files: _Files, stack: tuple[Path, ...]) -> None:
+        self.file = file
+        self.files = files
+        self.stack = stack
+        self.path = file.path.resolve()
+        self.reader = Reader(file.shown, files.problems)
+        self.root = _parsed(file)
+        expected = _SSD + "SystemStructureDescription"
+        if self.root.tag != expected:
+            message = f"the root element is <{self.root.tag}>; it must be <{expected}>"
+            raise SystemDescriptionError([Problem(self.reader.where(self.root), message)])
+        self.reader.children(self.root, _GRAMMAR[expected])
+        _check_version(self.reader, self.root)
+        self.units = _units(self.reader, self.root, _SSD)
+        self.enumerations = _enumerations(self.reader, self.root, _SSD)
+        _check_annotations(self.reader, self.root)
+
+    def system(self) -> System:
+        """The root system of the document."""
+        found = self.root.find(_SSD + "System")
+        if found is None:
+            where = self.reader.where(self.root)
+            return System("", (), (), (), (), (), self.path, where)
+        return self._system(found)
+
+    def experiment(self) -> tuple[float | None, float | None]:
+        found = self.root.find(_SSD + "DefaultExperiment")
+        if found is None:
+            return None, None
+        self._held(found)
+        times = []
+        for attribute in ("startTime", "stopTime"):
+            value = self.reader.real(found, attribute)
+            if found.get(attribute) is not None and not math.isfinite(value):
+                self.reader.problem(found, f'attribute "{attribute}" of <DefaultExperiment> must be a finite time in s')
+            times.append(value if math.isfinite(value) else None)
+        if times[0] is not None and times[1] is not None and times[1] <= times[0]:
+            self.reader.problem(found, f"stopTime {times[1]:g} s is not after startTime {times[0]:g} s")
+        return times[0], times[1]
+
+    def annotations(self, element: etree._Element) -> tuple[Annotation, ...]:
+        return tuple(
+            Annotation(item.get("type", ""), item, self.reader.where(item))
+            for item in element.iterfind(f"{_ANNOTATIONS}/{_SSC}Annotation")
+        )
+
+    def _held(self, element: etree._Element) -> Sequence[etree._Element]:
+        children = self.reader.children(element, _GRAMMAR[str(element.tag)])
+        for child in children:
+            if child.tag == _ANNOTATIONS:
+                for item in self.reader.children(child, _GRAMMAR[_ANNOTATIONS]):
+                    self.reader.children(item, _GRAMMAR[_SSC + "Annotation"])
+        return children
+
+    def _grandchildren(self, element: etree._Element, plural: str) -> Sequence[etree._Element]:
+        found = element.find(_SSD + plural)
+        return () if found is None else self._held(found)
+
+    def _system(self, element: etree._Element) -> System:
+        self._held(element)
+        elements: list[Element] = []
+        for child in self._grandchildren(element, "Elements"):
+            elements.append(self._system(child) if child.tag == _SSD + "System" else self._component(child))
+        self._unique(element, "Elements", [item.name for item in elements], [item.where for item in elements])
+        return System(
+            name=self.reader.name(element),
+            connectors=self._connectors(element),
+            parameter_bindings=self._bindings(element),
+            elements=tuple(elements),
+            connections=tuple(self._connection(item) for item in self._grandchildren(element, "Connections")),
+            annotations=self.annotations(element),
+            document=self.path,
+            where=self.reader.where(element),
+        )
+
+    def _unique(self, owner: etree._Element, what: str, names: list[str], places: list[Where]) -> None:
+        first: dict[str, Where] = {}
+        for name, where in zip(names, places, strict=True):
+            if name in first:
+                message = f'"{name}" is already in <{what}> of "{owner.get("name", "")}", at {first[name]}'
+                self.files.problems.append(Problem(where, message))
+            first.setdefault(name, where)
+
+    def _component(self, element: etree._Element) -> Component:
+        self._held(element)
+        kind = self.reader.choice(element, "type", COMPONENT_TYPES, FMU_TYPE)
+        valid = ("any", "CoSimulation", "ModelExchange", "ScheduledExecution")
+        implementation = self.reader.choice(element, "implementation", valid, "any")
+        if implementation not in ("any", "CoSimulation"):
+            self.reader.problem(
+                element, f'implementation="{implementation}" is not supported; valid: any, CoSimulation'
+            )
+        source = self._resolved(element, "source") if element.get("source") is not None else None
+        content = None
+        if source is not None and kind != FMU_TYPE:
+            content = self._content(element, source, kind)
+        elif source is not None and source.path.suffix.lower() in (".ssd", ".ssp"):
+            needed = SSD_TYPE if source.path.suffix.lower() == ".ssd" else SSP_TYPE
+            self.reader.problem(element, f'"{source.shown}" is not an FMU; say type="{needed}"')
+            source = None
+        return Component(
+            name=self.reader.name(element),
+            type=kind,
+            source=None if source is None else source.path,
+            implementation=implementation,
+            connectors=self._connectors(element),
+            parameter_bindings=self._bindings(element),
+            annotations=self.annotations(element),
+            where=self.reader.where(element),
+            content=content,
+        )
+
+    def _content(self, element: etree._Element, source: _File, kind: str) -> System | None:
+        try:
+            file = self.files.unpacked(source) if kind == SSP_TYPE else source
+            key = file.path.resolve()
+            if key in self.stack:
+                self.reader.problem(element, f'"{source.shown}" contains itself')
+                return None
+            if key not in self.files.systems:
+                self.files.systems[key] = None
+                document = _Document(file, self.files, (*self.stack, key))
+                system = document.system()
+                outer = document.annotations(document.root)
+                if outer:
+                    system = replace(system, annotations=(*system.annotations, *outer))
+                self.files.systems[key] = system
+            return self.files.systems[key]
+        except SystemDescriptionError as error:
+            self.files.problems += error.problems
+            return None
+
+    def _resolved(self, element: etree._Element, attribute: str) -> _File | None:
+        """The existing file a URI reference points to, or None after a problem."""
+        uri = element.get(attribute, "")
+        trouble, relative = _relative_path(uri)
+        if trouble is None:
+            path = Path(os.path.normpath(self.file.path.parent / relative))
+            shown = os.path.normpath(Path(self.file.shown).parent / relative)
+            boundary = self.file.boundary
+            if boundary is not None and not path.is_relative_to(boundary):
+                trouble = "leads out of the .ssp archive"
+            elif not path.is_file():
+                trouble = f'does not exist: no file "{shown}"'
+            else:
+                return _File(path, shown, boundary)
+        self.reader.problem(element, f'{attribute} "{uri}" {trouble}')
+        return None
+
+    def _connectors(self, element: etree._Element) -> tuple[Connector, ...]:
+        found = [self._connector(item) for item in self._grandchildren(element, "Connectors")]
+        self._unique(element, "Connectors", [item.name for item in found], [item.where for item in found])
+        return tuple(found)
+
+    def _connector(self, element: etree._Element) -> Connector:
+        kind, unit, enumeration, items, type_name = element.get("kind", "input"), None, None, None, None
+        if kind in _KINDS_LATER:
+            self.reader.problem(
+                element, f'kind="{kind}" of <Connector> is not supported yet; valid: {", ".join(_KINDS)}'
+            )
+            kind = "input"
+        kind = self.reader.choice(element, "kind", _KINDS, "input") if kind not in _KINDS else kind
+        for child in self._held(element):
+            if child.tag not in _ANY_TYPE:
+                continue
+            self.reader.children(child, _GRAMMAR[str(child.tag)])
+            type_name = local_name(child)
+            if type_name == "Real" and (name := child.get("unit")) is not None:
+                unit = self.units.get(name, Unit(name))
+            elif type_name == "Enumeration":
+                enumeration = child.get("name", "")
+                known = self.enumerations.get(enumeration)
+                items = None if known is None else known.items
+        return Connector(
+            name=self.reader.name(element),
+            kind=cast(Kind, kind),
+            where=self.reader.where(element),
+            type=type_name,
+            unit=unit,
+            enumeration=enumeration,
+            items=items,
+        )
+
+    def _connection(self, element: etree._Element) -> Connection:
+        linear, factor, offset = False, 1.0, 0.0
+        for child in self._held(element):
+            if child.tag != _SSC + "LinearTransformation":
+                continue
+            self.reader.children(child, _GRAMMAR[str(child.tag)])
+            linear = True
+            factor = self.reader.real(child, "factor", 1.0)
+            offset = self.reader.real(child, "offset", 0.0)
+            if not (math.isfinite(factor) and math.isfinite(offset)):
+                self.reader.problem(child, "factor and offset of <LinearTransformation> must be finite")
+        return Connection(
+            start_element=element.get("startElement"),
+            start_connector=self.reader.name(element, "startConnector"),
+            end_element=element.get("endElement"),
+            end_connector=self.reader.name(element, "endConnector"),
+            where=self.reader.where(element),
+            suppress_unit_conversion=self.reader.boolean(element, "suppressUnitConversion"),
+            linear=linear,
+            factor=factor,
+            offset=offset,
+        )
+
+    def _bindings(self, element: etree._Element) -> tuple[ParameterBinding, ...]:
+        return tuple(self._binding(item) for item in self._grandchildren(element, "ParameterBindings"))
+
+    def _binding(self, element: etree._Element) -> ParameterBinding:
+        self.reader.choice(element, "type", ("application/x-ssp-parameter-set",), "application/x-ssp-parameter-set")
+        base = self.reader.choice(element, "sourceBase", ("SSD", "component"), "SSD")
+        inline = [child for child in self._held(element) if child.tag == _SSD + "ParameterValues"]
+        source = element.get("source")
+        parameters: tuple[Parameter, ...] = ()
+        if base == "component":
+            self.reader.problem(element, 'sourceBase="component" is not supported yet; valid: SSD')
+        elif (source is None) == (not inline):
+            what = "neither" if source is None else "both"
+            self.reader.problem(
+                element, f"<ParameterBinding> has {what} a source and <ParameterValues>; it needs exactly one of them"
+            )
+        elif source is not None:
+            file = self._resolved(element, "source")
+            parameters = () if file is None else self._external_set(file)
+        else:
+            for values in inline:
+                for child in self._held(values):
+                    parameters += _parameter_set(self.reader, child, self.units)
+        return ParameterBinding(parameters, element.get("prefix", ""), self.reader.where(element))
+
+    def _external_set(self, file: _File) -> tuple[Parameter, ...]:
+        key = file.path.resolve()
+        if key not in self.files.sets:
+            self.files.sets[key] = ()
+            try:
+                root = _parsed(file)
+            except SystemDescriptionError as error:
+                self.files.problems += error.problems
+                return ()
+            reader = Reader(file.shown, self.files.problems)
+            if root.tag != _SSV + "ParameterSet":
+                reader.problem(root, f"the root element is <{root.tag}>; it must be <{_SSV}ParameterSet>")
+                return ()
+            self.files.sets[key] = _parameter_set(reader, root, {})
+        return self.files.sets[key]
+
+
+def _parsed(file: _File) -> etree._Element:
+    try:
+        if file.path.stat().st_size > _MAX_DOCUMENT_BYTES:
+            raise SystemDescriptionError([Problem(Where(file.shown), f"is larger than {_MAX_DOCUMENT_BYTES} bytes")])
+        data = file.path.read_bytes()
+    except OSError as error:
+        raise SystemDescriptionError([Problem(Where(file.shown), f"cannot be read: {error.strerror}")]) from error
+    return parse(data, file.shown)
+
+
+def _relative_path(uri: str) -> tuple[str | None, str]:
+    """What is wrong with a URI reference, or None and the file path it stands for (RFC 3986, relative only)."""
+    try:
+        parts = urlsplit(uri)
+        path = unquote(parts.path, errors="strict")
+    except (ValueError, UnicodeDecodeError):
+        return "is not a URI reference; write a relative path with / and %-escapes", ""
+    if parts.fragment:
+        return "selects a part of its target (#...), which is not supported yet", ""
+    if parts.scheme or parts.netloc or path.startswith("/"):
+        return "is an absolute URI; only paths relative to the .ssd are supported", ""
+    if parts.query or "\\" in path or any(ord(character) < 32 for character in path):
+        return "is not a relative path; write / between folders and escape ? as %3F", ""
+    if not path:
+        return "is empty", ""
+    return None, path
+
+
+def _check_version(reader: Reader, root: etree._Element) -> None:
+    version = root.get("version", "1.0")
+    if not re.fullmatch(r"[12][.][0-9]+(-.*)?", version.strip()):
+        reader.problem(root, f'version "{version}" of SSP is not supported; valid: "1.0", "2.0"')
+
+
+def _check_annotations(reader: Reader, root: etree._Element) -> None:
+    for holder in root.iterfind(_ANNOTATIONS):
+        for item in reader.children(holder, _GRAMMAR[_ANNOTATIONS]):
+            reader.children(item, _GRAMMAR[_SSC + "Annotation"])
+
+
+def _units(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Unit]:
+    units: dict[str, Unit] = {}
+    for holder in root.iterfind(namespace + "Units"):
+        for item in reader.children(holder, _GRAMMAR[namespace + "Units"]):
+            name = reader.name(item)
+            if name in units:
+                reader.problem(item, f'unit "{name}" is already defined')
+            for child in reader.children(item, _GRAMMAR[_SSC + "Unit"]):
+                if child.tag != _SSC + "BaseUnit":
+                    continue
+                reader.children(child, _GRAMMAR[_SSC + "BaseUnit"])
+                factor, offset = reader.real(child, "factor", 1.0), reader.real(child, "offset", 0.0)
+                if not (math.isfinite(factor) and math.isfinite(offset)) or factor == 0.0:
+                    reader.problem(child, f'unit "{name}": factor must be finite and not 0, offset finite')
+                    factor, offset = 1.0, 0.0
+                exponents = tuple(reader.integer(child, base) for base in BASE_UNITS)
+                units[name] = Unit(name, BaseUnit(exponents, factor, offset))
+    return units
+
+
+def _enumerations(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Enumeration]:
+    found: dict[str, Enumeration] = {}
+    for holder in root.iterfind(namespace + "Enumerations"):
+        for element in reader.children(holder, _GRAMMAR[namespace + "Enumerations"]):
+            name = reader.name(element)
+            if name in found:
+                reader.problem(element, f'enumeration "{name}" is already defined, at {found[name].where}')
+            items: dict[str, int] = {}
+            for item in reader.children(element, _GRAMMAR[_SSC + "Enumeration type"]):
+                if item.tag != _SSC + "Item":
+                    continue
+                reader.children(item, _GRAMMAR[_SSC + "Item"])
+                if (label := item.get("name", "")) in items:
+                    reader.problem(item, f'item "{label}" of enumeration "{name}" is already defined')
+                items[label] = reader.integer(item, "value")
+            found[name] = Enumeration(name, items, reader.where(element))
+    return found
+
+
+def _parameter_set(reader: Reader, root: etree._Element, outer: dict[str, Unit]) -> tuple[Parameter, ...]:
+    """The parameters of an ssv:ParameterSet; `outer` are the units of the .ssd around an inline one."""
+    reader.children(root, _GRAMMAR[_SSV + "ParameterSet"])
+    _check_version(reader, root)
+    units = {**outer, **_units(reader, root, _SSV)}
+    _enumerations(reader, root, _SSV)
+    parameters: dict[str, Parameter] = {}
+    for holder in root.iterfind(_SSV + "Parameters"):
+        for element in reader.children(holder, _GRAMMAR[_SSV + "Parameters"]):
+            parameter = _parameter(reader, element, units)
+            if parameter is None:
+                continue
+            if parameter.name in parameters:
+                first = parameters[parameter.name].where
+                reader.problem(element, f'parameter "{parameter.name}" is already in this set, at {first}')
+            parameters[parameter.name] = parameter
+    return tuple(parameters.values())
+
+
+def _parameter(reader: Reader, element: etree._Element, units: dict[str, Unit]) -> Parameter | None:
+    name = reader.name(element)
+    children = [
+        child for child in reader.children(element, _GRAMMAR[_SSV + "Parameter"]) if child.tag in _PARAMETER_TYPES
+    ]
+    if not children:
+        if not any(child.tag in _GRAMMAR[_SSV + "Parameter"].unsupported for child in element):
+            reader.problem(element, f'parameter "{name}" has no value; {near("", _TYPES)}')
+        return None
+    child = children[0]
+    kind = local_name(child)
+    if kind == "Binary":
+        reader.problem(child, "<Binary> parameters are not supported yet")
+        return None
+    reader.children(child, _GRAMMAR[str(child.tag)])
+    value: float | int | bool | str
+    unit = None
+    if kind == "Real":
+        value = reader.real(child, "value")
+        if (symbol := child.get("unit")) is not None:
+            unit = units.get(symbol, Unit(symbol))
+    elif kind == "Integer":
+        value = reader.integer(child, "value")
+    elif kind == "Boolean":
+        value = reader.boolean(child, "value")
+    else:
+        value = reader.text(child, "value")
+    return Parameter(name, kind, value, reader.where(element), unit)
