@@ -9,9 +9,9 @@ Receiving::
     p = 0
     while True:
         start, p, status = find(buffer, p, n)
-        if status == NOTHING or status == TRUNCATED:
+        if status in (NOTHING, TRUNCATED):
             break
-        if (status == GOOD or status == SIGNED) and message_id(buffer, start) == GLOBAL_POSITION_INT:
+        if status in (GOOD, SIGNED) and message_id(buffer, start) == GLOBAL_POSITION_INT:
             unpack(buffer, start, payload)
 
 Sending: `n = pack(buffer, n, payload, ...)` appends one packet; check for -1 before keeping the result.
