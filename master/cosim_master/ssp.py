@@ -19,8 +19,20 @@ from typing import cast
 from urllib.parse import unquote, urlsplit
 
 from cosim_master import archive
-from cosim_master.document import Form, Grammar, Reader, local_name, near, parse
+from cosim_master.document import Reader, local_name, near, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.ssp_grammar import (
+    ANNOTATIONS,
+    ANY_TYPE,
+    GRAMMAR,
+    KINDS,
+    KINDS_LATER,
+    PARAMETER_TYPES,
+    SSC,
+    SSD,
+    SSV,
+    TYPES,
+)
 from cosim_master.system import (
     Annotation,
     Component,
@@ -48,161 +60,6 @@ COMPONENT_TYPES = (FMU_TYPE, SSD_TYPE, SSP_TYPE)
 
 _MAX_DOCUMENT_BYTES = 256 << 20
 
-_SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
-_SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
-_SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
-
-_BASE = ("id", "description")
-_TOP = (*_BASE, "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
-_TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
-_TYPES_2 = ("Float64", "Float32", *(f"{sign}Int{width}" for sign in ("", "U") for width in (8, 16, 32, 64)), "Clock")
-_META_2 = frozenset({_SSC + "MetaData", _SSC + "Signature"})
-_KINDS = ("input", "output", "parameter", "calculatedParameter")
-_KINDS_LATER = ("inout", "structuralParameter", "constant", "local", "unspecified")
-_OPAQUE = Form(opaque=True)
-_ANNOTATIONS = _SSD + "Annotations"
-
-
-def _ssc(*names: str) -> tuple[str, ...]:
-    return tuple(_SSC + name for name in names)
-
-
-def _ssd(*names: str) -> tuple[str, ...]:
-    return tuple(_SSD + name for name in names)
-
-
-def _annotations(namespace: str) -> Grammar:
-    children = _ssc("Annotation")
-    return {namespace + "Annotations": Form(children=children, repeated=frozenset(children), mandatory=children)}
-
-
-_ANY_TYPE = frozenset(_ssc(*_TYPES))
-_PARAMETER_TYPES = tuple(_SSV + name for name in _TYPES)
-
-_GRAMMAR: Grammar = {
-    _SSD + "SystemStructureDescription": Form(
-        required=("version", "name"),
-        optional=_TOP,
-        children=_ssd("System", "Enumerations", "Units", "DefaultExperiment", "Annotations"),
-        mandatory=_ssd("System"),
-        unsupported=_META_2,
-    ),
-    _SSD + "System": Form(
-        required=("name",),
-        optional=_BASE,
-        children=_ssd(
-            "Connectors",
-            "ElementGeometry",
-            "ParameterBindings",
-            "Elements",
-            "Connections",
-            "SystemGeometry",
-            "GraphicalElements",
-            "Annotations",
-        ),
-        unsupported=frozenset(_ssd("SignalDictionaries")) | _META_2,
-    ),
-    _SSD + "Component": Form(
-        required=("name", "source"),
-        optional=(*_BASE, "type", "implementation"),
-        children=_ssd("Connectors", "ElementGeometry", "ParameterBindings", "Annotations"),
-        unsupported=_META_2 | {"path"},
-    ),
-    _SSD + "Connectors": Form(
-        children=_ssd("Connector"), repeated=frozenset(_ssd("Connector")), mandatory=_ssd("Connector")
-    ),
-    _SSD + "Connector": Form(
-        required=("name", "kind"),
-        optional=_BASE,
-        children=(*_ssc(*_TYPES), *_ssd("ConnectorGeometry", "Annotations")),
-        choices=(_ANY_TYPE,),
-        unsupported=frozenset(_ssc(*_TYPES_2, "Dimension")) | frozenset(_ssd("Clock")) | _META_2,
-    ),
-    _SSD + "Elements": Form(
-        children=_ssd("Component", "System"),
-        repeated=frozenset(_ssd("Component", "System")),
-        unsupported=frozenset(_ssd("SignalDictionaryReference")),
-    ),
-    _SSD + "Connections": Form(
-        children=_ssd("Connection"), repeated=frozenset(_ssd("Connection")), mandatory=_ssd("Connection")
-    ),
-    _SSD + "Connection": Form(
-        required=("startConnector", "endConnector"),
-        optional=(*_BASE, "startElement", "endElement", "suppressUnitConversion"),
-        children=(*_ssc("LinearTransformation"), *_ssd("ConnectionGeometry", "Annotations")),
-        unsupported=frozenset(
-            _ssc("BooleanMappingTransformation", "IntegerMappingTransformation", "EnumerationMappingTransformation")
-        )
-        | _META_2
-        | {"startIndices", "endIndices"},
-    ),
-    _SSC + "LinearTransformation": Form(optional=("factor", "offset")),
-    _SSD + "ParameterBindings": Form(
-        children=_ssd("ParameterBinding"),
-        repeated=frozenset(_ssd("ParameterBinding")),
-        mandatory=_ssd("ParameterBinding"),
-    ),
-    _SSD + "ParameterBinding": Form(
-        optional=(*_BASE, "type", "source", "sourceBase", "prefix"),
-        children=_ssd("ParameterValues", "Annotations"),
-        unsupported=frozenset(_ssd("ParameterMapping")) | _META_2,
-    ),
-    _SSD + "ParameterValues": Form(children=(_SSV + "ParameterSet",), mandatory=(_SSV + "ParameterSet",)),
-    _SSV + "ParameterSet": Form(
-        required=("version", "name"),
-        optional=_TOP,
-        children=tuple(_SSV + name for name in ("Parameters", "Enumerations", "Units", "Annotations")),
-        mandatory=(_SSV + "Parameters",),
-        unsupported=_META_2,
-    ),
-    _SSV + "Parameters": Form(children=(_SSV + "Parameter",), repeated=frozenset({_SSV + "Parameter"})),
-    _SSV + "Parameter": Form(
-        required=("name",),
-        optional=_BASE,
-        children=(*_PARAMETER_TYPES, _SSV + "Annotations"),
-        choices=(frozenset(_PARAMETER_TYPES),),
-        unsupported=frozenset(_SSV + name for name in _TYPES_2) | _META_2,
-    ),
-    _SSV + "Real": Form(required=("value",), optional=("unit",)),
-    _SSV + "Integer": Form(required=("value",)),
-    _SSV + "Boolean": Form(required=("value",)),
-    _SSV + "String": Form(required=("value",)),
-    _SSV + "Enumeration": Form(required=("value",), optional=("name",)),
-    _SSD + "DefaultExperiment": Form(optional=("startTime", "stopTime"), children=_ssd("Annotations")),
-    _SSC + "Annotation": Form(required=("type",), opaque=True),
-    _SSC + "Real": Form(optional=("unit",)),
-    _SSC + "Integer": Form(),
-    _SSC + "Boolean": Form(),
-    _SSC + "String": Form(),
-    _SSC + "Enumeration": Form(required=("name",)),
-    _SSC + "Binary": Form(optional=("mime-type",)),
-    _SSC + "Unit": Form(
-        required=("name",),
-        optional=_BASE,
-        children=_ssc("BaseUnit", "Annotations"),
-        mandatory=_ssc("BaseUnit"),
-        unsupported=frozenset({_SSC + "DisplayUnit"}) | _META_2,
-    ),
-    _SSC + "BaseUnit": Form(optional=(*BASE_UNITS, "factor", "offset")),
-    _SSC + "Enumeration type": Form(
-        required=("name",),
-        optional=_BASE,
-        children=_ssc("Item", "Annotations"),
-        repeated=frozenset(_ssc("Item")),
-        mandatory=_ssc("Item"),
-        unsupported=_META_2,
-    ),
-    _SSC + "Item": Form(required=("name", "value")),
-    **_annotations(_SSD),
-    **_annotations(_SSC),
-    **_annotations(_SSV),
-    **{
-        namespace + plural: Form(children=_ssc(single), repeated=frozenset(_ssc(single)), mandatory=_ssc(single))
-        for namespace in (_SSD, _SSV)
-        for plural, single in (("Units", "Unit"), ("Enumerations", "Enumeration"))
-    },
-}
-
 
 def read_system(path: str | Path) -> SystemStructure:
     """Read a system structure and everything it refers to, except the inside of FMUs.
@@ -218,17 +75,18 @@ def read_system(path: str | Path) -> SystemStructure:
         SystemDescriptionError: there is no readable root document at all.
     """
     given = Path(path)
+    place = given.absolute()
     files = _Files()
     if not given.exists():
         message = f"no such file or folder; give an .ssd, an .ssp or a folder with {ROOT_DOCUMENT}"
         raise SystemDescriptionError([Problem(Where(str(given)), message)])
     try:
         if given.is_dir():
-            root = _File(given / ROOT_DOCUMENT, str(given / ROOT_DOCUMENT), None)
+            root = _File(place / ROOT_DOCUMENT, str(given / ROOT_DOCUMENT), None)
         elif given.suffix.lower() == ".ssp":
-            root = files.unpacked(_File(given, str(given), None))
+            root = files.unpacked(_File(place, str(given), None))
         elif given.suffix.lower() == ".ssd":
-            root = _File(given, str(given), None)
+            root = _File(place, str(given), None)
         else:
             message = f"is neither an .ssd, an .ssp nor a folder with {ROOT_DOCUMENT}"
             raise SystemDescriptionError([Problem(Where(str(given)), message)])
@@ -308,26 +166,26 @@ class _Document:
         self.path = file.path.resolve()
         self.reader = Reader(file.shown, files.problems)
         self.root = _parsed(file)
-        expected = _SSD + "SystemStructureDescription"
+        expected = SSD + "SystemStructureDescription"
         if self.root.tag != expected:
             message = f"the root element is <{self.root.tag}>; it must be <{expected}>"
             raise SystemDescriptionError([Problem(self.reader.where(self.root), message)])
-        self.reader.children(self.root, _GRAMMAR[expected])
+        self.reader.children(self.root, GRAMMAR[expected])
         _check_version(self.reader, self.root)
-        self.units = _units(self.reader, self.root, _SSD)
-        self.enumerations = _enumerations(self.reader, self.root, _SSD)
+        self.units = _units(self.reader, self.root, SSD)
+        self.enumerations = _enumerations(self.reader, self.root, SSD)
         _check_annotations(self.reader, self.root)
 
     def system(self) -> System:
         """The root system of the document."""
-        found = self.root.find(_SSD + "System")
+        found = self.root.find(SSD + "System")
         if found is None:
             where = self.reader.where(self.root)
             return System("", (), (), (), (), (), self.path, where)
         return self._system(found)
 
     def experiment(self) -> tuple[float | None, float | None]:
-        found = self.root.find(_SSD + "DefaultExperiment")
+        found = self.root.find(SSD + "DefaultExperiment")
         if found is None:
             return None, None
         self._held(found)
@@ -344,26 +202,26 @@ class _Document:
     def annotations(self, element: etree._Element) -> tuple[Annotation, ...]:
         return tuple(
             Annotation(item.get("type", ""), item, self.reader.where(item))
-            for item in element.iterfind(f"{_ANNOTATIONS}/{_SSC}Annotation")
+            for item in element.iterfind(f"{ANNOTATIONS}/{SSC}Annotation")
         )
 
     def _held(self, element: etree._Element) -> Sequence[etree._Element]:
-        children = self.reader.children(element, _GRAMMAR[str(element.tag)])
+        children = self.reader.children(element, GRAMMAR[str(element.tag)])
         for child in children:
-            if child.tag == _ANNOTATIONS:
-                for item in self.reader.children(child, _GRAMMAR[_ANNOTATIONS]):
-                    self.reader.children(item, _GRAMMAR[_SSC + "Annotation"])
+            if child.tag == ANNOTATIONS:
+                for item in self.reader.children(child, GRAMMAR[ANNOTATIONS]):
+                    self.reader.children(item, GRAMMAR[SSC + "Annotation"])
         return children
 
     def _grandchildren(self, element: etree._Element, plural: str) -> Sequence[etree._Element]:
-        found = element.find(_SSD + plural)
+        found = element.find(SSD + plural)
         return () if found is None else self._held(found)
 
     def _system(self, element: etree._Element) -> System:
         self._held(element)
         elements: list[Element] = []
         for child in self._grandchildren(element, "Elements"):
-            elements.append(self._system(child) if child.tag == _SSD + "System" else self._component(child))
+            elements.append(self._system(child) if child.tag == SSD + "System" else self._component(child))
         self._unique(element, "Elements", [item.name for item in elements], [item.where for item in elements])
         return System(
             name=self.reader.name(element),
@@ -457,16 +315,16 @@ class _Document:
 
     def _connector(self, element: etree._Element) -> Connector:
         kind, unit, enumeration, items, type_name = element.get("kind", "input"), None, None, None, None
-        if kind in _KINDS_LATER:
+        if kind in KINDS_LATER:
             self.reader.problem(
-                element, f'kind="{kind}" of <Connector> is not supported yet; valid: {", ".join(_KINDS)}'
+                element, f'kind="{kind}" of <Connector> is not supported yet; valid: {", ".join(KINDS)}'
             )
             kind = "input"
-        kind = self.reader.choice(element, "kind", _KINDS, "input") if kind not in _KINDS else kind
+        kind = self.reader.choice(element, "kind", KINDS, "input") if kind not in KINDS else kind
         for child in self._held(element):
-            if child.tag not in _ANY_TYPE:
+            if child.tag not in ANY_TYPE:
                 continue
-            self.reader.children(child, _GRAMMAR[str(child.tag)])
+            self.reader.children(child, GRAMMAR[str(child.tag)])
             type_name = local_name(child)
             if type_name == "Real" and (name := child.get("unit")) is not None:
                 unit = self.units.get(name, Unit(name))
@@ -487,9 +345,9 @@ class _Document:
     def _connection(self, element: etree._Element) -> Connection:
         linear, factor, offset = False, 1.0, 0.0
         for child in self._held(element):
-            if child.tag != _SSC + "LinearTransformation":
+            if child.tag != SSC + "LinearTransformation":
                 continue
-            self.reader.children(child, _GRAMMAR[str(child.tag)])
+            self.reader.children(child, GRAMMAR[str(child.tag)])
             linear = True
             factor = self.reader.real(child, "factor", 1.0)
             offset = self.reader.real(child, "offset", 0.0)
@@ -513,7 +371,7 @@ class _Document:
     def _binding(self, element: etree._Element) -> ParameterBinding:
         self.reader.choice(element, "type", ("application/x-ssp-parameter-set",), "application/x-ssp-parameter-set")
         base = self.reader.choice(element, "sourceBase", ("SSD", "component"), "SSD")
-        inline = [child for child in self._held(element) if child.tag == _SSD + "ParameterValues"]
+        inline = [child for child in self._held(element) if child.tag == SSD + "ParameterValues"]
         source = element.get("source")
         parameters: tuple[Parameter, ...] = ()
         if base == "component":
@@ -542,8 +400,8 @@ class _Document:
                 self.files.problems += error.problems
                 return ()
             reader = Reader(file.shown, self.files.problems)
-            if root.tag != _SSV + "ParameterSet":
-                reader.problem(root, f"the root element is <{root.tag}>; it must be <{_SSV}ParameterSet>")
+            if root.tag != SSV + "ParameterSet":
+                reader.problem(root, f"the root element is <{root.tag}>; it must be <{SSV}ParameterSet>")
                 return ()
             self.files.sets[key] = _parameter_set(reader, root, {})
         return self.files.sets[key]
@@ -584,22 +442,22 @@ def _check_version(reader: Reader, root: etree._Element) -> None:
 
 
 def _check_annotations(reader: Reader, root: etree._Element) -> None:
-    for holder in root.iterfind(_ANNOTATIONS):
-        for item in reader.children(holder, _GRAMMAR[_ANNOTATIONS]):
-            reader.children(item, _GRAMMAR[_SSC + "Annotation"])
+    for holder in root.iterfind(ANNOTATIONS):
+        for item in reader.children(holder, GRAMMAR[ANNOTATIONS]):
+            reader.children(item, GRAMMAR[SSC + "Annotation"])
 
 
 def _units(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Unit]:
     units: dict[str, Unit] = {}
     for holder in root.iterfind(namespace + "Units"):
-        for item in reader.children(holder, _GRAMMAR[namespace + "Units"]):
+        for item in reader.children(holder, GRAMMAR[namespace + "Units"]):
             name = reader.name(item)
             if name in units:
                 reader.problem(item, f'unit "{name}" is already defined')
-            for child in reader.children(item, _GRAMMAR[_SSC + "Unit"]):
-                if child.tag != _SSC + "BaseUnit":
+            for child in reader.children(item, GRAMMAR[SSC + "Unit"]):
+                if child.tag != SSC + "BaseUnit":
                     continue
-                reader.children(child, _GRAMMAR[_SSC + "BaseUnit"])
+                reader.children(child, GRAMMAR[SSC + "BaseUnit"])
                 factor, offset = reader.real(child, "factor", 1.0), reader.real(child, "offset", 0.0)
                 if not (math.isfinite(factor) and math.isfinite(offset)) or factor == 0.0:
                     reader.problem(child, f'unit "{name}": factor must be finite and not 0, offset finite')
@@ -612,15 +470,15 @@ def _units(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Un
 def _enumerations(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Enumeration]:
     found: dict[str, Enumeration] = {}
     for holder in root.iterfind(namespace + "Enumerations"):
-        for element in reader.children(holder, _GRAMMAR[namespace + "Enumerations"]):
+        for element in reader.children(holder, GRAMMAR[namespace + "Enumerations"]):
             name = reader.name(element)
             if name in found:
                 reader.problem(element, f'enumeration "{name}" is already defined, at {found[name].where}')
             items: dict[str, int] = {}
-            for item in reader.children(element, _GRAMMAR[_SSC + "Enumeration type"]):
-                if item.tag != _SSC + "Item":
+            for item in reader.children(element, GRAMMAR[SSC + "Enumeration type"]):
+                if item.tag != SSC + "Item":
                     continue
-                reader.children(item, _GRAMMAR[_SSC + "Item"])
+                reader.children(item, GRAMMAR[SSC + "Item"])
                 if (label := item.get("name", "")) in items:
                     reader.problem(item, f'item "{label}" of enumeration "{name}" is already defined')
                 items[label] = reader.integer(item, "value")
@@ -630,13 +488,13 @@ def _enumerations(reader: Reader, root: etree._Element, namespace: str) -> dict[
 
 def _parameter_set(reader: Reader, root: etree._Element, outer: dict[str, Unit]) -> tuple[Parameter, ...]:
     """The parameters of an ssv:ParameterSet; `outer` are the units of the .ssd around an inline one."""
-    reader.children(root, _GRAMMAR[_SSV + "ParameterSet"])
+    reader.children(root, GRAMMAR[SSV + "ParameterSet"])
     _check_version(reader, root)
-    units = {**outer, **_units(reader, root, _SSV)}
-    _enumerations(reader, root, _SSV)
+    units = {**outer, **_units(reader, root, SSV)}
+    _enumerations(reader, root, SSV)
     parameters: dict[str, Parameter] = {}
-    for holder in root.iterfind(_SSV + "Parameters"):
-        for element in reader.children(holder, _GRAMMAR[_SSV + "Parameters"]):
+    for holder in root.iterfind(SSV + "Parameters"):
+        for element in reader.children(holder, GRAMMAR[SSV + "Parameters"]):
             parameter = _parameter(reader, element, units)
             if parameter is None:
                 continue
@@ -649,19 +507,17 @@ def _parameter_set(reader: Reader, root: etree._Element, outer: dict[str, Unit])
 
 def _parameter(reader: Reader, element: etree._Element, units: dict[str, Unit]) -> Parameter | None:
     name = reader.name(element)
-    children = [
-        child for child in reader.children(element, _GRAMMAR[_SSV + "Parameter"]) if child.tag in _PARAMETER_TYPES
-    ]
+    children = [child for child in reader.children(element, GRAMMAR[SSV + "Parameter"]) if child.tag in PARAMETER_TYPES]
     if not children:
-        if not any(child.tag in _GRAMMAR[_SSV + "Parameter"].unsupported for child in element):
-            reader.problem(element, f'parameter "{name}" has no value; {near("", _TYPES)}')
+        if not any(child.tag in GRAMMAR[SSV + "Parameter"].unsupported for child in element):
+            reader.problem(element, f'parameter "{name}" has no value; {near("", TYPES)}')
         return None
     child = children[0]
     kind = local_name(child)
     if kind == "Binary":
         reader.problem(child, "<Binary> parameters are not supported yet")
         return None
-    reader.children(child, _GRAMMAR[str(child.tag)])
+    reader.children(child, GRAMMAR[str(child.tag)])
     value: float | int | bool | str
     unit = None
     if kind == "Real":
