@@ -1,0 +1,70 @@
+"""FMI functions called by their address, from compiled loops.
+
+Each is a numba intrinsic: an indirect call in the machine code of the loop, with no Python in between. Where
+kernels run as plain Python (NUMBA_DISABLE_JIT=1, for debugging) the same names call through ctypes, slowly.
+
+An address is an unsigned pointer-sized integer, and so is everything that points.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+__all__ = ["byte_at", "do_step2", "get_or_set"]
+
+_I32, _I64, _F64 = ir.IntType(32), ir.IntType(64), ir.DoubleType()
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _get_or_set(typing: Any, function: Any, instance: Any, references: Any, n: Any, values: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(_I32, [_I64] * 4).as_pointer()
+        return builder.call(builder.inttoptr(arguments[0], kind), arguments[1:])
+
+    return types.int32(*[types.uintp] * 5), codegen
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _do_step2(typing: Any, function: Any, instance: Any, t: Any, h: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(_I32, [_I64, _F64, _F64, _I32]).as_pointer()
+        return builder.call(builder.inttoptr(arguments[0], kind), [*arguments[1:], ir.Constant(_I32, 1)])
+
+    return types.int32(types.uintp, types.uintp, types.double, types.double), codegen
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _byte_at(typing: Any, address: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(builder.inttoptr(arguments[0], ir.IntType(8).as_pointer()))
+
+    return types.uint8(types.uintp), codegen
+
+
+def _plain_get_or_set(function: int, instance: int, references: int, n: int, values: int) -> int:
+    call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
+    return int(call(int(function))(int(instance), int(references), int(n), int(values)))
+
+
+def _plain_do_step2(function: int, instance: int, t: float, h: float) -> int:
+    call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int)
+    return int(call(int(function))(int(instance), t, h, 1))
+
+
+def _plain_byte_at(address: int) -> int:
+    return ctypes.c_ubyte.from_address(int(address)).value
+
+
+_PLAIN = bool(numba.config.DISABLE_JIT)
+get_or_set = _plain_get_or_set if _PLAIN else _get_or_set
+"""fmi2GetXXX or fmi2SetXXX(instance, references, n, values) -> status"""
+do_step2 = _plain_do_step2 if _PLAIN else _do_step2
+"""fmi2DoStep(instance, t, h, fmi2True) -> status; t and h in s"""
+byte_at = _plain_byte_at if _PLAIN else _byte_at
+"""The byte at an address."""

@@ -1,0 +1,338 @@
+"""One run: living instances from a checked system, initialized, stepped, observed, and freed again.
+
+    with Execution(checked, ...) as execution:      instantiate, initialize, collect outputs at t0
+        execution.advance(k)                        macro steps up to base step k, as often as wanted
+    ...                                             recordings completed, instances terminated and freed
+
+The order of calls is that of FMI 2.0.5, section 4.2.4. If an FMU fails, what was recorded stays: files are
+completed before anything is freed, since some FMUs take the process with them when they go.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from cosim_master.check import CheckedSystem
+from cosim_master.errors import CosimError, FmuError
+from cosim_master.fmi2 import STATUS
+from cosim_master.fmi2 import Instance as Living
+from cosim_master.fmu import Variable
+from cosim_master.loading import Libraries, check_sources
+from cosim_master.network import Network
+from cosim_master.plan import KINDS, Layout, Timing, grown, make_plan, make_radio
+from cosim_master.radio import DEFERRED, DELIVERED, IN_FLIGHT, OUTCOMES, USED_EVENTS, USED_LOG
+from cosim_master.recorder import Recorder
+from cosim_master.stepping import (
+    BLOCK_FULL,
+    DONE,
+    FAILED,
+    FAILURES,
+    FUNCTIONS,
+    NEED_LOG,
+    NEED_PLACES,
+    NOT_A_NUMBER,
+    NOT_BASE64,
+    ROWS,
+    TOO_LONG,
+    K,
+    collect_all,
+    places_needed,
+    run,
+    sent_bytes,
+)
+
+__all__ = ["Execution", "RunFailed"]
+
+log = logging.getLogger(__name__)
+
+
+class RunFailed(CosimError):
+    """One or more instances failed in the same macro step.
+
+    Attributes:
+        failures: an FmuError for each of them.
+    """
+
+    def __init__(self, failures: Sequence[FmuError]) -> None:
+        self.failures = tuple(failures)
+        super().__init__("\n".join(str(failure) for failure in failures))
+
+
+class Execution:
+    """A system that is being run. Not to be used from two threads at once.
+
+    Args:
+        checked: the system; its structure must stay open.
+        clock: start, base step and periods.
+        places: where values live.
+        network: nodes and radio.
+        recorder_for: makes the recorder, once everything has been loaded; None records nothing.
+        every: rows every so many base steps.
+        keep_packets: record packet events and logs.
+
+    Raises:
+        SystemDescriptionError: interpreted FMUs that do not fit together.
+        RunFailed: an FMU refused during start-up; everything is freed.
+    """
+
+    def __init__(
+        self,
+        checked: CheckedSystem,
+        clock: Timing,
+        places: Layout,
+        network: Network,
+        *,
+        recorder_for: Callable[[], Recorder] | None = None,
+        every: int = 1,
+        keep_packets: bool = True,
+    ) -> None:
+        self.checked, self.clock, self.places, self.network = checked, clock, places, network
+        self.living: list[Living] = []
+        self._libraries = Libraries()
+        self._recorder: Recorder | None = None
+        try:
+            check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
+            self._instantiate()
+            self._initialize()
+            self.plan = make_plan(places, clock, network, self.living, every)
+            keep = recorder_for is not None and keep_packets
+            self.radio = make_radio(network, places, keep=keep)
+            collect_all(self.plan)
+            self._raise_failures()
+            if recorder_for is not None:
+                self._recorder = recorder_for()
+            # One call up to k = 0 sends what the instances have to send at the start and records the first row.
+            self._text_sources = self._string_links()
+            self.advance(0)
+        except FmuError as error:
+            self._free()
+            raise RunFailed([error]) from None
+        except BaseException:
+            self._free()
+            raise
+
+    # ---- start-up -----------------------------------------------------------------------------------------------------
+
+    def _instantiate(self) -> None:
+        for instance in self.checked.instances:
+            self.living.append(self._libraries.load(instance.fmu).instantiate(instance.name))
+
+    def _initialize(self) -> None:
+        """Start values, experiment, initialization mode with its exchange, and out of it again."""
+        start, stop = self.clock.start / 1e9, (self.clock.start + self.clock.steps * self.clock.base) / 1e9
+        values = [instance.effective_values() for instance in self.checked.instances]
+        for living, instance, starts in zip(self.living, self.checked.instances, values, strict=True):
+            _set_all(living, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
+            living.setup_experiment(start, stop)
+        for living, instance, starts in zip(self.living, self.checked.instances, values, strict=True):
+            living.enter_initialization_mode()
+            _set_all(living, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
+        self._exchange_initially()
+        for living in self.living:
+            living.exit_initialization_mode()
+
+    def _exchange_initially(self) -> None:
+        """Stage by stage: get all sources of a stage at once, then set its targets."""
+        number = {living.name: living for living in self.living}
+        for stage in self.checked.init_order:
+            links = [self.checked.links[i] for i in stage]
+            got: dict[tuple[str, str], Any] = {}
+            for name in dict.fromkeys(link.source[0] for link in links):
+                living = number[name]
+                variables = [living.library.fmu.variables[link.source[1]] for link in links if link.source[0] == name]
+                for kind in _kinds(variables):
+                    chosen = list({v.name: v for v in variables if _kind(v) == kind}.values())
+                    values = living.get(chosen)
+                    got |= {(name, v.name): value for v, value in zip(chosen, values, strict=True)}
+            for name in dict.fromkeys(link.target[0] for link in links):
+                living = number[name]
+                mine = [link for link in links if link.target[0] == name]
+                targets = {link.target[1]: _converted(got[link.source], link.factor, link.offset) for link in mine}
+                _set_all(living, [living.library.fmu.variables[n] for n in targets], targets, inputs=None)
+
+    # ---- stepping -----------------------------------------------------------------------------------------------------
+
+    @property
+    def k(self) -> int:
+        """Base steps done."""
+        return int(self.plan.clock[K])
+
+    @property
+    def time(self) -> float:
+        """Simulation time reached, s."""
+        return (self.clock.start + max(self.k, 0) * self.clock.base) / 1e9
+
+    def advance(self, k_stop: int) -> None:
+        """Macro steps until base step `k_stop`.
+
+        Raises:
+            RunFailed: instances failed; the others have finished this macro step, recorded data reaches its start.
+        """
+        stop = min(k_stop, self.clock.steps)
+        if not self._text_sources and not self.places.string_signals:
+            self._run(stop)
+            return
+        # Strings that are no packets are rare and slow to exchange: Python does it, one macro step at a time.
+        while self.k < stop:
+            self._exchange_strings(self.k)
+            rows = int(self.plan.clock[ROWS])
+            self._run(self.k + 1)
+            if self.places.string_signals and int(self.plan.clock[ROWS]) != rows:
+                self._record_strings()
+
+    def _run(self, stop: int) -> None:
+        while True:
+            reason = run(self.plan, self.radio, stop)
+            if reason == DONE:
+                return
+            if reason == BLOCK_FULL:
+                self._flush_rows()
+            elif reason == NEED_PLACES:
+                self.radio = grown(self.radio, int(places_needed(self.plan, self.radio)))
+            elif reason == NEED_LOG:
+                self._flush_packets()
+            elif reason == FAILED:
+                self._raise_failures()
+
+    def _flush_rows(self) -> None:
+        if self._recorder is not None:
+            self._recorder.rows(self.plan)
+        self.plan.clock[ROWS] = 0
+
+    def _flush_packets(self) -> None:
+        """Write the packet blocks out, and make them large enough for what comes next."""
+        if self._recorder is not None:
+            self._recorder.packets(self.radio)
+        self.radio.counters[[USED_EVENTS, USED_LOG]] = 0
+        events = int(places_needed(self.plan, self.radio))
+        size = max(3 * int(sent_bytes(self.plan)), (int(self.radio.counters[IN_FLIGHT]) + 64) * 300)
+        if events > self.radio.events.size:
+            self.radio = self.radio._replace(events=np.zeros(2 * events, dtype=self.radio.events.dtype))
+        if size > self.radio.log.size:
+            self.radio = self.radio._replace(log=np.zeros(2 * size, dtype=np.uint8))
+
+    def _string_links(self) -> list[tuple[Living, Variable, Living, Variable, int]]:
+        number = {living.name: i for i, living in enumerate(self.living)}
+        links = []
+        for link in self.places.strings:
+            source, target = (self.living[number[end[0]]] for end in (link.source, link.target))
+            variables = (source.library.fmu.variables[link.source[1]], target.library.fmu.variables[link.target[1]])
+            links.append((source, variables[0], target, variables[1], self.clock.periods[number[link.target[0]]]))
+        return links
+
+    def _exchange_strings(self, k: int) -> None:
+        if k < 0:
+            return
+        due = [link for link in self._text_sources if k % link[4] == 0]
+        values = [source.get([variable])[0] for source, variable, _, _, _ in due]
+        for (_, _, target, variable, _), value in zip(due, values, strict=True):
+            target.set([variable], [value])
+
+    def _record_strings(self) -> None:
+        assert self._recorder is not None or not self.places.string_signals
+        if self._recorder is not None:
+            by_name = {living.name: living for living in self.living}
+            signals = self.places.string_signals
+            self._recorder.texts([by_name[instance.name].get([v])[0] for _, instance, v in signals])
+
+    def _raise_failures(self) -> None:
+        if self.plan.clock[FAILURES] == 0:
+            return
+        failures = []
+        failed = self.plan.instances["failed"]
+        for i in np.flatnonzero(failed[:, 0]):
+            function, status, detail = (int(x) for x in failed[i])
+            living = self.living[i]
+            living.time = self.time
+            text, code = "", status
+            if status == NOT_A_NUMBER:
+                name = self.places.ports["Real"].outputs[detail][1].name
+                text, code = f"{name} is not a number", 0
+            elif status in (TOO_LONG, NOT_BASE64):
+                wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
+                text, code = f"its packet output {wrong}", 0
+            elif status == STATUS.index("fmi2Discard"):
+                text = "fmi2Discard: it could not do this step, and steps are not repeated"
+                if self._is_python(living):
+                    text += " (a Python FMU says this when do_step forgets to return True)"
+            failures.append(living.failure(FUNCTIONS[function], code, text))
+        raise RunFailed(failures)
+
+    @staticmethod
+    def _is_python(living: Living) -> bool:
+        return (living.library.resources / "slavemodule.txt").is_file()
+
+    # ---- results ------------------------------------------------------------------------------------------------------
+
+    def packet_counts(self) -> dict[str, int]:
+        """Packets by radio, one for each node a packet was for: sent = delivered + lost + in flight. On board apart."""
+        count = self.radio.counters
+        lost = {OUTCOMES[i].removeprefix("lost: "): int(count[i]) for i in range(2, 6)}
+        sent = int(count[1]) + sum(lost.values())
+        delivered = int(count[DELIVERED])
+        return {
+            "sent": sent,
+            "delivered": delivered,
+            "lost": sum(lost.values()),
+            "in flight": int(count[1]) - delivered,
+            **{f"lost: {cause}": n for cause, n in lost.items()},
+            "malformed": int(count[6]),
+            "on board": int(count[0]),
+            "deferred": int(count[DEFERRED]),
+        }
+
+    def finish(self, manifest: Callable[[], Mapping[str, Any]]) -> None:
+        """Complete the recording; call once, before leaving the context."""
+        if self._recorder is not None:
+            self._recorder.rows(self.plan)
+            self._recorder.packets(self.radio)
+            self._recorder.close(manifest())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        failures = self._free()
+        if failures and kind is None:
+            raise RunFailed(failures)
+
+    def _free(self) -> list[FmuError]:
+        """Terminate and free what is alive, each once, whatever the others do."""
+        failures = []
+        for living in self.living:
+            try:
+                living.terminate()
+            except FmuError as error:
+                failures.append(error)
+        for living in self.living:
+            living.free()
+        self._libraries.__exit__(None, None, None)
+        return failures
+
+
+def _kind(variable: Variable) -> str:
+    return "Integer" if variable.type == "Enumeration" else variable.type
+
+
+def _kinds(variables: Sequence[Variable]) -> list[str]:
+    return [kind for kind in (*KINDS, "String") if any(_kind(v) == kind for v in variables)]
+
+
+def _converted(value: Any, factor: float, offset: float) -> Any:
+    return value if factor == 1.0 and offset == 0.0 else factor * value + offset
+
+
+def _set_all(living: Living, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
+    """Set the variables that are inputs, those that are not, or (None) all; one call per type."""
+    chosen = [v for v in variables if inputs is None or (v.causality == "input") == inputs]
+    for kind in _kinds(chosen):
+        some = [v for v in chosen if _kind(v) == kind]
+        living.set(some, [values[v.name] for v in some])

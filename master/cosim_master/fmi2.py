@@ -1,0 +1,209 @@
+"""Living FMI 2.0 instances: loading a library, calling its functions one by one, keeping its log.
+
+The legal order of calls (FMI 2.0.5, section 4.2.4) is the caller's business; see `execution`. The stepping loop
+calls the same functions by their addresses and does not come through here.
+
+    library = Library(description, folder)           one per FMU file, shared by its instances
+    instance = library.instantiate("drone1.vehicle")
+    instance.set(...), setup_experiment, enter_initialization_mode, set, get, exit_initialization_mode
+    ... steps ...
+    instance.terminate(), instance.free()
+
+After fmi2Error only `free` is legal, after fmi2Fatal nothing is: both are kept in `alive`, and `terminate` and
+`free` do what is still allowed.
+"""
+
+from __future__ import annotations
+
+import collections
+import ctypes
+import logging
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from cosim_master.errors import FmuError
+from cosim_master.fmu import FmuDescription, Variable
+
+__all__ = ["STATUS", "Instance", "Library", "set_kind"]
+
+log = logging.getLogger(__name__)
+
+STATUS = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal", "fmi2Pending")
+_LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
+_ALLOCATE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t)
+_FREE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+_STEP_FINISHED = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int)
+
+_KEPT_LOG_LINES = 40
+_C_TYPES: dict[str, Any] = {
+    "Real": ctypes.c_double,
+    "Integer": ctypes.c_int,
+    "Boolean": ctypes.c_int,
+    "String": ctypes.c_char_p,
+}
+
+
+class _Callbacks(ctypes.Structure):
+    _fields_ = (
+        ("logger", _LOGGER),
+        ("allocateMemory", _ALLOCATE),
+        ("freeMemory", _FREE),
+        ("stepFinished", ctypes.c_void_p),
+        ("componentEnvironment", ctypes.c_void_p),
+    )
+
+
+def set_kind(variable: Variable) -> str:
+    """Which of fmi2SetReal, -Integer, -Boolean, -String a variable is set with."""
+    return "Integer" if variable.type == "Enumeration" else variable.type
+
+
+class Library:
+    """The loaded binary of one FMU file."""
+
+    def __init__(self, fmu: FmuDescription, library: Path, resources: Path) -> None:
+        self.fmu = fmu
+        self.resources = resources
+        try:
+            self._dll = ctypes.CDLL(str(library))
+        except OSError as error:
+            raise FmuError(fmu.model_name, f"loading {fmu.path}", str(error)) from None
+        libc = ctypes.CDLL("msvcrt" if platform.system() == "Windows" else None)
+        self._allocate = _ALLOCATE(ctypes.cast(libc.calloc, ctypes.c_void_p).value or 0)
+        self._free = _FREE(ctypes.cast(libc.free, ctypes.c_void_p).value or 0)
+
+    def address(self, function: str) -> int:
+        """The address of an FMI function.
+
+        Raises:
+            FmuError: the binary does not have it.
+        """
+        return ctypes.cast(self.function(function), ctypes.c_void_p).value or 0
+
+    def function(self, name: str) -> Any:
+        """The FMI function `name`, returning a status."""
+        try:
+            function = getattr(self._dll, name)
+        except AttributeError:
+            raise FmuError(self.fmu.model_name, name, f"the binary of {self.fmu.path} does not have it") from None
+        return function
+
+    def instantiate(self, name: str) -> Instance:
+        """A new instance, in the state "instantiated".
+
+        Raises:
+            FmuError: the FMU refused (a wrong GUID, a stale interpreted FMU); its log lines say why.
+        """
+        return Instance(self, name, self._allocate, self._free)
+
+
+class Instance:
+    """One living instance. Not to be used from two threads at once."""
+
+    def __init__(self, library: Library, name: str, allocate: Any, free: Any) -> None:
+        self.library = library
+        self.name = name
+        self.alive = False
+        self.stepping = False
+        self.time: float | None = None
+        self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
+        # ctypes objects that the FMU points to must live as long as the instance.
+        self._callbacks = _Callbacks(_LOGGER(self._log), allocate, free, None, None)
+        instantiate = library.function("fmi2Instantiate")
+        instantiate.restype = ctypes.c_void_p
+        fmu = library.fmu
+        handle = instantiate(
+            ctypes.c_char_p(name.encode()),
+            ctypes.c_int(1),
+            ctypes.c_char_p(fmu.guid.encode()),
+            ctypes.c_char_p(library.resources.as_uri().encode()),
+            ctypes.byref(self._callbacks),
+            ctypes.c_int(0),
+            ctypes.c_int(0),
+        )
+        if not handle:
+            hint = "" if self.lines else "; it logged nothing (is the GUID of its modelDescription.xml the binary's?)"
+            raise FmuError(name, "fmi2Instantiate", f"it returned NULL{hint}", log=self.lines)
+        self.handle = int(handle)
+        self.alive = True
+
+    def _log(self, environment: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
+        text = (message or b"").decode("utf-8", "replace").replace("%%", "%").rstrip()
+        self.lines.extend(text.splitlines())
+        word = STATUS[status] if 0 <= status < len(STATUS) else str(status)
+        log.debug("%s: %s: %s", self.name, word, text)
+
+    def call(self, function: str, *arguments: Any) -> None:
+        """Call an FMI function that returns a status.
+
+        Raises:
+            FmuError: the status is worse than fmi2Warning.
+        """
+        status = int(self.library.function(function)(ctypes.c_void_p(self.handle), *arguments))
+        if status > 1:
+            raise self.failure(function, status)
+
+    def failure(self, function: str, status: int, detail: str = "") -> FmuError:
+        """The error for a bad status; from here on only `free` may follow (nothing after fmi2Fatal)."""
+        if status in (3, 4):
+            self.stepping = False
+        if status == 4:
+            self.alive = False
+        word = STATUS[status] if 0 <= status < len(STATUS) else f"unknown status {status}"
+        return FmuError(self.name, function, detail or word, self.time, self.lines)
+
+    def get(self, variables: Sequence[Variable]) -> list[Any]:
+        """Values of variables that share one FMI type; strings are copied at once."""
+        if not variables:
+            return []
+        kind = set_kind(variables[0])
+        n = len(variables)
+        values = (_C_TYPES[kind] * n)()
+        self.call(f"fmi2Get{kind}", _references(variables), ctypes.c_size_t(n), values)
+        if kind == "Boolean":
+            return [bool(value) for value in values]
+        if kind == "String":
+            return [(value or b"").decode("utf-8", "replace") for value in values]
+        return list(values)
+
+    def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
+        """Set variables that share one FMI type."""
+        if not variables:
+            return
+        kind = set_kind(variables[0])
+        n = len(variables)
+        converted = [str(v).encode() if kind == "String" else float(v) if kind == "Real" else int(v) for v in values]
+        array = (_C_TYPES[kind] * n)(*converted)
+        self.call(f"fmi2Set{kind}", _references(variables), ctypes.c_size_t(n), array)
+
+    def setup_experiment(self, start: float, stop: float) -> None:
+        self.time = start
+        no, yes = ctypes.c_int(0), ctypes.c_int(1)
+        self.call("fmi2SetupExperiment", no, ctypes.c_double(0), ctypes.c_double(start), yes, ctypes.c_double(stop))
+
+    def enter_initialization_mode(self) -> None:
+        self.call("fmi2EnterInitializationMode")
+
+    def exit_initialization_mode(self) -> None:
+        self.call("fmi2ExitInitializationMode")
+        self.stepping = True
+
+    def terminate(self) -> None:
+        """fmi2Terminate where it is legal: after a completed step, once."""
+        if self.alive and self.stepping:
+            self.stepping = False
+            self.call("fmi2Terminate")
+
+    def free(self) -> None:
+        """fmi2FreeInstance where it is legal: not after fmi2Fatal."""
+        if self.alive:
+            self.alive = False
+            free = self.library.function("fmi2FreeInstance")
+            free.restype = None
+            free(ctypes.c_void_p(self.handle))
+
+
+def _references(variables: Sequence[Variable]) -> Any:
+    return (ctypes.c_uint * len(variables))(*(v.value_reference for v in variables))

@@ -1,0 +1,108 @@
+"""From FMU files to loaded libraries: each file is unpacked and loaded once, whatever the number of its instances.
+
+Interpreted FMUs of one process share one Python interpreter and its modules. So before anything is loaded, the
+sources that each of them was built from are compared with each other and with the modules of this process.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import sys
+import tempfile
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from cosim.kernel import cache_folder
+
+from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmi2 import Library
+from cosim_master.fmu import FmuDescription, extract
+
+__all__ = ["Libraries", "check_sources"]
+
+
+def _sources(fmu: FmuDescription) -> dict[str, str]:
+    """Module name -> digest of what an interpreted FMU of ours was built from; empty for all others."""
+    with zipfile.ZipFile(fmu.path) as archive:
+        if "resources/build.json" not in archive.namelist() or "resources/slavemodule.txt" not in archive.namelist():
+            return {}
+        sources = json.loads(archive.read("resources/build.json"))["sources"]
+        return {str(name): str(digest) for name, digest in sources.items()}
+
+
+def check_sources(fmus: Iterable[FmuDescription]) -> None:
+    """Refuse interpreted FMUs that would run each other's code, or this process's instead of their own.
+
+    Raises:
+        SystemDescriptionError: naming the FMUs and the module in which they differ.
+    """
+    first: dict[str, tuple[str, FmuDescription]] = {}
+    problems: list[Problem] = []
+    for fmu in fmus:
+        for name, digest in sorted(_sources(fmu).items()):
+            loaded = getattr(sys.modules.get(name), "__file__", None)
+            other, whose = first.setdefault(name, (digest, fmu))
+            remedy = "build the FMUs anew (make fmus)"
+            if loaded and hashlib.sha256(Path(loaded).read_bytes()).hexdigest() != digest:
+                text = f"was built from another {name} than the one loaded here ({loaded}); {remedy}"
+                problems.append(Problem(Where(str(fmu.path)), text))
+                break
+            if other != digest:
+                text = f"was built from another {name} than {whose.path}; both would share one; {remedy}"
+                problems.append(Problem(Where(str(fmu.path)), text))
+                break
+    if problems:
+        raise SystemDescriptionError(problems)
+
+
+class Libraries:
+    """Loaded FMU files. A context manager: unpacked files go when it closes, after all instances are freed."""
+
+    def __init__(self) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="uav-cosim-"))
+        self._loaded: dict[Path, Library] = {}
+
+    def load(self, fmu: FmuDescription) -> Library:
+        """The library of an FMU file, loaded now if it is not yet."""
+        library = self._loaded.get(fmu.path)
+        if library is None:
+            folder = self._unpacked(fmu)
+            library = Library(fmu, folder.joinpath(*fmu.library.split("/")), folder / "resources")
+            self._loaded[fmu.path] = library
+        return library
+
+    def _unpacked(self, fmu: FmuDescription) -> Path:
+        if not _sources(fmu):
+            folder = self._folder / str(len(self._loaded))
+            extract(fmu, folder)
+            return folder
+        # Interpreted FMUs of ours keep their place, so that Python and numba find what they compiled last time.
+        folder = cache_folder() / "fmus" / fmu.digest[:24]
+        if not folder.is_dir():
+            fresh = Path(tempfile.mkdtemp(prefix="new-", dir=self._made(folder.parent)))
+            extract(fmu, fresh / "fmu")
+            try:
+                (fresh / "fmu").rename(folder)
+            except OSError:
+                if not folder.is_dir():
+                    raise
+            shutil.rmtree(fresh, ignore_errors=True)
+        return folder
+
+    @staticmethod
+    def _made(folder: Path) -> Path:
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)

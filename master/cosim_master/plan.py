@@ -1,0 +1,398 @@
+"""From a checked system to flat arrays: what the stepping loop needs, as indices and buffers.
+
+`layout` decides which outputs are fetched, which inputs are fed from where, and what is recorded; it needs
+descriptions only. `make_plan` adds the handles and addresses of living instances.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cosim_master import radio as radio_kernels
+from cosim_master.check import CheckedSystem, Instance, Link
+from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmi2 import Instance as Living
+from cosim_master.fmi2 import set_kind
+from cosim_master.fmu import Variable
+from cosim_master.network import Network
+from cosim_master.radio import (
+    COUNTERS,
+    ENDPOINT,
+    EVENT,
+    FREE_PLACE,
+    FREE_PLACES,
+    NODE,
+    PLACE,
+    SETTINGS,
+    SLOT,
+    Radio,
+)
+from cosim_master.stepping import INSTANCE, PORTS, SEND, WIRE, Plan
+
+__all__ = ["KINDS", "Layout", "Timing", "grown", "layout", "make_plan", "make_radio", "timing"]
+
+KINDS = ("Real", "Integer", "Boolean")
+_NANO = 1_000_000_000
+_BLOCK_BYTES = 8 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """The clock of a run in ns: start, base step, number of base steps, and each instance's period in base steps."""
+
+    start: int
+    base: int
+    steps: int
+    periods: tuple[int, ...]
+    notes: tuple[str, ...] = ()
+
+
+def _ticks(seconds: float) -> int | None:
+    """Nanoseconds of a time in s, None if it is not a whole number of them."""
+    ticks = round(seconds * _NANO)
+    return ticks if math.isclose(ticks, seconds * _NANO, rel_tol=1e-12, abs_tol=1e-4) else None
+
+
+def timing(checked: CheckedSystem, until: float | None = None, step: float | None = None) -> Timing:
+    """Choose the clock.
+
+    Args:
+        until: stop time in s; the system's DefaultExperiment where None.
+        step: step size in s of instances for which neither system nor FMU names one.
+
+    Raises:
+        SystemDescriptionError: no stop time, no step size, times that are no multiples of a nanosecond, or a run
+            whose end an FMU with a fixed step size would overrun.
+    """
+    problems: list[Problem] = []
+    where = checked.structure.where
+    stop = until if until is not None else checked.stop_time
+    start_ticks = _ticks(checked.start_time)
+    stop_ticks = None if stop is None else _ticks(stop)
+    if stop is None:
+        problems.append(Problem(where, "no stop time: give one with --until, or a DefaultExperiment in the system"))
+    elif stop <= checked.start_time:
+        problems.append(Problem(where, f"stop time {stop:g} s does not lie behind start time {checked.start_time:g} s"))
+    if start_ticks is None or (stop is not None and stop_ticks is None):
+        problems.append(Problem(where, "start and stop time must be whole nanoseconds"))
+    sizes: list[int] = []
+    for instance in checked.instances:
+        size = instance.step_size if instance.step_size is not None else step
+        ticks = None if size is None else _ticks(size)
+        if size is None:
+            text = f"{instance.name}: no step size: neither the system nor the FMU names one; give one with --step"
+            problems.append(Problem(instance.where, text))
+        elif ticks is None or ticks <= 0:
+            problems.append(Problem(instance.where, f"{instance.name}: step size {size} s is not a whole number of ns"))
+        else:
+            sizes.append(ticks)
+    if not checked.instances:
+        problems.append(Problem(where, "the system has no components"))
+    if problems:
+        raise SystemDescriptionError(problems)
+    assert start_ticks is not None and stop_ticks is not None
+    base = math.gcd(*sizes)
+    total = stop_ticks - start_ticks
+    if total % base:
+        nearest = (total // base + 1) * base / _NANO + checked.start_time
+        text = f"a run of {total / _NANO:g} s is no multiple of the base step {base / _NANO:g} s; try --until {nearest:g}"
+        raise SystemDescriptionError([Problem(where, text)])
+    steps = total // base
+    for instance, size in zip(checked.instances, sizes, strict=True):
+        if total % size and not instance.fmu.capabilities.canHandleVariableCommunicationStepSize:
+            text = (
+                f"{instance.name} steps by {size / _NANO:g} s only "
+                f"(canHandleVariableCommunicationStepSize is false): a run of {total / _NANO:g} s is no multiple of it"
+            )
+            problems.append(Problem(instance.where, text))
+    if problems:
+        raise SystemDescriptionError(problems)
+    notes = () if base == min(sizes) else (f"the base step is {base / _NANO:g} s, that of no instance",)
+    return Timing(start_ticks, base, steps, tuple(size // base for size in sizes), notes)
+
+
+@dataclass(slots=True)
+class _Ports:
+    """Inputs and outputs of one FMI type, instance by instance."""
+
+    first_in: list[int] = field(default_factory=lambda: [0])
+    in_reference: list[int] = field(default_factory=list)
+    source: list[int] = field(default_factory=list)
+    factor: list[float] = field(default_factory=list)
+    offset: list[float] = field(default_factory=list)
+    first_out: list[int] = field(default_factory=lambda: [0])
+    outputs: list[tuple[int, Variable]] = field(default_factory=list)
+    index: dict[tuple[str, str], int] = field(default_factory=dict)
+    recorded: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where every value of the loop lives."""
+
+    instances: tuple[Instance, ...]
+    ports: Mapping[str, _Ports]
+    mirrors: tuple[tuple[int, int], ...]
+    signals: Mapping[str, tuple[tuple[str, Variable], ...]]
+    """Per kind the recorded columns (name, variable), sorted as the instances are."""
+    strings: tuple[Link, ...]
+    string_signals: tuple[tuple[str, Instance, Variable], ...]
+
+
+def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ()) -> Layout:
+    """Assign places to all values.
+
+    Args:
+        record: patterns (fnmatch) of ``instance.variable`` to record; outputs and local variables can be. Nothing
+            given: all outputs.
+
+    Raises:
+        SystemDescriptionError: a pattern matches nothing.
+    """
+    ports = {kind: _Ports() for kind in KINDS}
+    kinds = {
+        (instance.name, name): set_kind(v)
+        for instance in checked.instances
+        for name, v in instance.fmu.variables.items()
+    }
+    links = [link for link in checked.links if not link.initial_only]
+    numeric = [link for link in links if kinds[link.target] in KINDS]
+    needed = {link.source for link in numeric}
+    needed |= {(instance, v.name) for node in network.nodes for instance, v in node.position}
+    chosen = _chosen(checked, record)
+    for i, instance in enumerate(checked.instances):
+        for name, variable in instance.fmu.variables.items():
+            kind = set_kind(variable)
+            if kind in KINDS and ((instance.name, name) in needed or (instance.name, name) in chosen):
+                ports[kind].index[instance.name, name] = len(ports[kind].outputs)
+                ports[kind].outputs.append((i, variable))
+        for kind in KINDS:
+            ports[kind].first_out.append(len(ports[kind].outputs))
+    mirrors = _inputs(checked, numeric, ports)
+    signals: dict[str, tuple[tuple[str, Variable], ...]] = {}
+    for kind in KINDS:
+        columns = []
+        for key, index in ports[kind].index.items():
+            if key in chosen:
+                ports[kind].recorded.append(index)
+                columns.append((f"{key[0]}.{key[1]}", ports[kind].outputs[index][1]))
+        signals[kind] = tuple(columns)
+    strings = tuple(link for link in links if kinds[link.target] == "String")
+    texts = tuple(
+        (f"{instance.name}.{name}", instance, v)
+        for instance in checked.instances
+        for name, v in instance.fmu.variables.items()
+        if v.type == "String" and (instance.name, name) in chosen
+    )
+    return Layout(checked.instances, ports, mirrors, signals, strings, texts)
+
+
+def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str]]:
+    causalities = ("output", "local") if record else ("output",)
+    candidates = {
+        f"{instance.name}.{name}": (instance.name, name)
+        for instance in checked.instances
+        for name, v in instance.fmu.variables.items()
+        if v.causality in causalities and v.packet_capacity is None
+    }
+    if not record:
+        return set(candidates.values())
+    chosen: set[tuple[str, str]] = set()
+    problems = []
+    for pattern in record:
+        # [1] is an index in a variable's name, not a set of characters
+        matching = fnmatch.filter(candidates, pattern.replace("[", "[[]"))
+        if not matching:
+            some = ", ".join(list(candidates)[:3])
+            problems.append(Problem(Where("--record"), f"{pattern} matches no output or local variable (such as {some})"))
+        chosen |= {candidates[name] for name in matching}
+    if problems:
+        raise SystemDescriptionError(problems)
+    return chosen
+
+
+def _inputs(
+    checked: CheckedSystem, links: Sequence[Link], ports: Mapping[str, _Ports]
+) -> tuple[tuple[int, int], ...]:
+    """Fill in what feeds every input; integer sources of real inputs get a mirror among the reals."""
+    by_instance: dict[str, list[Link]] = {}
+    for link in links:
+        by_instance.setdefault(link.target[0], []).append(link)
+    mirrors: dict[int, int] = {}
+    reals = len(ports["Real"].outputs)
+    for instance in checked.instances:
+        for link in by_instance.get(instance.name, ()):
+            target = instance.fmu.variables[link.target[1]]
+            kind = set_kind(target)
+            source_kind = next(k for k in KINDS if link.source in ports[k].index)
+            source = ports[source_kind].index[link.source]
+            if kind == "Real" and source_kind == "Integer":
+                source = mirrors.setdefault(source, reals + len(mirrors))
+            ports[kind].in_reference.append(target.value_reference)
+            ports[kind].source.append(source)
+            ports[kind].factor.append(link.factor)
+            ports[kind].offset.append(link.offset)
+        for kind in KINDS:
+            ports[kind].first_in.append(len(ports[kind].in_reference))
+    return tuple(mirrors.items())
+
+
+def make_plan(places: Layout, clock: Timing, network: Network, living: Sequence[Living], every: int) -> Plan:
+    """The plan of a run over living instances, in the order of `places.instances`. Rows every `every` base steps."""
+    kinds = [places.ports[kind] for kind in KINDS]
+    real = kinds[0]
+    reals_in, reals_out = len(real.in_reference), len(real.outputs)
+    int_recorded = [i + (len(kinds[1].outputs) if n else 0) for n, ports in enumerate(kinds[1:]) for i in ports.recorded]
+    rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(int_recorded) + 8), 65536))
+    wires = np.zeros(sum(len(ports.source) for ports in kinds), dtype=WIRE)
+    wires["source"] = [
+        i + (len(kinds[1].outputs) if n == 2 else 0) for n, ports in enumerate(kinds) for i in ports.source
+    ]
+    wires["factor"] = [x for ports in kinds for x in ports.factor]
+    wires["offset"] = [x for ports in kinds for x in ports.offset]
+    integers = sum(len(ports.outputs) for ports in kinds[1:])
+    ports, text, capacity = _packet_ports(places, network, living)
+    return Plan(
+        instances=_instance_table(places, clock, network, living),
+        wires=wires,
+        in_reference=np.array([x for p in kinds for x in p.in_reference], dtype=np.uint32),
+        real_in=np.zeros(reals_in),
+        int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
+        out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
+        real_out=np.zeros(reals_out + len(places.mirrors)),
+        int_out=np.zeros(integers, dtype=np.int32),
+        mirrors=np.array(places.mirrors, dtype=np.int64).reshape(-1, 2),
+        ports=ports,
+        text=text,
+        scratch=np.zeros(text.shape[1], dtype=np.uint8),
+        tx=np.zeros((ports.size, capacity), dtype=np.uint8),
+        real_recorded=np.array(real.recorded, dtype=np.int64),
+        int_recorded=np.array(int_recorded, dtype=np.int64),
+        real_block=np.zeros((rows, len(real.recorded))),
+        int_block=np.zeros((rows, len(int_recorded)), dtype=np.int32),
+        ticks=np.zeros(rows, dtype=np.int64),
+        clock=np.array([-1, SEND, 0, 0, clock.start, clock.base, clock.steps, every, reals_in, reals_out]),
+    )
+
+
+def _instance_table(places: Layout, clock: Timing, network: Network, living: Sequence[Living]) -> np.ndarray[Any, Any]:
+    table = np.zeros(len(living), dtype=INSTANCE)
+    table["handle"] = [one.handle for one in living]
+    table["do_step"] = [one.library.address("fmi2DoStep") for one in living]
+    table["period"] = table["length"] = clock.periods
+    endpoint = {e.instance: i for i, e in enumerate(e for node in network.nodes for e in node.endpoints)}
+    table["endpoint"] = [endpoint.get(one.name, -1) for one in living]
+    inputs = outputs = 0
+    for kind, name in enumerate(KINDS):
+        ports = places.ports[name]
+        table["setter"][:, kind] = [one.library.address(f"fmi2Set{name}") for one in living]
+        table["getter"][:, kind] = [one.library.address(f"fmi2Get{name}") for one in living]
+        table["first_in"][:, kind] = np.add(ports.first_in[:-1], inputs)
+        table["last_in"][:, kind] = np.add(ports.first_in[1:], inputs)
+        table["first_out"][:, kind] = np.add(ports.first_out[:-1], outputs)
+        table["last_out"][:, kind] = np.add(ports.first_out[1:], outputs)
+        inputs += len(ports.in_reference)
+        outputs += len(ports.outputs)
+    return table
+
+
+def _packet_ports(
+    places: Layout, network: Network, living: Sequence[Living]
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
+    """The PORTS table, the texts it points to, and the largest capacity."""
+    endpoints = [endpoint for node in network.nodes for endpoint in node.endpoints]
+    number = {instance.name: i for i, instance in enumerate(places.instances)}
+    capacity = max([v.packet_capacity or 0 for e in endpoints for v in (e.rx, e.tx) if v is not None], default=1)
+    text = np.zeros((max(len(endpoints), 1), 4 * -(-capacity // 3) + 4), dtype=np.uint8)
+    table = np.zeros(len(endpoints), dtype=PORTS)
+    table["instance"] = [number[e.instance] for e in endpoints]
+    hosts = [living[i] for i in table["instance"]]
+    table["set_string"] = [host.library.address("fmi2SetString") for host in hosts]
+    table["get_string"] = [host.library.address("fmi2GetString") for host in hosts]
+    table["has_rx"] = [e.rx is not None for e in endpoints]
+    table["has_tx"] = [e.tx is not None for e in endpoints]
+    table["rx"] = [e.rx.value_reference if e.rx else 0 for e in endpoints]
+    table["tx"] = [e.tx.value_reference if e.tx else 0 for e in endpoints]
+    table["text"] = text.ctypes.data + text.shape[1] * np.arange(len(endpoints), dtype=np.uint64)
+    return table, text, capacity
+
+
+def _hash(name: str) -> int:
+    """FNV-1a, 64 bit: a node's identity for the random numbers of its links."""
+    value = 0xCBF29CE484222325
+    for byte in name.encode():
+        value = (value ^ byte) * 0x100000001B3 % 2**64
+    return value
+
+
+def _topology(network: Network) -> int:
+    if network.topology == "nearest":
+        return radio_kernels.NEAREST if network.axis is None else radio_kernels.NEAREST_ON_AXIS
+    return radio_kernels.LISTED if network.topology == "listed" else radio_kernels.BROADCAST
+
+
+def _nanoseconds(seconds: float) -> int:
+    return 2**62 if seconds > 9e9 else round(seconds * _NANO)
+
+
+def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
+    """The radio's memory. `keep`: write packet events and logs."""
+    nodes = network.nodes
+    names = {node.name: n for n, node in enumerate(nodes)}
+    settings = np.zeros(1, dtype=SETTINGS)
+    settings["topology"] = _topology(network)
+    settings["per_side"] = min(network.neighbours, max(len(nodes) - 1, 1))
+    settings["axis"] = network.axis or (0.0, 0.0, 0.0)
+    settings["latency"], settings["jitter"] = _nanoseconds(network.latency), _nanoseconds(network.jitter)
+    settings["loss"], settings["range"] = network.loss, network.range
+    settings["seed"], settings["keep"] = network.seed, keep
+    hearers = [sorted(names[b] for a, b in network.links if a == node.name) for node in nodes]
+    listed = np.cumsum([0, *(len(row) for row in hearers)])
+    members = np.cumsum([0, *(len(node.endpoints) for node in nodes)])
+    reals = places.ports["Real"].index
+    node_table = np.zeros(len(nodes), dtype=NODE)
+    for n, node in enumerate(nodes):
+        place = [reals[instance, variable.name] for instance, variable in node.position] or [-1, -1, -1]
+        node_table[n] = (place, _hash(node.name), 0, members[n], members[n + 1], listed[n], listed[n + 1])
+    endpoints = np.zeros(int(members[-1]), dtype=ENDPOINT)
+    for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
+        endpoints[i] = (n, e.rx.packet_capacity if e.rx else 0, 0, -1, -1)
+    outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
+    empty = Radio(
+        settings=settings,
+        endpoints=endpoints,
+        nodes=node_table,
+        links=np.array([b for row in hearers for b in row], dtype=np.int64),
+        outages=np.array(outages, dtype=np.int64).reshape(-1, 3),
+        places=np.zeros(0, dtype=PLACE),
+        data=np.zeros((0, SLOT), dtype=np.uint8),
+        order=np.arange(len(nodes), dtype=np.int64),
+        along=np.zeros(len(nodes)),
+        hearers=np.zeros(len(nodes) + 1, dtype=np.int64),
+        counters=np.zeros(COUNTERS, dtype=np.int64),
+        events=np.zeros(4096, dtype=EVENT),
+        log=np.zeros(1 << 20, dtype=np.uint8),
+    )
+    empty.counters[FREE_PLACE] = -1
+    return grown(empty, 256)
+
+
+def grown(radio: Radio, need: int) -> Radio:
+    """The same radio with at least `need` more free places in flight."""
+    old = radio.places.size
+    new = max(2 * old, old + need)
+    places = np.zeros(new, dtype=PLACE)
+    places[:old] = radio.places
+    places["following"][old:] = np.arange(old + 1, new + 1)
+    places["following"][-1] = radio.counters[FREE_PLACE]
+    data = np.zeros((new, SLOT), dtype=np.uint8)
+    data[:old] = radio.data
+    radio.counters[FREE_PLACE] = old
+    radio.counters[FREE_PLACES] += new - old
+    return radio._replace(places=places, data=data)

@@ -1,0 +1,178 @@
+"""What a run leaves behind: signals, packets, and a manifest of how it came about.
+
+    OUT/manifest.json     what was run, with what, and how it ended
+    OUT/signals.parquet   column `time` [s], then `component.variable`; units and descriptions in the field metadata
+    OUT/packets.parquet   every packet on its way to every node: sent, arrival, addresses, outcome
+    OUT/packets.tlog      all packets sent, in the order of time, as ground stations replay them
+    OUT/packets/NODE.tlog what one node sent and received over the radio
+
+A .tlog is a sequence of 8-byte big-endian microseconds and one packet. Its clock begins at `EPOCH`, since tools
+read it as a date.
+
+The recorder reads; it never touches what it observes. Files are complete up to the last flush at any time but for
+Parquet's footer, which `close` writes.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cosim_master.check import CheckedSystem
+from cosim_master.network import Network
+from cosim_master.plan import KINDS, Layout
+from cosim_master.radio import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
+from cosim_master.stepping import ROWS, Plan
+
+__all__ = ["EPOCH", "Recorder"]
+
+EPOCH = 1_735_689_600_000_000
+"""Microseconds from 1970 to 2025-01-01T00:00:00Z, where the clock of .tlog files begins."""
+
+_ARROW = {"Real": pa.float64(), "Integer": pa.int32(), "Boolean": pa.bool_(), "String": pa.string()}
+
+
+class Recorder:
+    """Writes the files of one run. Call `rows` and `packets` whenever the loop returns, `close` at the end."""
+
+    def __init__(self, folder: Path, checked: CheckedSystem, places: Layout, network: Network, *, keep: bool) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self._texts = places.string_signals
+        self._text_rows: list[list[str]] = []
+        self._columns = self._in_order(checked, places)
+        fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
+        for name, kind, _, variable in self._columns:
+            metadata = {"unit": variable.unit.name if variable.unit else "", "description": variable.description}
+            if variable.items:
+                metadata["items"] = json.dumps(dict(variable.items))
+            fields.append(pa.field(name, _ARROW[kind], metadata=metadata))
+        self._schema = pa.schema(fields)
+        # Floating-point time series hardly repeat, so dictionaries only cost; splitting bytes compresses them better.
+        floats = [f.name for f in self._schema if pa.types.is_floating(f.type)]
+        self._signals = pq.ParquetWriter(
+            folder / "signals.parquet",
+            self._schema,
+            compression="zstd",
+            use_dictionary=False,
+            column_encoding={name: "BYTE_STREAM_SPLIT" for name in floats},
+        )
+        self._keep = keep and bool(network.nodes)
+        self._nodes = [node.name for node in network.nodes]
+        self._endpoints = [e.instance for node in network.nodes for e in node.endpoints]
+        self._senders: np.ndarray[Any, Any] = np.array(
+            [n for n, node in enumerate(network.nodes) for _ in node.endpoints], dtype=np.int64
+        )
+        self._events: Any = None
+        self._tlogs: dict[int, Any] = {}
+        if self._keep:
+            (folder / "packets").mkdir(exist_ok=True)
+            self._event_schema = _event_schema()
+            self._events = pq.ParquetWriter(folder / "packets.parquet", self._event_schema, compression="zstd")
+            for n, name in enumerate(self._nodes):
+                self._tlogs[n] = (folder / "packets" / f"{name}.tlog").open("wb")
+            self._tlogs[-1] = (folder / "packets.tlog").open("wb")
+
+    @staticmethod
+    def _in_order(checked: CheckedSystem, places: Layout) -> list[tuple[str, str, int, Any]]:
+        """Columns in the order of instances and their variables: (name, kind, column of the block, variable)."""
+        known = {name: (kind, i, v) for kind in KINDS for i, (name, v) in enumerate(places.signals[kind])}
+        known |= {name: ("String", i, v) for i, (name, _, v) in enumerate(places.string_signals)}
+        columns = []
+        for instance in checked.instances:
+            for variable in instance.fmu.variables:
+                name = f"{instance.name}.{variable}"
+                if name in known:
+                    columns.append((name, *known[name]))
+        return columns
+
+    def texts(self, values: list[str]) -> None:
+        """The values of all recorded String variables for the row just recorded."""
+        self._text_rows.append(values)
+
+    def rows(self, plan: Plan) -> None:
+        """Write the rows of the loop's block and empty it."""
+        n = int(plan.clock[ROWS])
+        if n == 0:
+            return
+        integers = sum(kind == "Integer" for _, kind, _, _ in self._columns)
+        booleans = plan.int_block[:, integers:]
+        blocks = {"Real": plan.real_block, "Integer": plan.int_block, "Boolean": booleans}
+        arrays = [pa.array(plan.ticks[:n] / 1e9)]
+        for _, kind, column, _ in self._columns:
+            if kind == "String":
+                arrays.append(pa.array([row[column] for row in self._text_rows[:n]], type=pa.string()))
+            else:
+                values = blocks[kind][:n, column]
+                arrays.append(pa.array(values.astype(bool) if kind == "Boolean" else values))
+        self._signals.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
+        self._text_rows.clear()
+        plan.clock[ROWS] = 0
+
+    def packets(self, radio: Radio) -> None:
+        """Write packet events and logs and empty their blocks."""
+        events, used = radio.counters[USED_EVENTS], radio.counters[USED_LOG]
+        if self._keep and events:
+            self._write_events(radio.events[:events])
+        if self._keep and used:
+            self._write_tlogs(radio.log[:used].tobytes())
+        radio.counters[[USED_EVENTS, USED_LOG]] = 0
+
+    def _write_events(self, events: np.ndarray[Any, Any]) -> None:
+        arrival = events["arrival"] / 1e9
+        names = np.array([*self._nodes, ""], dtype=object)
+        columns = {
+            "sent": events["sent"] / 1e9,
+            "arrival": pa.array(arrival, mask=events["arrival"] < 0),
+            "source": np.array(self._endpoints, dtype=object)[events["source"]],
+            "target": names[events["target"]],
+            **{name: events[name] for name in EVENT.names or () if name in _PLAIN},
+            "outcome": np.array(OUTCOMES, dtype=object)[events["outcome"]],
+        }
+        arrays = [pa.array(columns[f.name], type=f.type) if f.name != "arrival" else columns["arrival"] for f in self._event_schema]
+        self._events.write_table(pa.Table.from_arrays(arrays, schema=self._event_schema))
+
+    def _write_tlogs(self, block: bytes) -> None:
+        position = 0
+        while position < len(block):
+            ticks, entry, length = struct.unpack_from("<qii", block, position)
+            node, sent = entry >> 1, entry & 1
+            stamped = struct.pack(">Q", EPOCH + ticks // 1000) + block[position + 16 : position + 16 + length]
+            self._tlogs[node].write(stamped)
+            if sent:
+                self._tlogs[-1].write(stamped)
+            position += 16 + length
+
+    def close(self, manifest: Mapping[str, Any]) -> None:
+        """Finish all files. The manifest comes last: where it is, the rest is complete."""
+        self._signals.close()
+        if self._events is not None:
+            self._events.close()
+        for file in self._tlogs.values():
+            file.close()
+        text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False)
+        (self.folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
+
+
+_PLAIN = ("message", "system", "component", "sequence", "length")
+
+
+def _event_schema() -> pa.Schema:
+    seconds = {"unit": "s"}
+    return pa.schema(
+        [
+            pa.field("sent", pa.float64(), metadata=seconds),
+            pa.field("arrival", pa.float64(), metadata=seconds),
+            pa.field("source", pa.string(), metadata={"description": "instance that sent it"}),
+            pa.field("target", pa.string(), metadata={"description": "node it was for"}),
+            *(pa.field(name, pa.int32()) for name in _PLAIN),
+            pa.field("outcome", pa.string()),
+        ]
+    )
