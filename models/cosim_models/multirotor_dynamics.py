@@ -10,6 +10,7 @@ from __future__ import annotations
 from math import ceil, cos, isfinite, sin, sqrt
 from typing import Any
 
+from cosim.frames import derivative, normalize
 from cosim.kernel import kernel
 from cosim.vehicle import MAX_MOTORS
 from cosim_models.ground import contact_force, dragged
@@ -20,11 +21,9 @@ from cosim_models.rigid_body import (
     along,
     along4,
     angular_acceleration,
-    attitude_rate,
     from_body,
     load,
     load4,
-    normalised,
     rotation_matrix,
     to_body,
 )
@@ -217,20 +216,20 @@ def _rk4(m: Any, h: float, p: Vector, v: Vector, q: Quaternion, w: Vector) -> tu
     """One step of the classical Runge-Kutta method; the rotors have been turned before."""
     half, sixth = 0.5 * h, h / 6.0
     a1, b1, _ = _accelerations(m, _BEGIN, p, v, q, w)
-    c1 = attitude_rate(q, w)
+    c1 = derivative(q, w)
     v2, q2, w2 = along(v, half, a1), along4(q, half, c1), along(w, half, b1)
     a2, b2, _ = _accelerations(m, _MIDDLE, along(p, half, v), v2, q2, w2)
-    c2 = attitude_rate(q2, w2)
+    c2 = derivative(q2, w2)
     v3, q3, w3 = along(v, half, a2), along4(q, half, c2), along(w, half, b2)
     a3, b3, _ = _accelerations(m, _MIDDLE, along(p, half, v2), v3, q3, w3)
-    c3 = attitude_rate(q3, w3)
+    c3 = derivative(q3, w3)
     v4, q4, w4 = along(v, h, a3), along4(q, h, c3), along(w, h, b3)
     a4, b4, _ = _accelerations(m, _END, along(p, h, v3), v4, q4, w4)
-    c4 = attitude_rate(q4, w4)
+    c4 = derivative(q4, w4)
     return (
         _weighted(p, sixth, v, v2, v3, v4),
         _weighted(v, sixth, a1, a2, a3, a4),
-        normalised(along4(along4(along4(along4(q, sixth, c1), 2.0 * sixth, c2), 2.0 * sixth, c3), sixth, c4)),
+        normalize(along4(along4(along4(along4(q, sixth, c1), 2.0 * sixth, c2), 2.0 * sixth, c3), sixth, c4)),
         _weighted(w, sixth, b1, b2, b3, b4),
     )
 

@@ -1,4 +1,4 @@
-"""Rigid-body mechanics over tuples: rotation, kinematics and Euler's equation.
+"""Rigid-body mechanics over tuples: the rotation matrix and Euler's equation.
 
 Body axes are FRD (forward, right, down), the reference is NED (north, east, down) and inertial (flat, resting
 Earth). Quaternions are (w, x, y, z) and rotate FRD into NED. No integrator and no force lives here.
@@ -7,8 +7,6 @@ Source: B. L. Stevens, F. L. Lewis, E. N. Johnson, Aircraft Control and Simulati
 """
 
 from __future__ import annotations
-
-from math import sqrt
 
 from cosim.kernel import kernel
 
@@ -19,11 +17,9 @@ __all__ = [
     "along",
     "along4",
     "angular_acceleration",
-    "attitude_rate",
     "from_body",
     "load",
     "load4",
-    "normalised",
     "rotation_matrix",
     "to_body",
 ]
@@ -86,21 +82,6 @@ def to_body(r: Matrix, v: Vector) -> Vector:
     """R' v: a vector given in NED, in FRD."""
     x, y, z = v
     return (r[0] * x + r[3] * y + r[6] * z, r[1] * x + r[4] * y + r[7] * z, r[2] * x + r[5] * y + r[8] * z)
-
-
-@kernel
-def attitude_rate(q: Quaternion, rates: Vector) -> Quaternion:
-    """dq/dt = q (0, rates) / 2; `rates` is the angular velocity in FRD [rad/s]."""
-    w, x, y, z = q
-    p, r, s = 0.5 * rates[0], 0.5 * rates[1], 0.5 * rates[2]
-    return (-x * p - y * r - z * s, w * p + y * s - z * r, w * r + z * p - x * s, w * s + x * r - y * p)
-
-
-@kernel
-def normalised(q: Quaternion) -> Quaternion:
-    """`q` with length 1. Precondition: it has a length."""
-    scale = 1.0 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return (q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale)
 
 
 @kernel
