@@ -85,6 +85,7 @@ class Form:
         children: legal child elements, as "{namespace}name", in the standard's order.
         repeated: those of `children` that may come more than once.
         mandatory: those of `children` that must be there.
+        filled: at least one child must be there.
         choices: sets of `children` of which at most one element may be there.
         unsupported: attributes and children that are in the standard and that we do not support yet.
         opaque: the children belong to somebody else and are not looked at.
@@ -95,6 +96,7 @@ class Form:
     children: tuple[str, ...] = ()
     repeated: frozenset[str] = frozenset()
     mandatory: tuple[str, ...] = ()
+    filled: bool = False
     choices: tuple[frozenset[str], ...] = ()
     unsupported: frozenset[str] = frozenset()
     opaque: bool = False
@@ -167,6 +169,9 @@ class Reader:
         for tag in form.mandatory:
             if tag not in seen:
                 self.problem(element, f"<{name}> needs a <{etree.QName(tag).localname}>")
+        if form.filled and not len(element):
+            names = " or ".join(f"<{etree.QName(tag).localname}>" for tag in form.children)
+            self.problem(element, f"<{name}> is empty; it needs a {names}")
         for choice in form.choices:
             if len(several := [tag for tag in seen if tag in choice]) > 1:
                 names = " and ".join(f"<{etree.QName(tag).localname}>" for tag in several)

@@ -316,9 +316,7 @@ class _Document:
     def _connector(self, element: etree._Element) -> Connector:
         kind, unit, enumeration, items, type_name = element.get("kind", "input"), None, None, None, None
         if kind in KINDS_LATER:
-            self.reader.problem(
-                element, f'kind="{kind}" of <Connector> is not supported yet; valid: {", ".join(KINDS)}'
-            )
+            self.reader.problem(element, f'connector kind "{kind}" is not supported yet; valid: {", ".join(KINDS)}')
             kind = "input"
         kind = self.reader.choice(element, "kind", KINDS, "input") if kind not in KINDS else kind
         for child in self._held(element):

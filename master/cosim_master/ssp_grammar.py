@@ -94,6 +94,7 @@ GRAMMAR: Grammar = {
     SSD + "Elements": Form(
         children=_ssd("Component", "System"),
         repeated=frozenset(_ssd("Component", "System")),
+        filled=True,
         unsupported=frozenset(_ssd("SignalDictionaryReference")),
     ),
     SSD + "Connections": Form(
