@@ -76,7 +76,8 @@ class Workshop:
 
         structure = f"<Outputs>{unknowns(outputs)}</Outputs>" if outputs else ""
         structure += f"<InitialUnknowns>{unknowns(initial)}</InitialUnknowns>" if initial else ""
-        defined = "".join(f'<Unit name="{name}"><BaseUnit {base}/></Unit>' for name, base in units.items())
+        based = {name: f"<BaseUnit {base}/>" if base else "" for name, base in units.items()}
+        defined = "".join(f'<Unit name="{name}">{base}</Unit>' for name, base in based.items())
         return (
             '<?xml version="1.0" encoding="UTF-8"?>\n'
             f'<fmiModelDescription fmiVersion="{version}" modelName="Unit" guid="{{0}}">\n'
@@ -89,7 +90,7 @@ class Workshop:
             f"<ModelStructure>{structure}</ModelStructure>\n</fmiModelDescription>\n"
         )
 
-    def pack(self, name: str, description: str | None, library: str | None = "Unit") -> Path:
+    def pack(self, name: str, description: str | bytes | None, library: str | None = "Unit") -> Path:
         path = self.root / name
         path.parent.mkdir(parents=True, exist_ok=True)
         with zipfile.ZipFile(path, "w") as archive:
