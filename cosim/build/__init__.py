@@ -7,22 +7,21 @@ import importlib
 import importlib.util
 import inspect
 import json
-import logging
+import pkgutil
 import sys
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 
 from cosim.build.compiled import HOST, TARGETS, CannotCompile, build_compiled
 from cosim.build.interpreted import build_interpreted
 from cosim.build.sources import sources_of
 from cosim.model import Model
 
-__all__ = ["HOST", "TARGETS", "Built", "build", "load_models"]
-
-log = logging.getLogger(__name__)
+__all__ = ["HOST", "TARGETS", "Built", "build", "load_models", "models_of_package"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +53,29 @@ def load_models(source: str) -> list[type[Model]]:
         spec.loader.exec_module(module)
     else:
         module = importlib.import_module(source)
-    models = [
-        c for _, c in inspect.getmembers(module, inspect.isclass) if issubclass(c, Model) and c.__module__ == module.__name__
-    ]
+    models = _defined_in(module)
     if not models:
         raise ValueError(f"{source}: no subclass of cosim.Model in it")
     return models
+
+
+def models_of_package(package: str) -> list[type[Model]]:
+    """Every model that a module of `package` defines, by name.
+
+    Raises:
+        ImportError: there is no such package.
+    """
+    found = importlib.import_module(package)
+    models: list[type[Model]] = []
+    for module in pkgutil.iter_modules(found.__path__, f"{package}."):
+        loaded = importlib.import_module(module.name)
+        models += _defined_in(loaded)
+    return sorted(models, key=lambda model: model.__name__)
+
+
+def _defined_in(module: ModuleType) -> list[type[Model]]:
+    classes = (c for _, c in inspect.getmembers(module, inspect.isclass))
+    return [c for c in classes if issubclass(c, Model) and c.__module__ == module.__name__]
 
 
 def build(model: type[Model], folder: Path, *, interpreted: bool = False, targets: Sequence[str] = (HOST,)) -> Built:

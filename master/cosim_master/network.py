@@ -21,18 +21,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from cosim_master.annotation import Attributes, root_annotation
 from cosim_master.check import CheckedSystem, Instance
-from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.errors import Problem, SystemDescriptionError
 from cosim_master.fmu import Variable
-from lxml import etree
 
-__all__ = ["ANNOTATION", "NAMESPACE", "Endpoint", "Network", "Node", "network_of"]
+__all__ = ["ANNOTATION", "Endpoint", "Network", "Node", "network_of"]
 
 ANNOTATION = "org.uav-cosim.network"
-NAMESPACE = "https://uav-cosim.org/ns/1"
-
-_TOPOLOGIES = ("broadcast", "nearest", "listed")
-
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
@@ -79,27 +75,13 @@ def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
     Raises:
         SystemDescriptionError: the annotation is wrong; all problems at once.
     """
-    annotations = [
-        a for a in (*checked.structure.annotations, *checked.structure.system.annotations) if a.type == ANNOTATION
-    ]
     problems: list[Problem] = []
-    for extra in annotations[1:]:
-        problems.append(Problem(extra.where, f"a second {ANNOTATION}; the first is at {annotations[0].where}"))
-    element = _content(annotations[0].element, annotations[0].where, problems) if annotations else None
-    reader = _Reader(element, annotations[0].where if annotations else Where(""), problems)
+    reader = root_annotation(checked, ANNOTATION, "network", problems)
     nodes = _nodes(checked, reader.text("position", "vehicle.position"))
     network = _settings(reader, nodes, seed)
     if problems:
         raise SystemDescriptionError(problems)
     return network
-
-
-def _content(annotation: etree._Element, where: Where, problems: list[Problem]) -> etree._Element | None:
-    children = [c for c in annotation if isinstance(c.tag, str)]
-    if len(children) == 1 and children[0].tag == f"{{{NAMESPACE}}}network":
-        return children[0]
-    problems.append(Problem(where, f'this annotation must hold one <network xmlns="{NAMESPACE}">'))
-    return None
 
 
 def _nodes(checked: CheckedSystem, position: str) -> tuple[Node, ...]:
@@ -134,50 +116,12 @@ def _position(node: str, path: str, instances: Mapping[str, Instance]) -> tuple[
     return tuple((instance.name, v) for v in variables if v is not None)
 
 
-class _Reader:
-    """Attributes of one element, with their problems."""
-
-    def __init__(self, element: etree._Element | None, where: Where, problems: list[Problem]) -> None:
-        self.element = element
-        self.where = where
-        self.problems = problems
-        self.read: set[str] = set()
-
-    def problem(self, message: str) -> None:
-        line = self.element.sourceline if self.element is not None else self.where.line
-        self.problems.append(Problem(Where(self.where.path, line), message))
-
-    def text(self, name: str, default: str) -> str:
-        self.read.add(name)
-        return default if self.element is None else self.element.get(name, default)
-
-    def number(self, name: str, default: float, low: float, high: float) -> float:
-        text = self.text(name, "")
-        if not text:
-            return default
-        try:
-            value = math.inf if text.strip() == "INF" else float(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            self.problem(f'{name}="{text}" must be a number from {low:g} to {high:g}')
-            return default
-        return value
-
-    def finish(self) -> None:
-        unknown = [] if self.element is None else sorted(set(self.element.attrib) - self.read)
-        if unknown:
-            self.problem(f"attribute {', '.join(map(str, unknown))}: valid are {', '.join(sorted(self.read))}")
-
-
-def _settings(reader: _Reader, nodes: Sequence[Node], seed: int | None) -> Network:
-    topology = reader.text("topology", "broadcast")
-    if topology not in _TOPOLOGIES:
-        reader.problem(f'topology="{topology}": valid are {", ".join(_TOPOLOGIES)}')
+def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Network:
     written_seed = int(reader.number("seed", 0, 0, 2**53))
+    children = reader.children("link", "outage")
     settings = Network(
         nodes=tuple(nodes),
-        topology=topology,
+        topology=reader.choice("topology", "broadcast", ("broadcast", "nearest", "listed")),
         neighbours=int(reader.number("neighbours", 1, 1, 1e6)),
         axis=_axis(reader),
         latency=reader.number("latency", 0.0, 0.0, 3600.0),
@@ -185,24 +129,23 @@ def _settings(reader: _Reader, nodes: Sequence[Node], seed: int | None) -> Netwo
         loss=reader.number("loss", 0.0, 0.0, 1.0),
         range=reader.number("range", math.inf, 0.0, math.inf),
         seed=written_seed if seed is None else seed,
-        links=_links(reader, nodes),
-        outages=_outages(reader, nodes),
+        links=_links(children["link"], nodes),
+        outages=tuple(_outage(child, nodes) for child in children["outage"]),
         notes=_notes(reader, nodes),
     )
     reader.finish()
-    if topology == "nearest" or settings.range < math.inf:
+    if settings.topology == "nearest" or settings.range < math.inf:
         for node in nodes:
             if not node.position:
-                reader.problem(
-                    f"topology nearest and range need positions; node {node.name} has none at "
-                    f'position="{reader.text("position", "vehicle.position")}" (three Real outputs [1] to [3])'
-                )
-    if settings.links and topology != "listed":
-        reader.problem(f'<link> is for topology="listed", this is "{topology}"')
+                path = reader.text("position", "vehicle.position")
+                text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
+                reader.problem(f"topology nearest and range need positions; {text}")
+    if settings.links and settings.topology != "listed":
+        reader.problem(f'<link> is for topology="listed", this is "{settings.topology}"')
     return settings
 
 
-def _axis(reader: _Reader) -> tuple[float, float, float] | None:
+def _axis(reader: Attributes) -> tuple[float, float, float] | None:
     text = reader.text("axis", "")
     if not text:
         return None
@@ -217,22 +160,10 @@ def _axis(reader: _Reader) -> tuple[float, float, float] | None:
     return (north / length, east / length, down / length)
 
 
-def _child_readers(reader: _Reader, tag: str) -> list[_Reader]:
-    if reader.element is None:
-        return []
-    known = {f"{{{NAMESPACE}}}link", f"{{{NAMESPACE}}}outage"}
-    if tag == "link":
-        for child in reader.element:
-            if isinstance(child.tag, str) and child.tag not in known:
-                reader.problem(f"<{etree.QName(child).localname}> is unknown here: valid are link, outage")
-    children = reader.element.findall(f"{{{NAMESPACE}}}{tag}")
-    return [_Reader(child, reader.where, reader.problems) for child in children]
-
-
-def _links(reader: _Reader, nodes: Sequence[Node]) -> frozenset[tuple[str, str]]:
+def _links(children: Sequence[Attributes], nodes: Sequence[Node]) -> frozenset[tuple[str, str]]:
     names = {node.name for node in nodes}
     links: set[tuple[str, str]] = set()
-    for child in _child_readers(reader, "link"):
+    for child in children:
         ends = child.text("between", "").split()
         child.finish()
         if len(ends) != 2 or len(set(ends)) != 2 or not set(ends) <= names:
@@ -242,23 +173,20 @@ def _links(reader: _Reader, nodes: Sequence[Node]) -> frozenset[tuple[str, str]]
     return frozenset(links)
 
 
-def _outages(reader: _Reader, nodes: Sequence[Node]) -> tuple[tuple[str, float, float], ...]:
+def _outage(child: Attributes, nodes: Sequence[Node]) -> tuple[str, float, float]:
     names = {node.name for node in nodes}
-    outages = []
-    for child in _child_readers(reader, "outage"):
-        name = child.text("node", "")
-        start = child.number("start", 0.0, 0.0, 1e9)
-        stop = child.number("stop", math.inf, 0.0, math.inf)
-        child.finish()
-        if name not in names:
-            child.problem(f'outage of node "{name}": the nodes are {", ".join(sorted(names))}')
-        if stop <= start:
-            child.problem(f"outage from {start:g} s to {stop:g} s: stop must lie behind start")
-        outages.append((name, start, stop))
-    return tuple(outages)
+    name = child.text("node", "")
+    start = child.number("start", 0.0, 0.0, 1e9)
+    stop = child.number("stop", math.inf, 0.0, math.inf)
+    child.finish()
+    if name not in names:
+        child.problem(f'outage of node "{name}": the nodes are {", ".join(sorted(names))}')
+    if stop <= start:
+        child.problem(f"outage from {start:g} s to {stop:g} s: stop must lie behind start")
+    return (name, start, stop)
 
 
-def _notes(reader: _Reader, nodes: Sequence[Node]) -> tuple[str, ...]:
+def _notes(reader: Attributes, nodes: Sequence[Node]) -> tuple[str, ...]:
     if reader.element is None and len(nodes) > 1:
         return (f"no {ANNOTATION} annotation: packets reach every node at once and without loss",)
     return ()

@@ -1,0 +1,291 @@
+"""The command `uav-cosim`. It alone prints; heavy modules are imported by the commands that need them.
+
+Exit codes: 0 done, 1 a run failed, 2 a bad description or bad usage.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from cosim_master.errors import CosimError, SystemDescriptionError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from cosim_master.simulation import Prepared, Progress, RunResult
+
+__all__ = ["main"]
+
+app = typer.Typer(
+    name="uav-cosim",
+    help="Co-simulation of cooperating UAVs: FMUs, SSP systems, MAVLink packets over a simulated radio.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+out = Console(highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+System = Annotated[str, typer.Argument(help="An .ssd or .ssp file, or a folder with a SystemStructure.ssd.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="COMPONENT.PARAMETER=VALUE", help="Override a start value; may be repeated."),
+]
+Until = Annotated[float | None, typer.Option(help="Stop time in s; default: the system's DefaultExperiment.")]
+Step = Annotated[float | None, typer.Option(help="Step size in s where neither system nor FMU names one.")]
+
+
+@contextmanager
+def _errors() -> Iterator[None]:
+    """Our own errors become a message and an exit code; everything else is a bug and keeps its traceback."""
+    try:
+        yield
+    except SystemDescriptionError as error:
+        for problem in error.problems:
+            err.print(f"error: {problem}", markup=False)
+        raise typer.Exit(2) from None
+    except CosimError as error:
+        err.print(f"error: {error}", markup=False)
+        raise typer.Exit(1) from None
+
+
+def _usage(message: str) -> typer.Exit:
+    err.print(f"error: {message}", markup=False)
+    return typer.Exit(2)
+
+
+def _overrides(settings: list[str] | None) -> dict[str, str]:
+    overrides = {}
+    for setting in settings or []:
+        name, equals, value = setting.partition("=")
+        if not equals or not name.strip():
+            raise _usage(f"--set {setting}: write COMPONENT.PARAMETER=VALUE")
+        overrides[name.strip()] = value.strip()
+    return overrides
+
+
+@app.command()
+def build(
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(help="Model names (Quadrotor), modules or .py files; default: every model of cosim_models."),
+    ] = None,
+    folder: Annotated[Path, typer.Option("-o", "--out", help="Folder for the FMUs.")] = Path("fmus"),
+    interpreted: Annotated[
+        bool, typer.Option("--interpreted", help="Pack the Python sources (pythonfmu) instead of compiling them.")
+    ] = False,
+    target: Annotated[
+        list[str] | None, typer.Option(help="Platform to build for; may be repeated. Default: this one.")
+    ] = None,
+) -> None:
+    """Build FMUs from models, only those that changed."""
+    from cosim.build import HOST, build, load_models, models_of_package
+
+    try:
+        known = models_of_package("cosim_models")
+        chosen = []
+        for name in models or [model.__name__ for model in known]:
+            matching = [model for model in known if model.__name__ == name]
+            if not matching and "." not in name:
+                names = ", ".join(model.__name__ for model in known)
+                raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
+            chosen += matching or load_models(name)
+        for model in chosen:
+            built = build(model, folder, interpreted=interpreted, targets=target or [HOST])
+            state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
+            out.print(f"{built.file}: {state}", markup=False)
+            if built.note:
+                out.print(f"  {built.note}", markup=False)
+    except (ValueError, ImportError, SyntaxError) as error:
+        raise _usage(str(error)) from None
+    except RuntimeError as error:
+        err.print(f"error: {error}", markup=False)
+        raise typer.Exit(1) from None
+
+
+@app.command()
+def run(
+    system: System,
+    folder: Annotated[Path | None, typer.Option("-o", "--out", help="Folder for the results.")] = None,
+    until: Until = None,
+    step: Step = None,
+    pace: Annotated[float | None, typer.Option(help="Hold at most this many times real time.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the radio; default: the system's.")] = None,
+    settings: Settings = None,
+    record: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="Signals to record, e.g. '*.position*'; default: all outputs."),
+    ] = None,
+) -> None:
+    """Run a system."""
+    from cosim_master.simulation import simulate
+
+    if pace is not None and pace <= 0:
+        raise _usage(f"--pace {pace:g}: give a positive factor of real time")
+    folder = folder or Path("out") / Path(system).resolve().stem
+    with _errors(), _progress() as show:
+        result = simulate(
+            system,
+            out=folder,
+            until=until,
+            step=step,
+            pace=pace,
+            seed=seed,
+            overrides=_overrides(settings),
+            record=record or (),
+            on_start=_print_notes,
+            on_progress=show,
+        )
+    _report(result, folder)
+
+
+def _print_notes(ready: Prepared) -> None:
+    for note in ready.notes:
+        err.print(f"note: {note}", markup=False)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[Progress], None]]:
+    """A bar with simulated time, speed and time left; nothing where the output is no terminal."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        BarColumn(),
+        TextColumn("{task.completed:.1f}/{task.total:.1f} s"),
+        TextColumn("{task.fields[speed]:.1f} x real time"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("run", total=None, speed=0.0)
+
+        def show(progress: Progress) -> None:
+            done = progress.time - progress.start
+            speed = done / progress.wall if progress.wall else 0.0
+            bar.update(task, total=progress.stop - progress.start, completed=done, speed=speed)
+
+        yield show  # type: ignore[misc]
+
+
+def _report(result: RunResult, folder: Path) -> None:
+    if result.error is not None:
+        err.print(f"error: {result.error}", markup=False)
+    packets = result.packets
+    if result.outcome != "failed" or packets:
+        counts = ", ".join(f"{packets.get(name, 0)} {name}" for name in ("sent", "delivered", "lost"))
+        out.print(
+            f"{result.outcome}: {result.simulated_s:g} s simulated in {result.wall_s:.2f} s "
+            f"({result.real_time_factor:.1f} times real time), packets {counts}; {folder}",
+            markup=False,
+        )
+    if result.overruns[0]:
+        err.print(f"note: the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
+    if result.outcome == "failed":
+        raise typer.Exit(1)
+    if result.outcome == "interrupted":
+        raise typer.Exit(130)
+
+
+@app.command()
+def check(system: System, until: Until = None, step: Step = None, settings: Settings = None) -> None:
+    """Read a system and its FMUs and report every problem, without running anything."""
+    from cosim_master.check import check as check_system
+    from cosim_master.plan import layout
+    from cosim_master.simulation import prepare
+    from cosim_master.ssp import read_system
+
+    with _errors(), read_system(system) as structure:
+        checked = check_system(structure, _overrides(settings))
+        ready = prepare(checked, until=until, step=step)
+        layout(checked, ready.network, ready.recording.signals)
+        _print_notes(ready)
+        n = ready.clock.steps
+        out.print(
+            f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
+            f"{len(ready.network.nodes)} radio nodes, {n} steps of {ready.clock.base / 1e9:g} s: no problems",
+            markup=False,
+        )
+
+
+@app.command()
+def info(path: Annotated[str, typer.Argument(help="An FMU, a system, or the results of a run.")]) -> None:
+    """Show what an FMU, a system or a run consists of."""
+    from cosim_master import inspection
+
+    with _errors():
+        target = Path(path)
+        if target.suffix == ".fmu":
+            _print_tables(inspection.fmu_tables(target))
+        elif (target / "manifest.json").is_file():
+            _print_tables(inspection.run_tables(target))
+        else:
+            _print_tables(inspection.system_tables(path))
+
+
+def _print_tables(tables: Iterator[Table | str]) -> None:
+    for table in tables:
+        out.print(table, markup=False) if isinstance(table, str) else out.print(table)
+
+
+@app.command()
+def swap(
+    system: System,
+    component: Annotated[str, typer.Argument(help="Hierarchical name, e.g. drone3.vehicle.")],
+    fmu: Annotated[Path, typer.Argument(help="The FMU it gets.")],
+    new: Annotated[Path | None, typer.Option("-o", "--out", help="The new system; default: change it in place.")] = None,
+) -> None:
+    """Give a component another FMU; nothing else changes."""
+    from cosim_master.edit import swap as swap_component
+
+    with _errors():
+        written = swap_component(system, component, fmu, new)
+        out.print(f"{written}: {component} is now {fmu}", markup=False)
+
+
+@app.command()
+def plot(
+    run: Annotated[Path, typer.Argument(help="Folder of a run's results.")],
+    folder: Annotated[Path | None, typer.Option("-o", "--out", help="Folder for the figures; default: the run's.")] = None,
+) -> None:
+    """Draw the figures of a run."""
+    from cosim_master.figures import figures
+
+    with _errors():
+        for file in figures(run, folder):
+            out.print(str(file), markup=False)
+
+
+@app.command()
+def export(
+    run: Annotated[Path, typer.Argument(help="Folder of a run's results.")],
+    csv: Annotated[Path, typer.Option("--csv", help="CSV file to write, as FMPy writes its results.")],
+) -> None:
+    """Write the signals of a run in another format."""
+    from cosim_master.export import export_csv
+
+    with _errors():
+        export_csv(run, csv)
+        out.print(str(csv), markup=False)
+
+
+@app.callback()
+def options(
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Show what FMUs log.")] = False,
+) -> None:
+    """Co-simulation of cooperating UAVs: FMUs, SSP systems, MAVLink packets over a simulated radio."""
+    logging.basicConfig(level=logging.DEBUG if verbose else logging.WARNING, stream=sys.stderr, format="%(message)s")
+    for noisy in ("numba", "matplotlib", "fmpy", "pythonfmu"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
+
+
+def main() -> None:
+    """Entry point of the command."""
+    app()

@@ -1,0 +1,93 @@
+"""What FMUs, systems and runs consist of, as tables for people."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+from rich.table import Table
+
+from cosim_master.check import check
+from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmu import describe
+from cosim_master.ssp import read_system
+
+__all__ = ["fmu_tables", "run_tables", "system_tables"]
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in columns:
+        table.add_column(column)
+    return table
+
+
+def _number(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def fmu_tables(path: Path) -> Iterator[Table | str]:
+    """Identity, capabilities and variables of an FMU."""
+    fmu = describe(path)
+    yield f"{fmu.model_name}: {fmu.description}" if fmu.description else fmu.model_name
+    yield f"FMI {fmu.fmi_version}, GUID {fmu.guid}, step size {_number(fmu.step_size) or 'not given'} s"
+    capable = [name for name in fmu.capabilities.__slots__ if getattr(fmu.capabilities, name) is True]
+    yield f"capabilities: {', '.join(capable) or 'none'}"
+    table = _table("variable", "causality", "type", "unit", "start", "description")
+    for v in fmu.variables.values():
+        kind = f"packets ({v.packet_capacity} bytes)" if v.packet_capacity else v.type
+        start = next((n for n, i in (v.items or {}).items() if i == v.start), v.start)
+        table.add_row(v.name, v.causality, kind, v.unit.name if v.unit else "", _number(start), v.description)
+    yield table
+    for note in fmu.notes:
+        yield f"note: {note}"
+
+
+def system_tables(path: str) -> Iterator[Table | str]:
+    """Instances and connections of a system."""
+    with read_system(path) as structure:
+        checked = check(structure)
+        yield f"{structure.name}: SSP {structure.version}, {len(checked.instances)} instances"
+        table = _table("instance", "FMU", "step [s]", "set by the system")
+        for instance in checked.instances:
+            starts = " ".join(f"{name}={_number(value)}" for name, value in instance.start_values.items())
+            table.add_row(instance.name, instance.fmu.path.name, _number(instance.step_size), starts)
+        yield table
+        wires: dict[tuple[str, str], int] = {}
+        for link in checked.links:
+            ends = (link.source[0], link.target[0])
+            wires[ends] = wires.get(ends, 0) + 1
+        table = _table("from", "to", "connections")
+        for (source, target), n in wires.items():
+            table.add_row(source, target, str(n))
+        yield table
+        for note in checked.notes:
+            yield f"note: {note}"
+
+
+def run_tables(folder: Path) -> Iterator[Table | str]:
+    """How a run went and what it recorded."""
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        schema = pq.read_schema(folder / "signals.parquet")
+        rows = pq.read_metadata(folder / "signals.parquet").num_rows
+        yield (
+            f"{manifest['system']['name']}: {manifest['outcome']}, {manifest['simulated_s']:g} s simulated in "
+            f"{manifest['wall_s']:.2f} s ({manifest['real_time_factor']:.1f} times real time), seed {manifest['seed']}"
+        )
+        table = _table("packets", "")
+        for name, count in manifest["packets"].items():
+            table.add_row(name, str(count))
+        yield table
+    except (OSError, ValueError, KeyError) as error:
+        raise SystemDescriptionError([Problem(Where(str(folder)), f"is not the complete result of a run: {error}")]) from None
+    table = _table("signal", "type", "unit")
+    for one in schema:
+        table.add_row(one.name, str(one.type), (one.metadata or {}).get(b"unit", b"").decode())
+    yield f"{rows} rows of"
+    yield table

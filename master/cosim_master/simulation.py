@@ -1,0 +1,313 @@
+"""One call from a system file to its results: read, check, run, record, and say how it ended."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from cosim_master.annotation import root_annotation
+from cosim_master.check import CheckedSystem, check
+from cosim_master.errors import CosimError, Problem, SystemDescriptionError
+from cosim_master.execution import Execution
+from cosim_master.network import Network, network_of
+from cosim_master.plan import Timing, layout, timing
+from cosim_master.recorder import Recorder
+from cosim_master.ssp import read_system
+from cosim_master.system import Component, System
+
+__all__ = ["RECORDING", "Progress", "Prepared", "Recording", "RunResult", "prepare", "simulate"]
+
+RECORDING = "org.uav-cosim.recording"
+_SLICE = 0.05
+"""Wall-clock seconds between looks at progress and pacing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What is recorded: rows every `interval` s (None: every base step), signals that match, packets or not.
+
+    <recording xmlns="https://uav-cosim.org/ns/1" interval="0.0125" signals="*.position* *.target" packets="true"/>
+    """
+
+    interval: float | None = None
+    signals: tuple[str, ...] = ()
+    packets: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is: simulated and wall-clock time in s since the first step."""
+
+    time: float
+    start: float
+    stop: float
+    wall: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How a run ended.
+
+    Attributes:
+        outcome: "done", "interrupted" (Ctrl-C) or "failed".
+        error: what failed, None otherwise.
+        simulated_s, wall_s, real_time_factor: of the stepping alone.
+        packets: see `Execution.packet_counts`.
+        notes: what was assumed.
+        overruns: paced runs: how often and by how much (s, at worst) the pace could not be held.
+    """
+
+    outcome: str
+    error: CosimError | None
+    simulated_s: float
+    wall_s: float
+    real_time_factor: float
+    packets: Mapping[str, int]
+    notes: tuple[str, ...]
+    overruns: tuple[int, float] = (0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A checked system with its clock, network and recording: ready to be run, nothing loaded."""
+
+    checked: CheckedSystem
+    clock: Timing
+    network: Network
+    recording: Recording
+    every: int
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return (*self.checked.notes, *self.clock.notes, *self.network.notes)
+
+
+def prepare(
+    checked: CheckedSystem,
+    *,
+    until: float | None = None,
+    step: float | None = None,
+    seed: int | None = None,
+    record: Sequence[str] = (),
+) -> Prepared:
+    """Settle everything that can be settled without loading an FMU.
+
+    Raises:
+        SystemDescriptionError: clock, network or recording are not as they should be; all problems at once.
+    """
+    problems: list[Problem] = []
+
+    def gathered(make: Callable[[], Any]) -> Any:
+        try:
+            return make()
+        except SystemDescriptionError as error:
+            problems.extend(error.problems)
+            return None
+
+    recording = gathered(lambda: _recording(checked, record))
+    clock = gathered(lambda: timing(checked, until, step))
+    network = gathered(lambda: network_of(checked, seed))
+    if problems:
+        raise SystemDescriptionError(problems)
+    every = 1
+    if recording.interval is not None:
+        every = round(recording.interval * 1e9 / clock.base)
+        if every < 1 or not math.isclose(every * clock.base, recording.interval * 1e9, rel_tol=1e-9):
+            text = f"recording interval {recording.interval:g} s is no multiple of the base step {clock.base / 1e9:g} s"
+            raise SystemDescriptionError([Problem(checked.structure.where, text)])
+    return Prepared(checked, clock, network, recording, every)
+
+
+def _recording(checked: CheckedSystem, record: Sequence[str]) -> Recording:
+    problems: list[Problem] = []
+    reader = root_annotation(checked, RECORDING, "recording", problems)
+    interval = reader.number("interval", 0.0, 0.0, 1e6)
+    recording = Recording(
+        interval=interval or None,
+        signals=tuple(record) or tuple(reader.text("signals", "").split()),
+        packets=reader.choice("packets", "true", ("true", "false")) == "true",
+    )
+    reader.finish()
+    reader.children()
+    if problems:
+        raise SystemDescriptionError(problems)
+    return recording
+
+
+def simulate(
+    system: str | Path,
+    *,
+    out: Path | None = None,
+    until: float | None = None,
+    step: float | None = None,
+    pace: float | None = None,
+    seed: int | None = None,
+    overrides: Mapping[str, str] | None = None,
+    record: Sequence[str] = (),
+    on_start: Callable[[Prepared], None] | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> RunResult:
+    """Run a system from its file to its results.
+
+    Args:
+        system: an .ssd, .ssp or folder.
+        out: folder for the results; None records nothing.
+        until: stop time in s; the system's DefaultExperiment if None.
+        step: step size in s for systems and FMUs that name none.
+        pace: times real time to hold at most; None runs as fast as it can.
+        seed: of the radio's random numbers; the system's if None.
+        overrides: start values by hierarchical name, as text.
+        record: patterns of signals to record; the system's, else all outputs.
+        on_start: called when everything is checked and nothing loaded yet.
+        on_progress: called about twenty times a second.
+
+    Raises:
+        SystemDescriptionError: the description is wrong.
+
+    Returns:
+        How it ended; a failing FMU is an outcome, and what was recorded until then is kept.
+    """
+    with read_system(system) as structure:
+        checked = check(structure, overrides)
+        ready = prepare(checked, until=until, step=step, seed=seed, record=record)
+        places = layout(checked, ready.network, ready.recording.signals)
+        if on_start is not None:
+            on_start(ready)
+
+        def recorder() -> Recorder:
+            assert out is not None
+            return Recorder(out, checked, places, ready.network, keep=ready.recording.packets)
+
+        began = time.perf_counter()
+        try:
+            execution = Execution(
+                checked,
+                ready.clock,
+                places,
+                ready.network,
+                recorder_for=None if out is None else recorder,
+                every=ready.every,
+                keep_packets=ready.recording.packets,
+            )
+        except SystemDescriptionError:
+            raise
+        except CosimError as error:
+            return RunResult("failed", error, 0.0, 0.0, 0.0, {}, ready.notes)
+        start_up = time.perf_counter() - began
+        with execution:
+            result = _run(execution, ready, pace, on_progress)
+            execution.finish(lambda: _manifest(ready, result, start_up))
+        return result
+
+
+def _run(
+    execution: Execution, ready: Prepared, pace: float | None, on_progress: Callable[[Progress], None] | None
+) -> RunResult:
+    clock = ready.clock
+    start = clock.start / 1e9
+    stop = (clock.start + clock.steps * clock.base) / 1e9
+    outcome, failure = "done", None
+    began = time.perf_counter()
+    chunk, overruns, worst = 1, 0, 0.0
+    try:
+        while execution.k < clock.steps:
+            before = time.perf_counter()
+            if pace is not None:
+                due = (execution.time - start) / pace - (before - began)
+                if due > 0:
+                    time.sleep(due)
+                elif due < -0.05:
+                    overruns, worst = overruns + 1, max(worst, -due)
+            execution.advance(execution.k + chunk)
+            if on_progress is not None:
+                on_progress(Progress(execution.time, start, stop, time.perf_counter() - began))
+            spent = max(time.perf_counter() - before, 1e-6)
+            if pace is not None:
+                chunk = max(1, int(_SLICE * 0.4 * pace * 1e9 / clock.base))
+            else:
+                chunk = max(1, min(4 * chunk, int(chunk * _SLICE / spent) or 1))
+    except KeyboardInterrupt:
+        outcome = "interrupted"
+    except CosimError as error:
+        outcome, failure = "failed", error
+    wall = time.perf_counter() - began
+    simulated = execution.time - start
+    factor = simulated / wall if wall > 0 else 0.0
+    return RunResult(
+        outcome, failure, simulated, wall, factor, execution.packet_counts(), ready.notes, (overruns, worst)
+    )
+
+
+def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, Any]:
+    checked = ready.checked
+    network = {k: v for k, v in asdict(ready.network).items() if k not in ("nodes", "notes")}
+    if math.isinf(ready.network.range):
+        network["range"] = "INF"
+    network["links"] = sorted(map(list, ready.network.links))
+    network["outages"] = [[n, a, b if math.isfinite(b) else "INF"] for n, a, b in ready.network.outages]
+    fmus = {str(i.fmu.path): i.fmu for i in checked.instances}
+    return {
+        "outcome": result.outcome,
+        "error": None if result.error is None else str(result.error),
+        "simulated_s": result.simulated_s,
+        "wall_s": result.wall_s,
+        "start_up_s": start_up,
+        "real_time_factor": result.real_time_factor,
+        "system": {
+            "name": checked.structure.name,
+            "path": str(checked.structure.path),
+            "sha256": _digest_of_system(checked),
+        },
+        "start_time": ready.clock.start / 1e9,
+        "base_step": ready.clock.base / 1e9,
+        "seed": ready.network.seed,
+        "network": network,
+        "packets": dict(result.packets),
+        "instances": {
+            instance.name: {
+                "fmu": str(instance.fmu.path),
+                "step": period * ready.clock.base / 1e9,
+                "parameters": {
+                    name: value
+                    for name, value in instance.effective_values().items()
+                    if instance.fmu.variables[name].causality == "parameter"
+                },
+            }
+            for instance, period in zip(checked.instances, ready.clock.periods, strict=True)
+        },
+        "fmus": {
+            path: {"sha256": fmu.digest, "guid": fmu.guid, "model": fmu.model_name} for path, fmu in sorted(fmus.items())
+        },
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("uav-cosim", "numba", "numpy", "pyarrow", "fmpy")},
+        },
+        "notes": list(ready.notes),
+    }
+
+
+def _digest_of_system(checked: CheckedSystem) -> str:
+    """Of the root document and every document below it, in the order of their paths."""
+    documents: set[Path] = {checked.structure.document}
+
+    def visit(system: System) -> None:
+        documents.add(system.document)
+        for element in system.elements:
+            if isinstance(element, Component):
+                if element.content is not None:
+                    visit(element.content)
+            else:
+                visit(element)
+
+    visit(checked.structure.system)
+    digest = hashlib.sha256()
+    for document in sorted(documents):
+        digest.update(document.read_bytes())
+    return digest.hexdigest()
