@@ -16,6 +16,8 @@ Receiving::
 
 Sending: `n = pack(buffer, n, payload, ...)` appends one packet; check for -1 before keeping the result.
 
+The module is long because one format is: its header, its checks, its numbers and the dialect only make sense together.
+
 Not here: signatures are recognised but neither made nor verified (a receiver without a key accepts signed packets,
 as ArduPilot and pymavlink do), and nothing keeps a sequence counter: its owner passes it in.
 

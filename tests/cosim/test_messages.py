@@ -28,7 +28,7 @@ EDGES = (0, 1, 2, 127, 128, 254, 255, 256, 32767, 32768, 65535, 65536, 2**31 - 1
 
 def draw(field: generator.Field, random: np.random.Generator) -> Any:
     """A value for one element of `field`: an edge, any bit pattern, or zero."""
-    kind = generator._TYPES[field.type][0]
+    kind = {"float": "f32", "double": "f64", "char": "u8"}.get(field.type, field.type[0] + field.type.strip("uint_"))
     choice = random.random()
     if kind.startswith("f"):
         value = float(random.normal()) * 10.0 ** float(random.integers(-30, 30))

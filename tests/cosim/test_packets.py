@@ -21,7 +21,7 @@ from pymavlink.dialects.v10 import ardupilotmega as v10
 from pymavlink.dialects.v20 import ardupilotmega as v20
 from pymavlink.generator.mavcrc import x25crc
 
-from cosim import packets
+from cosim import frames, messages, packets
 from cosim.kernel import kernel
 from cosim.packets import BAD_CRC, GOOD, INCOMPATIBLE, NOTHING, SIGNED, TRUNCATED, UNKNOWN
 
@@ -451,7 +451,10 @@ def test_base64_refuses_what_does_not_fit() -> None:
 # -- the three ways to run ------------------------------------------------------------------------------------------
 
 RECORD = np.dtype(
-    [("rx", "u1", (600,)), ("rx_len", "i4"), ("tx", "u1", (600,)), ("tx_len", "i4"), ("payload", "u1", (255,))]
+    [
+        *[("rx", "u1", (600,)), ("rx_len", "i4"), ("tx", "u1", (600,)), ("tx_len", "i4")],
+        *[("payload", "u1", (255,)), ("text", "u1", (900,)), ("text_len", "i4")],
+    ]
 )
 
 
@@ -525,7 +528,7 @@ def in_another_process(tmp_path: Path, **environment: str) -> str:
     """Run this file's tests, then digest(), in a process with the given environment variables."""
     script = (
         "import importlib.util, sys, pytest\n"
-        "code = pytest.main([sys.argv[1], '-q', '-p', 'no:cacheprovider', '-k', 'not process'])\n"
+        "code = pytest.main([sys.argv[1], '-q', '-p', 'no:cacheprovider', '-k', 'not process and not ahead'])\n"
         "spec = importlib.util.spec_from_file_location('again', sys.argv[1])\n"
         "again = importlib.util.module_from_spec(spec); spec.loader.exec_module(again)\n"
         "print('digest', again.digest())\n"
@@ -563,3 +566,54 @@ def test_every_kernel_is_compiled() -> None:
     assert len(kernels) > 35
     for name in kernels:
         assert hasattr(getattr(module, name), "nopython_signatures"), name
+
+
+@kernel
+def live(m: Any) -> int:
+    """One step of a model that uses a bit of everything."""
+    n = packets.decode_base64(m.text, m.text_len, m.rx)
+    m.rx_len = max(n, 0)
+    count = forward(m, 5)
+    lat, lon = 0.0, 0.0
+    if packets.unpack(m.rx, 0, m.payload) > 0:
+        position = messages.decode_global_position_int(m.payload)
+        lat, lon = frames.radians_from_deg_e7(position[1]), frames.radians_from_deg_e7(position[2])
+    q = frames.quaternion_from_euler(0.1, 0.2, 0.3)
+    roll, pitch, yaw = frames.euler_from_quaternion(frames.normalize(frames.multiply(q, q)))
+    north, east, down = frames.local_from_geodetic(lat, lon, 1.0, 0.8, 0.1, 2.0)
+    place = frames.geodetic_from_local(north, east, down, 0.8, 0.1, 2.0)
+    away = frames.haversine(lat, lon, place[0], place[1], frames.EARTH_RADIUS_MEAN)
+    east = frames.deg_e7(frames.longitude_at(lat, lon, away, frames.EARTH_RADIUS_MEAN))
+    speed = frames.rotate_inverse(q, frames.rotate(q, (1.0, 2.0, 3.0)))
+    messages.encode_attitude(m.payload, east, roll, pitch, yaw, speed[0], speed[1], speed[2])
+    n = packets.pack(m.tx, m.tx_len, m.payload, messages.ATTITUDE, count, 5, 1, 2)
+    messages.encode_statustext(m.payload, 6, 0, 0)
+    packets.put_text(m.payload, messages.STATUSTEXT_TEXT, 50, m.text)
+    if packets.equal_text(m.payload, messages.STATUSTEXT_TEXT, 50, m.text):
+        n = packets.pack(m.tx, n, m.payload, messages.STATUSTEXT, count, 5, 1, 1)
+    m.text_len = packets.encode_base64(m.tx, max(n, 0), m.text)
+    return count
+
+
+def test_kernels_compiled_ahead_of_time_need_no_python() -> None:
+    """Nothing raises or allocates: once LLVM sees the whole program, no symbol of Python or of numba is left."""
+    numba = pytest.importorskip("numba")
+    if numba.config.DISABLE_JIT:
+        pytest.skip("NUMBA_DISABLE_JIT is set")
+    llvm = importlib.import_module("llvmlite.binding")
+
+    @numba.cfunc(numba.types.int64(numba.types.CPointer(numba.from_dtype(RECORD))))
+    def entry(p: Any) -> int:
+        return live(numba.carray(p, 1)[0])
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine(opt=3)
+    module = llvm.parse_assembly(str(entry.inspect_llvm()))
+    for symbol in (*module.functions, *module.global_variables):
+        if not symbol.is_declaration and symbol.name != entry.native_name:
+            symbol.linkage = "internal"
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
+    builder.getModulePassManager().run(module, builder)
+    needed = {f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")}
+    assert needed <= {"sin", "cos", "asin", "atan2", "floor", "sqrt"}, needed
