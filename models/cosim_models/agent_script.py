@@ -9,6 +9,8 @@ from enum import IntEnum
 from math import floor
 from typing import Any
 
+import numpy as np
+
 from cosim.frames import EARTH_RADIUS_ARDUPILOT, deg_e7, haversine, longitude_at, radians_from_deg_e7, wrap_pi
 from cosim.kernel import kernel
 from cosim.messages import (
@@ -202,7 +204,10 @@ def _from_autopilot(m: Any, message: int, now: float) -> None:
 
 @kernel
 def _send(m: Any, message: int) -> None:
-    """Append the message in the payload buffer; the capacity is enough for all that one step can send."""
+    """Append the message in the payload buffer; the capacity is enough for all that one step can send.
+
+    Callers pass `message` as an int64, not as a literal, for each of which numba would compile this anew.
+    """
     m.mavlink_tx_len = pack(m.mavlink_tx, m.mavlink_tx_len, m.payload, message, m.sent, m.sysid, _ONBOARD_COMPUTER, 2)
     m.sent = (m.sent + 1) & 0xFF
 
@@ -213,25 +218,27 @@ def _heartbeat(m: Any, now: float) -> None:
         return
     m.heartbeat_due = now + _RETRY
     encode_heartbeat(m.payload, _TYPE_ONBOARD_CONTROLLER, _AUTOPILOT_INVALID, 0, 0, _STATE_ACTIVE, 3)
-    _send(m, HEARTBEAT)
+    _send(m, int(np.int64(HEARTBEAT)))
 
 
 @kernel
-def _ask(m: Any, now: float, command: int, p1: float, p2: float, p7: float) -> bool:
-    """Send a command to the own autopilot, again every second; True once it has been accepted."""
-    if command == m.asked and m.answer == _ACCEPTED:
-        return True
-    if command != m.asked or now >= m.asked_at + _RETRY - _SLACK:
-        m.confirmation = m.confirmation + 1 if command == m.asked else 0
-        m.asked = command
-        m.asked_at = now
-        m.answer = -1
-        zero = 0.0
-        encode_command_long(
-            m.payload, m.sysid, _AUTOPILOT1, command, m.confirmation, p1, p2, zero, zero, zero, zero, p7
-        )
-        _send(m, COMMAND_LONG)
-    return False
+def _accepted(m: Any, command: int) -> bool:
+    """Whether the autopilot has accepted the command that waits for its answer."""
+    return bool(m.asked == command and m.answer == _ACCEPTED)
+
+
+@kernel
+def _ask(m: Any, now: float, command: int, p1: float, p2: float, p7: float) -> None:
+    """Send a command to the own autopilot, again every second until it has been accepted."""
+    if m.asked == command and (m.answer == _ACCEPTED or now < m.asked_at + _RETRY - _SLACK):
+        return
+    m.confirmation = m.confirmation + 1 if m.asked == command else 0
+    m.asked = command
+    m.asked_at = now
+    m.answer = -1
+    zero = 0.0
+    encode_command_long(m.payload, m.sysid, _AUTOPILOT1, command, m.confirmation, p1, p2, zero, zero, zero, zero, p7)
+    _send(m, int(np.int64(COMMAND_LONG)))
 
 
 @kernel
@@ -259,15 +266,16 @@ def _go(m: Any, now: float, target: float) -> None:
         zero,
         zero,
     )
-    _send(m, SET_POSITION_TARGET_GLOBAL_INT)
+    _send(m, int(np.int64(SET_POSITION_TARGET_GLOBAL_INT)))
 
 
 # ---- the state machine -------------------------------------------------------------------------------------------
 
 
 @kernel
-def _enter(m: Any, state: int, now: float) -> None:
-    m.state = state
+def _next(m: Any, now: float) -> None:
+    """Enter the next state."""
+    m.state += 1
     m.state_since = now
     m.asked = 0
 
@@ -283,31 +291,56 @@ def _prepare(m: Any, now: float) -> None:
     """From the first heartbeat to hovering. A state left in this step begins its successor's work in the next."""
     if now - m.state_since >= m.timeout - _SLACK:
         _fail(m, m.state)  # the failures of these states have their numbers
-    elif m.state == _WAITING:
+        return
+    command, p1, p2, p7 = 0, 0.0, 0.0, 0.0
+    if m.state == _WAITING:
         if m.heard:
-            _enter(m, _STREAMS, now)
+            _next(m, now)
     elif m.state == _STREAMS:
-        _request_streams(m, now)
+        command, p1, p2 = _stream(m, now)
     elif m.state == _ESTIMATE:
         if m.fix and m.estimate and m.position_heard >= 0.0:
-            _enter(m, _MODE, now)
+            _next(m, now)
     elif m.state == _MODE:
+        command, p1, p2 = _DO_SET_MODE, float(_MODE_FLAG_CUSTOM), float(_GUIDED)
         if m.guided:
-            _enter(m, _ARMING, now)
-        else:
-            _ask(m, now, _DO_SET_MODE, float(_MODE_FLAG_CUSTOM), float(_GUIDED), 0.0)
+            _next(m, now)
+            command = 0
     elif m.state == _ARMING:
+        command, p1 = _ARM_DISARM, 1.0
         if m.armed:
             m.start_latitude = m.latitude
             m.start_position = m.position
             m.target = m.position
-            _enter(m, _TAKEOFF, now)
-        else:
-            _ask(m, now, _ARM_DISARM, 1.0, 0.0, 0.0)
+            _next(m, now)
+            command = 0
     elif m.height >= _REACHED * m.altitude and not _stale(m, m.position_heard, now):
-        _enter(m, _READY, now)
+        _next(m, now)
     else:
-        _ask(m, now, _NAV_TAKEOFF, 0.0, 0.0, m.altitude)
+        command, p7 = _NAV_TAKEOFF, float(m.altitude)
+    if command != 0:
+        _ask(m, now, command, p1, p2, p7)
+
+
+@kernel
+def _stream(m: Any, now: float) -> tuple[int, float, float]:
+    """The command and its parameters for the next stream that is wanted; command 0 when all have been accepted.
+
+    ArduPilot sends a new link only heartbeats. Positions, estimator and GPS status are asked for one by one: the
+    answer does not say to which message it belongs.
+    """
+    if _accepted(m, _SET_MESSAGE_INTERVAL):
+        m.streams += 1
+        m.asked = 0
+        if m.streams == 3:
+            _next(m, now)
+        return 0, 0.0, 0.0
+    message, interval = GLOBAL_POSITION_INT, 1e6 / m.position_rate
+    if m.streams == 1:
+        message, interval = EKF_STATUS_REPORT, _STATUS_INTERVAL
+    elif m.streams == 2:
+        message, interval = GPS_RAW_INT, _STATUS_INTERVAL
+    return _SET_MESSAGE_INTERVAL, float(message), interval
 
 
 @kernel
@@ -319,21 +352,6 @@ def _supervise(m: Any) -> None:
         _fail(m, _DISARMED)
     elif m.state >= _ARMING and not m.guided:
         _fail(m, _LEFT_GUIDED)
-
-
-@kernel
-def _request_streams(m: Any, now: float) -> None:
-    """ArduPilot sends a new link only heartbeats: ask for positions, estimator and GPS status, one by one."""
-    message, interval = GLOBAL_POSITION_INT, 1e6 / m.position_rate
-    if m.streams == 1:
-        message, interval = EKF_STATUS_REPORT, _STATUS_INTERVAL
-    elif m.streams == 2:
-        message, interval = GPS_RAW_INT, _STATUS_INTERVAL
-    if _ask(m, now, _SET_MESSAGE_INTERVAL, float(message), interval, 0.0):
-        m.streams += 1
-        m.asked = 0
-        if m.streams == 3:
-            _enter(m, _ESTIMATE, now)
 
 
 @kernel
@@ -349,7 +367,7 @@ def _fly(m: Any, now: float) -> None:
             m.step = period_step if m.trigger == _BY_PERIOD else 1
             m.step_at = now
             _go(m, now, m.start_position)
-            _enter(m, _FORMATION, now)
+            _next(m, now)
     elif m.state == _FORMATION and (begins if m.trigger == _BY_PERIOD else _arrived(m, now)):
         m.step = period_step if m.trigger == _BY_PERIOD else m.step + 1
         m.step_at = now

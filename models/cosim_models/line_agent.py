@@ -43,7 +43,7 @@ class LineAgent(Model):
         Parameter("origin_latitude", unit="rad", start=radians(-35.363262), description="of the line's zero"),
         Parameter("origin_longitude", unit="rad", start=radians(149.165237), description="of the line's zero"),
         Parameter("position_rate", unit="Hz", start=4.0, minimum=0.0, description="of GLOBAL_POSITION_INT asked for"),
-        Parameter("stale_time", unit="s", start=2.0, minimum=0.0, description="age at which a position is stale"),
+        Parameter("stale_time", unit="s", start=1.0, minimum=0.0, description="age at which a position is stale"),
         Parameter("stale_policy", type=StalePolicy, start=StalePolicy.hold, description="what then counts"),
         Parameter("timeout", unit="s", start=60.0, minimum=0.0, description="of every state before the first step"),
         PacketOutput("mavlink_tx", capacity=256, description="to the own autopilot, and a heartbeat to all"),

@@ -10,6 +10,8 @@ from __future__ import annotations
 from math import ceil, cos, isfinite, sin, sqrt
 from typing import Any
 
+import numpy as np
+
 from cosim.frames import derivative, normalize
 from cosim.kernel import kernel
 from cosim.vehicle import MAX_MOTORS
@@ -215,16 +217,18 @@ def _slew(m: Any) -> None:
 def _rk4(m: Any, h: float, p: Vector, v: Vector, q: Quaternion, w: Vector) -> tuple[Vector, Vector, Quaternion, Vector]:
     """One step of the classical Runge-Kutta method; the rotors have been turned before."""
     half, sixth = 0.5 * h, h / 6.0
-    a1, b1, _ = _accelerations(m, _BEGIN, p, v, q, w)
+    begin = int(np.int64(_BEGIN))  # not literals, for each of which numba would compile the forces anew
+    middle, end = begin + 1, begin + 2
+    a1, b1, _ = _accelerations(m, begin, p, v, q, w)
     c1 = derivative(q, w)
     v2, q2, w2 = along(v, half, a1), along4(q, half, c1), along(w, half, b1)
-    a2, b2, _ = _accelerations(m, _MIDDLE, along(p, half, v), v2, q2, w2)
+    a2, b2, _ = _accelerations(m, middle, along(p, half, v), v2, q2, w2)
     c2 = derivative(q2, w2)
     v3, q3, w3 = along(v, half, a2), along4(q, half, c2), along(w, half, b2)
-    a3, b3, _ = _accelerations(m, _MIDDLE, along(p, half, v2), v3, q3, w3)
+    a3, b3, _ = _accelerations(m, middle, along(p, half, v2), v3, q3, w3)
     c3 = derivative(q3, w3)
     v4, q4, w4 = along(v, h, a3), along4(q, h, c3), along(w, h, b3)
-    a4, b4, _ = _accelerations(m, _END, along(p, h, v3), v4, q4, w4)
+    a4, b4, _ = _accelerations(m, end, along(p, h, v3), v4, q4, w4)
     c4 = derivative(q4, w4)
     return (
         _weighted(p, sixth, v, v2, v3, v4),
@@ -308,7 +312,7 @@ def _stand(m: Any) -> None:
 @kernel
 def _publish(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vector) -> None:
     """Write the motion and what follows from it into the outputs."""
-    _, _, specific = _accelerations(m, _END, position, velocity, q, rates)
+    _, _, specific = _accelerations(m, int(np.int64(_END)), position, velocity, q, rates)
     for i in range(3):
         m.position[i] = position[i]
         m.velocity[i] = velocity[i]

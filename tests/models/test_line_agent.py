@@ -632,38 +632,49 @@ class PointMass:
             self.climb_to = message.param7
 
 
-def formation(places: tuple[float, ...], seconds: float, **parameters: Any) -> tuple[list[Agent], list[PointMass], Any]:
-    """Agents and vehicles exchange packets each step; returns {step: places at its end} too."""
-    n = len(places)
+PLACES = (0.0, 10.0, 20.0, 50.0, 100.0)
+
+
+def formation(
+    seconds: float,
+    *,
+    lost: Callable[[int, int, int], bool] = lambda sender, receiver, k: False,
+    delay: int = 1,
+    **parameters: Any,
+) -> tuple[list[Agent], list[PointMass], dict[int, list[float]]]:
+    """Five agents and vehicles exchange packets each step; also returns {step: places at its end}.
+
+    What a vehicle says reaches its own agent in the next step and the neighbours' after `delay` steps, unless `lost`.
+    """
+    n = len(PLACES)
+    ends = (0, n - 1)
     agents = [
-        Agent(
-            sysid=i + 1,
-            left_sysid=i,
-            right_sysid=(i + 2) % (n + 1),
-            stubborn=i in (0, n - 1),
-            first_step_time=15.0,
-            **parameters,
-        )
+        Agent(sysid=i + 1, left_sysid=i, right_sysid=(i + 2) % (n + 1), stubborn=i in ends, first_step_time=15.0)
         for i in range(n)
     ]
-    vehicles = [PointMass(i + 1, place) for i, place in enumerate(places)]
-    said = [b""] * n
+    for agent in agents:
+        for name, value in parameters.items():
+            agent.m[name] = value
+    vehicles = [PointMass(i + 1, place) for i, place in enumerate(PLACES)]
+    said: list[list[bytes]] = [[b""] * n for _ in range(delay)]
     snapshots: dict[int, list[float]] = {}
     for k in range(round(seconds / H)):
-        heard = [agents[i].step(*(said[j] for j in range(n) if abs(i - j) <= 1)) for i in range(n)]
-        told = [b"".join(bytes(m.get_msgbuf()) for m in messages) for messages in heard]
+        told = []
+        for i, agent in enumerate(agents):
+            radio = [said[0][j] for j in (i - 1, i + 1) if 0 <= j < n and not lost(j, i, k)]
+            told.append(b"".join(bytes(m.get_msgbuf()) for m in agent.step(said[-1][i], *radio)))
         steps = {int(a.m.step) for a in agents}
         if len(steps) == 1:
             snapshots[steps.pop()] = [v.place for v in vehicles]
-        said = [v.step(k * H, k, told[i]) for i, v in enumerate(vehicles)]
+        said = [*said[1:], [v.step(k * H, k, told[i]) for i, v in enumerate(vehicles)]]
     return agents, vehicles, snapshots
 
 
 @pytest.mark.parametrize("epsilon", [0.25, 1.0 / 3.0, 0.5])
 def test_five_agents_step_as_the_law_says(epsilon: float) -> None:
     """The vehicles arrive within each period, so step k + 1 is row k of the law, but for the quantum of longitude."""
-    agents, vehicles, snapshots = formation((0.0, 10.0, 20.0, 50.0, 100.0), 15.0 + 17 * 3.1875, epsilon=epsilon)
-    x = np.array([0.0, 10.0, 20.0, 50.0, 100.0])
+    agents, vehicles, snapshots = formation(15.0 + 17 * 3.1875, epsilon=epsilon)
+    x = np.array(PLACES)
     for k in range(17):
         assert np.allclose(snapshots[k + 1], x, atol=0.05), k
         x[1:-1] += epsilon * (x[:-2] - 2.0 * x[1:-1] + x[2:])
@@ -672,6 +683,33 @@ def test_five_agents_step_as_the_law_says(epsilon: float) -> None:
     if epsilon == 1.0 / 3.0:
         assert np.allclose(snapshots[9][1:4], [21.4, 44.9, 71.4], atol=0.06)
         assert np.allclose(snapshots[17][1:4], [24.36, 49.10, 74.36], atol=0.05)
+
+
+def test_loss_and_latency_hardly_matter() -> None:
+    """20 % loss and 0.2 s latency; each packet's fate is drawn from its sender, receiver and time."""
+
+    def lost(sender: int, receiver: int, k: int) -> bool:
+        return bool(np.random.default_rng([sender, receiver, k]).random() < 0.2)
+
+    _, _, snapshots = formation(15.0 + 17 * 3.1875, lost=lost, delay=16)
+    assert np.allclose(snapshots[17][1:4], [24.36, 49.10, 74.36], atol=0.3)
+
+
+def test_a_drone_cut_off_becomes_a_third_fixed_node() -> None:
+    """Drone 3 loses its radio during step 4, once it has arrived; it stays, and the others settle between.
+
+    The cut comes more than `stale_time` before step 5: what it does not know to be old it still uses.
+    """
+    since = round((15.0 + 3.6 * 3.1875) / H)
+    agents, vehicles, snapshots = formation(
+        15.0 + 40 * 3.1875, lost=lambda sender, receiver, k: k > since and 2 in (sender, receiver)
+    )
+    middle = snapshots[4][2]
+    assert 20.0 < middle < 45.0
+    expected = [0.0, middle / 2.0, middle, (middle + 100.0) / 2.0, 100.0]
+    assert np.allclose([v.place for v in vehicles], expected, atol=0.06)
+    assert agents[1].m.right_age > 60.0
+    assert agents[1].m.left_age < 0.3
 
 
 # ---- compiled and interpreted ------------------------------------------------------------------------------------
