@@ -90,9 +90,8 @@ class Bindings:
             else:
                 kind, value = kind or "String", text.strip() if kind == "Enumeration" else text
         except (ValueError, KeyError):
-            valid = {"Boolean": "true or false", "Real": "a number", "Integer": "an integer"}.get(kind or "", "")
-            if kind == "Integer" and items:
-                valid = "one of " + ", ".join(items)
+            expected = {"Boolean": "true or false", "Real": "a number", "Integer": "an integer"}
+            valid = expected.get(kind or "", "one of " + ", ".join(items or ()))
             self._problems.append(Problem(where, f'{name}: "{text}" is not of its type; valid: {valid}'))
             return None
         return Parameter(name, kind, value, where)

@@ -31,8 +31,10 @@ def near(name: str, names: Iterable[str]) -> str:
     known = list(dict.fromkeys(names))
     if not known:
         return "there is none"
-    close = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
-    if close:
+    if close := difflib.get_close_matches(name, known, n=3, cutoff=0.6):
+        # Long common prefixes make everything similar, so that only what is as near as the nearest is meant.
+        ratios = [difflib.SequenceMatcher(None, name, match).ratio() for match in close]
+        close = [match for match, ratio in zip(close, ratios, strict=True) if ratio > ratios[0] - 0.05]
         return "did you mean " + " or ".join(f'"{match}"' for match in close) + "?"
     listed = ", ".join(f'"{item}"' for item in sorted(known)[:_LISTED])
     more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
