@@ -1,6 +1,6 @@
-"""The script of `LineAgent` as kernels over its record: receive, wait or step, send.
+"""The script of `LineAgent` as kernels over its record: its states, when it gives up, and when it steps.
 
-What the agent is for is told there; here are its states, why it gives up, and the packets of each.
+What the agent is for is told there; its packets are in `agent_packets`.
 """
 
 from __future__ import annotations
@@ -9,28 +9,22 @@ from enum import IntEnum
 from math import floor
 from typing import Any
 
-import numpy as np
-
-from cosim.frames import EARTH_RADIUS_ARDUPILOT, deg_e7, haversine, longitude_at, radians_from_deg_e7, wrap_pi
 from cosim.kernel import kernel
-from cosim.messages import (
-    COMMAND_ACK,
-    COMMAND_LONG,
-    EKF_STATUS_REPORT,
-    GLOBAL_POSITION_INT,
-    GPS_RAW_INT,
-    HEARTBEAT,
-    SET_POSITION_TARGET_GLOBAL_INT,
-    decode_command_ack,
-    decode_ekf_status_report,
-    decode_global_position_int,
-    decode_gps_raw_int,
-    decode_heartbeat,
-    encode_command_long,
-    encode_heartbeat,
-    encode_set_position_target_global_int,
+from cosim.messages import EKF_STATUS_REPORT, GLOBAL_POSITION_INT, GPS_RAW_INT
+from cosim_models.agent_packets import (
+    ACCEPTED,
+    ARM_DISARM,
+    DO_SET_MODE,
+    GUIDED,
+    MODE_FLAG_CUSTOM,
+    NAV_TAKEOFF,
+    SET_MESSAGE_INTERVAL,
+    SLACK,
+    ask,
+    go,
+    heartbeat,
+    receive,
 )
-from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, pack, system, unpack
 from cosim_models.consensus import consensus_step
 
 __all__ = ["ERRORS", "NEVER", "AgentState", "Failure", "StalePolicy", "Trigger", "advance", "start"]
@@ -93,22 +87,6 @@ class StalePolicy(IntEnum):
     """the agent stays as long as any neighbour is stale"""
 
 
-# MAVLink, common.xml
-_AUTOPILOT1, _ONBOARD_COMPUTER = 1, 191  # MAV_COMP_ID
-_TYPE_ONBOARD_CONTROLLER, _AUTOPILOT_INVALID, _STATE_ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
-_MODE_FLAG_ARMED, _MODE_FLAG_CUSTOM = 128, 1  # MAV_MODE_FLAG
-_NAV_TAKEOFF, _DO_SET_MODE, _ARM_DISARM, _SET_MESSAGE_INTERVAL = 22, 176, 400, 511  # MAV_CMD
-_ACCEPTED = 0  # MAV_RESULT
-_FRAME_RELATIVE_ALT_INT = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
-_ONLY_POSITION = 0x0DF8  # POSITION_TARGET_TYPEMASK: velocity, acceleration, yaw and yaw rate ignored
-_EKF_POS_HORIZ_ABS, _EKF_CONST_POS_MODE, _EKF_PRED_POS_HORIZ_ABS = 16, 128, 512  # EKF_STATUS_FLAGS
-_GPS_FIX_2D = 2  # GPS_FIX_TYPE
-_GUIDED = 4  # ArduCopter's mode number
-
-_RETRY = 1.0  # s between repetitions of a command, and between own heartbeats
-_STATUS_INTERVAL = 1e6  # us, of EKF_STATUS_REPORT and GPS_RAW_INT
-_REACHED = 0.95  # part of the altitude at which the take-off is over
-_SLACK = 1e-9  # of times that are multiples of the step size up to rounding
 NEVER = -1.0
 """An age or a time of what has not been heard yet [s]."""
 
@@ -118,158 +96,15 @@ ERRORS = {
     3: "period, position_rate, altitude and timeout must be positive",
 }
 
+_STATUS_INTERVAL = 1e6  # us, of EKF_STATUS_REPORT and GPS_RAW_INT
+_REACHED = 0.95  # part of the altitude at which the take-off is over
+
 _WAITING, _STREAMS, _ESTIMATE = int(AgentState.waiting), int(AgentState.streams), int(AgentState.estimate)
 _MODE, _ARMING, _TAKEOFF = int(AgentState.mode), int(AgentState.arming), int(AgentState.takeoff)
 _READY, _FORMATION, _FAILED = int(AgentState.ready), int(AgentState.formation), int(AgentState.failed)
 _LEFT_GUIDED, _DISARMED = int(Failure.left_guided), int(Failure.disarmed)
 _BY_PERIOD = int(Trigger.period)
 _DROP, _FREEZE = int(StalePolicy.drop), int(StalePolicy.freeze)
-
-
-# ---- receiving ---------------------------------------------------------------------------------------------------
-
-
-@kernel
-def _on_line(m: Any, longitude: float) -> float:
-    """Position on the line of a longitude [rad], in m."""
-    distance = haversine(m.origin_latitude, m.origin_longitude, m.origin_latitude, longitude, EARTH_RADIUS_ARDUPILOT)
-    return distance if wrap_pi(longitude - m.origin_longitude) >= 0.0 else -distance
-
-
-@kernel
-def _receive(m: Any, now: float) -> None:
-    """Take what concerns this agent out of the packets of the step; anything else is passed over."""
-    p = 0
-    while True:
-        begin, p, status = find(m.mavlink_rx, p, m.mavlink_rx_len)
-        if status in (NOTHING, TRUNCATED):
-            return
-        if (status != GOOD and status != SIGNED) or component(m.mavlink_rx, begin) != _AUTOPILOT1:
-            continue
-        sender = system(m.mavlink_rx, begin)
-        message = message_id(m.mavlink_rx, begin)
-        if sender == m.sysid:
-            unpack(m.mavlink_rx, begin, m.payload)
-            _from_autopilot(m, message, now)
-        elif message == GLOBAL_POSITION_INT and sender != 0 and (sender == m.left_sysid or sender == m.right_sysid):
-            unpack(m.mavlink_rx, begin, m.payload)
-            _from_neighbour(m, sender, now)
-
-
-@kernel
-def _from_neighbour(m: Any, sender: int, now: float) -> None:
-    _, _, longitude, _, _, _, _, _, _ = decode_global_position_int(m.payload)
-    place = _on_line(m, radians_from_deg_e7(longitude))
-    if sender == m.left_sysid:
-        m.left_position = place
-        m.left_heard = now
-    if sender == m.right_sysid:
-        m.right_position = place
-        m.right_heard = now
-
-
-@kernel
-def _from_autopilot(m: Any, message: int, now: float) -> None:
-    if message == HEARTBEAT:
-        _, autopilot, base_mode, custom_mode, _, _ = decode_heartbeat(m.payload)
-        if autopilot != _AUTOPILOT_INVALID:
-            m.heard = True
-            m.armed = base_mode & _MODE_FLAG_ARMED != 0
-            m.guided = base_mode & _MODE_FLAG_CUSTOM != 0 and custom_mode == _GUIDED
-    elif message == GLOBAL_POSITION_INT:
-        _, latitude, longitude, _, relative_alt, _, _, _, _ = decode_global_position_int(m.payload)
-        m.latitude = latitude
-        m.height = 0.001 * relative_alt
-        m.position = _on_line(m, radians_from_deg_e7(longitude))
-        m.position_heard = now
-    elif message == EKF_STATUS_REPORT:
-        flags = decode_ekf_status_report(m.payload)[0]
-        absolute = flags & (_EKF_PRED_POS_HORIZ_ABS | _EKF_POS_HORIZ_ABS) != 0
-        m.estimate = absolute and flags & _EKF_CONST_POS_MODE == 0
-    elif message == GPS_RAW_INT:
-        m.fix = decode_gps_raw_int(m.payload)[1] >= _GPS_FIX_2D
-    elif message == COMMAND_ACK:
-        command, result, _, _, target_system, target_component = decode_command_ack(m.payload)
-        # MAVLink 1 has no target in this message; 0 is everybody.
-        mine = target_system == 0 or target_system == m.sysid
-        if mine and (target_component == 0 or target_component == _ONBOARD_COMPUTER):
-            if command == m.asked:
-                m.answer = result
-            if result != _ACCEPTED:
-                m.refusal = result
-
-
-# ---- sending -----------------------------------------------------------------------------------------------------
-
-
-@kernel
-def _send(m: Any, message: int) -> None:
-    """Append the message in the payload buffer; the capacity is enough for all that one step can send.
-
-    Callers pass `message` as an int64, not as a literal, for each of which numba would compile this anew.
-    """
-    m.mavlink_tx_len = pack(m.mavlink_tx, m.mavlink_tx_len, m.payload, message, m.sent, m.sysid, _ONBOARD_COMPUTER, 2)
-    m.sent = (m.sent + 1) & 0xFF
-
-
-@kernel
-def _heartbeat(m: Any, now: float) -> None:
-    if now < m.heartbeat_due - _SLACK:
-        return
-    m.heartbeat_due = now + _RETRY
-    encode_heartbeat(m.payload, _TYPE_ONBOARD_CONTROLLER, _AUTOPILOT_INVALID, 0, 0, _STATE_ACTIVE, 3)
-    _send(m, int(np.int64(HEARTBEAT)))
-
-
-@kernel
-def _accepted(m: Any, command: int) -> bool:
-    """Whether the autopilot has accepted the command that waits for its answer."""
-    return bool(m.asked == command and m.answer == _ACCEPTED)
-
-
-@kernel
-def _ask(m: Any, now: float, command: int, p1: float, p2: float, p7: float) -> None:
-    """Send a command to the own autopilot, again every second until it has been accepted."""
-    if m.asked == command and (m.answer == _ACCEPTED or now < m.asked_at + _RETRY - _SLACK):
-        return
-    m.confirmation = m.confirmation + 1 if m.asked == command else 0
-    m.asked = command
-    m.asked_at = now
-    m.answer = -1
-    zero = 0.0
-    encode_command_long(m.payload, m.sysid, _AUTOPILOT1, command, m.confirmation, p1, p2, zero, zero, zero, zero, p7)
-    _send(m, int(np.int64(COMMAND_LONG)))
-
-
-@kernel
-def _go(m: Any, now: float, target: float) -> None:
-    """Make `target` [m on the line] the desired position and send it, at the latitude of the start."""
-    m.target = target
-    longitude = longitude_at(m.origin_latitude, m.origin_longitude, target, EARTH_RADIUS_ARDUPILOT)
-    zero = 0.0
-    encode_set_position_target_global_int(
-        m.payload,
-        int(1000.0 * now + 0.5),
-        m.sysid,
-        _AUTOPILOT1,
-        _FRAME_RELATIVE_ALT_INT,
-        _ONLY_POSITION,
-        m.start_latitude,
-        deg_e7(longitude),
-        m.altitude,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-    )
-    _send(m, int(np.int64(SET_POSITION_TARGET_GLOBAL_INT)))
-
-
-# ---- the state machine -------------------------------------------------------------------------------------------
 
 
 @kernel
@@ -289,7 +124,9 @@ def _fail(m: Any, failure: int) -> None:
 @kernel
 def _prepare(m: Any, now: float) -> None:
     """From the first heartbeat to hovering. A state left in this step begins its successor's work in the next."""
-    if now - m.state_since >= m.timeout - _SLACK:
+    if m.state_since == NEVER:
+        m.state_since = now
+    if now - m.state_since >= m.timeout - SLACK:
         _fail(m, m.state)  # the failures of these states have their numbers
         return
     command, p1, p2, p7 = 0, 0.0, 0.0, 0.0
@@ -302,12 +139,12 @@ def _prepare(m: Any, now: float) -> None:
         if m.fix and m.estimate and m.position_heard >= 0.0:
             _next(m, now)
     elif m.state == _MODE:
-        command, p1, p2 = _DO_SET_MODE, float(_MODE_FLAG_CUSTOM), float(_GUIDED)
+        command, p1, p2 = DO_SET_MODE, float(MODE_FLAG_CUSTOM), float(GUIDED)
         if m.guided:
             _next(m, now)
             command = 0
     elif m.state == _ARMING:
-        command, p1 = _ARM_DISARM, 1.0
+        command, p1 = ARM_DISARM, 1.0
         if m.armed:
             m.start_latitude = m.latitude
             m.start_position = m.position
@@ -317,9 +154,15 @@ def _prepare(m: Any, now: float) -> None:
     elif m.height >= _REACHED * m.altitude and not _stale(m, m.position_heard, now):
         _next(m, now)
     else:
-        command, p7 = _NAV_TAKEOFF, float(m.altitude)
+        command, p7 = NAV_TAKEOFF, float(m.altitude)
     if command != 0:
-        _ask(m, now, command, p1, p2, p7)
+        ask(m, now, command, p1, p2, p7)
+
+
+@kernel
+def _accepted(m: Any, command: int) -> bool:
+    """Whether the autopilot has accepted the command that waits for its answer."""
+    return bool(m.asked == command and m.answer == ACCEPTED)
 
 
 @kernel
@@ -329,7 +172,7 @@ def _stream(m: Any, now: float) -> tuple[int, float, float]:
     ArduPilot sends a new link only heartbeats. Positions, estimator and GPS status are asked for one by one: the
     answer does not say to which message it belongs.
     """
-    if _accepted(m, _SET_MESSAGE_INTERVAL):
+    if _accepted(m, SET_MESSAGE_INTERVAL):
         m.streams += 1
         m.asked = 0
         if m.streams == 3:
@@ -340,7 +183,7 @@ def _stream(m: Any, now: float) -> tuple[int, float, float]:
         message, interval = EKF_STATUS_REPORT, _STATUS_INTERVAL
     elif m.streams == 2:
         message, interval = GPS_RAW_INT, _STATUS_INTERVAL
-    return _SET_MESSAGE_INTERVAL, float(message), interval
+    return SET_MESSAGE_INTERVAL, float(message), interval
 
 
 @kernel
@@ -358,25 +201,25 @@ def _supervise(m: Any) -> None:
 def _fly(m: Any, now: float) -> None:
     """Hovering and stepping, as long as the autopilot does what the agent believes."""
     period_step = 0
-    if now >= m.first_step_time - _SLACK:
-        period_step = 1 + floor((now - m.first_step_time) / m.period + _SLACK)
+    if now >= m.first_step_time - SLACK:
+        period_step = 1 + floor((now - m.first_step_time) / m.period + SLACK)
     begins = period_step > m.period_step
     m.period_step = period_step
     if m.state == _READY:
         if begins:
             m.step = period_step if m.trigger == _BY_PERIOD else 1
             m.step_at = now
-            _go(m, now, m.start_position)
+            go(m, now, m.start_position)
             _next(m, now)
     elif m.state == _FORMATION and (begins if m.trigger == _BY_PERIOD else _arrived(m, now)):
         m.step = period_step if m.trigger == _BY_PERIOD else m.step + 1
         m.step_at = now
-        _go(m, now, _desired(m, now))
+        go(m, now, _desired(m, now))
 
 
 @kernel
 def _arrived(m: Any, now: float) -> bool:
-    if now >= m.step_at + m.period - _SLACK:
+    if now >= m.step_at + m.period - SLACK:
         return True
     news = m.position_heard > m.step_at
     if m.left_sysid != 0:
@@ -388,7 +231,7 @@ def _arrived(m: Any, now: float) -> bool:
 
 @kernel
 def _stale(m: Any, heard: float, now: float) -> bool:
-    return heard < 0.0 or now - heard > m.stale_time + _SLACK
+    return heard < 0.0 or now - heard > m.stale_time + SLACK
 
 
 @kernel
@@ -430,6 +273,7 @@ def start(m: Any) -> int:
     if not (m.period > 0.0 and m.position_rate > 0.0 and m.altitude > 0.0 and m.timeout > 0.0):
         return 3
     m.state = _WAITING
+    m.state_since = NEVER
     m.position_heard = NEVER
     m.left_heard = NEVER
     m.right_heard = NEVER
@@ -444,8 +288,8 @@ def start(m: Any) -> int:
 def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     """One step of the script at time `t` [s]: read what has arrived, act, send."""
     m.mavlink_tx_len = 0
-    _receive(m, t)
-    _heartbeat(m, t)
+    receive(m, t)
+    heartbeat(m, t)
     _supervise(m)
     if m.state < _READY:
         _prepare(m, t)

@@ -30,13 +30,14 @@ class MotorCurve(IntEnum):
 
 @kernel
 def _effective(command: float, command_min: float, command_max: float) -> float:
-    return min((command - command_min) / (command_max - command_min), 1.0)
+    part = (command - command_min) / (command_max - command_min)
+    return 1.0 if part > 1.0 else part
 
 
 @kernel
 def speed_command(command: float, command_min: float, command_max: float, speed_min: float, speed_max: float) -> float:
     """Commanded speed [rad/s]: 0 up to `command_min`, then linear from `speed_min` to `speed_max`."""
-    if not command > command_min:
+    if command <= command_min:
         return 0.0
     return speed_min + _effective(command, command_min, command_max) * (speed_max - speed_min)
 
@@ -44,7 +45,7 @@ def speed_command(command: float, command_min: float, command_max: float, speed_
 @kernel
 def thrust_command(command: float, command_min: float, command_max: float, expo: float) -> float:
     """Commanded thrust as a part of the greatest: (1 - expo) c + expo c^2, c from command_min to command_max."""
-    if not command > command_min:
+    if command <= command_min:
         return 0.0
     c = _effective(command, command_min, command_max)
     return (1.0 - expo) * c + expo * c * c

@@ -294,7 +294,7 @@ def test_every_waiting_state_has_a_timeout(reach: AgentState, failure: Failure) 
     if reach >= AgentState.takeoff:
         agent.step(pilot.heartbeat(mode=GUIDED, armed=True))
     assert agent.m.state == reach
-    since = float(agent.m.state_since)
+    since = max(float(agent.m.state_since), 0.0)  # the first state begins with the first step
     agent.until(since + 5.0)
     assert agent.m.state == reach
     agent.step()
@@ -305,6 +305,15 @@ def test_every_waiting_state_has_a_timeout(reach: AgentState, failure: Failure) 
     assert agent.m.state == AgentState.failed
     assert len(commands([m for _, m in agent.sent])) == before
     assert len(agent.all("HEARTBEAT")) >= 8  # it still lives
+
+
+def test_timeouts_count_from_the_first_step_of_the_run() -> None:
+    agent = Agent(timeout=5.0)
+    agent.k = 8000  # a run that begins at 100 s
+    agent.until(104.9)
+    assert agent.m.state == AgentState.waiting
+    agent.until(105.1)
+    assert agent.m.failure == Failure.no_heartbeat
 
 
 def test_ready_has_no_timeout() -> None:
@@ -380,6 +389,15 @@ def test_noise_changes_nothing(noise: bytes) -> None:
     agent.step(noise)
     assert agent.m.state == AgentState.waiting
     assert (agent.m.left_age, agent.m.right_age) == (-1.0, -1.0)
+
+
+def test_a_position_of_zero_is_none() -> None:
+    """ArduPilot's autopilots send zeros until they know where they are."""
+    nowhere = mavlink.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0)
+    agent, _ = flying()
+    agent.step(Sender(2)(nowhere), Sender(1)(nowhere))
+    assert agent.m.left_age == -1.0
+    assert agent.m.position == pytest.approx(20.0, abs=0.01)
 
 
 def test_the_neighbours_ages() -> None:

@@ -527,10 +527,11 @@ def test_the_thrust_curve_needs_a_greatest_thrust() -> None:
     assert Quadrotor.kernels[0](m) == 7
 
 
-def test_a_command_that_is_no_number_is_an_error() -> None:
-    m = vehicle()
-    m.motor[0] = math.nan
-    m.wind[0] = math.inf
+@pytest.mark.parametrize("curve", list(MotorCurve))
+@pytest.mark.parametrize(("name", "value"), [("motor", math.nan), ("wind", math.nan), ("wind", math.inf)])
+def test_an_input_that_is_no_number_is_an_error(curve: MotorCurve, name: str, value: float) -> None:
+    m = vehicle(motor_curve=curve)
+    m[name][0] = value
     assert Quadrotor.kernels is not None
     assert Quadrotor.kernels[1](m, 0.0, H) == 6
 
