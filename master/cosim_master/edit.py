@@ -143,13 +143,13 @@ class _Reference:
     Attributes:
         elements: names from the root system (excluded) to the component; empty for other references.
         start, stop: where its value is in the bytes of the file.
-        target: the file it leads to, absolute.
+        target: the file it leads to, absolute; None if its value is no relative path.
     """
 
     elements: tuple[str, ...]
     start: int
     stop: int
-    target: Path
+    target: Path | None
 
 
 def _references(data: bytes, document: Path, shown: str) -> list[_Reference]:
@@ -166,13 +166,9 @@ def _references(data: bytes, document: Path, shown: str) -> list[_Reference]:
         uri = attributes.get("source")
         if uri is None or tag not in (_SSD + "Component", _SSD + "ParameterBinding"):
             return
-        parts = urlsplit(uri)
-        if parts.scheme or parts.netloc or not parts.path:
-            return
         elements = tuple(name for name in names if name is not None)[1:] if named else ()
         start, stop = _span(data, parser.CurrentByteIndex, shown)
-        target = Path(os.path.normpath(document.parent / unquote(parts.path)))
-        found.append(_Reference(elements, start, stop, target))
+        found.append(_Reference(elements, start, stop, _target(document, uri)))
 
     def ended(_: str) -> None:
         names.pop()
@@ -184,6 +180,13 @@ def _references(data: bytes, document: Path, shown: str) -> list[_Reference]:
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise _refusal(shown, f"cannot be changed: {error}") from error
     return found
+
+
+def _target(document: Path, uri: str) -> Path | None:
+    parts = urlsplit(uri)
+    if parts.scheme or parts.netloc or not parts.path:
+        return None
+    return Path(os.path.normpath(document.parent / unquote(parts.path)))
 
 
 def _span(data: bytes, index: int, shown: str) -> tuple[int, int]:
@@ -228,6 +231,8 @@ class _Edition:
         """Where files of the old system are in the new one."""
         self.documents = set(_documents(structure))
         """The documents that may have to change; those in archives of their own never do."""
+        self.done: set[tuple[Path, tuple[str, ...]]] = set()
+        """The components whose source has been written, by document and names."""
         self._take_over()
         self._rewrite(chain)
 
@@ -255,7 +260,8 @@ class _Edition:
         found = set(self.documents)
         for document in self.documents:
             references = _references(document.read_bytes(), document, str(document))
-            found.update(reference.target for reference in references if reference.target.is_file())
+            targets = (reference.target for reference in references)
+            found.update(target for target in targets if target is not None and target.is_file())
         return found
 
     def _rewrite(self, chain: Sequence[Element]) -> None:
@@ -276,6 +282,8 @@ class _Edition:
                 self._place_document(document, self.places[document], relevant)
         for document, place in copies.items():
             self._place_document(document, place, redirected)
+        for document, _ in redirected.keys() - self.done:
+            raise _refusal(str(document), "has a source that cannot be found to be changed")
 
     def _split(self, chain: Sequence[Element]) -> list[tuple[Path, tuple[str, ...]]]:
         """The documents on the way to the component, each with the names that lead on from it."""
@@ -338,13 +346,18 @@ class _Edition:
         folder = self.root / place.parent
         pieces, at = [], 0
         for reference in _references(data, document, str(document)):
-            wanted = redirected.get((document, reference.elements)) if reference.elements else None
+            old, wanted = reference.target, None
+            if reference.elements:
+                wanted = redirected.get((document, reference.elements))
+                self.done.add((document, reference.elements))
             if wanted is None:
-                wanted = self.places.get(reference.target, reference.target)
+                if old is None:
+                    continue
+                wanted = self.places.get(old, old)
                 if self.packing and isinstance(wanted, Path) and wanted.is_file():
                     wanted = self._packed(wanted)
             location = self.root / wanted
-            if Path(os.path.normpath(folder / os.path.relpath(reference.target, document.parent))) == location:
+            if old is not None and location == Path(os.path.normpath(folder / os.path.relpath(old, document.parent))):
                 continue
             uri = quote(Path(os.path.relpath(location, folder)).as_posix())
             pieces += [data[at : reference.start], uri.encode("ascii")]

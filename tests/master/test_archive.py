@@ -77,6 +77,25 @@ def test_bombs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         archive.member_names(tmp_path / "b.zip", "b.zip")
 
 
+def test_a_size_that_is_a_lie_is_found_while_unpacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = bytearray(made(tmp_path / "a.zip", ("x", b"0" * 2000)).read_bytes())
+    at = data.index(b"PK\x01\x02")
+    data[at + 24 : at + 28] = (10).to_bytes(4, "little")
+    (tmp_path / "a.zip").write_bytes(data)
+    monkeypatch.setattr(archive, "MAX_BYTES", 1000)
+    with pytest.raises(SystemDescriptionError):
+        archive.unpack(tmp_path / "a.zip", tmp_path / "out", "a.zip")
+    assert (tmp_path / "out/x").stat().st_size <= 1000
+
+
+def test_folders_and_programs(tmp_path: Path) -> None:
+    program = zipfile.ZipInfo("bin/tool")
+    program.external_attr = (stat.S_IFREG | 0o755) << 16
+    archive.unpack(made(tmp_path / "a.zip", ("empty/", b""), (program, b"#!")), tmp_path / "out", "a.zip")
+    assert (tmp_path / "out/empty").is_dir()
+    assert (tmp_path / "out/bin/tool").stat().st_mode & stat.S_IXUSR
+
+
 def test_a_member_larger_than_wanted_is_refused(tmp_path: Path) -> None:
     path = made(tmp_path / "a.zip", ("x", b"12345"))
     assert archive.read_member(path, "x", "a.zip", limit=5) == b"12345"

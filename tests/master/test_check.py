@@ -312,6 +312,14 @@ class TestHierarchy:
             problems_of(lambda: check(read_system(path)))
         )
 
+    def test_a_component_whose_system_is_broken(self, workshop: Any) -> None:
+        (workshop.root / "drone.ssd").write_text("<oops")
+        components = workshop.component("a", "drone.ssd", "y:output", type=SSD_TYPE)
+        components += workshop.component("b", "unit.fmu", "u:input")
+        wires = workshop.connection("a/y", "b/u")
+        path = workshop.ssd("s.ssd", workshop.system(components, wires, bindings=workshop.bindings({"a.x.y": 1.0})))
+        assert "drone.ssd:1: not well-formed XML" in only(problems_of(lambda: check(read_system(path), {"a.z": "1"})))
+
     def test_what_is_behind_a_broken_file_is_not_complained_about(self, workshop: Any) -> None:
         (workshop.root / "bad.fmu").write_text("no")
         components = workshop.component("bad", "bad.fmu", "u:input") + workshop.component("gone", "gone.fmu")
@@ -395,6 +403,24 @@ class TestParameters:
         checked = check(read_system(workshop.ssd("s.ssd", workshop.system(inside, bindings=top), workshop.units("km"))))
         assert values_of(checked, "a.unit") == {"u": 6000.0, "p": 4.0}
         assert values_of(check(checked.structure, {"a.go": "1"}), "a.unit") == {"u": 2000.0, "p": 4.0}
+
+    def test_the_connector_of_a_system_two_levels_up(self, workshop: Any) -> None:
+        component = workshop.component("unit", "unit.fmu", "v:input n:input")
+        inner = workshop.connection("hot", "unit/v") + workshop.connection("count", "unit/n")
+        middle = workshop.system(component, inner, name="mid", connectors="hot:input count:input:Integer")
+        outer = workshop.connection("hot", "mid/hot", '<ssc:LinearTransformation offset="1"/>')
+        outer += workshop.connection("count", "mid/count")
+        top = workshop.system(middle, outer, name="top", connectors="hot:input:Real:K count:input:Integer")
+
+        def run(unit: str) -> CheckedSystem:
+            sets = workshop.bindings({"top.hot": 20.0}, {"top.count": 4.0}, unit=unit)
+            units = workshop.units("degC", "s").replace("ssd:Units", "ssv:Units")
+            sets = sets.replace("</ssv:Parameters>", "</ssv:Parameters>" + units)
+            sets = sets.replace(f'<ssv:Real value="4.0" unit="{unit}"/>', '<ssv:Integer value="4"/>')
+            return check(read_system(workshop.ssd("s.ssd", workshop.system(top, bindings=sets), workshop.units("K"))))
+
+        assert values_of(run("degC"), "top.mid.unit") == {"v": pytest.approx(20.0 + 273.15 + 1.0), "n": 4}
+        assert '"top.hot": unit "s" (s) cannot be converted to "K"' in only(problems_of(lambda: run("s")))
 
     def test_the_connector_of_a_system_that_leads_nowhere(self, workshop: Any) -> None:
         path = workshop.ssd(
@@ -611,6 +637,13 @@ class TestInitialization:
         checked = check(read_system(self.ring(workshop, ["y", "y"], "silent.fmu")))
         assert [len(stage) for stage in checked.init_order] == [2]
         assert any(note.startswith("c0, c1: the FMU does not say") for note in checked.notes)
+
+    def test_an_exact_output_depends_on_nothing(self, workshop: Any, variable: Any) -> None:
+        made = (variable("u"), variable("y", "output", initial="exact", start="1"), variable("z", "output"))
+        workshop.fmu("exact.fmu", *made, initial={3: "1"})
+        checked = check(read_system(self.ring(workshop, ["y", "z"], "exact.fmu")))
+        stages = [[checked.links[index].source for index in stage] for stage in checked.init_order]
+        assert stages == [[("c0", "y")], [("c1", "z")]]
 
     def test_one_that_says_all_inputs(self, workshop: Any, variable: Any) -> None:
         made = (variable("u"), variable("y", "output"), variable("z", "output"))

@@ -357,6 +357,20 @@ class TestWhatIsWrong:
         with pytest.raises(SystemDescriptionError, match=r"it must be <\{http://ssp-standard"):
             read_system(tmp_path / "a.ssd")
 
+    def test_an_empty_list_of_elements(self, complete: Callable[..., SystemStructure], workshop: Any) -> None:
+        structure = read_system(workshop.ssd("a.ssd", workshop.system("\n")))
+        (problem,) = structure.problems
+        assert problem.message == "<Elements> is empty; it needs a <Component> or <System>"
+
+    def test_a_document_without_a_system(self, workshop: Any) -> None:
+        (problem,) = read_system(workshop.ssd("a.ssd", "")).problems
+        assert problem.message == "<SystemStructureDescription> needs a <System>"
+
+    def test_a_document_that_is_too_large(self, workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("cosim_master.ssp._MAX_DOCUMENT_BYTES", 100)
+        with pytest.raises(SystemDescriptionError, match=r"a\.ssd: is larger than 100 bytes"):
+            read_system(workshop.ssd("a.ssd", workshop.system()))
+
     def test_nothing_there(self, tmp_path: Path) -> None:
         with pytest.raises(SystemDescriptionError, match=r"no such file or folder; give an \.ssd, an \.ssp"):
             read_system(tmp_path / "gone.ssd")

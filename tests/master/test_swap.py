@@ -205,6 +205,24 @@ class TestArchives:
             fmu.unlink()
         assert sources(out)["drone3.vehicle"] == "Hexarotor.fmu" and sources(out)["drone4.vehicle"] == "Quadrotor.fmu"
 
+    def test_documents_from_outside_are_taken_in_too(self, system: Path, workshop: Any) -> None:
+        (system / "parts").rename(workshop.root / "parts")
+        outside = workshop.root / "parts/drone.ssd"
+        outside.write_text(outside.read_text().replace("../../fmus", "../fmus"))
+        root = system / "SystemStructure.ssd"
+        root.write_text(root.read_text().replace('"parts/', '"../parts/'))
+        out = swap(system, "drone3.vehicle", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "out.ssp")
+        for path in (outside, *(workshop.root / "fmus").iterdir()):
+            path.unlink()
+        found = sources(out)
+        assert found["drone3.vehicle"] == "Hexarotor.fmu" and found["drone1.vehicle"] == "Quadrotor.fmu"
+
+    def test_an_fmu_that_is_in_the_archive_already(self, system: Path, workshop: Any) -> None:
+        path = self.packed(system, workshop)
+        swap(path, "drone3.vehicle", workshop.root / "fmus/Quadrotor.fmu")
+        with zipfile.ZipFile(path) as archive:
+            assert sum("Quadrotor" in name for name in archive.namelist()) == 1
+
     def packed(self, system: Path, workshop: Any) -> Path:
         return swap(system, "spare", workshop.root / "fmus/Quadrotor.fmu", workshop.root / "packed.ssp")
 
@@ -287,6 +305,13 @@ class TestWhatIsRefused:
         (workshop.root / "fmus/Autopilot.fmu").unlink()
         text = refusal(system, "drone3.vehicle", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "swapped")
         assert "Autopilot.fmu" in text and not (workshop.root / "swapped").exists()
+
+    def test_a_source_that_is_no_path(self, system: Path, workshop: Any) -> None:
+        root = system / "SystemStructure.ssd"
+        root.write_text(root.read_text().replace("../fmus/Quadrotor.fmu", "#drone1"))
+        assert "selects a part of its target" in refusal(system, "drone3.vehicle", workshop.root / "fmus/Hexarotor.fmu")
+        swap(system, "spare", workshop.root / "fmus/Hexarotor.fmu")
+        assert sources(system)["spare"] == "Hexarotor.fmu"
 
     def test_utf_16(self, system: Path, workshop: Any) -> None:
         root = system / "SystemStructure.ssd"
