@@ -8,6 +8,8 @@ Source: B. L. Stevens, F. L. Lewis, E. N. Johnson, Aircraft Control and Simulati
 
 from __future__ import annotations
 
+from typing import Any
+
 from cosim.kernel import kernel
 
 __all__ = [
@@ -30,13 +32,13 @@ Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @kernel
-def load(a) -> Vector:  # type: ignore[no-untyped-def]
+def load(a: Any) -> Vector:
     """The first three elements of an array as a tuple."""
     return (float(a[0]), float(a[1]), float(a[2]))
 
 
 @kernel
-def load4(a) -> Quaternion:  # type: ignore[no-untyped-def]
+def load4(a: Any) -> Quaternion:
     """The first four elements of an array as a tuple."""
     return (float(a[0]), float(a[1]), float(a[2]), float(a[3]))
 

@@ -244,6 +244,14 @@ def test_hexarotor_arms_are_60_degrees_apart() -> None:
     assert np.allclose(np.hypot(m.rotor_x[:6], m.rotor_y[:6]), 0.215)
 
 
+@pytest.mark.parametrize("heading", [0.0, math.pi / 2.0, -2.5])
+def test_initial_heading(heading: float) -> None:
+    """Clockwise from north: at 90 degrees the nose points east."""
+    m = vehicle(yaw_start=heading)
+    assert np.allclose(matrix(m.attitude)[:, 0], [math.cos(heading), math.sin(heading), 0.0], atol=1e-12)
+    assert np.allclose(matrix(m.attitude)[:, 2], [0.0, 0.0, 1.0], atol=1e-12)
+
+
 def test_airframes() -> None:
     assert vehicle(Quadrotor).airframe == Airframe.quad_x
     assert vehicle(Hexarotor).airframe == Airframe.hexa_x

@@ -115,3 +115,15 @@ def test_sitl_quad_leans_45_degrees_at_its_reference_speed() -> None:
     assert Quadrotor.kernels is not None
     assert Quadrotor.kernels[1](m, 0.0, 0.001) == 0
     assert (m.velocity[0] - 15.08) / 0.001 == pytest.approx(0.0, abs=0.01 * G)
+
+
+def test_the_json_body_hovers_at_the_recorded_command() -> None:
+    """ArduCopter's recorded flights on this body end in hover at 1590.7 us on all motors."""
+    m = with_preset("ardupilot_json")
+    m.position[2] = -100.0
+    m.motor[:4] = 0.5907
+    assert Quadrotor.kernels is not None
+    for k in range(400):
+        assert Quadrotor.kernels[1](m, 0.0025 * k, 0.0025) == 0
+    thrust = 4.0 * m.thrust_constant * m.rotor_speed[0] ** 2
+    assert thrust == pytest.approx(m.mass * G, rel=1e-3)
