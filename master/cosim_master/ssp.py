@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +18,7 @@ from typing import cast
 from urllib.parse import unquote, urlsplit
 
 from cosim_master import archive
-from cosim_master.document import Reader, local_name, near, parse
+from cosim_master.document import Reader, local_name, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.ssp_grammar import (
     ANNOTATIONS,
@@ -27,19 +26,17 @@ from cosim_master.ssp_grammar import (
     GRAMMAR,
     KINDS,
     KINDS_LATER,
-    PARAMETER_TYPES,
     SSC,
     SSD,
     SSV,
-    TYPES,
 )
+from cosim_master.ssv import check_version, read_enumerations, read_parameter_set, read_units
 from cosim_master.system import (
     Annotation,
     Component,
     Connection,
     Connector,
     Element,
-    Enumeration,
     ExtractedArchive,
     Kind,
     Parameter,
@@ -47,7 +44,7 @@ from cosim_master.system import (
     System,
     SystemStructure,
 )
-from cosim_master.units import BASE_UNITS, BaseUnit, Unit
+from cosim_master.units import Unit
 from lxml import etree
 
 __all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE", "read_system"]
@@ -171,9 +168,9 @@ class _Document:
             message = f"the root element is <{self.root.tag}>; it must be <{expected}>"
             raise SystemDescriptionError([Problem(self.reader.where(self.root), message)])
         self.reader.children(self.root, GRAMMAR[expected])
-        _check_version(self.reader, self.root)
-        self.units = _units(self.reader, self.root, SSD)
-        self.enumerations = _enumerations(self.reader, self.root, SSD)
+        check_version(self.reader, self.root)
+        self.units = read_units(self.reader, self.root, SSD)
+        self.enumerations = read_enumerations(self.reader, self.root, SSD)
         _check_annotations(self.reader, self.root)
 
     def system(self) -> System:
@@ -385,7 +382,7 @@ class _Document:
         else:
             for values in inline:
                 for child in self._held(values):
-                    parameters += _parameter_set(self.reader, child, self.units)
+                    parameters += read_parameter_set(self.reader, child, self.units)
         return ParameterBinding(parameters, element.get("prefix", ""), self.reader.where(element))
 
     def _external_set(self, file: _File) -> tuple[Parameter, ...]:
@@ -401,7 +398,7 @@ class _Document:
             if root.tag != SSV + "ParameterSet":
                 reader.problem(root, f"the root element is <{root.tag}>; it must be <{SSV}ParameterSet>")
                 return ()
-            self.files.sets[key] = _parameter_set(reader, root, {})
+            self.files.sets[key] = read_parameter_set(reader, root, {})
         return self.files.sets[key]
 
 
@@ -433,99 +430,7 @@ def _relative_path(uri: str) -> tuple[str | None, str]:
     return None, path
 
 
-def _check_version(reader: Reader, root: etree._Element) -> None:
-    version = root.get("version", "1.0")
-    if not re.fullmatch(r"[12][.][0-9]+(-.*)?", version.strip()):
-        reader.problem(root, f'version "{version}" of SSP is not supported; valid: "1.0", "2.0"')
-
-
 def _check_annotations(reader: Reader, root: etree._Element) -> None:
     for holder in root.iterfind(ANNOTATIONS):
         for item in reader.children(holder, GRAMMAR[ANNOTATIONS]):
             reader.children(item, GRAMMAR[SSC + "Annotation"])
-
-
-def _units(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Unit]:
-    units: dict[str, Unit] = {}
-    for holder in root.iterfind(namespace + "Units"):
-        for item in reader.children(holder, GRAMMAR[namespace + "Units"]):
-            name = reader.name(item)
-            if name in units:
-                reader.problem(item, f'unit "{name}" is already defined')
-            for child in reader.children(item, GRAMMAR[SSC + "Unit"]):
-                if child.tag != SSC + "BaseUnit":
-                    continue
-                reader.children(child, GRAMMAR[SSC + "BaseUnit"])
-                factor, offset = reader.real(child, "factor", 1.0), reader.real(child, "offset", 0.0)
-                if not (math.isfinite(factor) and math.isfinite(offset)) or factor == 0.0:
-                    reader.problem(child, f'unit "{name}": factor must be finite and not 0, offset finite')
-                    factor, offset = 1.0, 0.0
-                exponents = tuple(reader.integer(child, base) for base in BASE_UNITS)
-                units[name] = Unit(name, BaseUnit(exponents, factor, offset))
-    return units
-
-
-def _enumerations(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Enumeration]:
-    found: dict[str, Enumeration] = {}
-    for holder in root.iterfind(namespace + "Enumerations"):
-        for element in reader.children(holder, GRAMMAR[namespace + "Enumerations"]):
-            name = reader.name(element)
-            if name in found:
-                reader.problem(element, f'enumeration "{name}" is already defined, at {found[name].where}')
-            items: dict[str, int] = {}
-            for item in reader.children(element, GRAMMAR[SSC + "Enumeration type"]):
-                if item.tag != SSC + "Item":
-                    continue
-                reader.children(item, GRAMMAR[SSC + "Item"])
-                if (label := item.get("name", "")) in items:
-                    reader.problem(item, f'item "{label}" of enumeration "{name}" is already defined')
-                items[label] = reader.integer(item, "value")
-            found[name] = Enumeration(name, items, reader.where(element))
-    return found
-
-
-def _parameter_set(reader: Reader, root: etree._Element, outer: dict[str, Unit]) -> tuple[Parameter, ...]:
-    """The parameters of an ssv:ParameterSet; `outer` are the units of the .ssd around an inline one."""
-    reader.children(root, GRAMMAR[SSV + "ParameterSet"])
-    _check_version(reader, root)
-    units = {**outer, **_units(reader, root, SSV)}
-    _enumerations(reader, root, SSV)
-    parameters: dict[str, Parameter] = {}
-    for holder in root.iterfind(SSV + "Parameters"):
-        for element in reader.children(holder, GRAMMAR[SSV + "Parameters"]):
-            parameter = _parameter(reader, element, units)
-            if parameter is None:
-                continue
-            if parameter.name in parameters:
-                first = parameters[parameter.name].where
-                reader.problem(element, f'parameter "{parameter.name}" is already in this set, at {first}')
-            parameters[parameter.name] = parameter
-    return tuple(parameters.values())
-
-
-def _parameter(reader: Reader, element: etree._Element, units: dict[str, Unit]) -> Parameter | None:
-    name = reader.name(element)
-    children = [child for child in reader.children(element, GRAMMAR[SSV + "Parameter"]) if child.tag in PARAMETER_TYPES]
-    if not children:
-        if not any(child.tag in GRAMMAR[SSV + "Parameter"].unsupported for child in element):
-            reader.problem(element, f'parameter "{name}" has no value; {near("", TYPES)}')
-        return None
-    child = children[0]
-    kind = local_name(child)
-    if kind == "Binary":
-        reader.problem(child, "<Binary> parameters are not supported yet")
-        return None
-    reader.children(child, GRAMMAR[str(child.tag)])
-    value: float | int | bool | str
-    unit = None
-    if kind == "Real":
-        value = reader.real(child, "value")
-        if (symbol := child.get("unit")) is not None:
-            unit = units.get(symbol, Unit(symbol))
-    elif kind == "Integer":
-        value = reader.integer(child, "value")
-    elif kind == "Boolean":
-        value = reader.boolean(child, "value")
-    else:
-        value = reader.text(child, "value")
-    return Parameter(name, kind, value, reader.where(element), unit)
