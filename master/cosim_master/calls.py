@@ -12,11 +12,12 @@ import ctypes
 from typing import Any
 
 import numba
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-__all__ = ["byte_at", "do_step2", "get_or_set"]
+__all__ = ["atomic_add", "atomic_load", "byte_at", "do_step2", "exchange_if", "get_or_set", "rest"]
 
 _I32, _I64, _F64 = ir.IntType(32), ir.IntType(64), ir.DoubleType()
 
@@ -47,6 +48,45 @@ def _byte_at(typing: Any, address: Any) -> Any:
     return types.uint8(types.uintp), codegen
 
 
+@intrinsic  # type: ignore[untyped-decorator]
+def _load(typing: Any, address: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load_atomic(builder.inttoptr(arguments[0], _I64.as_pointer()), "seq_cst", 8)
+
+    return types.int64(types.uintp), codegen
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _add(typing: Any, address: Any, value: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.atomic_rmw("add", builder.inttoptr(arguments[0], _I64.as_pointer()), arguments[1], "seq_cst")
+
+    return types.int64(types.uintp, types.int64), codegen
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _exchange_if(typing: Any, address: Any, expected: Any, value: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = builder.inttoptr(arguments[0], _I64.as_pointer())
+        pair = builder.cmpxchg(place, arguments[1], arguments[2], "seq_cst", "seq_cst")
+        return builder.extract_value(pair, 1)
+
+    return types.boolean(types.uintp, types.int64, types.int64), codegen
+
+
+_sched_yield = types.ExternalFunction("sched_yield", types.int32())
+_usleep = types.ExternalFunction("usleep", types.int32(types.uint32))
+
+
+@numba.njit  # type: ignore[untyped-decorator]
+def _rest(spins: int) -> None:
+    """Wait a moment: not at all at first, then let others run, then sleep."""
+    if spins > 20000:
+        _usleep(np.uint32(50))
+    elif spins > 200:
+        _sched_yield()
+
+
 def _plain_get_or_set(function: int, instance: int, references: int, n: int, values: int) -> int:
     call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
     return int(call(int(function))(int(instance), int(references), int(n), int(values)))
@@ -61,6 +101,10 @@ def _plain_byte_at(address: int) -> int:
     return ctypes.c_ubyte.from_address(int(address)).value
 
 
+def _no_threads(*_: int) -> int:
+    raise RuntimeError("threads need compiled kernels; NUMBA_DISABLE_JIT is set")
+
+
 _PLAIN = bool(numba.config.DISABLE_JIT)
 get_or_set = _plain_get_or_set if _PLAIN else _get_or_set
 """fmi2GetXXX or fmi2SetXXX(instance, references, n, values) -> status"""
@@ -68,3 +112,11 @@ do_step2 = _plain_do_step2 if _PLAIN else _do_step2
 """fmi2DoStep(instance, t, h, fmi2True) -> status; t and h in s"""
 byte_at = _plain_byte_at if _PLAIN else _byte_at
 """The byte at an address."""
+atomic_load = _no_threads if _PLAIN else _load
+"""The int64 at an address, as every thread sees it."""
+atomic_add = _no_threads if _PLAIN else _add
+"""Add to the int64 at an address; returns what it was."""
+exchange_if = _no_threads if _PLAIN else _exchange_if
+"""exchange_if(address, expected, value): replace the int64 if it is still `expected`; returns whether it was."""
+rest = _no_threads if _PLAIN else _rest
+"""Wait for other threads, the longer the more `spins` have passed."""

@@ -125,9 +125,15 @@ def run(
         list[str] | None,
         typer.Option(metavar="PATTERN", help="Signals to record, e.g. '*.position*'; default: all outputs."),
     ] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="Threads that step native FMUs; default: all cores for large systems.")
+    ] = None,
 ) -> None:
     """Run a system."""
     from cosim_master.simulation import simulate
+
+    if threads is not None and threads < 1:
+        raise _usage(f"--threads {threads}: give a positive number")
 
     if pace is not None and pace <= 0:
         raise _usage(f"--pace {pace:g}: give a positive factor of real time")
@@ -142,6 +148,7 @@ def run(
             seed=seed,
             overrides=_overrides(settings),
             record=record or (),
+            threads=threads,
             on_start=_print_notes,
             on_progress=show,
         )

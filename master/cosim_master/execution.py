@@ -11,6 +11,8 @@ completed before anything is freed, since some FMUs take the process with them w
 from __future__ import annotations
 
 import logging
+import os
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -38,6 +40,7 @@ from cosim_master.stepping import (
     NEED_PLACES,
     NOT_A_NUMBER,
     NOT_BASE64,
+    QUIT,
     ROWS,
     TOO_LONG,
     K,
@@ -45,11 +48,15 @@ from cosim_master.stepping import (
     places_needed,
     run,
     sent_bytes,
+    work,
 )
 
 __all__ = ["Execution", "RunFailed"]
 
 log = logging.getLogger(__name__)
+
+_WORTH_THREADS = 64
+"""Free instances from which on several threads step by default."""
 
 
 class RunFailed(CosimError):
@@ -75,6 +82,8 @@ class Execution:
         recorder_for: makes the recorder, once everything has been loaded; None records nothing.
         every: rows every so many base steps.
         keep_packets: record packet events and logs.
+        threads: how many step native instances; None chooses. Only FMUs built by this project are stepped by
+            other threads than the main one: many others keep state in globals, whatever they declare.
 
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.
@@ -91,16 +100,20 @@ class Execution:
         recorder_for: Callable[[], Recorder] | None = None,
         every: int = 1,
         keep_packets: bool = True,
+        threads: int | None = None,
     ) -> None:
         self.checked, self.clock, self.places, self.network = checked, clock, places, network
         self.living: list[Living] = []
         self._libraries = Libraries()
         self._recorder: Recorder | None = None
+        self._workers: list[threading.Thread] = []
         try:
             check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
             self._instantiate()
             self._initialize()
-            self.plan = make_plan(places, clock, network, self.living, every)
+            free = [i for i, living in enumerate(self.living) if living.library.thread_safe]
+            self.threads = _threads(threads, len(free))
+            self.plan = make_plan(places, clock, network, self.living, every, free=free, threads=self.threads)
             keep = recorder_for is not None and keep_packets
             self.radio = make_radio(network, places, keep=keep)
             collect_all(self.plan)
@@ -109,6 +122,7 @@ class Execution:
                 self._recorder = recorder_for()
             # One call up to k = 0 sends what the instances have to send at the start and records the first row.
             self._text_sources = self._string_links()
+            self._start_workers()
             self.advance(0)
         except FmuError as error:
             self._free()
@@ -185,6 +199,19 @@ class Execution:
             self._run(self.k + 1)
             if self.places.string_signals and int(self.plan.clock[ROWS]) != rows:
                 self._record_strings()
+
+    def _start_workers(self) -> None:
+        for thread in range(1, self.threads):
+            worker = threading.Thread(target=work, args=(self.plan, thread), name=f"uav-cosim-{thread}", daemon=True)
+            worker.start()
+            self._workers.append(worker)
+
+    def _stop_workers(self) -> None:
+        if self._workers:
+            self.plan.shared[QUIT] = 1
+            for worker in self._workers:
+                worker.join()
+            self._workers.clear()
 
     def _run(self, stop: int) -> None:
         while True:
@@ -306,6 +333,7 @@ class Execution:
 
     def _free(self) -> list[FmuError]:
         """Terminate and free what is alive, each once, whatever the others do."""
+        self._stop_workers()
         failures = []
         for living in self.living:
             try:
@@ -316,6 +344,13 @@ class Execution:
             living.free()
         self._libraries.__exit__(None, None, None)
         return failures
+
+
+def _threads(wanted: int | None, free: int) -> int:
+    """How many threads step: for few instances, handing them over costs more than it gains."""
+    if wanted is None:
+        wanted = (os.cpu_count() or 1) if free >= _WORTH_THREADS else 1
+    return max(1, min(wanted, free))
 
 
 def _kind(variable: Variable) -> str:

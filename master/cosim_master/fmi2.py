@@ -66,6 +66,8 @@ class Library:
     def __init__(self, fmu: FmuDescription, library: Path, resources: Path) -> None:
         self.fmu = fmu
         self.resources = resources
+        # Our compiled FMUs keep everything in their instances.
+        self.thread_safe = fmu.generation_tool == "uav-cosim" and not fmu.capabilities.needsExecutionTool
         try:
             self._dll = ctypes.CDLL(str(library))
         except OSError as error:

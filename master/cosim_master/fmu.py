@@ -99,6 +99,7 @@ class FmuDescription:
         initial_unknowns: what each unknown depends on in initialization mode; None means on all knowns.
             A variable that is an unknown but is missing here is one of an FMU that does not say (see `notes`).
         notes: what is not as the standard wants it but does not stop us.
+        generation_tool: what wrote it, as it says.
     """
 
     path: Path
@@ -116,6 +117,7 @@ class FmuDescription:
     outputs: Mapping[str, tuple[str, ...] | None]
     initial_unknowns: Mapping[str, tuple[str, ...] | None]
     notes: tuple[str, ...] = ()
+    generation_tool: str = ""
 
 
 def platform() -> str:
@@ -393,8 +395,9 @@ class _Reading:
             return 0
 
     def _packet_ports(self) -> dict[str, int]:
+        """Our vendor annotation. FMI's schema allows a Tool one child only, so that several ports have one around them."""
         capacities: dict[str, int] = {}
-        for port in self.root.iterfind("VendorAnnotations/Tool[@name='uav-cosim']/PacketPort"):
+        for port in self.root.iterfind("VendorAnnotations/Tool[@name='uav-cosim']//PacketPort"):
             name, size = port.get("variable"), port.get("maxSize", "")
             if not name or not size.isascii() or not size.isdigit() or not 0 < int(size) < 2**31:
                 self._problem(port, "PacketPort needs the attributes variable and maxSize (a positive number of bytes)")
@@ -421,6 +424,7 @@ class _Reading:
             outputs={unknown.variable.name: _dependencies(unknown) for unknown in model.outputs},
             initial_unknowns={unknown.variable.name: _dependencies(unknown) for unknown in model.initialUnknowns},
             notes=tuple(self.notes),
+            generation_tool=model.generationTool or "",
         )
 
 

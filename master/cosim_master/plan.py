@@ -243,8 +243,23 @@ def _inputs(
     return tuple(mirrors.items())
 
 
-def make_plan(places: Layout, clock: Timing, network: Network, living: Sequence[Living], every: int) -> Plan:
-    """The plan of a run over living instances, in the order of `places.instances`. Rows every `every` base steps."""
+def make_plan(
+    places: Layout,
+    clock: Timing,
+    network: Network,
+    living: Sequence[Living],
+    every: int,
+    *,
+    free: Sequence[int] = (),
+    threads: int = 1,
+) -> Plan:
+    """The plan of a run over living instances, in the order of `places.instances`.
+
+    Args:
+        every: rows every so many base steps.
+        free: numbers of the instances that any thread may step.
+        threads: how many will step them, the main one included.
+    """
     kinds = [places.ports[kind] for kind in KINDS]
     real = kinds[0]
     reals_in, reals_out = len(real.in_reference), len(real.outputs)
@@ -258,6 +273,7 @@ def make_plan(places: Layout, clock: Timing, network: Network, living: Sequence[
     wires["offset"] = [x for ports in kinds for x in ports.offset]
     integers = sum(len(ports.outputs) for ports in kinds[1:])
     ports, text, capacity = _packet_ports(places, network, living)
+    block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     return Plan(
         instances=_instance_table(places, clock, network, living),
         wires=wires,
@@ -270,14 +286,17 @@ def make_plan(places: Layout, clock: Timing, network: Network, living: Sequence[
         mirrors=np.array(places.mirrors, dtype=np.int64).reshape(-1, 2),
         ports=ports,
         text=text,
-        scratch=np.zeros(text.shape[1], dtype=np.uint8),
+        scratch=np.zeros((threads, text.shape[1]), dtype=np.uint8),
         tx=np.zeros((ports.size, capacity), dtype=np.uint8),
         real_recorded=np.array(real.recorded, dtype=np.int64),
         int_recorded=np.array(int_recorded, dtype=np.int64),
         real_block=np.zeros((rows, len(real.recorded))),
         int_block=np.zeros((rows, len(int_recorded)), dtype=np.int32),
         ticks=np.zeros(rows, dtype=np.int64),
-        clock=np.array([-1, SEND, 0, 0, clock.start, clock.base, clock.steps, every, reals_in, reals_out]),
+        clock=np.array([-1, SEND, 0, 0, clock.start, clock.base, clock.steps, every, reals_in, reals_out, block]),
+        confined=np.array(sorted(set(range(len(living))) - set(free)), dtype=np.int64),
+        free=np.array(sorted(free), dtype=np.int64),
+        shared=np.zeros(40, dtype=np.int64),
     )
 
 

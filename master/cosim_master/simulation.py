@@ -151,6 +151,7 @@ def simulate(
     seed: int | None = None,
     overrides: Mapping[str, str] | None = None,
     record: Sequence[str] = (),
+    threads: int | None = None,
     on_start: Callable[[Prepared], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> RunResult:
@@ -165,6 +166,7 @@ def simulate(
         seed: of the radio's random numbers; the system's if None.
         overrides: start values by hierarchical name, as text.
         record: patterns of signals to record; the system's, else all outputs.
+        threads: how many step native instances; None chooses.
         on_start: called when everything is checked and nothing loaded yet.
         on_progress: called about twenty times a second.
 
@@ -195,6 +197,7 @@ def simulate(
                 recorder_for=None if out is None else recorder,
                 every=ready.every,
                 keep_packets=ready.recording.packets,
+                threads=threads,
             )
         except SystemDescriptionError:
             raise

@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from cosim_master.calls import byte_at, do_step2, get_or_set
+from cosim_master.calls import atomic_add, atomic_load, byte_at, do_step2, exchange_if, get_or_set, rest
 from cosim_master.radio import (
     FREE_PLACES,
     IN_FLIGHT,
@@ -48,12 +48,14 @@ __all__ = [
     "NEED_LOG",
     "NEED_PLACES",
     "PORTS",
+    "QUIT",
     "WIRE",
     "Plan",
     "collect_all",
     "places_needed",
     "run",
     "sent_bytes",
+    "work",
 ]
 
 DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL = 0, 1, 2, 3, 4
@@ -118,8 +120,14 @@ PORTS = np.dtype(
 TEXT, GOT, RX, TX = (PORTS.fields[name][1] for name in ("text", "got", "rx", "tx"))  # type: ignore[index]
 PORTS_SIZE = PORTS.itemsize
 
-K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT = range(10)
-"""Places in `Plan.clock`. START and BASE in ns; REALS_IN, REALS_OUT: how many of the inputs and outputs are real."""
+K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK = range(11)
+"""Places in `Plan.clock`. START and BASE in ns; REALS_IN, REALS_OUT: how many of the inputs and outputs are real;
+BLOCK: how many instances a thread takes at a time, 0 without threads."""
+
+TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
+"""Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a
+flag that ends the workers, failures. Blocks are counted through from the first step on, so that a thread that comes
+late can never take one of an earlier step, and nobody waits for a thread that has nothing to do."""
 
 
 class Plan(NamedTuple):
@@ -140,7 +148,7 @@ class Plan(NamedTuple):
     mirrors: NDArray[np.int64]  # rows (int_out, real_out): integer outputs that real inputs take
     ports: NDArray[Any]  # PORTS, of each endpoint
     text: NDArray[np.uint8]  # (endpoints, longest text)
-    scratch: NDArray[np.uint8]  # (longest text)
+    scratch: NDArray[np.uint8]  # (threads, longest text)
     tx: NDArray[np.uint8]  # (endpoints, largest capacity)
     real_recorded: NDArray[np.int64]
     int_recorded: NDArray[np.int64]
@@ -148,16 +156,18 @@ class Plan(NamedTuple):
     int_block: NDArray[np.int32]
     ticks: NDArray[np.int64]  # time of each row of the block, ns
     clock: NDArray[np.int64]
+    confined: NDArray[np.int64]  # instances that only the main thread steps
+    free: NDArray[np.int64]  # instances that any thread may step
+    shared: NDArray[np.int64]
 
 
 @kernel
-def _fail(instances: NDArray[Any], clock: NDArray[np.int64], i: int, function: int, status: int, detail: int) -> None:
+def _fail(instances: NDArray[Any], i: int, function: int, status: int, detail: int) -> None:
     m = instances[i]
     if m.failed[0] == 0:
         m.failed[0] = function
         m.failed[1] = status
         m.failed[2] = detail
-        clock[FAILURES] += 1
 
 
 @kernel
@@ -186,11 +196,11 @@ def _set(p: Plan, i: int) -> None:
             references = np.uintp(p.in_reference.ctypes.data + 4 * first)
             status = get_or_set(m.setter[kind], m.handle, references, np.uintp(n), np.uintp(at))
             if status > 1:
-                _fail(p.instances, p.clock, i, 1 + kind, status, 0)
+                _fail(p.instances, i, 1 + kind, status, 0)
 
 
 @kernel
-def _collect(p: Plan, i: int) -> None:
+def _collect(p: Plan, i: int, thread: int) -> None:
     """Outputs of instance `i` at the end of its step."""
     m = p.instances[i]
     for kind in range(3):
@@ -203,15 +213,15 @@ def _collect(p: Plan, i: int) -> None:
             references = np.uintp(p.out_reference.ctypes.data + 4 * first)
             status = get_or_set(m.getter[kind], m.handle, references, np.uintp(n), np.uintp(at))
             if status > 1:
-                _fail(p.instances, p.clock, i, 6 + kind, status, 0)
+                _fail(p.instances, i, 6 + kind, status, 0)
     for j in range(m.first_out[0], m.last_out[0]):
         if p.real_out[j] != p.real_out[j]:
-            _fail(p.instances, p.clock, i, 6, NOT_A_NUMBER, j)
+            _fail(p.instances, i, 6, NOT_A_NUMBER, j)
             break
     if m.endpoint >= 0 and p.ports[m.endpoint].has_tx != 0:
-        status = _collect_packets(p.ports, m.endpoint, m.handle, p.scratch, p.tx)
+        status = _collect_packets(p.ports, m.endpoint, m.handle, p.scratch[thread], p.tx)
         if status != 0:
-            _fail(p.instances, p.clock, i, GET_STRING, status, 0)
+            _fail(p.instances, i, GET_STRING, status, 0)
 
 
 @kernel
@@ -246,7 +256,7 @@ def _collect_packets(
 
 
 @kernel
-def _step(p: Plan, i: int, k: int) -> None:
+def _step(p: Plan, i: int, k: int, thread: int) -> None:
     """Set inputs and packets of instance `i`, step it, and collect if its step ends with this base step."""
     m = p.instances[i]
     if m.endpoint >= 0 and p.ports[m.endpoint].filled > 0:
@@ -254,7 +264,7 @@ def _step(p: Plan, i: int, k: int) -> None:
         set_string = p.ports[m.endpoint].set_string
         status = get_or_set(set_string, m.handle, np.uintp(row + RX), np.uintp(1), np.uintp(row + TEXT))
         if status > 1:
-            _fail(p.instances, p.clock, i, SET_STRING, status, 0)
+            _fail(p.instances, i, SET_STRING, status, 0)
     _set(p, i)
     if m.failed[0] != 0:
         return
@@ -262,9 +272,9 @@ def _step(p: Plan, i: int, k: int) -> None:
     t = (p.clock[START] + k * p.clock[BASE]) / 1e9
     status = do_step2(m.do_step, m.handle, t, m.length * p.clock[BASE] / 1e9)
     if status > 1:
-        _fail(p.instances, p.clock, i, DO_STEP, status, 0)
+        _fail(p.instances, i, DO_STEP, status, 0)
     elif m.length == 1:
-        _collect(p, i)
+        _collect(p, i, thread)
 
 
 @kernel
@@ -285,19 +295,77 @@ def _deliver_all(p: Plan, r: Radio, k: int) -> None:
 
 
 @kernel
+def _step_one(p: Plan, i: int, k: int, thread: int) -> int:
+    """Instance `i` in base step k: it begins a step, or ends one, or neither. Returns 1 if it failed."""
+    m = p.instances[i]
+    if k % m.period == 0:
+        _step(p, i, k, thread)
+    if m.length > 1 and (k // m.period) * m.period + m.length == k + 1 and m.failed[0] == 0:
+        _collect(p, i, thread)
+    return 1 if m.failed[0] != 0 else 0
+
+
+@kernel
+def _take_blocks(p: Plan, thread: int) -> int:
+    """Step blocks of instances until none of this step is left; returns how many."""
+    at = p.shared.ctypes.data
+    size = p.clock[BLOCK]
+    per_step = (p.free.size + size - 1) // size
+    taken = 0
+    while True:
+        ticket = atomic_load(np.uintp(at + 8 * TICKET))
+        if ticket >= atomic_load(np.uintp(at + 8 * LIMIT)):
+            return taken
+        if not exchange_if(np.uintp(at + 8 * TICKET), ticket, ticket + 1):
+            continue
+        k = p.clock[K]
+        first = ticket % per_step * size
+        faults = 0
+        for j in range(first, min(first + size, p.free.size)):
+            faults += _step_one(p, p.free[j], k, thread)
+        if faults > 0:
+            atomic_add(np.uintp(at + 8 * FAULTS), faults)
+        atomic_add(np.uintp(at + 8 * COMPLETED), 1)
+        taken += 1
+
+
+@kernel
+def work(p: Plan, thread: int) -> int:
+    """What a thread besides the main one does until QUIT is set; returns the number of blocks it has stepped."""
+    at = p.shared.ctypes.data
+    spins = 0
+    total = 0
+    while atomic_load(np.uintp(at + 8 * QUIT)) == 0:
+        taken = _take_blocks(p, thread)
+        total += taken
+        spins = 0 if taken > 0 else spins + 1
+        rest(spins)
+    return total
+
+
+@kernel
 def _exchange_and_step(p: Plan, k: int) -> None:
     for j in range(p.mirrors.shape[0]):
         p.real_out[p.mirrors[j, 1]] = p.int_out[p.mirrors[j, 0]]
     for i in range(p.instances.size):
         if k % p.instances[i].period == 0:
             _gather(p, i)
-    for i in range(p.instances.size):
-        if k % p.instances[i].period == 0:
-            _step(p, i, k)
-    for i in range(p.instances.size):
-        m = p.instances[i]
-        if m.length > 1 and (k // m.period) * m.period + m.length == k + 1 and m.failed[0] == 0:
-            _collect(p, i)
+    size = p.clock[BLOCK]
+    at = p.shared.ctypes.data
+    if size > 0:
+        atomic_add(np.uintp(at + 8 * LIMIT), (p.free.size + size - 1) // size)
+    for j in range(p.confined.size):
+        p.clock[FAILURES] += _step_one(p, p.confined[j], k, 0)
+    if size == 0:
+        for j in range(p.free.size):
+            p.clock[FAILURES] += _step_one(p, p.free[j], k, 0)
+        return
+    _take_blocks(p, 0)
+    spins = 0
+    while atomic_load(np.uintp(at + 8 * COMPLETED)) < atomic_load(np.uintp(at + 8 * LIMIT)):
+        spins += 1
+        rest(min(spins, 10000))
+    p.clock[FAILURES] += atomic_load(np.uintp(at + 8 * FAULTS))
 
 
 @kernel
@@ -357,7 +425,9 @@ def _record(p: Plan, k: int) -> None:
 def collect_all(p: Plan) -> None:
     """Outputs of every instance, after initialization."""
     for i in range(p.instances.size):
-        _collect(p, i)
+        _collect(p, i, 0)
+        if p.instances[i].failed[0] != 0:
+            p.clock[FAILURES] += 1
 
 
 @kernel
