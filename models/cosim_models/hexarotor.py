@@ -5,7 +5,7 @@ Source: rotors_description/urdf/firefly.xacro of RotorS (ethz-asl): 1.5 kg body 
 rotors. The rotors' masses are added to the body's moments of inertia as points. RotorS writes speeds to the motors
 directly, so the command is made linear in speed from standstill. Differences: motors are numbered and turn as
 ArduPilot's hexa X has them (RotorS's all turn the other way), and the rotor drag coefficient is that of RotorS's
-Iris, because the Firefly's 0.0176 would hold it back with 50 N at 1 m/s.
+Iris, because the 0.0176 of the file would hold it back with 57 N at 1 m/s.
 """
 
 from __future__ import annotations

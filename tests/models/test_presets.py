@@ -127,3 +127,21 @@ def test_the_json_body_hovers_at_the_recorded_command() -> None:
         assert Quadrotor.kernels[1](m, 0.0025 * k, 0.0025) == 0
     thrust = 4.0 * m.thrust_constant * m.rotor_speed[0] ** 2
     assert thrust == pytest.approx(m.mass * G, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_it_stands_and_survives_a_fall(name: str) -> None:
+    assert Quadrotor.kernels is not None
+    start, advance = Quadrotor.kernels
+    m = with_preset(name)
+    for k in range(2000):
+        assert advance(m, 0.0025 * k, 0.0025) == 0
+    assert abs(m.position).max() < 1e-12
+    m.position_start[2] = -3.0
+    assert start(m) == 0
+    m.angular_velocity[:] = (1.0, 2.0, 0.5)
+    for k in range(6000):
+        assert advance(m, 0.0025 * k, 0.0025) == 0
+    assert abs(m.velocity).max() < 1e-9
+    assert abs(m.angular_velocity).max() < 1e-9
+    assert m.on_ground
