@@ -395,7 +395,7 @@ class _Reading:
             return 0
 
     def _packet_ports(self) -> dict[str, int]:
-        """Our vendor annotation. FMI's schema allows a Tool one child only, so that several ports have one around them."""
+        """Our vendor annotation. FMI's schema allows a Tool one child only, so several ports have one around them."""
         capacities: dict[str, int] = {}
         for port in self.root.iterfind("VendorAnnotations/Tool[@name='uav-cosim']//PacketPort"):
             name, size = port.get("variable"), port.get("maxSize", "")

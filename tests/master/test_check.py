@@ -15,6 +15,7 @@ from cosim_master.initialization import exchange_order
 from cosim_master.ssp import read_system
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lxml import etree
 
 SSD_TYPE = "application/x-ssp-definition"
 TYPES = (
@@ -751,6 +752,66 @@ class TestFlatteningAgainstANaiveOne:
         checked = check(read_system(workshop.ssd("tree.ssd", written(0))))
         found = {link.target[0]: (link.source[0], link.factor + link.offset) for link in checked.links}
         assert found == expected
+
+
+WORDS = st.sampled_from(
+    [
+        "one",
+        "two",
+        "sub",
+        "u",
+        "y",
+        "t",
+        "in",
+        "out",
+        "p",
+        "n",
+        "e",
+        "ye",
+        "input",
+        "output",
+        "parameter",
+        "m",
+        "K",
+        "s",
+        "1",
+    ]
+)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_mixed_up_systems_give_our_error_or_a_system(workshop: Any, data: st.DataObject) -> None:
+    """Attributes exchanged at random: names, kinds, units and ends still legal as XML, but no longer a system."""
+    unit = workshop.component(
+        "one", "unit.fmu", "u:input:Real:m y:output t:output n:input p:parameter e:input ye:output"
+    )
+    inner = workshop.connection("in", "one/u") + workshop.connection("one/y", "out", "<ssc:LinearTransformation/>")
+    sub = workshop.system(unit, inner, name="sub", connectors="in:input:Real:m out:output")
+    wires = workshop.connection("sub/out", "two/u") + workshop.connection("sub/in", "two/y")
+    wires += workshop.connection("out", "two/t") + workshop.connection("two/ye", "two/e")
+    sets = workshop.bindings({"sub.in": 1.0, "two.p": 2.0, "sub.one.n": 3}, unit=None)
+    top = workshop.system(sub + unit.replace('"one"', '"two"'), wires, bindings=sets, connectors="out:output")
+    path = workshop.ssd("mixed.ssd", top, workshop.units("m", "K", "s"))
+    root = etree.fromstring(path.read_bytes())
+    elements = [element for element in root.iter("*") if element.attrib]
+    for _ in range(data.draw(st.integers(1, 6))):
+        element = elements[data.draw(st.integers(0, len(elements) - 1))]
+        name = data.draw(st.sampled_from(sorted(map(str, element.attrib))))
+        if name not in ("source", "version"):
+            element.set(name, data.draw(WORDS))
+    path.write_bytes(etree.tostring(root))
+    try:
+        checked = check(read_system(path), {"two.p": "1"} if data.draw(st.booleans()) else None)
+    except SystemDescriptionError as error:
+        assert error.problems
+        return
+    names = {instance.name: instance.fmu.variables for instance in checked.instances}
+    assert sorted(n for stage in checked.init_order for n in stage) == list(range(len(checked.links)))
+    for link in checked.links:
+        assert names[link.source[0]][link.source[1]].causality in ("output", "calculatedParameter")
+        assert names[link.target[0]][link.target[1]].causality in ("input", "parameter")
+    assert len({link.target for link in checked.links}) == len(checked.links)
 
 
 def test_natural_order() -> None:

@@ -105,6 +105,17 @@ class TestWhatIsRead:
     def test_packet_ports(self, complete: FmuDescription) -> None:
         assert {n: v.packet_capacity for n, v in complete.variables.items() if v.packet_capacity} == {"rx": 2048}
 
+    def test_several_packet_ports_in_one_element_as_the_schema_wants_it(self, workshop: Any, variable: Any) -> None:
+        ports = "".join(f'<PacketPort variable="{name}" maxSize="{size}"/>' for name, size in (("rx", 8), ("tx", 9)))
+        extra = (
+            f'<VendorAnnotations><Tool name="uav-cosim"><PacketPorts>{ports}</PacketPorts></Tool></VendorAnnotations>'
+        )
+        read = describe(
+            workshop.fmu("a.fmu", variable("rx", kind="String"), variable("tx", "output", "String"), extra=extra)
+        )
+        assert [item.packet_capacity for item in read.variables.values()] == [8, 9]
+        assert read.notes == ()
+
     def test_as_fmpy_reads_it(self, complete: FmuDescription) -> None:
         theirs = fmpy.read_model_description(str(complete.path))
         for read in theirs.modelVariables:
