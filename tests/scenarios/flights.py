@@ -1,0 +1,60 @@
+"""Flights of the systems we ship: run once, look often."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from cosim_master.simulation import RunResult, simulate
+from numpy.typing import NDArray
+
+SYSTEMS = Path(__file__).parents[2] / "master" / "systems"
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A finished run: how it ended, its folder and its signals."""
+
+    result: RunResult
+    folder: Path
+    signals: dict[str, NDArray[Any]]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.signals[name]
+
+    def row_of_step(self, step: int, agent: str = "drone3.agent") -> int:
+        """The first row in which the agent is at an algorithm step."""
+        return int(np.argmax(self.signals[f"{agent}.step"] == step))
+
+    def east(self, drone: int) -> NDArray[Any]:
+        return self.signals[f"drone{drone}.vehicle.position[2]"]
+
+    def up(self, drone: int) -> NDArray[Any]:
+        return -self.signals[f"drone{drone}.vehicle.position[3]"]
+
+
+def copy_of(system: str, workshop: Path, fmus: Path, change: Callable[[str], str] = lambda text: text) -> Path:
+    """A copy of a shipped system below `workshop`, its root SSD changed; it finds its FMUs as the original does."""
+    shutil.copytree(SYSTEMS, workshop / "master" / "systems")
+    if not (workshop / "fmus").exists():
+        (workshop / "fmus").symlink_to(fmus.resolve())
+    folder = workshop / "master" / "systems" / system
+    document = folder / "SystemStructure.ssd"
+    text = document.read_text(encoding="utf-8")
+    changed = change(text)
+    document.write_text(changed, encoding="utf-8")
+    return folder
+
+
+def fly(system: Path, out: Path, **options: Any) -> Flight:
+    """Run a system to its end; it must succeed."""
+    result = simulate(system, out=out, **options)
+    assert result.error is None, result.error
+    assert result.outcome == "done"
+    table = pq.read_table(out / "signals.parquet")
+    return Flight(result, out, {name: table[name].to_numpy() for name in table.column_names})

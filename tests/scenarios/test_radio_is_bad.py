@@ -1,0 +1,42 @@
+"""Loss, latency and a drone that nobody hears."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from tests.scenarios.flights import SYSTEMS, copy_of, fly
+
+
+def with_radio(text: str, attributes: str, inside: str = "") -> str:
+    changed, n = re.subn(r"<network ([^>]*?)\s*latency=\"[^\"]*\" seed=\"1\"/>", rf"<network \1 {attributes} seed='1'>{inside}</network>", text)
+    assert n == 1
+    return changed
+
+
+def test_a_fifth_lost_and_a_fifth_of_a_second_late_hardly_matter(fmus: Path, tmp_path: Path) -> None:
+    bad = copy_of("line5", tmp_path, fmus, lambda text: with_radio(text, 'loss="0.2" latency="0.2"'))
+    flight, plain = fly(bad, tmp_path / "bad"), fly(SYSTEMS / "line5", tmp_path / "plain")
+    row = plain.row_of_step(17)
+    assert flight.row_of_step(17) == row
+    for drone in (2, 3, 4):
+        assert flight.east(drone)[row] == pytest.approx(plain.east(drone)[row], abs=0.3)
+    packets = flight.result.packets
+    assert packets["lost"] / packets["sent"] == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_drone_cut_off_becomes_a_fixed_node_for_its_neighbours(fmus: Path, tmp_path: Path) -> None:
+    """Cut off for ever after step #4, drone 3 converges to what it last heard, and its neighbours to what they did."""
+    cut_at = 30.0
+    outage = f'<outage node="drone3" start="{cut_at:g}"/>'
+    cut = copy_of("line5", tmp_path, fmus, lambda text: with_radio(text, 'latency="0.02"', outage))
+    flight = fly(cut, tmp_path / "cut", until=150.0)
+    row = int((flight["time"] <= cut_at).sum()) - 1
+    left, middle, right = (flight.east(drone)[row] for drone in (2, 3, 4))
+    # what was last heard is up to a quarter of a second old
+    assert flight.east(2)[-1] == pytest.approx((0.0 + middle) / 2, abs=1.0)
+    assert flight.east(4)[-1] == pytest.approx((middle + 100.0) / 2, abs=1.0)
+    assert flight.east(3)[-1] == pytest.approx((left + right) / 2, abs=1.0)
+    assert flight.result.packets["lost: outage"] > 0
+    assert flight["drone3.agent.left_age"][-1] == pytest.approx(150.0 - cut_at, abs=0.5)
