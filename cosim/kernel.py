@@ -17,7 +17,8 @@ import os
 import shutil
 import time
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -25,8 +26,9 @@ __all__ = ["cache_folder", "kernel"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+numba: Any
 try:
-    import numba
+    numba = import_module("numba")
 except ImportError:  # an interpreted FMU in somebody's Python without numba: slower, same results
     numba = None
 
@@ -66,7 +68,7 @@ def _root(source: Path) -> Path:
     return root
 
 
-@lru_cache(maxsize=None)
+@cache
 def _compiled_folder(root: Path) -> Path:
     digest = hashlib.sha256()
     for part in (Path(__file__).parent, root):

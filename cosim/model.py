@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import base64
 import binascii
+import math
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import lru_cache
+from functools import cache
+from keyword import iskeyword
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -42,6 +44,7 @@ Kind = Literal["Real", "Integer", "Boolean", "Enumeration", "String", "Packets",
 Start = float | int | bool | str | tuple[float, ...] | tuple[int, ...] | tuple[bool, ...]
 
 _FIELD_TYPE = {"Real": "f8", "Integer": "i4", "Boolean": "?", "Enumeration": "i4"}
+_MEMORY_TYPES = ("f8", "f4", "i8", "i4", "i2", "i1", "u8", "u4", "u2", "u1", "?")
 _KEPT: tuple[Role, ...] = ("parameter", "input", "packet input")
 """What survives a second run of `start`: what the environment has set."""
 
@@ -66,12 +69,77 @@ class Variable:
     capacity: int = 0
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier():
-            raise ValueError(f"variable {self.name!r}: a name must be a Python identifier")
+        name = self.name
+        if not (name.isidentifier() and name.isascii()) or iskeyword(name):
+            raise ValueError(f"variable {name!r}: a name must be an ASCII Python identifier and no keyword")
+        if hasattr(np.record, name):
+            raise ValueError(f"variable {name}: numpy records have an attribute of this name; choose another")
+        if (len(self.shape) > 1 and self.kind != "Memory") or any(not _is_count(n) for n in self.shape):
+            raise ValueError(
+                f"variable {name}: shape {self.shape}; a variable is a scalar or has a length of 1 or more"
+            )
+        if self.kind == "String" and self.shape:
+            raise ValueError(f"variable {name}: String variables are scalars")
+        if self.unit is not None and self.kind != "Real":
+            raise ValueError(f"variable {name}: unit {self.unit}; only variables of type float have a unit")
+        if self.kind == "Packets" and not _is_count(self.capacity):
+            raise ValueError(f"variable {name}: capacity {self.capacity}; it is 1 byte or more")
+        if self.kind == "Memory" and self.dtype not in _MEMORY_TYPES:
+            raise ValueError(f"variable {name}: dtype {self.dtype!r}; there are {', '.join(_MEMORY_TYPES)}")
+        self._check_limits()
+        self._check_start()
+
+    def _check_limits(self) -> None:
+        low, high = self.limits()
+        if not low <= high:
+            raise ValueError(
+                f"variable {self.name}: minimum {self.minimum} and maximum {self.maximum} exclude every value"
+            )
+        if (self.minimum, self.maximum) != (None, None) and self.kind not in ("Real", "Integer"):
+            raise ValueError(f"variable {self.name}: only variables of type float and int have a minimum and a maximum")
+
+    def _check_start(self) -> None:
+        if self.kind in ("Packets", "Memory"):
+            return
         if isinstance(self.start, tuple) and self.shape != (len(self.start),):
             raise ValueError(f"variable {self.name}: {len(self.start)} start values for shape {self.shape}")
-        if self.kind == "String" and self.shape:
-            raise ValueError(f"variable {self.name}: String variables are scalars")
+        for start in self.start if isinstance(self.start, tuple) else (self.start,):
+            valid, what = _fits(start, self)
+            if not valid:
+                raise ValueError(f"variable {self.name}: start {start!r} is {what}")
+
+    def limits(self) -> tuple[float, float]:
+        """Least and greatest value that can be set (of numbers and enumerations)."""
+        if self.enumeration:
+            return min(self.enumeration), max(self.enumeration)
+        low = -math.inf if self.minimum is None else self.minimum
+        return low, math.inf if self.maximum is None else self.maximum
+
+
+def _is_count(n: object) -> bool:
+    return isinstance(n, int) and not isinstance(n, bool) and n >= 1
+
+
+def _fits(value: object, variable: Variable) -> tuple[bool, str]:
+    """Whether `value` can be the start value of `variable`; if not, what it should have been."""
+    low, high = variable.limits()
+    within = f"not within {low:g} to {high:g}" if variable.kind in ("Real", "Integer") else ""
+    match variable.kind:
+        case "Boolean":
+            return isinstance(value, bool), "no bool"
+        case "String":
+            return isinstance(value, str), "no str"
+        case "Enumeration":
+            members = variable.enumeration or ()
+            return value in tuple(members), f"none of {', '.join(m.name for m in members)}"
+        case "Integer":
+            if isinstance(value, bool) or not isinstance(value, int) or not -(2**31) <= value < 2**31:
+                return False, "no int of 32 bits"
+            return low <= value <= high, within
+        case _:
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                return False, "no float"
+            return low <= value <= high, within
 
 
 def _kind(of: type) -> tuple[Kind, type[IntEnum] | None]:
@@ -83,14 +151,12 @@ def _kind(of: type) -> tuple[Kind, type[IntEnum] | None]:
         return "Boolean", None
     if of is str:
         return "String", None
-    if issubclass(of, IntEnum):
+    if isinstance(of, type) and issubclass(of, IntEnum) and len(of):
         return "Enumeration", of
-    raise TypeError(f"type {of!r}: a variable is float, int, bool, str or an IntEnum")
+    raise TypeError(f"type {of!r}: a variable is float, int, bool, str or an IntEnum with members")
 
 
-def _declare(
-    role: Role, name: str, of: type, shape: int | None, start: Start | None, **attributes: Any
-) -> Variable:
+def _declare(role: Role, name: str, of: type, shape: int | None, start: Start | None, **attributes: Any) -> Variable:
     kind, enumeration = _kind(of)
     zero: Start = "" if of is str else next(iter(enumeration)) if enumeration else of()
     return Variable(
@@ -162,7 +228,7 @@ def State(
 
 
 def Memory(name: str, *, dtype: str = "f8", shape: int | tuple[int, ...] | None = None) -> Variable:
-    """Private memory: part of the saved state, no FMI variable, zero at the start."""
+    """Private memory: part of the saved state, no FMI variable, zero at the start. `dtype`: one of numpy's, as "u1"."""
     dimensions = () if shape is None else (shape,) if isinstance(shape, int) else shape
     return Variable(name, "memory", "Memory", shape=dimensions, start=0, dtype=dtype)
 
@@ -203,7 +269,7 @@ def flat_variables(variables: Sequence[Variable]) -> tuple[FlatVariable, ...]:
     return tuple(flat)
 
 
-@lru_cache(maxsize=None)
+@cache
 def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], int]:
     """The aligned record of a declaration, and the size of its head.
 
@@ -222,7 +288,9 @@ def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], i
                 fields += [(variable.name, "u1", (variable.capacity,)), (f"{variable.name}_len", "i4")]
             else:
                 field_type = variable.dtype or _FIELD_TYPE[variable.kind]
-                fields.append((variable.name, field_type, variable.shape) if variable.shape else (variable.name, field_type))
+                fields.append(
+                    (variable.name, field_type, variable.shape) if variable.shape else (variable.name, field_type)
+                )
     dtype = np.dtype((np.record, np.dtype(fields, align=True)))
     assert dtype.fields is not None
     head = dtype.fields[boundary][1] if boundary else dtype.itemsize
@@ -244,20 +312,31 @@ class Model(Fmi2Slave):
     errors: ClassVar[dict[int, str]] = {}
     step_size: ClassVar[float] = 0.0
     entry: ClassVar[Any] = None
-    """Set by the generated entry module of an interpreted FMU: (guid, modelDescription.xml as text)."""
+    """Set by the generated entry module of an interpreted FMU: a function that returns its modelDescription.xml."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        names = [v.name for v in cls.variables]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"model {cls.__name__} declares {name} twice")
-        known = {v.name for v in cls.variables if v.role in ("input", "packet input")}
+        model = cls.__name__
+        if not model.isascii():
+            raise ValueError(f"model {model}: its name becomes a C identifier and must be ASCII")
+        fields = [v.name for v in cls.variables] + [f"{v.name}_len" for v in cls.variables if v.kind == "Packets"]
+        for name in fields:
+            if fields.count(name) > 1:
+                raise ValueError(f"model {model} declares {name} twice (packets have a field of that name and _len)")
+        inputs = [v.name for v in cls.variables if v.role in ("input", "packet input")]
         for variable in cls.variables:
-            if unknown := set(variable.depends) - known:
-                raise ValueError(f"{cls.__name__}.{variable.name} depends on {unknown}, which are no inputs of it")
+            if unknown := sorted(set(variable.depends) - set(inputs)):
+                there = ", ".join(inputs) or "none"
+                raise ValueError(f"{model}.{variable.name} depends on {', '.join(unknown)}; its inputs are: {there}")
             if cls.kernels is not None and variable.kind == "String":
-                raise ValueError(f"{cls.__name__}.{variable.name}: a model with kernels has no String variables")
+                raise ValueError(f"{model}.{variable.name}: a model with kernels has no String variables")
+        if cls.kernels is not None and [*map(_arity, cls.kernels)] != [1, 3]:
+            raise TypeError(f"{model}: kernels is (start, advance), functions start(m) and advance(m, t, h)")
+        for code, message in cls.errors.items():
+            if not isinstance(code, int) or not code or not -(2**31) <= code < 2**31 or not isinstance(message, str):
+                raise ValueError(
+                    f"{model}: errors has {code!r}: {message!r}; it maps integers other than 0 to messages"
+                )
 
     @classmethod
     def record(cls) -> Any:
@@ -278,6 +357,8 @@ class Model(Fmi2Slave):
         self._bytes = memory
         self.m: Any = memory.view(dtype).view(np.recarray)[0]
         self.strings = {v.name: str(v.start) for v in cls.variables if v.kind == "String"}
+        calculated = {v.name for v in cls.variables if v.role not in _KEPT}
+        self._calculated_strings = {name: text for name, text in self.strings.items() if name in calculated}
         self._reals = memory[: dtype.itemsize - dtype.itemsize % 8].view(np.float64)
         self._places: list[tuple[Variable, int]] = []
         self._initialising = True
@@ -321,6 +402,7 @@ class Model(Fmi2Slave):
             return
         self._started = True
         self._bytes[self._head :] = np.frombuffer(self._initial_bytes, dtype=np.uint8)[self._head :]
+        self.strings |= self._calculated_strings
         if self.kernels is None:
             self._run("initialize", lambda: self.initialize() or 0)  # type: ignore[func-returns-value]
         else:
@@ -329,9 +411,11 @@ class Model(Fmi2Slave):
     def _run(self, what: str, call: Callable[[], int]) -> None:
         """Call a kernel; what it raises reaches the FMI logger with its traceback, then the caller."""
         try:
-            code = int(call())
+            code = call()
+            if not isinstance(code, int | np.integer):
+                raise TypeError(f"{what} returned {code!r}; it returns 0, or a key of errors")
             if code:
-                raise RuntimeError(f"{what}: {self.errors.get(code, 'error')} (code {code})")
+                raise RuntimeError(f"{what}: {self.errors.get(int(code), 'error')} (code {code})")
         except Exception:
             self.log(f"{type(self).__name__}: {traceback.format_exc()}", Fmi2Status.error)
             raise
@@ -350,13 +434,16 @@ class Model(Fmi2Slave):
         if self._initialising:
             self._ensure_started()
 
-    def _before_set(self, variable: Variable) -> None:
+    def _before_set(self, variable: Variable, value: float | None = None) -> None:
         if variable.role not in _KEPT:
-            raise ValueError(f"{variable.name} is an {variable.role} and cannot be set")
-        if self._initialising:
-            self._started = False
-        elif variable.role == "parameter" and not variable.tunable:
+            raise ValueError(f"{variable.name} is calculated by the FMU ({variable.role}) and cannot be set")
+        if not self._initialising and variable.role == "parameter" and not variable.tunable:
             raise ValueError(f"{variable.name} is a fixed parameter: it cannot be set after initialization")
+        if value is not None:
+            low, high = variable.limits()
+            if not low <= value <= high:
+                raise ValueError(f"{variable.name} = {value} is not within {low:g} to {high:g}")
+        self._started = self._started and not self._initialising
 
     def get_real(self, vrs: list[int]) -> list[float]:
         self._before_get()
@@ -365,7 +452,7 @@ class Model(Fmi2Slave):
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         for vr, value in zip(vrs, values, strict=True):
             variable, offset = self._place(vr, "Real")
-            self._before_set(variable)
+            self._before_set(variable, value)
             self._reals[offset // 8] = value
 
     def get_integer(self, vrs: list[int]) -> list[int]:
@@ -376,7 +463,7 @@ class Model(Fmi2Slave):
     def set_integer(self, vrs: list[int], values: list[int]) -> None:
         for vr, value in zip(vrs, values, strict=True):
             variable, offset = self._place(vr, "Integer", "Enumeration")
-            self._before_set(variable)
+            self._before_set(variable, value)
             self._bytes[offset : offset + 4].view(np.int32)[0] = value
 
     def get_boolean(self, vrs: list[int]) -> list[bool]:
@@ -425,11 +512,19 @@ class Model(Fmi2Slave):
         self._bytes[:] = np.frombuffer(base64.b64decode(state["record"]), dtype=np.uint8)
         self._initialising, self._started = state["initialising"], state["started"]
 
-    def to_xml(self, model_options: dict[str, str] | None = None) -> Any:
+    def to_xml(self, model_options: dict[str, str] | None = None) -> Any:  # noqa: ARG002
         """modelDescription.xml, as the build that made this FMU wrote it."""
         if self.entry is None:
-            raise RuntimeError(f"{type(self).__name__}: build FMUs with `uav-cosim build`, which writes their description")
+            raise RuntimeError(
+                f"{type(self).__name__}: build FMUs with `uav-cosim build`, which writes their description"
+            )
         return self.entry()
+
+
+def _arity(kernel: Any) -> int:
+    """The number of arguments of a kernel; -1 for what is no function."""
+    code = getattr(getattr(kernel, "py_func", kernel), "__code__", None)
+    return -1 if code is None else int(code.co_argcount)
 
 
 def _fmi_attributes(variable: Variable) -> dict[str, Any]:

@@ -15,8 +15,9 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -69,21 +70,21 @@ def build_compiled(
         CannotCompile: numba cannot lower a kernel, or it needs more than the C library.
         RuntimeError: the C compiler failed; the message has its output.
     """
-    assert model.kernels is not None
     guid = sources.guid(model.__name__)
+    description = as_text(model_description(model, guid, compiled=True)).encode()
     dtype, head = record_layout(model.variables)
-    ir = [_lower(model, kernel, name, dtype) for kernel, name in zip(model.kernels, _SYMBOLS, strict=True)]
+    ir = _lower(model, dtype)
     binaries: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
         folder = Path(temporary)
         (folder / "model.h").write_text(_header(model, guid, dtype, head), encoding="utf-8")
         for name in targets:
             target = TARGETS[name]
-            objects = [_emit(text, target, folder / f"{symbol}.o") for text, symbol in zip(ir, _SYMBOLS, strict=True)]
+            code = folder / f"{name}.o"
+            code.write_bytes(_emit(ir, target, model))
             library = folder / f"{model.__name__}{target.suffix}"
-            _link(objects, library, name, model.__name__)
+            _link(code, library, name, model.__name__)
             binaries[f"binaries/{target.folder}/{library.name}"] = library.read_bytes()
-    description = as_text(model_description(model, guid, compiled=True)).encode()
     entries = {
         "modelDescription.xml": description,
         "resources/build.json": json.dumps(stamp, indent=1, sort_keys=True).encode(),
@@ -91,51 +92,78 @@ def build_compiled(
     }
     part = file.with_suffix(".part")
     with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-        for entry, content in entries.items():
+        for entry, content in sorted(entries.items()):
             archive.writestr(zipfile.ZipInfo(entry, (2020, 1, 1, 0, 0, 0)), content, zipfile.ZIP_DEFLATED)
     part.replace(file)
 
 
-_SYMBOLS = ("model_start", "model_advance")
+def _lower(model: type[Model], dtype: np.dtype[np.void]) -> list[str]:
+    """LLVM IR of the two kernels over a pointer to the record, entry points `model_start` and `model_advance`.
+
+    These are numba's own functions, without its wrappers for Python and C:
+    ``int32 model_start(int32 *code, void **exception, void *record)``; what they return is 0, or not where the
+    kernel has raised.
+    """
+    numba: Any = import_module("numba")
+    carray, types = numba.carray, numba.types
+
+    if numba.config.DISABLE_JIT:
+        raise CannotCompile("numba's compiler is switched off (NUMBA_DISABLE_JIT)")
+    assert model.kernels is not None
+    start: Any
+    advance: Any
+    start, advance = model.kernels
+
+    def enter_start(p: Any) -> Any:
+        return start(carray(p, 1)[0])
+
+    def enter_advance(p: Any, t: Any, h: Any) -> Any:
+        return advance(carray(p, 1)[0], t, h)
+
+    record = numba.from_dtype(dtype)
+    ir: list[str] = []
+    for entry, kernel, of in ((enter_start, start, ()), (enter_advance, advance, (types.float64, types.float64))):
+        what = entry.__name__.removeprefix("enter_")
+        plain = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        try:
+            kernel.compile((record, *of))  # by itself first: what fails is then told of the author's lines only
+            returned = kernel.overloads[(record, *of)].signature.return_type
+            if not isinstance(returned, types.Integer):
+                raise TypeError(f"it returns {returned}; a kernel returns 0 or a key of errors")
+            compiled = numba.njit(types.int32(types.CPointer(record), *of), **plain)(entry)
+        except Exception as error:  # numba answers some faults of a kernel with a KeyError or an AssertionError
+            raise CannotCompile(f"{model.__name__}.{what}: {_reason(error, kernel)}") from error
+        ((signature, overload),) = compiled.overloads.items()
+        name = re.escape(overload.fndesc.llvm_func_name)
+        ir.append(re.sub(rf"(?<![\w.$-]){name}(?![\w.$-])", f"model_{what}", compiled.inspect_llvm(signature)))
+    return ir
 
 
-def _lower(model: type[Model], kernel: Callable[..., int], symbol: str, dtype: np.dtype[np.void]) -> str:
-    """LLVM IR of one kernel over a pointer to the record, entry point `symbol`."""
-    from numba import carray, cfunc, from_dtype, types
-    from numba.core.errors import NumbaError
-
-    pointer = types.CPointer(from_dtype(dtype))
-    if symbol == "model_start":
-
-        def entry(p: Any) -> Any:
-            return kernel(carray(p, 1)[0])
-
-        signature = types.int32(pointer)
-    else:
-
-        def entry(p: Any, t: Any, h: Any) -> Any:
-            return kernel(carray(p, 1)[0], t, h)
-
-        signature = types.int32(pointer, types.double, types.double)
-    try:
-        compiled = cfunc(signature, error_model="numpy")(entry)
-    except NumbaError as error:
-        raise CannotCompile(f"{model.__name__}.{symbol.removeprefix('model_')}: {_first_reason(error)}") from error
-    return re.sub(rf"(?<![\w.$-]){re.escape(compiled.native_name)}(?![\w.$-])", symbol, str(compiled.inspect_llvm()))
+def _place_of(kernel: Any) -> str:
+    code = getattr(kernel, "py_func", kernel).__code__
+    return f"{code.co_filename}:{code.co_firstlineno}"
 
 
-def _first_reason(error: Exception) -> str:
-    """Numba's message, shortened to what and where."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    where = next((re.search(r'File "(.+)", line (\d+)', line) for line in reversed(lines) if 'File "' in line), None)
-    what = next((line for line in reversed(lines) if not line.startswith(("File", "def ", "<source"))), lines[0])
-    reasons = [line for line in lines if "annot" in line or "nknown" in line or "nsupported" in line or "No impl" in line]
-    place = f"{where.group(1)}:{where.group(2)}: " if where else ""
-    return place + (reasons[0] if reasons else what)
+def _reason(error: Exception, kernel: Any) -> str:
+    """Where (file:line) and what, from one of numba's messages, which are long: the innermost comes first."""
+    if not hasattr(kernel, "py_func"):
+        return f"{_place_of(kernel)}: {kernel.__name__} is no @kernel"
+    lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Failed in")]
+    place = _place_of(kernel)
+    if found := re.search(r" at (.+\.py) \((\d+)\)$", str(error), re.MULTILINE):
+        place = f"{found.group(1)}:{found.group(2)}"
+    elif getattr(error, "loc", None) is not None and error.loc.filename != __file__:  # type: ignore[attr-defined]
+        place = f"{error.loc.filename}:{error.loc.line}"  # type: ignore[attr-defined]
+    text = lines[0] if type(error).__module__.startswith("numba") else f"{type(error).__name__}: {error}"
+    return f"{place}: {text}" + (f" {lines[1]}" if text.endswith(":") and len(lines) > 1 else "")
 
 
-def _emit(ir: str, target: Target, file: Path) -> Path:
-    """Machine code of `ir` for a target's plain instruction set."""
+def _emit(ir: list[str], target: Target, model: type[Model]) -> bytes:
+    """Machine code for a target's plain instruction set; nothing but the two entry points is visible in it.
+
+    Raises:
+        CannotCompile: the kernels call what only a Python process has.
+    """
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
@@ -143,16 +171,35 @@ def _emit(ir: str, target: Target, file: Path) -> Path:
     machine = llvm.Target.from_triple(target.triple).create_target_machine(
         cpu="" if "x86_64" not in target.triple else "x86-64", opt=3, reloc="pic", codemodel="default"
     )
-    ir = re.sub(r'^target triple = ".*"$', f'target triple = "{target.triple}"', ir, flags=re.MULTILINE)
-    ir = re.sub(r'^target datalayout = ".*"$', f'target datalayout = "{machine.target_data}"', ir, flags=re.MULTILINE)
-    module = llvm.parse_assembly(ir)
+    module = llvm.parse_assembly(_for_target(ir[0], target, machine))
+    module.link_in(llvm.parse_assembly(_for_target(ir[1], target, machine)))
+    for value in (*module.functions, *module.global_variables):
+        if value.is_declaration:
+            continue
+        if value.name in ("model_start", "model_advance"):
+            value.visibility = "hidden"
+        else:
+            value.linkage = "internal"
     module.verify()
-    file.write_bytes(machine.emit_object(module))
-    return file
+    passes = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
+    passes.getModulePassManager().run(module, passes)
+    called = {f.name for f in module.functions if f.is_declaration} | {
+        v.name for v in module.global_variables if v.is_declaration
+    }
+    if missing := sorted(name for name in called if re.match("Py|_Py|NRT_|numba_", name)):
+        assert model.kernels is not None
+        place = _place_of(model.kernels[1])
+        raise CannotCompile(f"{model.__name__}: {place}: needs {', '.join(missing)}, which only a Python process has")
+    return bytes(machine.emit_object(module))
 
 
-def _link(objects: list[Path], library: Path, target: str, model: str) -> None:
-    """Compile fmi2.c with model.h, link everything to a shared library that needs libc and libm only."""
+def _for_target(ir: str, target: Target, machine: Any) -> str:
+    ir = re.sub(r'^target triple = ".*"$', f'target triple = "{target.triple}"', ir, flags=re.MULTILINE)
+    return re.sub(r'^target datalayout = ".*"$', f'target datalayout = "{machine.target_data}"', ir, flags=re.MULTILINE)
+
+
+def _link(code: Path, library: Path, target: str, model: str) -> None:
+    """Compile fmi2.c with model.h and link it with `code` to a shared library that needs libc and libm only."""
     if os.environ.get("CC") and target == HOST:
         compiler = shlex.split(os.environ["CC"])
     else:
@@ -160,16 +207,16 @@ def _link(objects: list[Path], library: Path, target: str, model: str) -> None:
     source = Path(__file__).with_name("fmi2.c")
     flags = ["-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-shared", f"-I{library.parent}"]
     if not target.startswith("windows"):
-        flags += ["-fPIC", "-lm"]
+        flags.append("-fPIC")
     if target.startswith("linux"):
         flags += ["-Wl,--no-undefined", "-Wl,-s", "-Wl,-Bsymbolic"]
-    command = [*compiler, *flags[:-1], str(source), *map(str, objects), *flags[-1:], "-lm", "-o", str(library)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [*compiler, *flags, str(source), str(code), "-lm", "-o", str(library)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise RuntimeError(f"{model}: the C compiler {compiler[0]} cannot be run: {error.strerror}") from None
     if done.returncode:
-        missing = sorted(set(re.findall(r"undefined (?:symbol|reference to):? [`']?([\w.$]+)", done.stderr)))
-        if missing:
-            raise CannotCompile(f"{model}: its kernels need {', '.join(missing)}, which only a Python process has")
-        raise RuntimeError(f"{model}: {' '.join(command[:4])} ... failed:\n{done.stderr}")
+        raise RuntimeError(f"{model}: {' '.join(compiler)} failed:\n{done.stderr}")
 
 
 def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:
@@ -184,14 +231,11 @@ def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) 
         if one.index is not None:
             offset += one.index * {"REAL": 8, "INTEGER": 4, "BOOLEAN": 1}[kind]
         length = dtype.fields[f"{v.name}_len"][1] if v.kind == "Packets" else 0
-        low, high = v.minimum, v.maximum
-        if v.enumeration:
-            low, high = min(v.enumeration), max(v.enumeration)
-        limits = (repr(float(low)) if low is not None else "-INFINITY", repr(float(high)) if high is not None else "INFINITY")
+        low, high = (repr(float(x)).replace("inf", "INFINITY") for x in v.limits())
         role = {"parameter": "TUNABLE" if v.tunable else "FIXED", "input": "INPUT", "packet input": "INPUT"}
         rows.append(
             f'    {{"{one.name}", {kind}, {role.get(v.role, "CALCULATED")}, {offset}, {length}, {v.capacity}, {text}, '
-            f"{limits[0]}, {limits[1]}}},"
+            f"{low}, {high}}},"
         )
         if v.kind == "Packets":
             text += 4 * ((v.capacity + 2) // 3) + 1

@@ -3,8 +3,8 @@
    All an instance remembers is one record; a variable is an offset into it (model.h, generated from the model's
    declaration). So instances share nothing, saving the state is one memcpy, and this file knows no model.
    A call that the state table of section 4.2.4 does not allow, an unknown value reference, a wrong type, NaN or a
-   value out of range is fmi2Error with a message, leaves the record alone, and puts the instance into the error
-   state; from there only reading, fmi2Reset, fmi2SetFMUstate and fmi2FreeInstance lead on. */
+   value out of range is fmi2Error with a message, sets nothing, and puts the instance into the error state. So does a
+   kernel that fails. From there only reading, fmi2Reset, fmi2SetFMUstate and fmi2FreeInstance lead on. */
 
 #include <stdarg.h>
 #include <stdint.h>
@@ -54,33 +54,9 @@ typedef struct { int code; const char *text; } KernelError;
 
 #include "model.h" /* MODEL, GUID, RECORD_SIZE, HEAD_SIZE, TEXT_SIZE, VARIABLES, N_VARIABLES, DEFAULTS, ERRORS, N_ERRORS */
 
-extern int model_start(void *record);
-extern int model_advance(void *record, double t, double h);
-
-/* ---- what numba's objects name on the paths of a Python exception ------------------------------------------------
-   A kernel that raises ends here instead of in a Python interpreter: the flag makes its step an error. */
-
-static _Thread_local int kernel_raised;
-void *PyExc_RuntimeError, *PyExc_StopIteration, *PyExc_SystemError, *PyExc_ValueError, *PyExc_ZeroDivisionError,
-    *PyExc_OverflowError, *PyExc_IndexError, *PyExc_TypeError, *PyExc_AssertionError;
-void NRT_Free(void *p) { (void)p; }
-void NRT_MemInfo_call_dtor(void *p) { (void)p; }
-void NRT_incref(void *p) { (void)p; }
-void NRT_decref(void *p) { (void)p; }
-void *PyBytes_FromStringAndSize(const char *s, intptr_t n) { (void)s; (void)n; return 0; }
-void PyErr_Clear(void) {}
-void PyErr_SetNone(void *e) { (void)e; kernel_raised = 1; }
-void PyErr_SetString(void *e, const char *s) { (void)e; (void)s; kernel_raised = 1; }
-void PyErr_SetObject(void *e, void *v) { (void)e; (void)v; kernel_raised = 1; }
-void PyErr_WriteUnraisable(void *o) { (void)o; kernel_raised = 1; }
-void *PyUnicode_FromString(const char *s) { (void)s; return 0; }
-void Py_DecRef(void *o) { (void)o; }
-void Py_IncRef(void *o) { (void)o; }
-void numba_do_raise(void *e) { (void)e; kernel_raised = 1; }
-void numba_gil_ensure(void *s) { (void)s; }
-void numba_gil_release(void *s) { (void)s; }
-void *numba_runtime_build_excinfo_struct(void *a, void *b) { (void)a; (void)b; return 0; }
-void *numba_unpickle(void *a, int n, void *h) { (void)a; (void)n; (void)h; return 0; }
+/* 0, or not if the kernel has raised an exception, of which no more is known here; `code` is what it returned. */
+extern int model_start(int *code, void **exception, void *record);
+extern int model_advance(int *code, void **exception, void *record, double t, double h);
 
 /* ---- instances --------------------------------------------------------------------------------------------------- */
 
@@ -95,7 +71,7 @@ static const char *mode_name(Mode mode) {
     }
 }
 
-/* The record comes first and is followed by what else belongs to the FMU state, so that both are saved as one. */
+/* What belongs to the FMU state beside the record. */
 typedef struct {
     Mode mode;
     int started;      /* `start` has run since the last value was set */
@@ -108,10 +84,8 @@ typedef struct {
     Progress progress;
     char *text;
     char *name;
-    int debug;
     fmi2CallbackFunctions callbacks;
 } Instance;
-#define STATE_SIZE (RECORD_SIZE + sizeof(Progress))
 
 static void log_text(const fmi2CallbackFunctions *callbacks, const char *name, fmi2Status status, const char *format, va_list arguments) {
     char text[1024], escaped[2048];
@@ -157,8 +131,8 @@ static void reset(Instance *s) {
     s->progress.mode = INSTANTIATED;
 }
 
-static fmi2Status kernel_status(Instance *s, const char *what, int code) {
-    if (kernel_raised) return fail(s, "%s: the kernel raised an exception", what);
+static fmi2Status kernel_status(Instance *s, const char *what, int raised, int code) {
+    if (raised) return fail(s, "%s: the kernel raised an exception; the interpreted FMU tells which", what);
     if (!code) return fmi2OK;
     for (size_t i = 0; i < N_ERRORS; i++)
         if (ERRORS[i].code == code) return fail(s, "%s: %s (code %d)", what, ERRORS[i].text, code);
@@ -170,8 +144,10 @@ static fmi2Status ensure_started(Instance *s) {
     if (s->progress.started) return fmi2OK;
     memcpy(s->record + HEAD_SIZE, DEFAULTS + HEAD_SIZE, RECORD_SIZE - HEAD_SIZE);
     s->progress.started = 1;
-    kernel_raised = 0;
-    return kernel_status(s, "start", model_start(s->record));
+    int code = 0;
+    void *exception = NULL;
+    int raised = model_start(&code, &exception, s->record);
+    return kernel_status(s, "start", raised, code);
 }
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -179,7 +155,7 @@ EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 
 EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                      const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean debug) {
-    (void)resources; (void)visible;
+    (void)resources; (void)visible; (void)debug;
     if (!functions) return NULL;
     if (!name || !*name) { complain(functions, "", "fmi2Instantiate: the instance name is empty"); return NULL; }
     if (type != fmi2CoSimulation) { complain(functions, name, "fmi2Instantiate: this FMU is for co-simulation only"); return NULL; }
@@ -190,7 +166,6 @@ EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String 
     Instance *s = calloc(1, sizeof *s);
     if (!s) return NULL;
     s->callbacks = *functions;
-    s->debug = debug;
     s->record = malloc(RECORD_SIZE);
     s->text = malloc(TEXT_SIZE + 1);
     s->name = malloc(strlen(name) + 1);
@@ -215,7 +190,7 @@ EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n,
     for (size_t i = 0; i < n; i++)
         if (!categories[i] || strcmp(categories[i], "logStatusError"))
             return fail(s, "fmi2SetDebugLogging: unknown category %s, there is logStatusError", categories[i] ? categories[i] : "(NULL)");
-    s->debug = on;
+    (void)on; /* there are no messages but those of errors */
     return fmi2OK;
 }
 
@@ -338,8 +313,8 @@ EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], si
         SETTABLE_VARIABLE("fmi2SetReal", REAL);
         if (!(value[i] >= v->min && value[i] <= v->max))
             return fail(s, "fmi2SetReal: %s = %g is not within %g to %g", v->name, value[i], v->min, v->max);
-        memcpy(s->record + v->offset, value + i, sizeof *value);
     }
+    for (size_t i = 0; i < n; i++) memcpy(s->record + VARIABLES[vr[i]].offset, value + i, sizeof *value);
     CHANGED;
     return fmi2OK;
 }
@@ -350,8 +325,8 @@ EXPORT fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[],
         SETTABLE_VARIABLE("fmi2SetInteger", INTEGER);
         if (!(value[i] >= v->min && value[i] <= v->max))
             return fail(s, "fmi2SetInteger: %s = %d is not within %.0f to %.0f", v->name, value[i], v->min, v->max);
-        memcpy(s->record + v->offset, value + i, sizeof *value);
     }
+    for (size_t i = 0; i < n; i++) memcpy(s->record + VARIABLES[vr[i]].offset, value + i, sizeof *value);
     CHANGED;
     return fmi2OK;
 }
@@ -360,8 +335,8 @@ EXPORT fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[],
     SET_PROLOGUE("fmi2SetBoolean");
     for (size_t i = 0; i < n; i++) {
         SETTABLE_VARIABLE("fmi2SetBoolean", BOOLEAN);
-        s->record[v->offset] = value[i] != 0;
     }
+    for (size_t i = 0; i < n; i++) s->record[VARIABLES[vr[i]].offset] = value[i] != 0;
     CHANGED;
     return fmi2OK;
 }
@@ -396,7 +371,8 @@ static int digit(char c) {
     return c == '+' ? 62 : c == '/' ? 63 : -1;
 }
 
-/* The number of bytes decoded, -1 for malformed text, -2 if there are more than `capacity`; stops at the first fault. */
+/* The number of bytes decoded, -1 for malformed text, -2 if there are more than `capacity`; stops at the first fault.
+   With `bytes` NULL it only counts. */
 static long decode(const char *text, unsigned char *bytes, size_t capacity) {
     size_t n = 0;
     while (*text) {
@@ -407,9 +383,12 @@ static long decode(const char *text, unsigned char *bytes, size_t capacity) {
         if (x < 0 || y < 0 || (pad && text[4])) return -1;
         unsigned group = (unsigned)a << 18 | (unsigned)b << 12 | (unsigned)x << 6 | (unsigned)y;
         if (n + 3 - pad > capacity) return -2;
-        bytes[n++] = group >> 16;
-        if (pad < 2) bytes[n++] = group >> 8 & 255;
-        if (pad < 1) bytes[n++] = group & 255;
+        if (bytes) {
+            bytes[n] = group >> 16;
+            if (pad < 2) bytes[n + 1] = group >> 8 & 255;
+            if (pad < 1) bytes[n + 2] = group & 255;
+        }
+        n += 3 - pad;
         text += 4;
     }
     return (long)n;
@@ -434,12 +413,14 @@ EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], 
     for (size_t i = 0; i < n; i++) {
         SETTABLE_VARIABLE("fmi2SetString", PACKETS);
         if (!value[i]) return fail(s, "fmi2SetString: %s: the text is NULL", v->name);
-        long used = decode(value[i], (unsigned char *)s->text + v->text, v->capacity);
+        long used = decode(value[i], NULL, v->capacity);
         if (used == -1) return fail(s, "fmi2SetString: %s: the text is not base64", v->name);
         if (used == -2) return fail(s, "fmi2SetString: %s holds %d bytes, the text has more", v->name, (int)v->capacity);
-        int32_t length = (int32_t)used;
-        memcpy(s->record + v->offset, s->text + v->text, (size_t)used);
-        memcpy(s->record + v->length, &length, sizeof length);
+    }
+    for (size_t i = 0; i < n; i++) {
+        const Variable *v = VARIABLES + vr[i];
+        int32_t used = (int32_t)decode(value[i], s->record + v->offset, v->capacity);
+        memcpy(s->record + v->length, &used, sizeof used);
     }
     CHANGED;
     return fmi2OK;
@@ -456,9 +437,10 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolea
         return fail(s, "fmi2DoStep: the communication point is %.9g, the FMU stands at %.9g", t, s->progress.time);
     if (s->progress.has_stop && t + h > s->progress.stop + slack)
         return fail(s, "fmi2DoStep: %.9g + %.9g lies behind the stop time %.9g", t, h, s->progress.stop);
-    kernel_raised = 0;
-    int code = model_advance(s->record, t, h);
-    if (code || kernel_raised) return kernel_status(s, "advance", code);
+    int code = 0;
+    void *exception = NULL;
+    int raised = model_advance(&code, &exception, s->record, t, h);
+    if (raised || code) return kernel_status(s, "advance", raised, code);
     s->progress.time = t + h;
     return fmi2OK;
 }
@@ -528,59 +510,75 @@ EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueR
 
 /* ---- FMU state ----------------------------------------------------------------------------------------------------------- */
 
-/* A state can be restored into any instance of this FMU; only what fmi2GetFMUstate returned is a valid pointer. */
-static void save(const Instance *s, unsigned char *state) {
-    memcpy(state, s->record, RECORD_SIZE);
-    memcpy(state + RECORD_SIZE, &s->progress, sizeof s->progress);
+/* What fmi2GetFMUstate returns, in one block: the GUID, by which a state of another FMU is refused, Progress and record.
+   It can be restored into any instance of this FMU. Serialised, a checksum follows. */
+#define PROGRESS_AT sizeof GUID
+#define RECORD_AT (PROGRESS_AT + sizeof(Progress))
+#define STATE_SIZE (RECORD_AT + RECORD_SIZE)
+#define SERIALIZED_SIZE (STATE_SIZE + sizeof(uint64_t))
+
+static uint64_t checksum(const void *bytes, size_t n) { /* FNV-1a */
+    const unsigned char *b = bytes;
+    uint64_t sum = 14695981039346656037u;
+    for (size_t i = 0; i < n; i++) sum = (sum ^ b[i]) * 1099511628211u;
+    return sum;
 }
 
-static void restore(Instance *s, const unsigned char *state) {
-    memcpy(s->record, state, RECORD_SIZE);
-    memcpy(&s->progress, state + RECORD_SIZE, sizeof s->progress);
-}
+#define OWN_STATE(function, state)                                                                                     \
+    NEEDS(function, state, 1);                                                                                         \
+    if (memcmp(state, GUID, sizeof GUID)) return fail(s, "%s: this is no state of " MODEL " " GUID, function)
 
 EXPORT fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
     CALL("fmi2GetFMUstate", ~0);
     NEEDS("fmi2GetFMUstate", state, 1);
-    if (!*state && !(*state = malloc(STATE_SIZE))) return fail(s, "fmi2GetFMUstate: out of memory");
-    save(s, *state);
+    if (*state) {
+        OWN_STATE("fmi2GetFMUstate", *state);
+    } else if (!(*state = malloc(STATE_SIZE))) {
+        return fail(s, "fmi2GetFMUstate: out of memory");
+    }
+    unsigned char *to = *state;
+    memcpy(to, GUID, sizeof GUID);
+    memcpy(to + PROGRESS_AT, &s->progress, sizeof s->progress);
+    memcpy(to + RECORD_AT, s->record, RECORD_SIZE);
     return fmi2OK;
 }
 
 EXPORT fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
     CALL("fmi2SetFMUstate", ~0);
-    NEEDS("fmi2SetFMUstate", state, 1);
-    restore(s, state);
+    OWN_STATE("fmi2SetFMUstate", state);
+    const unsigned char *from = state;
+    memcpy(&s->progress, from + PROGRESS_AT, sizeof s->progress);
+    memcpy(s->record, from + RECORD_AT, RECORD_SIZE);
     return fmi2OK;
 }
 
 EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
     CALL("fmi2FreeFMUstate", ~0);
-    if (state) {
+    if (state && *state) {
+        OWN_STATE("fmi2FreeFMUstate", *state);
         free(*state);
         *state = NULL;
     }
     return fmi2OK;
 }
 
-#define SERIAL_HEAD (sizeof GUID)
-
 EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
     CALL("fmi2SerializedFMUstateSize", ~0);
-    NEEDS("fmi2SerializedFMUstateSize", state, 1);
+    OWN_STATE("fmi2SerializedFMUstateSize", state);
     NEEDS("fmi2SerializedFMUstateSize", size, 1);
-    *size = SERIAL_HEAD + STATE_SIZE;
+    *size = SERIALIZED_SIZE;
     return fmi2OK;
 }
 
 EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     CALL("fmi2SerializeFMUstate", ~0);
-    NEEDS("fmi2SerializeFMUstate", state, 1);
+    OWN_STATE("fmi2SerializeFMUstate", state);
     NEEDS("fmi2SerializeFMUstate", bytes, 1);
-    if (size < SERIAL_HEAD + STATE_SIZE)
-        return fail(s, "fmi2SerializeFMUstate: %zu bytes are too few, %zu are needed", size, SERIAL_HEAD + STATE_SIZE);
-    memcpy(bytes, GUID, SERIAL_HEAD);
-    memcpy(bytes + SERIAL_HEAD, state, STATE_SIZE);
+    if (size < SERIALIZED_SIZE)
+        return fail(s, "fmi2SerializeFMUstate: %zu bytes are too few, %zu are needed", size, SERIALIZED_SIZE);
+    uint64_t sum = checksum(state, STATE_SIZE);
+    memcpy(bytes, state, STATE_SIZE);
+    memcpy(bytes + STATE_SIZE, &sum, sizeof sum);
     return fmi2OK;
 }
 
@@ -588,14 +586,16 @@ EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[
     CALL("fmi2DeSerializeFMUstate", ~0);
     NEEDS("fmi2DeSerializeFMUstate", state, 1);
     NEEDS("fmi2DeSerializeFMUstate", bytes, 1);
-    if (size != SERIAL_HEAD + STATE_SIZE || memcmp(bytes, GUID, SERIAL_HEAD))
+    if (size != SERIALIZED_SIZE || memcmp(bytes, GUID, sizeof GUID))
         return fail(s, "fmi2DeSerializeFMUstate: these %zu bytes are no state of " MODEL " " GUID, size);
-    Progress progress;
-    memcpy(&progress, bytes + SERIAL_HEAD + RECORD_SIZE, sizeof progress);
-    if (progress.mode != INSTANTIATED && progress.mode != INITIALIZATION && progress.mode != STEP_COMPLETE &&
-        progress.mode != TERMINATED && progress.mode != ERROR)
-        return fail(s, "fmi2DeSerializeFMUstate: the bytes are damaged");
-    if (!*state && !(*state = malloc(STATE_SIZE))) return fail(s, "fmi2DeSerializeFMUstate: out of memory");
-    memcpy(*state, bytes + SERIAL_HEAD, STATE_SIZE);
+    uint64_t sum;
+    memcpy(&sum, bytes + STATE_SIZE, sizeof sum);
+    if (sum != checksum(bytes, STATE_SIZE)) return fail(s, "fmi2DeSerializeFMUstate: the bytes are damaged");
+    if (*state) {
+        OWN_STATE("fmi2DeSerializeFMUstate", *state);
+    } else if (!(*state = malloc(STATE_SIZE))) {
+        return fail(s, "fmi2DeSerializeFMUstate: out of memory");
+    }
+    memcpy(*state, bytes, STATE_SIZE);
     return fmi2OK;
 }

@@ -78,7 +78,9 @@ def build_interpreted(model: type[Model], sources: Sources, stamp: dict[str, obj
         build.write_text(json.dumps(stamp, indent=1, sort_keys=True))
         path, loaded = list(sys.path), set(sys.modules)
         try:
-            written = FmuBuilder.build_FMU(script, dest=folder / "out", project_files=[*project_files, description, build])
+            written = FmuBuilder.build_FMU(
+                script, dest=folder / "out", project_files=[*project_files, description, build]
+            )
         finally:
             sys.path[:] = path
             for name in set(sys.modules) - loaded:
