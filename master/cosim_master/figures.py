@@ -12,7 +12,7 @@ The same run gives the same bytes: fonts and style are Matplotlib's own, whateve
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -134,8 +134,8 @@ def draw_snapshots(flight: Flight) -> Figure | None:
     middle = 0.5 * (low + high)
     figure = Figure((_WIDTH, 2.5))
     figure.subplots_adjust(left=0.01, right=0.95, bottom=0.04, top=0.9, wspace=0.14)
-    for place, (title, time) in enumerate(_moments(flight), start=1):
-        axes: Any = figure.add_subplot(1, 3, place, projection="3d")
+    for panel, (title, time) in enumerate(_moments(flight), start=1):
+        axes: Any = figure.add_subplot(1, 3, panel, projection="3d")
         row = flight.row(time)
         for drone, position, colour in flown:
             north, east, down = position[row]
@@ -144,8 +144,10 @@ def draw_snapshots(flight: Flight) -> Figure | None:
             if drone.target is not None and np.isfinite(drone.target[row]):
                 ring = {"markerfacecolor": "none", "markeredgecolor": colour, "markersize": 7.0, "markeredgewidth": 0.7}
                 axes.plot([drone.target[row]], [north], [-down], "o", label=f"{drone.name} desired", **ring)
-            if len(flown) <= _NAMED:
-                axes.text(east, north, -down + 0.07 * size[2], _short(drone.name), ha="center", va="bottom")
+        if len(flown) <= _NAMED:
+            places = {_short(drone.name): position[row, [1, 0, 2]] * (1.0, 1.0, -1.0) for drone, position, _ in flown}
+            for names, place in _together(places, 0.05 * size):
+                axes.text(place[0], place[1], place[2] + 0.07 * size[2], names, ha="center", va="bottom")
         axes.set(xlim=_around(middle[0], size[0]), ylim=_around(middle[1], size[1]), zlim=(low[2], low[2] + size[2]))
         axes.set_title(title, fontsize=8.0, y=0.98)
         for axis, label, pad in (
@@ -199,8 +201,8 @@ def draw_errors(flight: Flight) -> Figure | None:
     axes.set_ylim(bottom=max(0.01, axes.get_ylim()[0]))
     axes.yaxis.set_major_formatter("{x:g}")
     _time_axis([axes], flight)
-    if len(point) <= _NAMED:
-        figure.legend(loc="outside upper center", ncols=4)
+    lines = [line for line in axes.get_lines() if len(point) <= _NAMED or line.get_label() not in point]
+    figure.legend(handles=lines, loc="outside upper center", ncols=4)
     return figure
 
 
@@ -303,6 +305,19 @@ def _colours(flight: Flight) -> list[Any]:
 def _short(name: str) -> str:
     number = re.search(r"\d+$", name)
     return number[0] if number else name
+
+
+def _together(places: Mapping[str, Array], near: Array) -> list[tuple[str, Array]]:
+    """Names with places (3,), those of places nearer than `near` (3,) to the first of them joined at the last place."""
+    groups: list[tuple[list[str], Array, Array]] = []
+    for name, place in places.items():
+        for i, (names, first, _) in enumerate(groups):
+            if (np.abs(place - first) < near).all():
+                groups[i] = ([*names, name], first, place)
+                break
+        else:
+            groups.append(([name], place, place))
+    return [(", ".join(names), last) for names, _, last in groups]
 
 
 def _around(middle: float, size: float) -> tuple[float, float]:

@@ -202,6 +202,22 @@ def test_snapshots_hold_positions_east_north_and_up(tmp_path: Path) -> None:
     assert ring == pytest.approx(AT_9, abs=0.02)
 
 
+def test_drones_at_one_place_share_a_label(tmp_path: Path) -> None:
+    figure = draw_snapshots(read_flight(consensus_run(tmp_path, (0, 0, 0, 100, 100))))
+    assert figure is not None
+    labels = [[text.get_text() for text in axes.texts] for axes in figure.axes]
+    assert labels == [["1, 2, 3", "4, 5"], ["1", "2", "3", "4", "5"], ["1", "2", "3", "4", "5"]]
+
+
+def test_of_many_drones_the_legend_names_the_bound_only(tmp_path: Path) -> None:
+    flight = read_flight(consensus_run(tmp_path, [3.0 * i for i in range(25)], last_step=2))
+    errors, snapshots = draw_errors(flight), draw_snapshots(flight)
+    assert errors and snapshots
+    assert len(errors.axes[0].get_lines()) == 24
+    assert [text.get_text().partition(",")[0] for text in errors.legends[0].get_texts()] == ["bound of the law"]
+    assert [len(axes.texts) for axes in snapshots.axes] == [0, 0, 0]
+
+
 def test_errors_are_distances_to_even_spacing_below_the_bound(tmp_path: Path) -> None:
     figure = draw_errors(read_flight(consensus_run(tmp_path, lag=0.05)))
     assert figure is not None
