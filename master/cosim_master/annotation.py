@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from lxml import etree
-
 from cosim_master.check import CheckedSystem
+from cosim_master.document import line_of
 from cosim_master.errors import Problem, Where
+from lxml import etree
 
 __all__ = ["NAMESPACE", "Attributes", "root_annotation"]
 
@@ -24,7 +24,7 @@ class Attributes:
         self._read: set[str] = set()
 
     def problem(self, message: str) -> None:
-        line = self.element.sourceline if self.element is not None else self.where.line
+        line = line_of(self.element) if self.element is not None else self.where.line
         self.problems.append(Problem(Where(self.where.path, line), message))
 
     def text(self, name: str, default: str) -> str:
@@ -42,6 +42,20 @@ class Attributes:
             value = math.nan
         if not low <= value <= high:
             self.problem(f'{name}="{text}" must be a number from {low:g} to {high:g}')
+            return default
+        return value
+
+    def integer(self, name: str, default: int, low: int, high: int) -> int:
+        """A whole number from low to high."""
+        text = self.text(name, "").strip()
+        if not text:
+            return default
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            self.problem(f'{name}="{text}" must be a whole number from {low} to {high}')
             return default
         return value
 

@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 a run failed, 2 a bad description or bad usage.
 from __future__ import annotations
 
 import logging
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,14 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from cosim_master.errors import CosimError, SystemDescriptionError
 from rich.console import Console
 
-from cosim_master.errors import CosimError, SystemDescriptionError
-
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from cosim_master.simulation import Prepared, Progress, RunResult
+    from rich.table import Table
 
 __all__ = ["main"]
 
@@ -119,7 +118,9 @@ def run(
     until: Until = None,
     step: Step = None,
     pace: Annotated[float | None, typer.Option(help="Hold at most this many times real time.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the radio; default: the system's.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=2**53, help="Seed of the radio; default: the system's.")
+    ] = None,
     settings: Settings = None,
     record: Annotated[
         list[str] | None,
@@ -134,8 +135,7 @@ def run(
 
     if threads is not None and threads < 1:
         raise _usage(f"--threads {threads}: give a positive number")
-
-    if pace is not None and pace <= 0:
+    if pace is not None and not 0 < pace < math.inf:
         raise _usage(f"--pace {pace:g}: give a positive factor of real time")
     folder = folder or Path("out") / Path(system).resolve().stem
     with _errors(), _progress() as show:
@@ -163,15 +163,15 @@ def _print_notes(ready: Prepared) -> None:
 @contextmanager
 def _progress() -> Iterator[Callable[[Progress], None]]:
     """A bar with simulated time, speed and time left; nothing where the output is no terminal."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich import progress as rich
 
     columns = (
-        BarColumn(),
-        TextColumn("{task.completed:.1f}/{task.total:.1f} s"),
-        TextColumn("{task.fields[speed]:.1f} x real time"),
-        TimeRemainingColumn(),
+        rich.BarColumn(),
+        rich.TextColumn("{task.completed:.1f}/{task.total:.1f} s"),
+        rich.TextColumn("{task.fields[speed]:.1f} x real time"),
+        rich.TimeRemainingColumn(),
     )
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+    with rich.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
         task = bar.add_task("run", total=None, speed=0.0)
 
         def show(progress: Progress) -> None:
@@ -179,7 +179,7 @@ def _progress() -> Iterator[Callable[[Progress], None]]:
             speed = done / progress.wall if progress.wall else 0.0
             bar.update(task, total=progress.stop - progress.start, completed=done, speed=speed)
 
-        yield show  # type: ignore[misc]
+        yield show
 
 
 def _report(result: RunResult, folder: Path) -> None:
@@ -247,7 +247,9 @@ def swap(
     system: System,
     component: Annotated[str, typer.Argument(help="Hierarchical name, e.g. drone3.vehicle.")],
     fmu: Annotated[Path, typer.Argument(help="The FMU it gets.")],
-    new: Annotated[Path | None, typer.Option("-o", "--out", help="The new system; default: change it in place.")] = None,
+    new: Annotated[
+        Path | None, typer.Option("-o", "--out", help="The new system; default: change it in place.")
+    ] = None,
 ) -> None:
     """Give a component another FMU; nothing else changes."""
     from cosim_master.edit import swap as swap_component
@@ -260,7 +262,9 @@ def swap(
 @app.command()
 def plot(
     run: Annotated[Path, typer.Argument(help="Folder of a run's results.")],
-    folder: Annotated[Path | None, typer.Option("-o", "--out", help="Folder for the figures; default: the run's.")] = None,
+    folder: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder for the figures; default: the run's.")
+    ] = None,
 ) -> None:
     """Draw the figures of a run."""
     from cosim_master.figures import figures

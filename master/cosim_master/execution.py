@@ -10,16 +10,14 @@ completed before anything is freed, since some FMUs take the process with them w
 
 from __future__ import annotations
 
-import logging
 import os
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
-
 from cosim_master.check import CheckedSystem
 from cosim_master.errors import CosimError, FmuError
 from cosim_master.fmi2 import STATUS
@@ -53,7 +51,8 @@ from cosim_master.stepping import (
 
 __all__ = ["Execution", "RunFailed"]
 
-log = logging.getLogger(__name__)
+_TextLink: TypeAlias = tuple[tuple[int, str], int, Variable]
+"""From which output (instance, name) a String goes to which instance's input."""
 
 _WORTH_THREADS = 64
 """Free instances from which on several threads step by default."""
@@ -121,7 +120,7 @@ class Execution:
             if recorder_for is not None:
                 self._recorder = recorder_for()
             # One call up to k = 0 sends what the instances have to send at the start and records the first row.
-            self._text_sources = self._string_links()
+            self._text_links, self._text_outputs = self._strings()
             self._start_workers()
             self.advance(0)
         except FmuError as error:
@@ -131,7 +130,7 @@ class Execution:
             self._free()
             raise
 
-    # ---- start-up -----------------------------------------------------------------------------------------------------
+    # ---- start-up ----------------------------------------------------------------------------------------------------
 
     def _instantiate(self) -> None:
         for instance in self.checked.instances:
@@ -170,7 +169,7 @@ class Execution:
                 targets = {link.target[1]: _converted(got[link.source], link.factor, link.offset) for link in mine}
                 _set_all(living, [living.library.fmu.variables[n] for n in targets], targets, inputs=None)
 
-    # ---- stepping -----------------------------------------------------------------------------------------------------
+    # ---- stepping ----------------------------------------------------------------------------------------------------
 
     @property
     def k(self) -> int:
@@ -189,16 +188,13 @@ class Execution:
             RunFailed: instances failed; the others have finished this macro step, recorded data reaches its start.
         """
         stop = min(k_stop, self.clock.steps)
-        if not self._text_sources and not self.places.string_signals:
+        if not self._text_outputs:
             self._run(stop)
             return
         # Strings that are no packets are rare and slow to exchange: Python does it, one macro step at a time.
         while self.k < stop:
-            self._exchange_strings(self.k)
-            rows = int(self.plan.clock[ROWS])
+            self._set_strings()
             self._run(self.k + 1)
-            if self.places.string_signals and int(self.plan.clock[ROWS]) != rows:
-                self._record_strings()
 
     def _start_workers(self) -> None:
         for thread in range(1, self.threads):
@@ -214,12 +210,18 @@ class Execution:
             self._workers.clear()
 
     def _run(self, stop: int) -> None:
+        rows = int(self.plan.clock[ROWS])
         while True:
             reason = run(self.plan, self.radio, stop)
             if reason == DONE:
+                if self._text_outputs:
+                    self._get_strings(recorded=int(self.plan.clock[ROWS]) != rows)
                 return
             if reason == BLOCK_FULL:
+                if self._text_outputs:
+                    self._get_strings(recorded=True)
                 self._flush_rows()
+                rows = 0
             elif reason == NEED_PLACES:
                 self.radio = grown(self.radio, int(places_needed(self.plan, self.radio)))
             elif reason == NEED_LOG:
@@ -244,29 +246,48 @@ class Execution:
         if size > self.radio.log.size:
             self.radio = self.radio._replace(log=np.zeros(2 * size, dtype=np.uint8))
 
-    def _string_links(self) -> list[tuple[Living, Variable, Living, Variable, int]]:
+    def _strings(self) -> tuple[list[_TextLink], dict[tuple[int, str], str]]:
+        """Connections of Strings, and the value of every String output that is connected or recorded."""
         number = {living.name: i for i, living in enumerate(self.living)}
-        links = []
+        links: list[_TextLink] = []
+        outputs: dict[tuple[int, str], str] = {}
         for link in self.places.strings:
-            source, target = (self.living[number[end[0]]] for end in (link.source, link.target))
-            variables = (source.library.fmu.variables[link.source[1]], target.library.fmu.variables[link.target[1]])
-            links.append((source, variables[0], target, variables[1], self.clock.periods[number[link.target[0]]]))
-        return links
+            source, target = (number[link.source[0]], link.source[1]), number[link.target[0]]
+            links.append((source, target, self.living[target].library.fmu.variables[link.target[1]]))
+            outputs[source] = ""
+        for _, instance, variable in self.places.string_signals:
+            outputs[number[instance.name], variable.name] = ""
+        return links, outputs
 
-    def _exchange_strings(self, k: int) -> None:
-        if k < 0:
-            return
-        due = [link for link in self._text_sources if k % link[4] == 0]
-        values = [source.get([variable])[0] for source, variable, _, _, _ in due]
-        for (_, _, target, variable, _), value in zip(due, values, strict=True):
-            target.set([variable], [value])
+    def _set_strings(self) -> None:
+        """Inputs of the instances that are due, from the outputs that `_get_strings` got."""
+        for source, target, variable in self._text_links:
+            if self.k >= 0 and self.k % self.clock.periods[target] == 0:
+                with self._failing(target) as living:
+                    living.set([variable], [self._text_outputs[source]])
 
-    def _record_strings(self) -> None:
-        assert self._recorder is not None or not self.places.string_signals
-        if self._recorder is not None:
-            by_name = {living.name: living for living in self.living}
+    def _get_strings(self, *, recorded: bool) -> None:
+        """Outputs of the instances whose step has just ended: what the others would answer now is of the future."""
+        try:
+            for i, name in self._text_outputs:
+                if self.k % self.clock.periods[i] == 0 or self.k == self.clock.steps:
+                    with self._failing(i) as living:
+                        (self._text_outputs[i, name],) = living.get([living.library.fmu.variables[name]])
+        except RunFailed:
+            self.plan.clock[ROWS] -= int(recorded)  # a row without its strings is none
+            raise
+        if recorded and self._recorder is not None and self.places.string_signals:
+            number = {living.name: i for i, living in enumerate(self.living)}
             signals = self.places.string_signals
-            self._recorder.texts([by_name[instance.name].get([v])[0] for _, instance, v in signals])
+            self._recorder.texts([self._text_outputs[number[one.name], v.name] for _, one, v in signals])
+
+    @contextmanager
+    def _failing(self, i: int) -> Iterator[Living]:
+        self.living[i].time = self.time
+        try:
+            yield self.living[i]
+        except FmuError as error:
+            raise RunFailed([error]) from None
 
     def _raise_failures(self) -> None:
         if self.plan.clock[FAILURES] == 0:
@@ -295,7 +316,7 @@ class Execution:
     def _is_python(living: Living) -> bool:
         return (living.library.resources / "slavemodule.txt").is_file()
 
-    # ---- results ------------------------------------------------------------------------------------------------------
+    # ---- results -----------------------------------------------------------------------------------------------------
 
     def packet_counts(self) -> dict[str, int]:
         """Packets by radio, one for each node a packet was for: sent = delivered + lost + in flight. On board apart."""

@@ -66,6 +66,7 @@ class Library:
     def __init__(self, fmu: FmuDescription, library: Path, resources: Path) -> None:
         self.fmu = fmu
         self.resources = resources
+        self.handles: dict[int, str] = {}
         # Our compiled FMUs keep everything in their instances.
         self.thread_safe = fmu.generation_tool == "uav-cosim" and not fmu.capabilities.needsExecutionTool
         try:
@@ -129,9 +130,14 @@ class Instance:
             hint = "" if self.lines else "; it logged nothing (is the GUID of its modelDescription.xml the binary's?)"
             raise FmuError(name, "fmi2Instantiate", f"it returned NULL{hint}", log=self.lines)
         self.handle = int(handle)
+        if (other := library.handles.setdefault(self.handle, name)) != name:
+            text = (
+                f"it returned the handle of {other}: the FMU keeps everything in globals, it is good for one instance"
+            )
+            raise FmuError(name, "fmi2Instantiate", text, log=self.lines)
         self.alive = True
 
-    def _log(self, environment: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
+    def _log(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
         text = (message or b"").decode("utf-8", "replace").replace("%%", "%").rstrip()
         self.lines.extend(text.splitlines())
         word = STATUS[status] if 0 <= status < len(STATUS) else str(status)
@@ -204,6 +210,7 @@ class Instance:
             self.alive = False
             free = self.library.function("fmi2FreeInstance")
             free.restype = None
+            del self.library.handles[self.handle]
             free(ctypes.c_void_p(self.handle))
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
-from rich.table import Table
-
 from cosim_master.check import check
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import describe
 from cosim_master.ssp import read_system
+from rich.table import Table
+from rich.text import Text
 
 __all__ = ["fmu_tables", "run_tables", "system_tables"]
 
@@ -23,6 +23,11 @@ def _table(*columns: str) -> Table:
     for column in columns:
         table.add_column(column)
     return table
+
+
+def _row(table: Table, *cells: str) -> None:
+    """A row of plain texts: names and descriptions may hold brackets, which are no markup."""
+    table.add_row(*(Text(cell) for cell in cells))
 
 
 def _number(value: Any) -> str:
@@ -42,7 +47,7 @@ def fmu_tables(path: Path) -> Iterator[Table | str]:
     for v in fmu.variables.values():
         kind = f"packets ({v.packet_capacity} bytes)" if v.packet_capacity else v.type
         start = next((n for n, i in (v.items or {}).items() if i == v.start), v.start)
-        table.add_row(v.name, v.causality, kind, v.unit.name if v.unit else "", _number(start), v.description)
+        _row(table, v.name, v.causality, kind, v.unit.name if v.unit else "", _number(start), v.description)
     yield table
     for note in fmu.notes:
         yield f"note: {note}"
@@ -56,7 +61,7 @@ def system_tables(path: str) -> Iterator[Table | str]:
         table = _table("instance", "FMU", "step [s]", "set by the system")
         for instance in checked.instances:
             starts = " ".join(f"{name}={_number(value)}" for name, value in instance.start_values.items())
-            table.add_row(instance.name, instance.fmu.path.name, _number(instance.step_size), starts)
+            _row(table, instance.name, instance.fmu.path.name, _number(instance.step_size), starts)
         yield table
         wires: dict[tuple[str, str], int] = {}
         for link in checked.links:
@@ -64,7 +69,7 @@ def system_tables(path: str) -> Iterator[Table | str]:
             wires[ends] = wires.get(ends, 0) + 1
         table = _table("from", "to", "connections")
         for (source, target), n in wires.items():
-            table.add_row(source, target, str(n))
+            _row(table, source, target, str(n))
         yield table
         for note in checked.notes:
             yield f"note: {note}"
@@ -82,12 +87,14 @@ def run_tables(folder: Path) -> Iterator[Table | str]:
         )
         table = _table("packets", "")
         for name, count in manifest["packets"].items():
-            table.add_row(name, str(count))
+            _row(table, name, str(count))
         yield table
-    except (OSError, ValueError, KeyError) as error:
-        raise SystemDescriptionError([Problem(Where(str(folder)), f"is not the complete result of a run: {error}")]) from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SystemDescriptionError(
+            [Problem(Where(str(folder)), f"is not the complete result of a run: {error}")]
+        ) from None
     table = _table("signal", "type", "unit")
     for one in schema:
-        table.add_row(one.name, str(one.type), (one.metadata or {}).get(b"unit", b"").decode())
+        _row(table, one.name, str(one.type), (one.metadata or {}).get(b"unit", b"").decode())
     yield f"{rows} rows of"
     yield table

@@ -1,7 +1,7 @@
 """From FMU files to loaded libraries: each file is unpacked and loaded once, whatever the number of its instances.
 
-Interpreted FMUs of one process share one Python interpreter and its modules. So before anything is loaded, the
-sources that each of them was built from are compared with each other and with the modules of this process.
+Python FMUs of one process share one interpreter and its modules. So before anything is loaded, the sources that each
+of them brings along are compared with each other and with the modules of this process.
 """
 
 from __future__ import annotations
@@ -13,30 +13,46 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Self
-
-from cosim.kernel import cache_folder
 
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import Library
 from cosim_master.fmu import FmuDescription, extract
 
+from cosim.kernel import cache_folder
+
 __all__ = ["Libraries", "check_sources"]
 
 
 def _sources(fmu: FmuDescription) -> dict[str, str]:
-    """Module name -> digest of what an interpreted FMU of ours was built from; empty for all others."""
+    """Module name -> digest of the modules that a Python FMU brings along; empty for all others.
+
+    Ours say themselves what they were built from; of other pythonfmu FMUs it is every source file among the resources.
+    """
     with zipfile.ZipFile(fmu.path) as archive:
-        if "resources/build.json" not in archive.namelist() or "resources/slavemodule.txt" not in archive.namelist():
+        names = set(archive.namelist())
+        if "resources/slavemodule.txt" not in names:
             return {}
-        sources = json.loads(archive.read("resources/build.json"))["sources"]
-        return {str(name): str(digest) for name, digest in sources.items()}
+        if "resources/build.json" in names:
+            sources = json.loads(archive.read("resources/build.json"))["sources"]
+            return {str(name): str(digest) for name, digest in sources.items()}
+        files = {name: PurePosixPath(name).relative_to("resources") for name in names if _is_source(name)}
+        return {
+            ".".join(p.parent.parts if p.name == "__init__.py" else p.with_suffix("").parts): hashlib.sha256(
+                archive.read(name)
+            ).hexdigest()
+            for name, p in files.items()
+        }
+
+
+def _is_source(member: str) -> bool:
+    return member.startswith("resources/") and member.endswith(".py")
 
 
 def check_sources(fmus: Iterable[FmuDescription]) -> None:
-    """Refuse interpreted FMUs that would run each other's code, or this process's instead of their own.
+    """Refuse Python FMUs that would run each other's code, or this process's instead of their own.
 
     Raises:
         SystemDescriptionError: naming the FMUs and the module in which they differ.
@@ -47,8 +63,8 @@ def check_sources(fmus: Iterable[FmuDescription]) -> None:
         for name, digest in sorted(_sources(fmu).items()):
             loaded = getattr(sys.modules.get(name), "__file__", None)
             other, whose = first.setdefault(name, (digest, fmu))
-            remedy = "build the FMUs anew (make fmus)"
-            if loaded and hashlib.sha256(Path(loaded).read_bytes()).hexdigest() != digest:
+            remedy = "build the FMUs anew (make fmus), or give one of the modules another name"
+            if loaded and _digest(Path(loaded)) != digest:
                 text = f"was built from another {name} than the one loaded here ({loaded}); {remedy}"
                 problems.append(Problem(Where(str(fmu.path)), text))
                 break
@@ -58,6 +74,14 @@ def check_sources(fmus: Iterable[FmuDescription]) -> None:
                 break
     if problems:
         raise SystemDescriptionError(problems)
+
+
+def _digest(file: Path) -> str:
+    """Of a file's contents; empty if it is gone."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return ""
 
 
 class Libraries:
@@ -81,7 +105,7 @@ class Libraries:
             folder = self._folder / str(len(self._loaded))
             extract(fmu, folder)
             return folder
-        # Interpreted FMUs of ours keep their place, so that Python and numba find what they compiled last time.
+        # Python FMUs keep their place, so that Python and numba find what they compiled, and `check_sources` the files.
         folder = cache_folder() / "fmus" / fmu.digest[:24]
         if not folder.is_dir():
             fresh = Path(tempfile.mkdtemp(prefix="new-", dir=self._made(folder.parent)))

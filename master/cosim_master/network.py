@@ -11,7 +11,8 @@
 `topology`: "broadcast" (everybody hears everybody), "nearest" (the `neighbours` nearest nodes; with an `axis`, a
 vector in NED, that many on each side along it), "listed" (the `link` elements, both ways). `latency` and `jitter` in
 s: a packet takes latency plus a uniformly distributed part of jitter; `loss`: probability per packet and hearer;
-`range` in m. `outage`: the node neither sends nor hears by radio from start to stop (s, default for ever).
+`range` in m. `outage`: the node neither sends nor hears by radio from start to stop (s, default for ever); a packet on
+its way is lost if its hearer is out when it arrives.
 `position`: where below a node its NED position is, in m. Tools that do not know the annotation ignore it.
 """
 
@@ -25,10 +26,12 @@ from cosim_master.annotation import Attributes, root_annotation
 from cosim_master.check import CheckedSystem, Instance
 from cosim_master.errors import Problem, SystemDescriptionError
 from cosim_master.fmu import Variable
+from cosim_master.radio import SLOT
 
 __all__ = ["ANNOTATION", "Endpoint", "Network", "Node", "network_of"]
 
 ANNOTATION = "org.uav-cosim.network"
+
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
@@ -77,14 +80,14 @@ def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
     """
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "network", problems)
-    nodes = _nodes(checked, reader.text("position", "vehicle.position"))
+    nodes = _nodes(checked, reader.text("position", "vehicle.position"), problems)
     network = _settings(reader, nodes, seed)
     if problems:
         raise SystemDescriptionError(problems)
     return network
 
 
-def _nodes(checked: CheckedSystem, position: str) -> tuple[Node, ...]:
+def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tuple[Node, ...]:
     wired = {link.target for link in checked.links} | {link.source for link in checked.links}
     grouped: dict[str, list[Endpoint]] = {}
     instances = {instance.name: instance for instance in checked.instances}
@@ -94,12 +97,22 @@ def _nodes(checked: CheckedSystem, position: str) -> tuple[Node, ...]:
             for v in instance.fmu.variables.values()
             if v.packet_capacity is not None and (instance.name, v.name) not in wired
         ]
-        rx = next((v for v in ports if v.causality == "input"), None)
-        tx = next((v for v in ports if v.causality == "output"), None)
-        if rx is None and tx is None:
+        rx = [v for v in ports if v.causality == "input"]
+        tx = [v for v in ports if v.causality == "output"]
+        if not rx and not tx:
             continue
+        for found in (rx, tx):
+            if len(found) > 1:
+                names = ", ".join(v.name for v in found)
+                text = f"{instance.name} has several packet {found[0].causality}s for the radio, {names}: one is valid"
+                problems.append(Problem(instance.where, text))
+        for v in rx:
+            if (v.packet_capacity or 0) < SLOT:
+                text = f"{instance.name}.{v.name} holds {v.packet_capacity} bytes, and a MAVLink packet may have {SLOT}"
+                problems.append(Problem(instance.where, text))
         node = instance.name.rpartition(".")[0] or instance.name
-        grouped.setdefault(node, []).append(Endpoint(instance.name, rx, tx))
+        ends = Endpoint(instance.name, rx[0] if rx else None, tx[0] if tx else None)
+        grouped.setdefault(node, []).append(ends)
     return tuple(
         Node(name, tuple(endpoints), _position(name, position, instances)) for name, endpoints in grouped.items()
     )
@@ -117,12 +130,12 @@ def _position(node: str, path: str, instances: Mapping[str, Instance]) -> tuple[
 
 
 def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Network:
-    written_seed = int(reader.number("seed", 0, 0, 2**53))
+    written_seed = reader.integer("seed", 0, 0, 2**53)
     children = reader.children("link", "outage")
     settings = Network(
         nodes=tuple(nodes),
         topology=reader.choice("topology", "broadcast", ("broadcast", "nearest", "listed")),
-        neighbours=int(reader.number("neighbours", 1, 1, 1e6)),
+        neighbours=reader.integer("neighbours", 1, 1, 1_000_000),
         axis=_axis(reader),
         latency=reader.number("latency", 0.0, 0.0, 3600.0),
         jitter=reader.number("jitter", 0.0, 0.0, 3600.0),
@@ -142,6 +155,9 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
                 reader.problem(f"topology nearest and range need positions; {text}")
     if settings.links and settings.topology != "listed":
         reader.problem(f'<link> is for topology="listed", this is "{settings.topology}"')
+    for name in ("axis", "neighbours"):
+        if settings.topology != "nearest" and reader.text(name, ""):
+            reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"')
     return settings
 
 

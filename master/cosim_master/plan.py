@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-
 from cosim_master import radio as radio_kernels
 from cosim_master.check import CheckedSystem, Instance, Link
 from cosim_master.errors import Problem, SystemDescriptionError, Where
@@ -55,6 +54,8 @@ class Timing:
 
 def _ticks(seconds: float) -> int | None:
     """Nanoseconds of a time in s, None if it is not a whole number of them."""
+    if not math.isfinite(seconds):
+        return None
     ticks = round(seconds * _NANO)
     return ticks if math.isclose(ticks, seconds * _NANO, rel_tol=1e-12, abs_tol=1e-4) else None
 
@@ -101,7 +102,9 @@ def timing(checked: CheckedSystem, until: float | None = None, step: float | Non
     total = stop_ticks - start_ticks
     if total % base:
         nearest = (total // base + 1) * base / _NANO + checked.start_time
-        text = f"a run of {total / _NANO:g} s is no multiple of the base step {base / _NANO:g} s; try --until {nearest:g}"
+        text = (
+            f"a run of {total / _NANO:g} s is no multiple of the base step {base / _NANO:g} s; try --until {nearest:g}"
+        )
         raise SystemDescriptionError([Problem(where, text)])
     steps = total // base
     for instance, size in zip(checked.instances, sizes, strict=True):
@@ -210,16 +213,16 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
         matching = fnmatch.filter(candidates, pattern.replace("[", "[[]"))
         if not matching:
             some = ", ".join(list(candidates)[:3])
-            problems.append(Problem(Where("--record"), f"{pattern} matches no output or local variable (such as {some})"))
+            problems.append(
+                Problem(Where("--record"), f"{pattern} matches no output or local variable (such as {some})")
+            )
         chosen |= {candidates[name] for name in matching}
     if problems:
         raise SystemDescriptionError(problems)
     return chosen
 
 
-def _inputs(
-    checked: CheckedSystem, links: Sequence[Link], ports: Mapping[str, _Ports]
-) -> tuple[tuple[int, int], ...]:
+def _inputs(checked: CheckedSystem, links: Sequence[Link], ports: Mapping[str, _Ports]) -> tuple[tuple[int, int], ...]:
     """Fill in what feeds every input; integer sources of real inputs get a mirror among the reals."""
     by_instance: dict[str, list[Link]] = {}
     for link in links:
@@ -263,7 +266,9 @@ def make_plan(
     kinds = [places.ports[kind] for kind in KINDS]
     real = kinds[0]
     reals_in, reals_out = len(real.in_reference), len(real.outputs)
-    int_recorded = [i + (len(kinds[1].outputs) if n else 0) for n, ports in enumerate(kinds[1:]) for i in ports.recorded]
+    int_recorded = [
+        i + (len(kinds[1].outputs) if n else 0) for n, ports in enumerate(kinds[1:]) for i in ports.recorded
+    ]
     rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(int_recorded) + 8), 65536))
     wires = np.zeros(sum(len(ports.source) for ports in kinds), dtype=WIRE)
     wires["source"] = [
@@ -343,7 +348,7 @@ def _packet_ports(
 
 
 def _hash(name: str) -> int:
-    """FNV-1a, 64 bit: a node's identity for the random numbers of its links."""
+    """FNV-1a, 64 bit: the identity of a node or an endpoint, for the random numbers of its links."""
     value = 0xCBF29CE484222325
     for byte in name.encode():
         value = (value ^ byte) * 0x100000001B3 % 2**64
@@ -378,10 +383,10 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
     node_table = np.zeros(len(nodes), dtype=NODE)
     for n, node in enumerate(nodes):
         place = [reals[instance, variable.name] for instance, variable in node.position] or [-1, -1, -1]
-        node_table[n] = (place, _hash(node.name), 0, members[n], members[n + 1], listed[n], listed[n + 1])
+        node_table[n] = (place, _hash(node.name), members[n], members[n + 1], listed[n], listed[n + 1])
     endpoints = np.zeros(int(members[-1]), dtype=ENDPOINT)
     for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
-        endpoints[i] = (n, e.rx.packet_capacity if e.rx else 0, 0, -1, -1)
+        endpoints[i] = (n, _hash(e.instance), 0, e.rx.packet_capacity if e.rx else 0, 0, -1, -1)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
         settings=settings,

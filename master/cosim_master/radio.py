@@ -4,8 +4,8 @@ An *endpoint* is a pair of packet ports of one instance (an autopilot, an agent,
 shares an antenna: the endpoints of one vehicle. Endpoints of a node are wired on board, without loss or delay. Over
 the radio a packet goes to the nodes the topology names; MAVLink addresses decide which endpoints there get it.
 
-Every chance is a function of (seed, from, to, number of the packet at its sender) and of nothing else, so results
-depend neither on the step size nor on the order in which instances step.
+Every chance is a function of (seed, sending endpoint, receiving node, number of the packet at its sender) and of
+nothing else, so results depend neither on the step size nor on the order in which instances step.
 
 This module knows packets only as bytes with a header; what they mean is not its business.
 """
@@ -88,6 +88,8 @@ SLOT = 280
 ENDPOINT = np.dtype(
     [
         ("node", "i8"),
+        ("identity", "u8"),  # hash of its instance's name
+        ("number", "i8"),  # packets it has sent by radio
         ("capacity", "i8"),  # bytes its rx port holds, 0: it has none
         ("heard", "i8"),  # system id of its last packet, 0 before
         ("first", "i8"),  # first and last place in flight to it, -1
@@ -98,7 +100,6 @@ NODE = np.dtype(
     [
         ("place", "i8", (3,)),  # indices of its position among the real outputs, -1 without one
         ("identity", "u8"),  # hash of its name
-        ("number", "i8"),  # packets sent by radio
         ("first", "i8"),  # its endpoints are first to last - 1
         ("last", "i8"),
         ("listed", "i8"),  # topology LISTED: it sends to the nodes links[listed:unlisted]
@@ -253,7 +254,7 @@ def _hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
 
 @kernel
 def _out(r: Radio, n: int, t: int) -> bool:
-    for j in range(r.outages.shape[0]):
+    for j in range(r.outages.shape[0]):  # noqa: SIM110 (numba has no generators)
         if r.outages[j, 0] == n and r.outages[j, 1] <= t < r.outages[j, 2]:
             return True
     return False
@@ -338,7 +339,11 @@ def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], 
     n = r.endpoints[e].node
     taken = False
     for other in range(r.nodes[n].first, r.nodes[n].last):
-        if other != e and r.endpoints[other].capacity > 0 and (_addressed(r, other, to_system) or r.endpoints[other].heard == 0):
+        if (
+            other != e
+            and r.endpoints[other].capacity > 0
+            and (_addressed(r, other, to_system) or r.endpoints[other].heard == 0)
+        ):
             _put(r, other, t, buf, start, stop, False)
             taken = True
     if taken:
@@ -361,8 +366,9 @@ def _by_radio(
     s = r.settings[0]
     n = r.endpoints[e].node
     hearers = _hearers(r, reals, n)
-    number = r.nodes[n].number
-    r.nodes[n].number = number + 1
+    number = r.endpoints[e].number
+    r.endpoints[e].number = number + 1
+    identity = r.endpoints[e].identity
     taken = False
     for i in range(hearers):
         other = r.hearers[i]
@@ -372,16 +378,16 @@ def _by_radio(
         if not wanted:
             continue
         taken = True
-        if _out(r, n, t) or _out(r, other, t):
+        arrival = t + s.latency
+        if s.jitter > 0:
+            arrival += int(np.int64(s.jitter * chance(s.seed, identity, r.nodes[other].identity, number, 1)))
+        if _out(r, n, t) or _out(r, other, arrival):
             _event(r, t, -1, e, other, buf, start, stop, LOST_OUTAGE)
         elif s.range < np.inf and _distance2(r, reals, n, other) > s.range * s.range:
             _event(r, t, -1, e, other, buf, start, stop, LOST_RANGE)
-        elif s.loss > 0.0 and chance(s.seed, r.nodes[n].identity, r.nodes[other].identity, number, 0) < s.loss:
+        elif s.loss > 0.0 and chance(s.seed, identity, r.nodes[other].identity, number, 0) < s.loss:
             _event(r, t, -1, e, other, buf, start, stop, LOST_CHANNEL)
         else:
-            arrival = t + s.latency
-            if s.jitter > 0:
-                arrival += int(np.int64(s.jitter * chance(s.seed, r.nodes[n].identity, r.nodes[other].identity, number, 1)))
             first = True
             for j in range(r.nodes[other].first, r.nodes[other].last):
                 if r.endpoints[j].capacity > 0 and _addressed(r, j, to_system):
@@ -399,11 +405,11 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
         start, stop, status = find(buf, p, n)
         if start > p and status != NOTHING:
             _event(r, t, -1, e, r.endpoints[e].node, buf, p, start, MALFORMED)
-        if status == NOTHING or status == TRUNCATED:
+        if status in (NOTHING, TRUNCATED):
             _event(r, t, -1, e, r.endpoints[e].node, buf, p if status == NOTHING else start, n, MALFORMED)
             return
         p = stop
-        if status == BAD_CRC or status == INCOMPATIBLE:
+        if status in (BAD_CRC, INCOMPATIBLE):
             _event(r, t, -1, e, r.endpoints[e].node, buf, start, stop, MALFORMED)
             continue
         r.endpoints[e].heard = system(buf, start)
@@ -451,7 +457,7 @@ def arrived(r: Radio, t: int, e: int) -> bool:
 
 @kernel
 def copies(r: Radio) -> int:
-    """No packet takes more places in flight than this."""
+    """No packet takes more places in flight than this, or makes more events together with the garbage before it."""
     topology, per_side = r.settings[0].topology, r.settings[0].per_side
     reach = r.nodes.size
     if topology == NEAREST:
@@ -465,4 +471,4 @@ def copies(r: Radio) -> int:
     widest = 1
     for n in range(r.nodes.size):
         widest = max(widest, r.nodes[n].last - r.nodes[n].first)
-    return int((reach + 1) * widest)
+    return int((max(reach, 1) + 1) * widest)

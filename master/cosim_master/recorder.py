@@ -16,6 +16,7 @@ Parquet's footer, which `close` writes.
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,7 +25,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-
 from cosim_master.check import CheckedSystem
 from cosim_master.network import Network
 from cosim_master.plan import KINDS, Layout
@@ -45,6 +45,10 @@ class Recorder:
     def __init__(self, folder: Path, checked: CheckedSystem, places: Layout, network: Network, *, keep: bool) -> None:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
+        # An old manifest would call the results complete while they are not.
+        for old in ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog", "packets/*.tlog"):
+            for file in folder.glob(old):
+                file.unlink()
         self._texts = places.string_signals
         self._text_rows: list[list[str]] = []
         self._columns = self._in_order(checked, places)
@@ -62,7 +66,7 @@ class Recorder:
             self._schema,
             compression="zstd",
             use_dictionary=False,
-            column_encoding={name: "BYTE_STREAM_SPLIT" for name in floats},
+            column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
         )
         self._keep = keep and bool(network.nodes)
         self._nodes = [node.name for node in network.nodes]
@@ -77,7 +81,7 @@ class Recorder:
             self._event_schema = _event_schema()
             self._events = pq.ParquetWriter(folder / "packets.parquet", self._event_schema, compression="zstd")
             for n, name in enumerate(self._nodes):
-                self._tlogs[n] = (folder / "packets" / f"{name}.tlog").open("wb")
+                self._tlogs[n] = (folder / "packets" / f"{_file_name(name)}.tlog").open("wb")
             self._tlogs[-1] = (folder / "packets.tlog").open("wb")
 
     @staticmethod
@@ -104,7 +108,7 @@ class Recorder:
             return
         integers = sum(kind == "Integer" for _, kind, _, _ in self._columns)
         booleans = plan.int_block[:, integers:]
-        blocks = {"Real": plan.real_block, "Integer": plan.int_block, "Boolean": booleans}
+        blocks: dict[str, Any] = {"Real": plan.real_block, "Integer": plan.int_block, "Boolean": booleans}
         arrays = [pa.array(plan.ticks[:n] / 1e9)]
         for _, kind, column, _ in self._columns:
             if kind == "String":
@@ -128,7 +132,7 @@ class Recorder:
     def _write_events(self, events: np.ndarray[Any, Any]) -> None:
         arrival = events["arrival"] / 1e9
         names = np.array([*self._nodes, ""], dtype=object)
-        columns = {
+        columns: dict[str, Any] = {
             "sent": events["sent"] / 1e9,
             "arrival": pa.array(arrival, mask=events["arrival"] < 0),
             "source": np.array(self._endpoints, dtype=object)[events["source"]],
@@ -136,7 +140,10 @@ class Recorder:
             **{name: events[name] for name in EVENT.names or () if name in _PLAIN},
             "outcome": np.array(OUTCOMES, dtype=object)[events["outcome"]],
         }
-        arrays = [pa.array(columns[f.name], type=f.type) if f.name != "arrival" else columns["arrival"] for f in self._event_schema]
+        arrays = [
+            column if isinstance(column := columns[f.name], pa.Array) else pa.array(column, type=f.type)
+            for f in self._event_schema
+        ]
         self._events.write_table(pa.Table.from_arrays(arrays, schema=self._event_schema))
 
     def _write_tlogs(self, block: bytes) -> None:
@@ -159,6 +166,11 @@ class Recorder:
             file.close()
         text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False)
         (self.folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _file_name(node: str) -> str:
+    """A node's name with what a file's name cannot hold percent-encoded, as in a URI."""
+    return re.sub(r'[%/\\:*?"<>|\x00-\x1f]|^\.+', lambda found: "".join(f"%{ord(c):02X}" for c in found[0]), node)
 
 
 _PLAIN = ("message", "system", "component", "sequence", "length")

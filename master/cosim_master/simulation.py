@@ -5,17 +5,22 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
+import signal
+import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from cosim_master.annotation import root_annotation
 from cosim_master.check import CheckedSystem, check
-from cosim_master.errors import CosimError, Problem, SystemDescriptionError
+from cosim_master.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution
+from cosim_master.fmu import Start
 from cosim_master.network import Network, network_of
 from cosim_master.plan import Timing, layout, timing
 from cosim_master.recorder import Recorder
@@ -171,7 +176,7 @@ def simulate(
         on_progress: called about twenty times a second.
 
     Raises:
-        SystemDescriptionError: the description is wrong.
+        SystemDescriptionError: the description is wrong, or `out` cannot be written to.
 
     Returns:
         How it ended; a failing FMU is an outcome, and what was recorded until then is kept.
@@ -187,6 +192,8 @@ def simulate(
             assert out is not None
             return Recorder(out, checked, places, ready.network, keep=ready.recording.packets)
 
+        if out is not None:
+            _make_folder(out)
         began = time.perf_counter()
         try:
             execution = Execution(
@@ -204,14 +211,51 @@ def simulate(
         except CosimError as error:
             return RunResult("failed", error, 0.0, 0.0, 0.0, {}, ready.notes)
         start_up = time.perf_counter() - began
-        with execution:
-            result = _run(execution, ready, pace, on_progress)
+        with execution, _interrupts() as interrupted:
+            result = _run(execution, ready, pace, on_progress, interrupted)
             execution.finish(lambda: _manifest(ready, result, start_up))
         return result
 
 
+def _make_folder(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        text = f"cannot hold the results of a run: {error.strerror}"
+        raise SystemDescriptionError([Problem(Where(str(out)), text)]) from None
+
+
+@contextmanager
+def _interrupts() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C has been pressed; pressed again, it interrupts whatever is going on.
+
+    A KeyboardInterrupt anywhere in a step would strike the Python code of an FMU, which is then lost, or leave a
+    file half written.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    pressed = threading.Event()
+    before = signal.getsignal(signal.SIGINT)
+
+    def press(number: int, frame: FrameType | None) -> None:
+        if pressed.is_set():
+            signal.default_int_handler(number, frame)
+        pressed.set()
+
+    signal.signal(signal.SIGINT, press)
+    try:
+        yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _run(
-    execution: Execution, ready: Prepared, pace: float | None, on_progress: Callable[[Progress], None] | None
+    execution: Execution,
+    ready: Prepared,
+    pace: float | None,
+    on_progress: Callable[[Progress], None] | None,
+    interrupted: Callable[[], bool],
 ) -> RunResult:
     clock = ready.clock
     start = clock.start / 1e9
@@ -224,16 +268,20 @@ def _run(
             before = time.perf_counter()
             if pace is not None:
                 due = (execution.time - start) / pace - (before - began)
-                if due > 0:
-                    time.sleep(due)
-                elif due < -0.05:
+                if due < -0.05:
                     overruns, worst = overruns + 1, max(worst, -due)
+                while due > 0 and not interrupted():
+                    time.sleep(min(due, _SLICE))
+                    due = (execution.time - start) / pace - (time.perf_counter() - began)
+            if interrupted():
+                outcome = "interrupted"
+                break
             execution.advance(execution.k + chunk)
             if on_progress is not None:
                 on_progress(Progress(execution.time, start, stop, time.perf_counter() - began))
             spent = max(time.perf_counter() - before, 1e-6)
             if pace is not None:
-                chunk = max(1, int(_SLICE * 0.4 * pace * 1e9 / clock.base))
+                chunk = max(1, min(int(_SLICE * 0.4 * pace * 1e9 / clock.base), clock.steps))
             else:
                 chunk = max(1, min(4 * chunk, int(chunk * _SLICE / spent) or 1))
     except KeyboardInterrupt:
@@ -278,7 +326,7 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
                 "fmu": str(instance.fmu.path),
                 "step": period * ready.clock.base / 1e9,
                 "parameters": {
-                    name: value
+                    name: _in_json(value)
                     for name, value in instance.effective_values().items()
                     if instance.fmu.variables[name].causality == "parameter"
                 },
@@ -286,7 +334,8 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
             for instance, period in zip(checked.instances, ready.clock.periods, strict=True)
         },
         "fmus": {
-            path: {"sha256": fmu.digest, "guid": fmu.guid, "model": fmu.model_name} for path, fmu in sorted(fmus.items())
+            path: {"sha256": fmu.digest, "guid": fmu.guid, "model": fmu.model_name}
+            for path, fmu in sorted(fmus.items())
         },
         "versions": {
             "python": platform.python_version(),
@@ -294,6 +343,13 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
         },
         "notes": list(ready.notes),
     }
+
+
+def _in_json(value: Start) -> Start:
+    """JSON has no infinity: it is written as XML Schema does."""
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
 
 
 def _digest_of_system(checked: CheckedSystem) -> str:
