@@ -86,6 +86,8 @@ class Variable:
             raise ValueError(f"variable {name}: capacity {self.capacity}; it is 1 byte or more")
         if self.kind == "Memory" and self.dtype not in _MEMORY_TYPES:
             raise ValueError(f"variable {name}: dtype {self.dtype!r}; there are {', '.join(_MEMORY_TYPES)}")
+        if self.dtype == "?" and self.shape:
+            raise ValueError(f"variable {name}: an array of dtype '?'; numba has none in a record, use 'u1'")
         self._check_limits()
         self._check_start()
 
@@ -274,7 +276,8 @@ def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], i
     """The aligned record of a declaration, and the size of its head.
 
     The head holds what the environment sets (parameters, inputs, packets received); everything behind it is
-    reset before each run of `start`. Strings are not in the record: only models without kernels have them.
+    reset before each run of `start`. Strings are not in the record: only models without kernels have them. Arrays of
+    bool are arrays of uint8, 0 or 1.
     """
     fields: list[tuple[Any, ...]] = []
     boundary = ""
@@ -288,9 +291,13 @@ def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], i
                 fields += [(variable.name, "u1", (variable.capacity,)), (f"{variable.name}_len", "i4")]
             else:
                 field_type = variable.dtype or _FIELD_TYPE[variable.kind]
+                if field_type == "?" and variable.shape:
+                    field_type = "u1"  # numba has no arrays of bool within a record
                 fields.append(
                     (variable.name, field_type, variable.shape) if variable.shape else (variable.name, field_type)
                 )
+    if not fields:
+        fields.append(("_", "u1"))  # numpy cannot view memory as a record without fields
     dtype = np.dtype((np.record, np.dtype(fields, align=True)))
     assert dtype.fields is not None
     head = dtype.fields[boundary][1] if boundary else dtype.itemsize

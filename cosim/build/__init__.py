@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import inspect
 import json
+import os
 import pkgutil
 import sys
 import zipfile
@@ -38,7 +39,8 @@ def load_models(source: str) -> list[type[Model]]:
     """The model classes of a Python file or of an importable module (``cosim_models.quadrotor``).
 
     Raises:
-        ValueError: there is no such file or module, or it defines no model.
+        ValueError: there is no such file or module, it defines no model, or another module of that name is loaded.
+        Exception: whatever the module raises when it is imported.
     """
     if source.endswith(".py"):
         file = Path(source).resolve()
@@ -50,9 +52,18 @@ def load_models(source: str) -> list[type[Model]]:
         if file.stem in sys.modules:
             raise ValueError(f"{source}: a module called {file.stem} is loaded already; give the file another name")
         sys.modules[file.stem] = module
-        spec.loader.exec_module(module)
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[file.stem]
+            raise
     else:
-        module = importlib.import_module(source)
+        try:
+            module = importlib.import_module(source)
+        except ModuleNotFoundError as error:
+            if not f"{source}.".startswith(f"{error.name}."):
+                raise  # it is there, and imports what is not
+            raise ValueError(f"{source}: no such module") from None
     models = _defined_in(module)
     if not models:
         raise ValueError(f"{source}: no subclass of cosim.Model in it")
@@ -90,16 +101,18 @@ def build(model: type[Model], folder: Path, *, interpreted: bool = False, target
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{model.__name__}.fmu"
     sources = sources_of(model)
+    compile_it = model.kernels is not None and not interpreted
     stamp: dict[str, object] = {
         "sources": dict(sources.digests),
         "builder": _builder_digest(),
-        "targets": [] if interpreted or model.kernels is None else sorted(targets),
+        "targets": sorted(targets) if compile_it else [],
+        "compiler": os.environ.get("CC", "") if compile_it and HOST in targets else "",
     }
     previous = _stamp_of(file)
     if previous is not None and {k: previous.get(k) for k in stamp} == stamp:
         return Built(file, bool(previous.get("compiled")), fresh=True, note=str(previous.get("note", "")))
     note = ""
-    if model.kernels is not None and not interpreted:
+    if compile_it:
         try:
             build_compiled(model, sources, {**stamp, "compiled": True}, file, targets)
             return Built(file, compiled=True, fresh=False)

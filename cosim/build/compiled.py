@@ -90,7 +90,7 @@ def build_compiled(
         "resources/build.json": json.dumps(stamp, indent=1, sort_keys=True).encode(),
         **binaries,
     }
-    part = file.with_suffix(".part")
+    part = file.with_suffix(f".{os.getpid()}.part")
     with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
         for entry, content in sorted(entries.items()):
             archive.writestr(zipfile.ZipInfo(entry, (2020, 1, 1, 0, 0, 0)), content, zipfile.ZIP_DEFLATED)

@@ -52,9 +52,10 @@ def model_description(model: type[Model], guid: str, *, compiled: bool) -> Eleme
     packets = [v for v in model.variables if v.kind == "Packets"]
     if packets:
         tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name=PACKET_TOOL)
+        ports = SubElement(tool, "PacketPorts")  # the schema allows one element below Tool
         for v in packets:
             mime = "application/x-mavlink;version=2"
-            SubElement(tool, "PacketPort", variable=v.name, mimeType=mime, maxSize=str(v.capacity))
+            SubElement(ports, "PacketPort", variable=v.name, mimeType=mime, maxSize=str(v.capacity))
     variables = SubElement(root, "ModelVariables")
     for reference, one in enumerate(flat):
         variables.append(_scalar_variable(one, reference))

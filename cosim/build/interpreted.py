@@ -7,6 +7,7 @@ run with modules other than the ones this FMU was built from.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 import tempfile
@@ -104,7 +105,7 @@ def _copy_sources(sources: Sources, folder: Path) -> list[Path]:
 
 def _normalise(built: Path, file: Path) -> None:
     """Copy the archive with sorted entries and fixed times: the same sources give the same bytes."""
-    temporary = file.with_suffix(".part")
+    temporary = file.with_suffix(f".{os.getpid()}.part")
     with zipfile.ZipFile(built) as source, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as target:
         for name in sorted(source.namelist()):
             target.writestr(zipfile.ZipInfo(name, (2020, 1, 1, 0, 0, 0)), source.read(name), zipfile.ZIP_DEFLATED)

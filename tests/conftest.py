@@ -1,0 +1,19 @@
+"""Fixtures that every test may use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cosim.build import build, models_of_package
+
+FMUS = Path(__file__).parents[1] / "fmus"
+
+
+@pytest.fixture(scope="session")
+def fmus() -> Path:
+    """The repository's folder of FMUs, with every model of cosim_models compiled and up to date."""
+    for model in models_of_package("cosim_models"):
+        build(model, FMUS)
+    return FMUS
