@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class Plant(Model):
         PacketOutput("tx", capacity=13),
     )
     kernels = (start, advance)
-    errors = {7: 'the plant is "broken" by 100 % of \\ faults'}
+    errors: ClassVar[dict[int, str]] = {7: 'the plant is "broken" by 100 % of \\ faults'}
 
 
 class Text(Model):
