@@ -357,7 +357,7 @@ def test_state_round_trip_through_json(slave: Any) -> None:
 @pytest.mark.parametrize(
     ("fault", "raised", "message"),
     [
-        (2, RuntimeError, r'advance: the plant is "broken" by 100 % of \\ faults (code 7)'),
+        (2, RuntimeError, r'advance: the plant is "broken" by 100 % of \ faults (code 7)'),
         (3, RuntimeError, "advance: error (code 99)"),
         (5, ValueError, "the kernel does not advance"),
     ],
