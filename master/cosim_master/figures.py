@@ -130,7 +130,7 @@ def draw_snapshots(flight: Flight) -> Figure | None:
     space = np.concatenate([position for _, position, _ in flown])[:, [1, 0, 2]] * (1.0, 1.0, -1.0)
     low, high = space.min(axis=0), space.max(axis=0)
     low[2] = min(low[2], 0.0)
-    size = np.maximum(high - low, 0.12 * (high - low).max() + 1e-3) * (1.0, 1.0, 1.25)
+    size = np.maximum(high - low, max(0.12 * (high - low).max(), 1.0)) * (1.0, 1.0, 1.25)
     middle = 0.5 * (low + high)
     figure = Figure((_WIDTH, 2.5))
     figure.subplots_adjust(left=0.01, right=0.95, bottom=0.04, top=0.9, wspace=0.14)
@@ -231,13 +231,18 @@ def draw_altitude(flight: Flight) -> Figure | None:
 
 def _separation(positions: Sequence[Array]) -> Array:
     """Smallest distance [m] between any two at every instant."""
-    least = np.full(len(positions[0]), np.inf)
     everyone = np.stack(positions)
-    for i in range(1, len(positions)):
-        squares = np.square(everyone[:i] - everyone[i]).sum(axis=2)
-        np.minimum(least, squares.min(axis=0), out=least)
-    distances: Array = np.sqrt(least)
-    return distances
+    # Sorted along the axis of the widest spread, who is nearest is only few places away: stop when nobody farther off
+    # in the order can be nearer.
+    axis = int(np.argmax(np.ptp(everyone, axis=0).max(axis=0)))
+    everyone = np.take_along_axis(everyone, np.argsort(everyone[:, :, axis], axis=0)[:, :, None], axis=0)
+    least = np.full(everyone.shape[1], np.inf)
+    for apart in range(1, len(positions)):
+        between = everyone[apart:] - everyone[:-apart]
+        if (between[:, :, axis].min(axis=0) >= least).all():
+            break
+        np.minimum(least, np.sqrt(np.square(between).sum(axis=2)).min(axis=0), out=least)
+    return least
 
 
 def _moments(flight: Flight) -> list[tuple[str, float]]:

@@ -297,6 +297,19 @@ def test_altitude_and_smallest_distance(tmp_path: Path) -> None:
     assert (above.get_ylabel(), below.get_ylabel()) == ("height (m)", "smallest distance (m)")
 
 
+def test_the_smallest_distance_is_that_of_all_pairs(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    n, columns = 40, {"time": (np.arange(60) / 10, "s")}
+    walks = np.cumsum(rng.normal(size=(n, 60, 3)), axis=1) * rng.uniform(0.1, 3.0, 3)
+    for i in range(n):
+        columns |= {f"v{i}.position[{j + 1}]": (walks[i, :, j], "m") for j in range(3)}
+    figure = draw_altitude(read_flight(write_run(tmp_path, columns)))
+    assert figure is not None
+    (line,) = figure.axes[1].get_lines()
+    pairs = [np.linalg.norm(walks[i] - walks[j], axis=1) for i in range(n) for j in range(i)]
+    np.testing.assert_allclose(np.asarray(line.get_ydata(), float), np.min(pairs, axis=0), rtol=1e-12)
+
+
 def test_two_drones_in_a_nested_system_and_ten_in_natural_order(tmp_path: Path) -> None:
     nested = read_flight(consensus_run(tmp_path / "a", (0, 5, 20), system="east.", last_step=1))
     assert [drone.name for drone in nested.drones] == ["east.drone1", "east.drone2", "east.drone3"]
@@ -323,6 +336,10 @@ def test_vehicles_without_agents_have_three_axes_and_no_steps(tmp_path: Path) ->
     assert snapshots is not None
     assert [axes.get_title() for axes in snapshots.axes] == ["t = 0.0 s", "t = 5.0 s", "t = 10.0 s"]
     assert [float(data(snapshots.axes[2], "rover")[i][0]) for i in range(3)] == [-10.0, 20.0, 1.5]
+    for axes in snapshots.axes:
+        assert axes.get_xlim() == pytest.approx((-10.0, 0.0))
+        assert axes.get_ylim() == pytest.approx((0.0, 20.0))
+        assert axes.get_zlim() == pytest.approx((0.0, 3.0))  # from the ground up, 3 m for 20 m north
     assert draw_errors(flight) is None
     names = [file.name for file in figures(tmp_path)]
     assert names == [f"{n}{s}" for n in ("positions", "snapshots", "altitude") for s in (".png", ".svg")]
@@ -384,7 +401,7 @@ def test_the_first_mobile_agent_begins_the_step(tmp_path: Path) -> None:
 def test_same_run_same_bytes_whatever_the_configuration(tmp_path: Path) -> None:
     run = consensus_run(tmp_path / "run", last_step=3)
     first = figures(run, tmp_path / "new" / "a")
-    with matplotlib.rc_context({"font.size": 20, "lines.linewidth": 5}):
+    with matplotlib.rc_context({"font.size": 20, "axes.facecolor": "red", "font.family": "serif"}):
         second = figures(run, tmp_path / "b")
     assert [file.name for file in first] == [
         f"{name}{suffix}" for name in ("positions", "snapshots", "errors", "altitude") for suffix in (".png", ".svg")
