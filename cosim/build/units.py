@@ -53,11 +53,13 @@ _SYMBOLS = {
     "degC": _unit(offset=273.15, K=1),
     "%": _unit(0.01),
 }
-_TOKEN = re.compile(r"\s*([A-Za-z%]+|\d+|[./()*-])")
+_TOKEN = re.compile(r"[A-Za-z%]+|-?\d{1,2}|[./()*]")
 
 
 def base_unit(unit: str) -> BaseUnit:
-    """The SI base unit of `unit`.
+    """The SI base unit of `unit`: symbols with integer powers, ``.`` or ``*`` and ``/`` between them, parentheses.
+
+    ``a/b.c`` is read from the left: c is above the line.
 
     Raises:
         ValueError: a symbol is unknown, or the text is no unit; names the known symbols.
@@ -70,42 +72,45 @@ def base_unit(unit: str) -> BaseUnit:
         match = _TOKEN.match(unit, position)
         if match is None:
             raise ValueError(f"unit {unit!r}: unexpected {unit[position:]!r}")
-        tokens.append(match.group(1))
+        tokens.append(match.group())
         position = match.end()
-    exponents, factor, rest = _product(tokens, unit)
+    try:
+        exponents, factor, rest = _product(tokens, unit)
+    except ArithmeticError:
+        factor, rest = 0.0, []
     if rest:
         raise ValueError(f"unit {unit!r}: unexpected {''.join(rest)!r}")
+    if not 0.0 < factor < math.inf:
+        raise ValueError(f"unit {unit!r}: its powers are too large")
     return BaseUnit(exponents, factor)
 
 
 def _product(tokens: list[str], unit: str) -> tuple[tuple[int, ...], float, list[str]]:
-    exponents, factor = (0,) * len(BASE), 1.0
-    sign = 1
-    while tokens and tokens[0] != ")":
-        part, part_factor, tokens = _power(tokens, unit)
+    exponents, factor, tokens = _power(tokens, unit)
+    while tokens and tokens[0] in "./*":
+        sign = -1 if tokens[0] == "/" else 1
+        part, part_factor, tokens = _power(tokens[1:], unit)
         exponents = tuple(a + sign * b for a, b in zip(exponents, part, strict=True))
         factor *= part_factor**sign
-        if tokens and tokens[0] in "./*":
-            sign = -1 if tokens[0] == "/" else 1
-            tokens = tokens[1:]
     return exponents, factor, tokens
 
 
 def _power(tokens: list[str], unit: str) -> tuple[tuple[int, ...], float, list[str]]:
+    if not tokens:
+        raise ValueError(f"unit {unit!r}: it ends where a symbol should follow")
     if tokens[0] == "(":
         exponents, factor, tokens = _product(tokens[1:], unit)
         if not tokens:
             raise ValueError(f"unit {unit!r}: a parenthesis is not closed")
+        if tokens[0] != ")":
+            raise ValueError(f"unit {unit!r}: unexpected {''.join(tokens)!r}")
     else:
         symbol = _SYMBOLS.get(tokens[0])
         if symbol is None or symbol.offset:
             raise ValueError(f"unit {unit!r}: {tokens[0]!r} is none of {', '.join(sorted(_SYMBOLS))}")
         exponents, factor = symbol.exponents, symbol.factor
     tokens = tokens[1:]
-    sign = 1
-    if tokens and tokens[0] == "-":
-        sign, tokens = -1, tokens[1:]
-    if tokens and tokens[0].isdigit():
-        power = sign * int(tokens[0])
+    if tokens and tokens[0].lstrip("-").isdigit():
+        power = int(tokens[0])
         exponents, factor, tokens = tuple(power * e for e in exponents), factor**power, tokens[1:]
     return exponents, factor, tokens
