@@ -31,6 +31,10 @@ class Flight:
         """The first row in which the agent is at an algorithm step."""
         return int(np.argmax(self.signals[f"{agent}.step"] == step))
 
+    def end_of_step(self, step: int, agent: str = "drone3.agent") -> int:
+        """The last row of an algorithm step: by then the drone has come to where the step sent it."""
+        return self.row_of_step(step + 1, agent) - 1
+
     def east(self, drone: int) -> NDArray[Any]:
         return self.signals[f"drone{drone}.vehicle.position[2]"]
 

@@ -19,7 +19,7 @@ def flight(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Flight:
 
 @pytest.mark.parametrize(("step", "tolerance"), [(1, 0.5), (9, 1.0), (17, 0.5)])
 def test_positions_at_the_snapshots(flight: Flight, step: int, tolerance: float) -> None:
-    row = flight.row_of_step(step)
+    row = flight.end_of_step(step)
     east = [flight.east(drone)[row] for drone in (2, 3, 4)]
     assert east == pytest.approx(EAST_AT_STEP[step], abs=tolerance)
 

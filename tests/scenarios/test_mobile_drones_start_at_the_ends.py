@@ -11,7 +11,7 @@ from tests.scenarios.flights import SYSTEMS, fly
 
 def test_they_spread_evenly_from_the_ends(fmus: Path, tmp_path: Path) -> None:
     flight = fly(SYSTEMS / "line5-ends", tmp_path)
-    at_17 = flight.row_of_step(17)
+    at_17 = flight.end_of_step(17)
     ideal = [0.0, 0.0, 100.0]
     for _ in range(16):
         x = [0.0, *ideal, 100.0]

@@ -18,8 +18,8 @@ def with_radio(text: str, attributes: str, inside: str = "") -> str:
 def test_a_fifth_lost_and_a_fifth_of_a_second_late_hardly_matter(fmus: Path, tmp_path: Path) -> None:
     bad = copy_of("line5", tmp_path, fmus, lambda text: with_radio(text, 'loss="0.2" latency="0.2"'))
     flight, plain = fly(bad, tmp_path / "bad"), fly(SYSTEMS / "line5", tmp_path / "plain")
-    row = plain.row_of_step(17)
-    assert flight.row_of_step(17) == row
+    row = plain.end_of_step(17)
+    assert flight.end_of_step(17) == row
     for drone in (2, 3, 4):
         assert flight.east(drone)[row] == pytest.approx(plain.east(drone)[row], abs=0.3)
     packets = flight.result.packets

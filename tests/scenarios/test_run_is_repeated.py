@@ -79,7 +79,7 @@ def test_half_the_communication_step_moves_the_snapshots_by_less_than_a_centimet
     drone.write_text(marked, encoding="utf-8")
     half, full = fly(folder, tmp_path / "half"), fly(SYSTEMS / "line5", tmp_path / "full")
     for step in (1, 9, 17):
-        row = full.row_of_step(step)
+        row = full.end_of_step(step)
         assert half["time"][row] == full["time"][row]
         for drone_number in range(1, 6):
             moved = half.east(drone_number)[row] - full.east(drone_number)[row]
