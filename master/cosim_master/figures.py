@@ -146,7 +146,7 @@ def draw_snapshots(flight: Flight) -> Figure | None:
                 axes.plot([drone.target[row]], [north], [-down], "o", label=f"{drone.name} desired", **ring)
         if len(flown) <= _NAMED:
             places = {_short(drone.name): position[row, [1, 0, 2]] * (1.0, 1.0, -1.0) for drone, position, _ in flown}
-            for names, place in _together(places, 0.05 * size):
+            for names, place in _together(places, size * (0.05, 0.05, 0.2)):
                 axes.text(place[0], place[1], place[2] + 0.07 * size[2], names, ha="center", va="bottom")
         axes.set(xlim=_around(middle[0], size[0]), ylim=_around(middle[1], size[1]), zlim=(low[2], low[2] + size[2]))
         axes.set_title(title, fontsize=8.0, y=0.98)
@@ -313,16 +313,17 @@ def _short(name: str) -> str:
 
 
 def _together(places: Mapping[str, Array], near: Array) -> list[tuple[str, Array]]:
-    """Names with places (3,), those of places nearer than `near` (3,) to the first of them joined at the last place."""
-    groups: list[tuple[list[str], Array, Array]] = []
+    """Names with places (3,), those nearer than `near` (3,) to the one before joined above the highest of them."""
+    groups: list[tuple[list[str], list[Array]]] = []
     for name, place in places.items():
-        for i, (names, first, _) in enumerate(groups):
-            if (np.abs(place - first) < near).all():
-                groups[i] = ([*names, name], first, place)
+        for names, members in groups:
+            if (np.abs(place - members[-1]) < near).all():
+                names.append(name)
+                members.append(place)
                 break
         else:
-            groups.append(([name], place, place))
-    return [(", ".join(names), last) for names, _, last in groups]
+            groups.append(([name], [place]))
+    return [(", ".join(names), max(members, key=lambda place: float(place[2]))) for names, members in groups]
 
 
 def _around(middle: float, size: float) -> tuple[float, float]:

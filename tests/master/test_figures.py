@@ -209,6 +209,20 @@ def test_drones_at_one_place_share_a_label(tmp_path: Path) -> None:
     assert labels == [["1, 2, 3", "4, 5"], ["1", "2", "3", "4", "5"], ["1", "2", "3", "4", "5"]]
 
 
+def test_a_shared_label_stands_above_the_highest(tmp_path: Path) -> None:
+    columns: dict[str, tuple[Any, str]] = {"time": (np.zeros(1), "s")}
+    for name, north, height in (("v1", 0.0, 10.0), ("v2", 0.5, 12.0), ("v3", 0.0, 11.0), ("v4", 40.0, 2.0)):
+        for i, value in enumerate((north, 0.0, -height), start=1):
+            columns[f"{name}.position[{i}]"] = (np.array([value]), "m")
+    figure = draw_snapshots(read_flight(write_run(tmp_path, columns)))
+    assert figure is not None
+    for axes in figure.axes:
+        found = {text.get_text(): text.get_position_3d() for text in axes.texts}
+        assert list(found) == ["1, 2, 3", "4"]
+        assert found["1, 2, 3"][:2] == (0.0, 0.5)
+        assert 12.0 < found["1, 2, 3"][2] < 13.5
+
+
 def test_of_many_drones_the_legend_names_the_bound_only(tmp_path: Path) -> None:
     flight = read_flight(consensus_run(tmp_path, [3.0 * i for i in range(25)], last_step=2))
     errors, snapshots = draw_errors(flight), draw_snapshots(flight)
