@@ -243,6 +243,23 @@ def _print_tables(tables: Iterator[Table | str]) -> None:
 
 
 @app.command()
+def new(
+    shape: Annotated[str, typer.Argument(help="line or grid.")],
+    drones: Annotated[int, typer.Option(help="How many.")],
+    folder: Annotated[Path, typer.Option("-o", "--out", help="Folder of the new system; must not exist.")],
+    fmus: Annotated[Path, typer.Option(help="Folder with the FMUs of vehicle, autopilot and agent.")] = Path("fmus"),
+    spacing: Annotated[float, typer.Option(help="Metres between neighbours at the start.")] = 10.0,
+    until: Annotated[float, typer.Option(help="Stop time of the new system in s.")] = 60.0,
+) -> None:
+    """Write a system of many drones."""
+    from cosim_master.new import new_system
+
+    with _errors():
+        written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until)
+        out.print(f"{written}: {shape} of {drones} drones; uav-cosim run {written}", markup=False)
+
+
+@app.command()
 def swap(
     system: System,
     component: Annotated[str, typer.Argument(help="Hierarchical name, e.g. drone3.vehicle.")],
