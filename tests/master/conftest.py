@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import pytest
@@ -204,3 +205,19 @@ def workshop(tmp_path: Path) -> Workshop:
 @pytest.fixture(name="variable")
 def _variable() -> object:
     return variable
+
+
+@pytest.fixture
+def probes(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Probe FMUs (see probe.c) in a workshop, with their calls written to a file."""
+    from tests.master.probe import Probes
+
+    log = workshop.root / "calls.txt"
+    monkeypatch.setenv("PROBE_LOG", str(log))
+    return Probes(workshop, tmp_path_factory.getbasetemp(), log)
+
+
+@pytest.fixture
+def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python FMUs are unpacked below pytest's folder instead of the user's cache."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))

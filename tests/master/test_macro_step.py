@@ -23,6 +23,7 @@ class Loop:
 
     def __init__(self, instances: list[Scripted], links: list[Any], until: float, network: Network | None = None) -> None:
         by_name = sorted(instances, key=lambda one: one.name)
+        self.living = by_name  # the plan has nothing but their addresses
         checked = system_of(instances, links)
         self.network = network or Network()
         self.places = layout(checked, self.network)
