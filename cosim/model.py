@@ -13,10 +13,11 @@ import base64
 import binascii
 import math
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
+from functools import cache, wraps
 from keyword import iskeyword
 from typing import Any, ClassVar, Literal
 
@@ -323,6 +324,8 @@ class Model(Fmi2Slave):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if "do_step" in cls.__dict__:
+            setattr(cls, "do_step", cls._own_step(cls.__dict__["do_step"]))  # noqa: B010 (mypy)
         model = cls.__name__
         if not model.isascii():
             raise ValueError(f"model {model}: its name becomes a C identifier and must be ASCII")
@@ -404,6 +407,20 @@ class Model(Fmi2Slave):
         self._run("advance", lambda: type(self).kernels[1](self.m, current_time, step_size))  # type: ignore[index]
         return True
 
+    @staticmethod
+    def _own_step(do_step: Callable[[Any, float, float], bool]) -> Callable[[Any, float, float], bool]:
+        """A `do_step` that a model overrides: its exceptions are logged, and returning nothing is one."""
+
+        @wraps(do_step)
+        def logged(self: Any, current_time: float, step_size: float) -> bool:
+            with self._logged():
+                done = do_step(self, current_time, step_size)
+                if not isinstance(done, bool):
+                    raise TypeError(f"do_step returned {done!r}; it returns True, or False if it could not finish")
+            return done
+
+        return logged
+
     def _ensure_started(self) -> None:
         if self._started:
             return
@@ -416,13 +433,19 @@ class Model(Fmi2Slave):
             self._run("start", lambda: type(self).kernels[0](self.m))  # type: ignore[index]
 
     def _run(self, what: str, call: Callable[[], int]) -> None:
-        """Call a kernel; what it raises reaches the FMI logger with its traceback, then the caller."""
-        try:
+        """Call a kernel; any code but 0 is an exception."""
+        with self._logged():
             code = call()
             if not isinstance(code, int | np.integer):
                 raise TypeError(f"{what} returned {code!r}; it returns 0, or a key of errors")
             if code:
                 raise RuntimeError(f"{what}: {self.errors.get(int(code), 'error')} (code {code})")
+
+    @contextmanager
+    def _logged(self) -> Iterator[None]:
+        """What is raised within reaches the FMI logger with its traceback, then the caller."""
+        try:
+            yield
         except Exception:
             self.log(f"{type(self).__name__}: {traceback.format_exc()}", Fmi2Status.error)
             raise

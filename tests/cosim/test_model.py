@@ -404,6 +404,17 @@ def test_a_model_without_kernels(samples: SimpleNamespace) -> None:
         slave.set_string([3], ["no"])
 
 
+def test_a_step_of_ones_own_that_fails_or_returns_nothing(samples: SimpleNamespace) -> None:
+    slave = initialised(samples.Text(instance_name="text"))
+    slave.set_string([0], ["fail"])
+    with pytest.raises(RuntimeError, match="told to fail"):
+        slave.do_step(0.0, 0.5)
+    assert slave.log_queue[0].msg.rstrip().endswith("RuntimeError: told to fail")
+    silent = type("Silent", (Model,), {"variables": (Input("u"),), "do_step": lambda self, t, h: None})
+    with pytest.raises(TypeError, match="do_step returned None; it returns True, or False if it could not finish"):
+        initialised(silent(instance_name="silent")).do_step(0.0, 1.0)
+
+
 def test_a_model_without_kernels_or_step() -> None:
     with pytest.raises(TypeError, match="Idle has neither kernels nor a do_step of its own"):
         initialised(type("Idle", (Model,), {"variables": (Input("u"),)})(instance_name="idle")).do_step(0.0, 1.0)
