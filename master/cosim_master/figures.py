@@ -254,7 +254,15 @@ def _moments(flight: Flight) -> list[tuple[str, float]]:
     chosen = (
         SNAPSHOTS if set(SNAPSHOTS) <= set(numbers) else (numbers[0], numbers[(len(numbers) - 1) // 2], numbers[-1])
     )
-    return [(f"step #{k}, t = {flight.steps[k]:.1f} s", flight.steps[k]) for k in chosen]
+    ends = {k: _end_of_step(flight, k) for k in chosen}
+    return [(f"step #{k}, t = {ends[k]:.1f} s", ends[k]) for k in chosen]
+
+
+def _end_of_step(flight: Flight, k: int) -> float:
+    """The last instant of a step, when drones have come to where it sent them: the next begins behind it."""
+    if k + 1 not in flight.steps:
+        return float(flight.time[-1])
+    return float(flight.time[max(0, int(np.searchsorted(flight.time, flight.steps[k + 1])) - 1)])
 
 
 def _time_axis(all_axes: Sequence[Axes], flight: Flight, *, whole: bool = False) -> None:

@@ -177,10 +177,10 @@ def test_names_of_lines_that_end_together_are_moved_apart(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("last_step", "shown"), [(18, (1, 9, 17)), (6, (1, 4, 7)), (1, (1, 1, 2))])
-def test_snapshots_are_taken_when_their_step_begins(tmp_path: Path, last_step: int, shown: tuple[int, ...]) -> None:
+def test_snapshots_are_taken_when_their_step_ends(tmp_path: Path, last_step: int, shown: tuple[int, ...]) -> None:
     figure = draw_snapshots(read_flight(consensus_run(tmp_path, last_step=last_step)))
     assert figure is not None
-    times = [FIRST + PERIOD * (k - 1) for k in shown]
+    times = [FIRST + PERIOD * min(k, last_step) for k in shown]
     titles = [axes.get_title() for axes in figure.axes]
     for title, k, time in zip(titles, shown, times, strict=True):
         assert title.startswith(f"step #{k}, t = ")
@@ -190,8 +190,8 @@ def test_snapshots_are_taken_when_their_step_begins(tmp_path: Path, last_step: i
 def test_snapshots_hold_positions_east_north_and_up(tmp_path: Path) -> None:
     figure = draw_snapshots(read_flight(consensus_run(tmp_path)))
     assert figure is not None
-    # What step #8 has reached as #9 begins, and #16 as #17 begins, with what the lag leaves (0.5 % of a step).
-    reached = {0: (0, 10, 20, 50, 100), 1: (0, 20.488, 43.622, 70.488, 100), 2: (0, 24.207, 48.879, 74.207, 100)}
+    # The law's rows k = 8 and k = 16, less what the lag leaves (0.5 % of a step).
+    reached = {0: (0, 10, 20, 50, 100), 1: (0, *AT_9, 100), 2: (0, 24.363, 49.098, 74.363, 100)}
     for panel, expected in reached.items():
         axes = figure.axes[panel]
         assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()) == ("east (m)", "north (m)", "height (m)")
