@@ -1,0 +1,53 @@
+"""The interpreted and the compiled build of every model fly the same line, and mix in one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cosim.build import build, models_of_package
+from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
+
+
+@pytest.fixture(scope="module")
+def compiled(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    return fly(SYSTEMS / "line5", tmp_path_factory.mktemp("compiled"), until=60.0)
+
+
+@pytest.fixture(scope="module")
+def interpreted_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("interpreted") / "fmus"
+    for model in models_of_package("cosim_models"):
+        built = build(model, folder, interpreted=True)
+        assert not built.compiled
+    return folder
+
+
+def worst(a: Flight, b: Flight) -> dict[str, float]:
+    """Largest difference of every signal."""
+    assert a.signals.keys() == b.signals.keys()
+    return {name: float(np.abs(a[name].astype(float) - b[name].astype(float)).max()) for name in a.signals}
+
+
+@pytest.mark.slow
+def test_interpreted_and_compiled_agree(compiled: Flight, interpreted_fmus: Path, tmp_path: Path) -> None:
+    flight = fly(copy_of("line5", tmp_path, interpreted_fmus), tmp_path / "out", until=60.0)
+    apart = worst(flight, compiled)
+    assert len(apart) > 200
+    assert max(apart.values()) < 1e-9, sorted(apart.items(), key=lambda item: -item[1])[:5]
+    assert dict(flight.result.packets) == dict(compiled.result.packets)
+
+
+@pytest.mark.slow
+def test_builds_mix(compiled: Flight, fmus: Path, interpreted_fmus: Path, tmp_path: Path) -> None:
+    """Vehicles and agents compiled, autopilots interpreted."""
+    mixed = tmp_path / "fmus"
+    mixed.mkdir()
+    for file in fmus.glob("*.fmu"):
+        source = interpreted_fmus if file.stem == "Autopilot" else fmus
+        (mixed / file.name).symlink_to(source / file.name)
+    flight = fly(copy_of("line5", tmp_path / "system", mixed), tmp_path / "out", until=30.0)
+    for name in flight.signals:
+        n = flight[name].size
+        assert np.abs(flight[name].astype(float) - compiled[name][:n].astype(float)).max() < 1e-9, name
