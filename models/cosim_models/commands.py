@@ -1,0 +1,463 @@
+"""What the autopilot hears: MAVLink commands and targets, and their answers, as ArduCopter answers them.
+
+`receive` walks the packets of a step. Only good packets that are addressed to this system (or to all) count; each
+COMMAND_LONG, COMMAND_INT and SET_MODE gets exactly one COMMAND_ACK, addressed to the requester, refusals with
+ArduCopter's texts. Kernels over the autopilot's record `m`.
+
+Sources: MAVLink common.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; answers recorded from ArduCopter 4.7-dev.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import euler_from_quaternion, local_from_geodetic, radians_from_deg_e7
+from cosim.kernel import kernel
+from cosim.messages import (
+    AUTOPILOT_VERSION,
+    COMMAND_INT,
+    COMMAND_LONG,
+    HOME_POSITION,
+    REQUEST_DATA_STREAM,
+    SET_MODE,
+    SET_POSITION_TARGET_GLOBAL_INT,
+    SET_POSITION_TARGET_LOCAL_NED,
+    decode_command_int,
+    decode_command_long,
+    decode_request_data_stream,
+    decode_set_mode,
+    decode_set_position_target_global_int,
+    decode_set_position_target_local_ned,
+)
+from cosim.packets import (
+    GOOD,
+    NOTHING,
+    SIGNED,
+    TRUNCATED,
+    component,
+    find,
+    message_id,
+    system,
+    target,
+    unpack,
+    version,
+)
+from cosim_models.flight_modes import (
+    GUIDED,
+    LAND,
+    LOITER,
+    RTL,
+    STABILIZE,
+    arm,
+    disarm,
+    guide_acceleration,
+    guide_position,
+    guide_position_velocity,
+    guide_stop,
+    guide_velocity,
+    needs_position,
+    position_ready,
+    set_mode,
+    take_off,
+    turn_to,
+)
+from cosim_models.shaping import wrap_pi
+from cosim_models.telemetry import (
+    ACCELS_INCONSISTENT,
+    AHRS_TYPE,
+    ARM_NEEDS_POSITION,
+    ARMING,
+    ATTITUDE_BAD,
+    CRITICAL,
+    GUIDED_REFUSED,
+    INFO,
+    LOITER_REFUSED,
+    NO_NUMBER,
+    NO_SUCH_MESSAGE,
+    NO_SUCH_MODE,
+    NOT_ARMABLE,
+    PREARM_NEEDS_POSITION,
+    RTL_REFUSED,
+    STREAM_COUNT,
+    WAITING_FOR_HOME,
+    WARNING,
+    acknowledge,
+    attitude_ready,
+    can_answer,
+    default_interval,
+    home_ready,
+    prearm_ready,
+    say,
+    send_message,
+    set_interval,
+    stream_group,
+    stream_of,
+)
+
+__all__ = ["receive"]
+
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
+
+# MAV_CMD
+_RTL, _LAND, _TAKEOFF, _YAW, _SET_MODE, _SPEED, _REPOSITION = 20, 21, 22, 115, 176, 178, 192
+_ARM, _GET_HOME, _INTERVAL, _REQUEST, _CAPABILITIES = 400, 410, 511, 512, 520
+
+_FORCE_ARM, _FORCE = 2989.0, 21196.0
+_CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+_COMPONENT = 1
+_NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
+_FORCE_SET, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
+_ABSOLUTE, _RELATIVE = 0, 1
+
+
+# ---- modes and arming ----------------------------------------------------------------------------------------------
+
+
+@kernel
+def _is_mode(mode: int) -> bool:
+    return mode in (STABILIZE, GUIDED, LOITER, RTL, LAND)
+
+
+@kernel
+def _change_mode(m: Any, mode: int, t: float) -> int:
+    if not _is_mode(mode):
+        say(m, WARNING, NO_SUCH_MODE, mode)
+        return FAILED
+    if not set_mode(m, mode, t):
+        text = GUIDED_REFUSED if mode == GUIDED else LOITER_REFUSED if mode == LOITER else RTL_REFUSED
+        say(m, WARNING, text, NO_NUMBER)
+        return FAILED
+    if not m.armed and needs_position(mode) and not position_ready(m, t):
+        say(m, CRITICAL, PREARM_NEEDS_POSITION, NO_NUMBER)
+    return ACCEPTED
+
+
+@kernel
+def _arm(m: Any, forced: bool, t: float) -> int:
+    """Arm after ArduCopter's checks, as far as they can fail here."""
+    if m.armed:
+        return ACCEPTED
+    if m.mode == LAND or m.mode == RTL:
+        say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
+        return FAILED
+    if not forced:
+        if not attitude_ready(m, t):
+            say(m, CRITICAL, ACCELS_INCONSISTENT, NO_NUMBER)
+            say(m, CRITICAL, ATTITUDE_BAD, NO_NUMBER)
+            say(m, CRITICAL, AHRS_TYPE, NO_NUMBER)
+            return FAILED
+        if needs_position(m.mode) and not position_ready(m, t):
+            say(m, CRITICAL, ARM_NEEDS_POSITION, NO_NUMBER)
+            return FAILED
+        if not prearm_ready(m, t):
+            say(m, CRITICAL, WAITING_FOR_HOME, NO_NUMBER)
+            return FAILED
+    arm(m, t)
+    say(m, INFO, ARMING, NO_NUMBER)
+    return ACCEPTED
+
+
+@kernel
+def _arm_or_disarm(m: Any, p1: float, p2: float, t: float) -> int:
+    if p1 == 1.0:
+        return _arm(m, p2 in (_FORCE_ARM, _FORCE), t)
+    if p1 == 0.0:
+        if m.armed and not m.on_ground and p2 != _FORCE:
+            return FAILED
+        disarm(m)
+        return ACCEPTED
+    return UNSUPPORTED
+
+
+# ---- other commands ------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _turn(m: Any, angle: float, relative: bool, direction: float) -> int:
+    """CONDITION_YAW: angle [deg], relative in `direction` or absolute."""
+    if not 0.0 <= angle <= 360.0:
+        return FAILED
+    heading = math.radians(angle)
+    if relative:
+        sign = -1.0 if direction < 0.0 else 1.0
+        heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2] + sign * heading
+    turn_to(m, wrap_pi(heading), 0.0, False)
+    return ACCEPTED
+
+
+@kernel
+def _change_speed(m: Any, kind: float, speed: float) -> int:
+    if not speed > 0.0 or m.mode not in (GUIDED, RTL):
+        return FAILED
+    if kind > 2.9:
+        m.speed_down = speed
+    elif kind > 1.9:
+        m.speed_up = speed
+    else:
+        m.speed_max = speed
+    return ACCEPTED
+
+
+@kernel
+def _set_message_interval(m: Any, message: float, microseconds: float, t: float) -> int:
+    row = -1
+    number = 0
+    if 0.0 <= message < 16777216.0:
+        number = int(message)
+        row = stream_of(number)
+    if row < 0:
+        say(m, INFO, NO_SUCH_MESSAGE, number)
+        return DENIED
+    interval = default_interval(m, row)
+    if microseconds == -1.0:
+        interval = 0.0
+    elif microseconds > 0.0:
+        interval = min(max(math.floor(microseconds / 1000.0), 1.0), 60000.0) * 1e-3
+    set_interval(m, row, interval, t)
+    return ACCEPTED
+
+
+@kernel
+def _request_message(m: Any, message: float, t: float) -> int:
+    row = -1
+    if 0.0 <= message < 16777216.0:
+        row = stream_of(int(message))
+    if row < 0 or not can_answer(m):
+        return FAILED
+    return ACCEPTED if send_message(m, row, t) else FAILED
+
+
+@kernel
+def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, height: float, t: float) -> int:
+    """Commands that COMMAND_LONG and COMMAND_INT share; `height` is param7 or z. Returns a MAV_RESULT."""
+    if command == _ARM:
+        return _arm_or_disarm(m, p1, p2, t)
+    if command == _TAKEOFF:
+        return ACCEPTED if height > 0.0 and take_off(m, height) else FAILED
+    if command == _SET_MODE:
+        if not 0.0 <= p1 <= 255.0 or (int(p1) & _CUSTOM_MODE) == 0 or not 0.0 <= p2 < 16777216.0:
+            return DENIED
+        return _change_mode(m, int(p2), t)
+    if command == _LAND:
+        return _change_mode(m, LAND, t)
+    if command == _RTL:
+        return _change_mode(m, RTL, t)
+    if command == _INTERVAL:
+        return _set_message_interval(m, p1, p2, t)
+    if command == _REQUEST:
+        return _request_message(m, p1, t)
+    if command == _GET_HOME:
+        return _request_message(m, float(HOME_POSITION), t) if home_ready(m, t) else FAILED
+    if command == _CAPABILITIES:
+        return _request_message(m, float(AUTOPILOT_VERSION), t)
+    if command == _SPEED:
+        return _change_speed(m, p1, p2)
+    if command == _YAW:
+        return _turn(m, p1, p4 > 0.0, p3)
+    return UNSUPPORTED
+
+
+# ---- targets -------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _altitude_reference(frame: int) -> int:
+    """What an altitude in a MAV_FRAME is above: _ABSOLUTE (sea), _RELATIVE (home), -1 for frames not understood."""
+    if frame == 0 or frame == 5:
+        return _ABSOLUTE
+    if frame == 3 or frame == 6:
+        return _RELATIVE
+    return -1
+
+
+@kernel
+def _locate(m: Any, lat: int, lon: int, altitude: float, reference: int) -> tuple[float, float, float]:
+    """North, east and up of a place in degE7 and m."""
+    n, e, d = local_from_geodetic(
+        radians_from_deg_e7(lat), radians_from_deg_e7(lon), altitude, m.origin_latitude, m.origin_longitude, 0.0
+    )
+    if reference == _ABSOLUTE:
+        return n, e, -d - m.origin_altitude
+    return n, e, m.home[2] - d
+
+
+@kernel
+def _is_place(lat: int, lon: int) -> bool:
+    return abs(lat) <= 900000000 and abs(lon) <= 1800000000
+
+
+@kernel
+def _reposition(m: Any, frame: int, flags: float, lat: int, lon: int, altitude: float, t: float) -> int:
+    change = 0.0 <= flags < 16777216.0 and (int(flags) & _CHANGE_MODE) != 0
+    if m.mode != GUIDED and not change:
+        return DENIED
+    reference = _altitude_reference(frame)
+    if reference < 0 or not _is_place(lat, lon) or (lat == 0 and lon == 0) or not math.isfinite(altitude):
+        return DENIED
+    if m.mode != GUIDED and _change_mode(m, GUIDED, t) != ACCEPTED:
+        return FAILED
+    n, e, u = _locate(m, lat, lon, altitude, reference)
+    guide_position(m, n, e, u, t)
+    return ACCEPTED
+
+
+@kernel
+def _set_nose(m: Any, mask: int, yaw: float, yaw_rate: float, relative: bool) -> None:
+    if (mask & _NO_YAW) == 0:
+        offset = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2] if relative else 0.0
+        turn_to(m, wrap_pi(yaw + offset), 0.0, False)
+    elif (mask & _NO_YAW_RATE) == 0:
+        turn_to(m, 0.0, yaw_rate, True)
+
+
+@kernel
+def _guide(
+    m: Any,
+    mask: int,
+    n: float,
+    e: float,
+    u: float,
+    vn: float,
+    ve: float,
+    vu: float,
+    an: float,
+    ae: float,
+    au: float,
+    yaw: float,
+    yaw_rate: float,
+    relative: bool,
+    t: float,
+) -> None:
+    """A target of SET_POSITION_TARGET_*, in local axes; combinations that mean nothing stop the vehicle."""
+    position = (mask & _NO_POSITION) == 0
+    velocity = (mask & _NO_VELOCITY) == 0
+    acceleration = (mask & _NO_ACCELERATION) == 0
+    total = 0.0
+    if position:
+        total += n + e + u
+    if velocity:
+        total += vn + ve + vu
+    if acceleration:
+        total += an + ae + au
+    if not math.isfinite(total) or (acceleration and (mask & _FORCE_SET) != 0):
+        guide_stop(m, t)
+        return
+    if not acceleration:
+        an, ae, au = 0.0, 0.0, 0.0
+    if position and velocity:
+        guide_position_velocity(m, t)
+        m.guided_position[0], m.guided_position[1], m.guided_position[2] = n, e, u
+    elif velocity:
+        guide_velocity(m, vn, ve, vu, t)
+    elif acceleration and not position:
+        guide_acceleration(m, an, ae, au, t)
+    elif position and not acceleration:
+        guide_position(m, n, e, u, t)
+    else:
+        guide_stop(m, t)
+        return
+    if velocity:
+        m.guided_velocity[0], m.guided_velocity[1], m.guided_velocity[2] = vn, ve, vu
+        m.guided_acceleration[0], m.guided_acceleration[1], m.guided_acceleration[2] = an, ae, au
+    _set_nose(m, mask, yaw, yaw_rate, relative)
+
+
+@kernel
+def _local_target(m: Any, t: float) -> None:
+    _, _, _, frame, mask, x, y, z, vx, vy, vz, ax, ay, az, yaw, yaw_rate = decode_set_position_target_local_ned(
+        m.received
+    )
+    if m.mode != GUIDED:
+        return
+    if not (frame == 1 or 7 <= frame <= 9):
+        guide_stop(m, t)
+        return
+    body = frame >= 8
+    if body:
+        heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+        c, s = math.cos(heading), math.sin(heading)
+        x, y = x * c - y * s, x * s + y * c
+        vx, vy = vx * c - vy * s, vx * s + vy * c
+        ax, ay = ax * c - ay * s, ax * s + ay * c
+    up = -z
+    if frame != 1:
+        x, y, up = x + m.pos[0], y + m.pos[1], up + m.pos[2]
+    _guide(m, mask, x, y, up, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, body, t)
+
+
+@kernel
+def _global_target(m: Any, t: float) -> None:
+    _, _, _, frame, mask, lat, lon, alt, vx, vy, vz, ax, ay, az, yaw, yaw_rate = decode_set_position_target_global_int(
+        m.received
+    )
+    if m.mode != GUIDED:
+        return
+    n, e, u = 0.0, 0.0, 0.0
+    if (mask & _NO_POSITION) == 0:
+        reference = _altitude_reference(frame)
+        if reference < 0 or not _is_place(lat, lon):
+            guide_stop(m, t)
+            return
+        n, e, u = _locate(m, lat, lon, alt, reference)
+    _guide(m, mask, n, e, u, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, False, t)
+
+
+# ---- packets -------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _request_stream(m: Any, t: float) -> None:
+    _, _, stream, rate, start = decode_request_data_stream(m.received)
+    interval = 1.0 / rate if start != 0 and rate > 0 else 0.0
+    for row in range(STREAM_COUNT):
+        group = stream_group(row)
+        if group != 0 and (stream == 0 or stream == group):
+            set_interval(m, row, interval, t)
+
+
+@kernel
+def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
+    if message == COMMAND_LONG:
+        _, _, command, _, p1, p2, p3, p4, _, _, p7 = decode_command_long(m.received)
+        result = _command(m, command, p1, p2, p3, p4, p7, t)
+        acknowledge(m, command, result, sender, part)
+    elif message == COMMAND_INT:
+        _, _, frame, command, _, _, p1, p2, p3, p4, x, y, z = decode_command_int(m.received)
+        if command == _REPOSITION:
+            result = _reposition(m, frame, p2, x, y, z, t)
+        else:
+            result = _command(m, command, p1, p2, p3, p4, z, t)
+        acknowledge(m, command, result, sender, part)
+    elif message == SET_MODE:
+        _, base_mode, mode = decode_set_mode(m.received)
+        result = _change_mode(m, mode, t) if (base_mode & _CUSTOM_MODE) != 0 else DENIED
+        acknowledge(m, SET_MODE, result, sender, part)
+    elif message == SET_POSITION_TARGET_LOCAL_NED:
+        _local_target(m, t)
+    elif message == SET_POSITION_TARGET_GLOBAL_INT:
+        _global_target(m, t)
+    elif message == REQUEST_DATA_STREAM:
+        _request_stream(m, t)
+
+
+@kernel
+def receive(m: Any, t: float) -> None:
+    """Act on the packets of this step and answer them."""
+    p = 0
+    n = m.mavlink_rx_len
+    while True:
+        start, p, status = find(m.mavlink_rx, p, n)
+        if status in (NOTHING, TRUNCATED):
+            return
+        if status != GOOD and status != SIGNED:
+            continue
+        sender = system(m.mavlink_rx, start)
+        to_system, to_component = target(m.mavlink_rx, start)
+        if sender == m.SYSID_THISMAV and component(m.mavlink_rx, start) == _COMPONENT:
+            continue
+        m.link_version = version(m.mavlink_rx, start)
+        if (to_system == 0 or to_system == m.SYSID_THISMAV) and (to_component == 0 or to_component == _COMPONENT):
+            unpack(m.mavlink_rx, start, m.received)
+            _dispatch(m, message_id(m.mavlink_rx, start), sender, component(m.mavlink_rx, start), t)

@@ -1,0 +1,613 @@
+"""What the autopilot flies: modes, take-off, landing, arming, as ArduCopter does it.
+
+Kernels over the autopilot's record `m`. `run_mode` is called once a step and calls the position and attitude
+controllers with what the mode wants; `set_mode`, `arm`, `disarm`, `take_off` and the `guide_*` functions are what
+commands do, and say whether they were possible. Vectors are north, east, UP from the local origin, SI units.
+MAVLink is elsewhere.
+
+There is no pilot: in LOITER the sticks are taken as centred. In STABILIZE the throttle stick is taken as closed, as
+in a simulated ArduCopter without a radio: on the ground the motors idle, in the air they idle too and the vehicle
+falls. Do not switch to STABILIZE in flight.
+
+RTL flies by the same shaper as GUIDED, not by ArduCopter's waypoint S-curves.
+
+Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_land, mode_rtl, mode_loiter, takeoff, land_detector.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.frames import euler_from_quaternion
+from cosim.kernel import kernel
+from cosim_models.attitude_control import follow_heading, follow_yaw_rate, forget_torques, relax_yaw
+from cosim_models.motors import GROUND_IDLE, SHUT_DOWN, THROTTLE_UNLIMITED, mix_towards
+from cosim_models.position_control import (
+    GRAVITY,
+    control_ne,
+    control_up,
+    initialise_ne,
+    initialise_up,
+    relax_ne,
+    relax_up,
+    seek_acceleration,
+    seek_position,
+    seek_position_up,
+    seek_position_velocity,
+    seek_velocity_ne,
+    seek_velocity_up,
+    set_limits,
+    set_throttle,
+    soften_for_landing,
+)
+from cosim_models.shaping import clip, lowpass_alpha, sqrt_controller
+
+__all__ = [
+    "GUIDED",
+    "LAND",
+    "LOITER",
+    "POSITION",
+    "RTL",
+    "STABILIZE",
+    "Mode",
+    "arm",
+    "detect_landing",
+    "disarm",
+    "disarm_after_delay",
+    "guide_acceleration",
+    "guide_position",
+    "guide_position_velocity",
+    "guide_stop",
+    "guide_velocity",
+    "landed_state",
+    "needs_position",
+    "position_ready",
+    "run_mode",
+    "set_mode",
+    "take_off",
+    "turn_to",
+]
+
+
+class Mode(IntEnum):
+    """Flight modes, by ArduCopter's numbers."""
+
+    STABILIZE = 0
+    GUIDED = 4
+    LOITER = 5
+    RTL = 6
+    LAND = 9
+
+
+# Numpy integers: numba compiles a kernel anew for every Python integer that is passed as a constant.
+STABILIZE, GUIDED, LOITER, RTL, LAND = (
+    cast(int, np.int64(0)),
+    cast(int, np.int64(4)),
+    cast(int, np.int64(5)),
+    cast(int, np.int64(6)),
+    cast(int, np.int64(9)),
+)
+
+# What GUIDED is doing.
+TAKEOFF, POSITION, VELOCITY, POSITION_VELOCITY, ACCELERATION = (cast(int, np.int64(i)) for i in range(5))
+# What RTL is doing.
+CLIMB, RETURN, WAIT, DESCEND = 0, 1, 2, 3
+# Where the nose points.
+HOLD, ALONG_PATH, FIXED, TURN = 0, 1, 2, 3
+
+_ARMING_DELAY = 2.0  # s between arming and the motors
+_LANDED_TIME = 1.0  # s of stillness that mean landed
+_TOUCHED_TIME = 0.2  # s that mean perhaps landed
+_LANDED_ACCEL = 1.0  # m/s2, filtered at 1 Hz
+_LANDED_SPEED = 1.0  # m/s
+_LARGE_LEAN = math.radians(15.0)
+_LARGE_ERROR = math.radians(30.0)
+_MOVING_ACCEL = 3.0  # m/s2
+_TAKEOFF_THROTTLE = 0.9
+_RTL_ALT_MIN = 2.0  # m
+_RTL_CLIMB_MIN = 2.5  # m, below the cone
+_RTL_CONE_MIN = 0.5
+
+
+# ---- the nose ------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _heading_target(m: Any) -> float:
+    return float(
+        euler_from_quaternion((m.attitude_target[0], m.attitude_target[1], m.attitude_target[2], m.attitude_target[3]))[
+            2
+        ]
+    )
+
+
+@kernel
+def _hold_heading(m: Any) -> None:
+    m.yaw_mode = HOLD
+    m.yaw_fixed = _heading_target(m)
+
+
+@kernel
+def _default_heading(m: Any) -> None:
+    """WP_YAW_BEHAVIOR: 0 keeps the heading; 1, 2 and 3 look along the path (2 keeps it in RTL)."""
+    if m.WP_YAW_BEHAVIOR == 0 or (m.WP_YAW_BEHAVIOR == 2 and m.mode == RTL):
+        _hold_heading(m)
+    elif m.yaw_mode != ALONG_PATH:
+        m.yaw_mode = ALONG_PATH
+        m.path_heading = _heading_target(m)
+        m.path_turn_rate = 0.0
+
+
+@kernel
+def turn_to(m: Any, heading: float, rate: float, follow: bool) -> None:
+    """Point the nose at `heading` [rad], or with `follow` turn it at `rate` [rad/s]."""
+    m.yaw_mode = TURN if follow else FIXED
+    m.yaw_fixed = heading
+    m.yaw_rate = rate
+
+
+@kernel
+def _lean(m: Any, dt: float) -> None:
+    """Hand the wanted acceleration and heading to the attitude controller."""
+    an, ae = m.acceleration_target[0], m.acceleration_target[1]
+    if m.yaw_mode == ALONG_PATH:
+        follow_heading(m, an, ae, -GRAVITY, m.path_heading, m.path_turn_rate, dt)
+    elif m.yaw_mode == TURN:
+        follow_yaw_rate(m, an, ae, -GRAVITY, m.yaw_rate, dt)
+    else:
+        follow_heading(m, an, ae, -GRAVITY, m.yaw_fixed, 0.0, dt)
+
+
+# ---- arming --------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def position_ready(m: Any, t: float) -> bool:
+    """Whether the position estimate is good enough to fly by (from `estimate_ready_time` on)."""
+    return bool(t >= m.estimate_ready_time)
+
+
+@kernel
+def needs_position(mode: int) -> bool:
+    """Whether a mode cannot be entered, or armed in, without a position estimate."""
+    return mode in (GUIDED, LOITER, RTL)
+
+
+@kernel
+def arm(m: Any, t: float) -> None:
+    """Arm. The place becomes home, the motors wait for two seconds."""
+    m.armed = True
+    m.armed_at = t
+    m.arming_delay = True
+    m.auto_armed = False
+    m.idle_since = t
+    for i in range(3):
+        m.home[i] = m.pos[i]
+    m.land_time = 0.0
+
+
+@kernel
+def disarm(m: Any) -> None:
+    """Stop the motors."""
+    m.armed = False
+    m.auto_armed = False
+    m.on_ground = True
+    m.land_time = 0.0
+
+
+@kernel
+def disarm_after_delay(m: Any, t: float) -> bool:
+    """Disarm when armed on the ground for DISARM_DELAY; returns whether that happened now."""
+    if not m.armed or m.DISARM_DELAY <= 0.0 or m.spool_state > GROUND_IDLE or not m.on_ground:
+        m.idle_since = t
+        return False
+    if t - m.idle_since < m.DISARM_DELAY - 1e-9:
+        return False
+    disarm(m)
+    return True
+
+
+# ---- GUIDED: what commands ask for ---------------------------------------------------------------------------------
+
+
+@kernel
+def _standard_limits(m: Any) -> None:
+    set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
+
+
+@kernel
+def _start_control(m: Any) -> None:
+    """Standard limits, controllers from the present motion, nose as WP_YAW_BEHAVIOR says."""
+    _standard_limits(m)
+    initialise_ne(m)
+    initialise_up(m)
+    _default_heading(m)
+
+
+@kernel
+def guide_stop(m: Any, t: float) -> None:
+    """GUIDED: come to rest and wait for targets."""
+    _start_control(m)
+    m.submode = VELOCITY
+    m.guided_time = t
+    for i in range(3):
+        m.guided_velocity[i] = 0.0
+        m.guided_acceleration[i] = 0.0
+
+
+@kernel
+def _enter_submode(m: Any, submode: int) -> None:
+    if m.submode != submode:
+        _start_control(m)
+        m.submode = submode
+
+
+@kernel
+def guide_position(m: Any, n: float, e: float, u: float, t: float) -> None:
+    """GUIDED: fly to a point."""
+    _enter_submode(m, POSITION)
+    _default_heading(m)
+    m.guided_position[0], m.guided_position[1], m.guided_position[2] = n, e, u
+    m.guided_time = t
+
+
+@kernel
+def guide_velocity(m: Any, vn: float, ve: float, vu: float, t: float) -> None:
+    """GUIDED: fly at a velocity, for GUID_TIMEOUT."""
+    _enter_submode(m, VELOCITY)
+    _default_heading(m)
+    m.guided_velocity[0], m.guided_velocity[1], m.guided_velocity[2] = vn, ve, vu
+    for i in range(3):
+        m.guided_acceleration[i] = 0.0
+    m.guided_time = t
+
+
+@kernel
+def guide_position_velocity(m: Any, t: float) -> None:
+    """GUIDED: follow a moving point; the caller has set m.guided_position, _velocity and _acceleration."""
+    _enter_submode(m, POSITION_VELOCITY)
+    _default_heading(m)
+    m.guided_time = t
+
+
+@kernel
+def guide_acceleration(m: Any, an: float, ae: float, au: float, t: float) -> None:
+    """GUIDED: accelerate, for GUID_TIMEOUT."""
+    _enter_submode(m, ACCELERATION)
+    _default_heading(m)
+    m.guided_acceleration[0], m.guided_acceleration[1], m.guided_acceleration[2] = an, ae, au
+    m.guided_time = t
+
+
+@kernel
+def take_off(m: Any, height: float) -> bool:
+    """GUIDED: take off to `height` [m above home]; False where that is not possible."""
+    if not m.armed or not m.on_ground or m.mode != GUIDED or m.home[2] + height <= m.pos[2]:
+        return False
+    _standard_limits(m)
+    m.submode = TAKEOFF
+    m.takeoff_from = m.pos[2]
+    m.takeoff_to = m.home[2] + height
+    m.takeoff_done = False
+    m.auto_armed = True
+    return True
+
+
+# ---- modes ---------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def set_mode(m: Any, mode: int, t: float) -> bool:
+    """Switch modes; False if armed and the mode needs a position that is not there. The mode must be one of `Mode`."""
+    if mode == m.mode:
+        return True
+    if m.armed and needs_position(mode) and not position_ready(m, t):
+        return False
+    m.mode = mode
+    if mode == GUIDED:
+        guide_stop(m, t)
+    elif mode == LOITER:
+        _start_loiter(m, t)
+    elif mode == LAND:
+        _start_land(m)
+    elif mode == RTL:
+        _start_rtl(m)
+    if mode != STABILIZE and not m.on_ground:
+        m.auto_armed = True
+    return True
+
+
+@kernel
+def _start_loiter(m: Any, t: float) -> None:
+    _standard_limits(m)
+    initialise_ne(m)
+    initialise_up(m)
+    _hold_heading(m)
+    m.loiter_brake = 0.0
+    m.loiter_since = t
+
+
+@kernel
+def _start_land(m: Any) -> None:
+    _standard_limits(m)
+    initialise_ne(m)
+    initialise_up(m)
+    _hold_heading(m)
+
+
+@kernel
+def _start_rtl(m: Any) -> None:
+    _start_control(m)
+    m.submode = POSITION
+    m.rtl_stage = CLIMB
+    distance = math.sqrt((m.pos[0] - m.home[0]) ** 2 + (m.pos[1] - m.home[1]) ** 2)
+    height = m.pos[2] - m.home[2]
+    wanted = max(0.01 * m.RTL_ALT, _RTL_ALT_MIN)
+    if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # near home there is no need to go all the way up
+        wanted = min(wanted, max(distance * m.RTL_CONE_SLOPE, height + _RTL_CLIMB_MIN))
+    m.guided_position[0] = m.position_desired[0]
+    m.guided_position[1] = m.position_desired[1]
+    m.guided_position[2] = m.home[2] + max(wanted, height)
+
+
+@kernel
+def _rest_on_ground(m: Any, dt: float) -> None:
+    """Motors idle, controllers follow the vehicle so that nothing winds up."""
+    m.spool_wanted = GROUND_IDLE
+    forget_torques(m, True, dt)
+    if m.spool_state <= GROUND_IDLE:
+        relax_yaw(m)
+    relax_ne(m, dt)
+    control_ne(m, dt)
+    relax_up(m, 0.0, dt)
+    control_up(m, dt)
+    follow_yaw_rate(m, 0.0, 0.0, -GRAVITY, 0.0, dt)
+
+
+@kernel
+def _run_stabilize(m: Any, dt: float) -> None:
+    m.spool_wanted = GROUND_IDLE
+    if m.spool_state <= GROUND_IDLE:
+        relax_yaw(m)
+        forget_torques(m, m.spool_state == GROUND_IDLE, dt)
+    follow_yaw_rate(m, 0.0, 0.0, -GRAVITY, 0.0, dt)
+    set_throttle(m, 0.0, True, 0.0, dt)
+
+
+@kernel
+def _run_takeoff(m: Any, dt: float) -> None:
+    if not m.armed or not m.auto_armed:
+        _rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    if m.spool_state != THROTTLE_UNLIMITED:
+        relax_ne(m, dt)
+        control_ne(m, dt)
+        relax_up(m, 0.0, dt)
+        control_up(m, dt)
+        relax_yaw(m)
+        forget_torques(m, False, dt)
+        follow_yaw_rate(m, m.acceleration_target[0], m.acceleration_target[1], -GRAVITY, 0.0, dt)
+        return
+    if m.on_ground:
+        throttle = clip(m.throttle_in + dt / max(m.TKOFF_SLEW_TIME, 0.01), 0.0, 1.0)
+        initialise_up(m)
+        set_throttle(m, throttle, True, 0.0, dt)
+        relax_ne(m, dt)
+        control_ne(m, dt)
+        forget_torques(m, False, dt)
+        follow_yaw_rate(m, m.acceleration_target[0], m.acceleration_target[1], -GRAVITY, 0.0, dt)
+        if (
+            throttle >= min(m.TKOFF_THR_MAX, _TAKEOFF_THROTTLE)
+            or m.acc[2] >= 0.5 * m.accel_up
+            or m.velocity_desired[2] >= 0.1 * m.speed_up
+        ):
+            m.on_ground = False
+        return
+    seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
+    control_ne(m, dt)
+    seek_position_up(m, m.takeoff_to, dt)
+    control_up(m, dt)
+    follow_yaw_rate(m, m.acceleration_target[0], m.acceleration_target[1], -GRAVITY, 0.0, dt)
+    climbed = m.position_desired[2] - m.takeoff_from >= 0.9 * (m.takeoff_to - m.takeoff_from)
+    if climbed and m.velocity_desired[2] < 0.1 * m.speed_up:
+        m.takeoff_done = True
+
+
+@kernel
+def _run_guided(m: Any, t: float, dt: float) -> None:
+    if m.submode == TAKEOFF:
+        _run_takeoff(m, dt)
+        return
+    if not m.armed or not m.auto_armed or m.on_ground:
+        _rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    if m.submode != POSITION and t - m.guided_time > m.GUID_TIMEOUT:
+        for i in range(3):
+            m.guided_velocity[i] = 0.0
+            m.guided_acceleration[i] = 0.0
+        if m.yaw_mode == TURN:
+            _hold_heading(m)
+        if m.submode == ACCELERATION:
+            guide_stop(m, t)
+    p, v, a = m.guided_position, m.guided_velocity, m.guided_acceleration
+    if m.submode == POSITION:
+        seek_position(m, p[0], p[1], p[2], dt)
+    elif m.submode == VELOCITY:
+        seek_velocity_ne(m, v[0], v[1], a[0], a[1], dt)
+        seek_velocity_up(m, v[2], a[2], False, dt)
+    elif m.submode == POSITION_VELOCITY:
+        seek_position_velocity(m, p, v, a, dt)
+    else:
+        seek_acceleration(m, a[0], a[1], a[2], dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    _lean(m, dt)
+
+
+@kernel
+def _run_loiter(m: Any, t: float, dt: float) -> None:
+    if not m.armed or not m.auto_armed or m.on_ground:
+        _rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
+    wanted = 0.0
+    if t - m.loiter_since > m.LOIT_BRK_DELAY:
+        gain = 0.5 * m.PSC_VELXY_P
+        wanted = clip(sqrt_controller(speed, gain, 0.01 * m.LOIT_BRK_JERK, dt), 0.0, 0.01 * m.LOIT_BRK_ACCEL)
+    step = 0.01 * m.LOIT_BRK_JERK * dt
+    m.loiter_brake += clip(wanted - m.loiter_brake, -step, step)
+    drag = GRAVITY * math.tan(math.radians(0.01 * m.ANGLE_MAX)) * speed / max(0.01 * m.LOIT_SPEED, 0.2)
+    slower = max(speed - (drag + m.loiter_brake) * dt, 0.0)
+    share = slower / speed if speed > 0.0 else 0.0
+    for i in range(2):
+        a[i] = -m.loiter_brake * v[i] / speed if speed > 0.0 else 0.0
+        v[i] *= share
+        p[i] += v[i] * dt
+    seek_velocity_up(m, 0.0, 0.0, False, dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    _lean(m, dt)
+
+
+@kernel
+def _descend(m: Any, dt: float) -> None:
+    """Down at the speed limit to LAND_ALT_LOW, then at LAND_SPEED, over the place where the descent began."""
+    slow = 0.01 * m.LAND_SPEED
+    fast = 0.01 * m.LAND_SPEED_HIGH if m.LAND_SPEED_HIGH > 0.0 else m.speed_down
+    height = m.pos[2] - m.home[2]
+    low = 0.01 * max(m.LAND_ALT_LOW, 100.0)
+    rate = sqrt_controller(low - height, m.PSC_POSZ_P, m.accel_up, dt)
+    seek_velocity_up(m, clip(rate, min(-fast, -slow), -slow), 0.0, True, dt)
+    if m.touched:
+        soften_for_landing(m, dt)
+    seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    _lean(m, dt)
+
+
+@kernel
+def _run_land(m: Any, dt: float) -> None:
+    if m.on_ground and m.armed and m.spool_state == GROUND_IDLE:
+        disarm(m)
+    if not m.armed or m.on_ground:
+        _rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    _descend(m, dt)
+
+
+@kernel
+def _run_rtl(m: Any, t: float, dt: float) -> None:
+    if m.rtl_stage == DESCEND:
+        _run_land(m, dt)
+        return
+    if not m.armed or m.on_ground:
+        _rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    p = m.guided_position
+    seek_position(m, p[0], p[1], p[2], dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    _lean(m, dt)
+    gap = m.position_desired
+    if m.rtl_stage == CLIMB:
+        if abs(p[2] - gap[2]) < 0.1:
+            m.rtl_stage = RETURN
+            p[0] = m.home[0]
+            p[1] = m.home[1]
+    elif m.rtl_stage == RETURN:
+        near = math.sqrt((p[0] - m.pos[0]) ** 2 + (p[1] - m.pos[1]) ** 2) < 0.01 * m.WPNAV_RADIUS
+        if near and math.sqrt((p[0] - gap[0]) ** 2 + (p[1] - gap[1]) ** 2) < 0.2:
+            m.rtl_stage = WAIT
+            m.loiter_since = t
+    elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME:
+        m.rtl_stage = DESCEND
+        _start_land(m)
+
+
+@kernel
+def run_mode(m: Any, t: float, dt: float) -> None:
+    """One step of the present mode."""
+    if m.arming_delay and (not m.armed or t - m.armed_at >= _ARMING_DELAY - 1e-9):
+        m.arming_delay = False
+    if m.mode == GUIDED:
+        _run_guided(m, t, dt)
+    elif m.mode == LOITER:
+        _run_loiter(m, t, dt)
+    elif m.mode == LAND:
+        _run_land(m, dt)
+    elif m.mode == RTL:
+        _run_rtl(m, t, dt)
+    else:
+        _run_stabilize(m, dt)
+    if not m.armed:
+        m.spool_wanted = SHUT_DOWN
+
+
+# ---- on the ground or in the air -----------------------------------------------------------------------------------
+
+
+@kernel
+def detect_landing(m: Any, dt: float) -> None:
+    """ArduCopter's land detector: idle throttle and no motion for a second. Sets m.on_ground and the throttle mix."""
+    alpha = lowpass_alpha(dt, 1.0)
+    still = 0.0
+    moving = 0.0
+    for i in range(3):
+        m.land_accel[i] += alpha * (m.acc[i] - m.land_accel[i])
+        still += m.land_accel[i] * m.land_accel[i]
+        moving += m.acc[i] * m.acc[i]
+    lean = math.acos(clip(1.0 - 2.0 * (m.attitude_target[1] ** 2 + m.attitude_target[2] ** 2), -1.0, 1.0))
+    rough = lean > _LARGE_LEAN or m.thrust_error > _LARGE_ERROR
+    if not m.armed:
+        m.on_ground = True
+        m.land_time = 0.0
+    elif m.on_ground:
+        taking_off = m.mode == GUIDED and m.submode == TAKEOFF
+        if not taking_off and m.throttle_out > 0.5 * m.throttle_hover and m.spool_state == THROTTLE_UNLIMITED:
+            m.on_ground = False
+    elif (
+        m.limit_throttle_lower
+        and m.throttle_mix <= 1.1 * m.ATC_THR_MIX_MIN
+        and not rough
+        and still <= _LANDED_ACCEL * _LANDED_ACCEL
+        and abs(m.vel[2]) < _LANDED_SPEED
+    ):
+        m.land_time += dt
+        if m.land_time >= _LANDED_TIME:
+            m.on_ground = True
+            m.land_time = 0.0
+    else:
+        m.land_time = 0.0
+    m.touched = m.on_ground or m.land_time >= _TOUCHED_TIME
+    wanted = m.ATC_THR_MIX_MAX
+    if (
+        not m.armed
+        or m.on_ground
+        or m.mode == STABILIZE
+        or (not rough and moving <= _MOVING_ACCEL * _MOVING_ACCEL and m.velocity_desired[2] < 0.0)
+    ):
+        wanted = m.ATC_THR_MIX_MIN
+    mix_towards(m, wanted, dt)
+
+
+@kernel
+def landed_state(m: Any) -> int:
+    """MAV_LANDED_STATE: 1 on ground, 2 in air, 3 taking off, 4 landing."""
+    if m.on_ground and not (m.mode == GUIDED and m.submode == TAKEOFF and m.auto_armed):
+        return 1
+    if m.mode == GUIDED and m.submode == TAKEOFF and not m.takeoff_done:
+        return 3
+    if m.mode == LAND or (m.mode == RTL and m.rtl_stage == DESCEND):
+        return 4
+    return 2
