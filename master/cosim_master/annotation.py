@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+from lxml import etree
+
 from cosim_master.check import CheckedSystem
 from cosim_master.document import line_of
 from cosim_master.errors import Problem, Where
-from lxml import etree
 
 __all__ = ["NAMESPACE", "Attributes", "root_annotation"]
 

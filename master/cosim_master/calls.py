@@ -14,15 +14,17 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import ir
+from numba import config as _numba_config
 from numba import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic as _numba_intrinsic
 
 __all__ = ["atomic_add", "atomic_load", "byte_at", "do_step2", "exchange_if", "get_or_set", "rest"]
 
+intrinsic: Any = _numba_intrinsic
+_config: Any = _numba_config
 _I32, _I64, _F64 = ir.IntType(32), ir.IntType(64), ir.DoubleType()
 
 
-@intrinsic  # type: ignore[untyped-decorator]
 def _get_or_set(typing: Any, function: Any, instance: Any, references: Any, n: Any, values: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(_I32, [_I64] * 4).as_pointer()
@@ -31,7 +33,6 @@ def _get_or_set(typing: Any, function: Any, instance: Any, references: Any, n: A
     return types.int32(*[types.uintp] * 5), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
 def _do_step2(typing: Any, function: Any, instance: Any, t: Any, h: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(_I32, [_I64, _F64, _F64, _I32]).as_pointer()
@@ -40,7 +41,6 @@ def _do_step2(typing: Any, function: Any, instance: Any, t: Any, h: Any) -> Any:
     return types.int32(types.uintp, types.uintp, types.double, types.double), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
 def _byte_at(typing: Any, address: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load(builder.inttoptr(arguments[0], ir.IntType(8).as_pointer()))
@@ -48,7 +48,6 @@ def _byte_at(typing: Any, address: Any) -> Any:
     return types.uint8(types.uintp), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
 def _load(typing: Any, address: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load_atomic(builder.inttoptr(arguments[0], _I64.as_pointer()), "seq_cst", 8)
@@ -56,7 +55,6 @@ def _load(typing: Any, address: Any) -> Any:
     return types.int64(types.uintp), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
 def _add(typing: Any, address: Any, value: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.atomic_rmw("add", builder.inttoptr(arguments[0], _I64.as_pointer()), arguments[1], "seq_cst")
@@ -64,7 +62,6 @@ def _add(typing: Any, address: Any, value: Any) -> Any:
     return types.int64(types.uintp, types.int64), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
 def _exchange_if(typing: Any, address: Any, expected: Any, value: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = builder.inttoptr(arguments[0], _I64.as_pointer())
@@ -74,11 +71,10 @@ def _exchange_if(typing: Any, address: Any, expected: Any, value: Any) -> Any:
     return types.boolean(types.uintp, types.int64, types.int64), codegen
 
 
-_sched_yield = types.ExternalFunction("sched_yield", types.int32())
-_usleep = types.ExternalFunction("usleep", types.int32(types.uint32))
+_sched_yield: Any = types.ExternalFunction("sched_yield", types.int32())
+_usleep: Any = types.ExternalFunction("usleep", types.int32(types.uint32))
 
 
-@numba.njit  # type: ignore[untyped-decorator]
 def _rest(spins: int) -> None:
     """Wait a moment: not at all at first, then let others run, then sleep."""
     if spins > 20000:
@@ -105,18 +101,18 @@ def _no_threads(*_: int) -> int:
     raise RuntimeError("threads need compiled kernels; NUMBA_DISABLE_JIT is set")
 
 
-_PLAIN = bool(numba.config.DISABLE_JIT)
-get_or_set = _plain_get_or_set if _PLAIN else _get_or_set
+_PLAIN = bool(_config.DISABLE_JIT)
+get_or_set: Any = _plain_get_or_set if _PLAIN else intrinsic(_get_or_set)
 """fmi2GetXXX or fmi2SetXXX(instance, references, n, values) -> status"""
-do_step2 = _plain_do_step2 if _PLAIN else _do_step2
+do_step2: Any = _plain_do_step2 if _PLAIN else intrinsic(_do_step2)
 """fmi2DoStep(instance, t, h, fmi2True) -> status; t and h in s"""
-byte_at = _plain_byte_at if _PLAIN else _byte_at
+byte_at: Any = _plain_byte_at if _PLAIN else intrinsic(_byte_at)
 """The byte at an address."""
-atomic_load = _no_threads if _PLAIN else _load
+atomic_load: Any = _no_threads if _PLAIN else intrinsic(_load)
 """The int64 at an address, as every thread sees it."""
-atomic_add = _no_threads if _PLAIN else _add
+atomic_add: Any = _no_threads if _PLAIN else intrinsic(_add)
 """Add to the int64 at an address; returns what it was."""
-exchange_if = _no_threads if _PLAIN else _exchange_if
+exchange_if: Any = _no_threads if _PLAIN else intrinsic(_exchange_if)
 """exchange_if(address, expected, value): replace the int64 if it is still `expected`; returns whether it was."""
-rest = _no_threads if _PLAIN else _rest
+rest: Any = _no_threads if _PLAIN else numba.njit(_rest)
 """Wait for other threads, the longer the more `spins` have passed."""

@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from lxml import etree
+
 from cosim_master.binding import Bindings, Unmatched
 from cosim_master.document import line_of, near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
@@ -20,7 +22,6 @@ from cosim_master.initialization import exchange_order
 from cosim_master.system import Annotation, Component, System, SystemStructure, Value
 from cosim_master.units import Unit
 from cosim_master.wiring import Part, Wiring, assemble
-from lxml import etree
 
 __all__ = ["ANNOTATION_TYPES", "Alias", "CheckedSystem", "Instance", "Link", "OwnedAnnotation", "check", "natural"]
 

@@ -14,12 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from cosim_master.errors import CosimError, SystemDescriptionError
 from rich.console import Console
 
+from cosim_master.errors import CosimError, SystemDescriptionError
+
 if TYPE_CHECKING:
-    from cosim_master.simulation import Prepared, Progress, RunResult
     from rich.table import Table
+
+    from cosim_master.simulation import Prepared, Progress, RunResult
 
 __all__ = ["main"]
 

@@ -15,8 +15,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias, cast
 
-from cosim_master.errors import Problem, SystemDescriptionError, Where
 from lxml import etree
+
+from cosim_master.errors import Problem, SystemDescriptionError, Where
 
 __all__ = ["Form", "Grammar", "Reader", "line_of", "local_name", "near", "parse"]
 

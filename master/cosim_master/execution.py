@@ -18,6 +18,7 @@ from types import TracebackType
 from typing import Any, Self, TypeAlias
 
 import numpy as np
+
 from cosim_master.check import CheckedSystem
 from cosim_master.errors import CosimError, FmuError
 from cosim_master.fmi2 import STATUS

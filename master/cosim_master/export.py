@@ -11,6 +11,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from cosim_master.errors import CosimError
 
 __all__ = ["export_csv", "open_signals"]

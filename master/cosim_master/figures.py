@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
 from cosim_master.errors import CosimError
 from cosim_master.flight import Array, Flight, read_flight
 

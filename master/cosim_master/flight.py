@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+
 from cosim_master.errors import CosimError
 from cosim_master.export import open_signals
 

@@ -18,12 +18,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias, cast
 
+from fmpy.model_description import ModelDescription, ValidationError, read_model_description
+from lxml import etree
+
 from cosim_master import archive
 from cosim_master.document import line_of, near, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
-from fmpy.model_description import ModelDescription, ValidationError, read_model_description
-from lxml import etree
 
 __all__ = ["Capabilities", "FmuDescription", "Variable", "describe", "extract", "platform"]
 

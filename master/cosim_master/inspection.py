@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
+from rich.table import Table
+from rich.text import Text
+
 from cosim_master.check import check
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import describe
 from cosim_master.ssp import read_system
-from rich.table import Table
-from rich.text import Text
 
 __all__ = ["fmu_tables", "run_tables", "system_tables"]
 

@@ -17,11 +17,10 @@ from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Self
 
+from cosim.kernel import cache_folder
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import Library
 from cosim_master.fmu import FmuDescription, extract
-
-from cosim.kernel import cache_folder
 
 __all__ = ["Libraries", "check_sources"]
 

@@ -31,7 +31,9 @@ _IDS = 250
 _MODELS = {"vehicle": "Quadrotor", "autopilot": "Autopilot", "agent": "LineAgent"}
 
 
-def new_system(shape: str, drones: int, folder: Path, *, fmus: Path, spacing: float = 10.0, until: float = 60.0) -> Path:
+def new_system(
+    shape: str, drones: int, folder: Path, *, fmus: Path, spacing: float = 10.0, until: float = 60.0
+) -> Path:
     """Write a system of `drones` drones.
 
     Args:
@@ -205,8 +207,9 @@ def _root(name: str, drones: int, rows: Sequence[_Drone], until: float) -> bytes
         )
     annotations = etree.SubElement(system, f"{{{_SSD}}}Annotations")
     annotation = etree.SubElement(annotations, f"{{{_SSC}}}Annotation", type="org.uav-cosim.network")
+    ours: dict[str, str] = {None: _OURS}  # type: ignore[dict-item]  # lxml's way to name the default namespace
     network = etree.SubElement(
-        annotation, f"{{{_OURS}}}network", nsmap={None: _OURS}, topology="listed", latency="0.02", seed="1"
+        annotation, f"{{{_OURS}}}network", nsmap=ours, topology="listed", latency="0.02", seed="1"
     )
     for row in rows:
         if row.right:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
 from cosim_master import radio as radio_kernels
 from cosim_master.check import CheckedSystem, Instance, Link
 from cosim_master.errors import Problem, SystemDescriptionError, Where

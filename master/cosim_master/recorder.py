@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from cosim_master.check import CheckedSystem
 from cosim_master.network import Network
 from cosim_master.plan import KINDS, Layout

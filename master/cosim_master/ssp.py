@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import cast
 from urllib.parse import unquote, urlsplit
 
+from lxml import etree
+
 from cosim_master import archive
 from cosim_master.document import Reader, local_name, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
@@ -45,7 +47,6 @@ from cosim_master.system import (
     SystemStructure,
 )
 from cosim_master.units import Unit
-from lxml import etree
 
 __all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE", "read_system"]
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 
+from lxml import etree
+
 from cosim_master.document import Reader, local_name, near
 from cosim_master.ssp_grammar import GRAMMAR, PARAMETER_TYPES, SSC, SSV, TYPES
 from cosim_master.system import Enumeration, Parameter
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
-from lxml import etree
 
 __all__ = ["check_version", "read_enumerations", "read_parameter_set", "read_units"]
 

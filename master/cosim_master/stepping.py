@@ -19,6 +19,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+
+from cosim.kernel import kernel
+from cosim.packets import decode_base64, encode_base64
 from cosim_master.calls import atomic_add, atomic_load, byte_at, do_step2, exchange_if, get_or_set, rest
 from cosim_master.radio import (
     FREE_PLACES,
@@ -34,10 +38,6 @@ from cosim_master.radio import (
     send,
     sort_along,
 )
-from numpy.typing import NDArray
-
-from cosim.kernel import kernel
-from cosim.packets import decode_base64, encode_base64
 
 __all__ = [
     "BLOCK_FULL",
@@ -440,7 +440,11 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             if k >= k_stop:
                 return DONE
             in_flight = r.counters[IN_FLIGHT]
-            if r.settings[0].keep != 0 and in_flight > 0 and r.counters[USED_LOG] + in_flight * (SLOT + 16) > r.log.size:
+            if (
+                r.settings[0].keep != 0
+                and in_flight > 0
+                and r.counters[USED_LOG] + in_flight * (SLOT + 16) > r.log.size
+            ):
                 return NEED_LOG
             _deliver_all(p, r, k)
             clock[PHASE] = STEP

@@ -14,9 +14,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeAlias
 
+from lxml import etree
+
 from cosim_master.errors import Problem, Where
 from cosim_master.units import Unit
-from lxml import etree
 
 __all__ = [
     "Annotation",

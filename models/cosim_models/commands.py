@@ -43,27 +43,8 @@ from cosim.packets import (
     unpack,
     version,
 )
-from cosim_models.flight_modes import (
-    GUIDED,
-    LAND,
-    LOITER,
-    RTL,
-    STABILIZE,
-    arm,
-    disarm,
-    guide_acceleration,
-    guide_position,
-    guide_position_velocity,
-    guide_stop,
-    guide_velocity,
-    needs_position,
-    position_ready,
-    set_mode,
-    take_off,
-    turn_to,
-)
-from cosim_models.shaping import wrap_pi
-from cosim_models.telemetry import (
+from cosim_models.arming import GUIDED, LAND, LOITER, RTL, STABILIZE, arm, disarm, needs_position, position_ready
+from cosim_models.copter_messages import (
     ACCELS_INCONSISTENT,
     AHRS_TYPE,
     ARM_NEEDS_POSITION,
@@ -85,15 +66,24 @@ from cosim_models.telemetry import (
     acknowledge,
     attitude_ready,
     can_answer,
-    default_interval,
     home_ready,
     prearm_ready,
     say,
     send_message,
-    set_interval,
-    stream_group,
     stream_of,
 )
+from cosim_models.flight_modes import (
+    guide_acceleration,
+    guide_position,
+    guide_position_velocity,
+    guide_stop,
+    guide_velocity,
+    set_mode,
+    take_off,
+    turn_to,
+)
+from cosim_models.shaping import wrap_pi
+from cosim_models.telemetry import default_interval, set_interval, stream_group
 
 __all__ = ["receive"]
 
@@ -107,6 +97,7 @@ _FORCE_ARM, _FORCE = 2989.0, 21196.0
 _CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COMPONENT = 1
+_SHORTEST, _ACK = 13, 22  # bytes of a SET_MODE with one byte of payload, and of its COMMAND_ACK
 _NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
 _FORCE_SET, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
 _ABSOLUTE, _RELATIVE = 0, 1
@@ -214,7 +205,7 @@ def _set_message_interval(m: Any, message: float, microseconds: float, t: float)
     if microseconds == -1.0:
         interval = 0.0
     elif microseconds > 0.0:
-        interval = min(max(math.floor(microseconds / 1000.0), 1.0), 60000.0) * 1e-3
+        interval = max(math.floor(min(microseconds, 6e7) / 1000.0), 1.0) * 1e-3
     set_interval(m, row, interval, t)
     return ACCEPTED
 
@@ -305,10 +296,10 @@ def _reposition(m: Any, frame: int, flags: float, lat: int, lon: int, altitude: 
 
 @kernel
 def _set_nose(m: Any, mask: int, yaw: float, yaw_rate: float, relative: bool) -> None:
-    if (mask & _NO_YAW) == 0:
+    if (mask & _NO_YAW) == 0 and math.isfinite(yaw):
         offset = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2] if relative else 0.0
         turn_to(m, wrap_pi(yaw + offset), 0.0, False)
-    elif (mask & _NO_YAW_RATE) == 0:
+    elif (mask & _NO_YAW_RATE) == 0 and math.isfinite(yaw_rate):
         turn_to(m, 0.0, yaw_rate, True)
 
 
@@ -447,10 +438,11 @@ def receive(m: Any, t: float) -> None:
     """Act on the packets of this step and answer them."""
     p = 0
     n = m.mavlink_rx_len
+    m.ack_room = (n // _SHORTEST + 1) * _ACK
     while True:
         start, p, status = find(m.mavlink_rx, p, n)
         if status in (NOTHING, TRUNCATED):
-            return
+            break
         if status != GOOD and status != SIGNED:
             continue
         sender = system(m.mavlink_rx, start)
@@ -461,3 +453,4 @@ def receive(m: Any, t: float) -> None:
         if (to_system == 0 or to_system == m.SYSID_THISMAV) and (to_component == 0 or to_component == _COMPONENT):
             unpack(m.mavlink_rx, start, m.received)
             _dispatch(m, message_id(m.mavlink_rx, start), sender, component(m.mavlink_rx, start), t)
+    m.ack_room = 0

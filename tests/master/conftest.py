@@ -9,6 +9,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import pytest
+
 from cosim_master.fmu import platform
 
 NAMESPACES = (

@@ -9,10 +9,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from cosim_master.fmu import platform
 from pythonfmu import FmuBuilder
 
 from cosim.build import build, load_models
+from cosim_master.fmu import platform
 from tests.master.conftest import SUFFIX, Workshop, variable
 
 LEVEL = (

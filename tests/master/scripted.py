@@ -21,7 +21,9 @@ _TYPES = {"Real": ctypes.c_double, "Integer": ctypes.c_int, "Boolean": ctypes.c_
 HERE = Where("scripted")
 
 
-def variable(name: str, causality: str, type: str = "Real", reference: int = 0, capacity: int | None = None) -> Variable:
+def variable(
+    name: str, causality: str, type: str = "Real", reference: int = 0, capacity: int | None = None
+) -> Variable:
     variability = "continuous" if type == "Real" else "discrete"
     initial = None if causality == "input" else "calculated"
     return Variable(name, reference, type, causality, variability, initial, packet_capacity=capacity)
@@ -51,7 +53,20 @@ class Scripted:
         named = {v.name: v for v in variables}
         capabilities = Capabilities(canHandleVariableCommunicationStepSize=variable_step)
         self.fmu = FmuDescription(
-            Path(f"{name}.fmu"), "0" * 64, "2.0", name, name, "guid", "", "lib", named, {}, step_size, capabilities, {}, {}
+            Path(f"{name}.fmu"),
+            "0" * 64,
+            "2.0",
+            name,
+            name,
+            "guid",
+            "",
+            "lib",
+            named,
+            {},
+            step_size,
+            capabilities,
+            {},
+            {},
         )
         self.instance = Instance(name, self.fmu, {}, step_size, HERE)
         self._by_reference = {(_kind(v), v.value_reference): v.name for v in variables}

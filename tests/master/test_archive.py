@@ -8,10 +8,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from cosim_master import archive
-from cosim_master.errors import SystemDescriptionError
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from cosim_master import archive
+from cosim_master.errors import SystemDescriptionError
 
 
 def made(path: Path, *entries: tuple[zipfile.ZipInfo | str, bytes]) -> Path:

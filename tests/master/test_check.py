@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from lxml import etree
+
 from cosim_master.check import CheckedSystem, check, natural
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import describe
 from cosim_master.initialization import exchange_order
 from cosim_master.ssp import read_system
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from lxml import etree
 
 SSD_TYPE = "application/x-ssp-definition"
 TYPES = (

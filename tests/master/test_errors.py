@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError, Where
 
 

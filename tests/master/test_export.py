@@ -10,11 +10,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from cosim_master.errors import CosimError
-from cosim_master.export import export_csv, open_signals
 from fmpy.util import read_csv
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
+from cosim_master.errors import CosimError
+from cosim_master.export import export_csv, open_signals
 
 
 def write_signals(run: Path, columns: dict[str, pa.Array]) -> Path:

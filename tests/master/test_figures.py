@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from cosim_master.errors import CosimError
 from cosim_master.figures import draw_altitude, draw_errors, draw_positions, draw_snapshots, figures
 from cosim_master.flight import read_flight

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from cosim_master.errors import FmuError
 from cosim_master.fmi2 import Instance, Library
 from cosim_master.fmu import describe

@@ -10,10 +10,11 @@ from typing import Any
 
 import fmpy
 import pytest
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import FmuDescription, describe, extract, platform
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
+from cosim_master.errors import SystemDescriptionError
+from cosim_master.fmu import FmuDescription, describe, extract, platform
 
 ENUMERATION = (
     '<SimpleType name="Mode"><Enumeration><Item name="off" value="0"/><Item name="on" value="5"/></Enumeration>'

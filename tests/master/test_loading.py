@@ -10,14 +10,14 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+
+import cosim.model
 from cosim_master.check import check
 from cosim_master.errors import FmuError, SystemDescriptionError
 from cosim_master.fmu import describe
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.simulation import simulate
 from cosim_master.ssp import read_system
-
-import cosim.model
 from tests.master.probe import model, slave
 
 pytestmark = pytest.mark.usefixtures("own_cache")

@@ -7,12 +7,13 @@ import math
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.network import Endpoint, Network, Node
 from cosim_master.plan import grown, layout, make_plan, make_radio, timing
 from cosim_master.radio import FREE_PLACES, IN_FLIGHT
 from cosim_master.stepping import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K, collect_all, places_needed, run
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.master.scripted import Scripted, system_of, variable
 
 U, Y = variable("u", "input", reference=0), variable("y", "output", reference=1)
@@ -21,7 +22,9 @@ U, Y = variable("u", "input", reference=0), variable("y", "output", reference=1)
 class Loop:
     """A plan over scripted instances, ready to step; what initialization would do has been done."""
 
-    def __init__(self, instances: list[Scripted], links: list[Any], until: float, network: Network | None = None) -> None:
+    def __init__(
+        self, instances: list[Scripted], links: list[Any], until: float, network: Network | None = None
+    ) -> None:
         by_name = sorted(instances, key=lambda one: one.name)
         self.living = by_name  # the plan has nothing but their addresses
         checked = system_of(instances, links)
@@ -90,7 +93,11 @@ def test_a_chain_of_feed_throughs_delays_by_one_step_a_hop() -> None:
 
 def test_factor_and_offset_and_types() -> None:
     log: list[str] = []
-    outputs = [variable("r", "output", "Real", 0), variable("i", "output", "Integer", 1), variable("b", "output", "Boolean", 2)]
+    outputs = [
+        variable("r", "output", "Real", 0),
+        variable("i", "output", "Integer", 1),
+        variable("b", "output", "Boolean", 2),
+    ]
     inputs = [
         variable("x", "input", "Real", 0),
         variable("n", "input", "Real", 1),
@@ -208,7 +215,9 @@ def heartbeat(system: int, sequence: int) -> bytes:
     return bytes(link.heartbeat_encode(2, 3, 0, 0, 3).pack(link))
 
 
-def radio_pair(log: list[str], sends: dict[float, bytes], latency: float) -> tuple[Scripted, list[tuple[float, bytes]], Loop]:
+def radio_pair(
+    log: list[str], sends: dict[float, bytes], latency: float
+) -> tuple[Scripted, list[tuple[float, bytes]], Loop]:
     """A sender and a receiver on two nodes. The sender's packets by the start time of the step that sends them."""
     heard: list[tuple[float, bytes]] = []
 

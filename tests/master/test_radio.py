@@ -11,6 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from cosim_master.fmu import Variable
 from cosim_master.network import Endpoint, Network, Node
 from cosim_master.plan import grown, make_radio
@@ -31,10 +35,6 @@ from cosim_master.radio import (
     send,
     sort_along,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from tests.master.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)

@@ -13,13 +13,14 @@ from typing import Any
 
 import fmpy.ssp
 import pytest
-from cosim_master.errors import Problem, SystemDescriptionError
-from cosim_master.ssp import read_system
-from cosim_master.system import Component, System, SystemStructure
 from fmpy.ssp import ssd as fmpy_ssd
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
+
+from cosim_master.errors import Problem, SystemDescriptionError
+from cosim_master.ssp import read_system
+from cosim_master.system import Component, System, SystemStructure
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 

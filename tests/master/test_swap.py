@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
 from cosim_master.check import CheckedSystem, check
 from cosim_master.edit import swap
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.ssp import read_system
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 SSD_TYPE = "application/x-ssp-definition"
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from cosim_master.units import BaseUnit, Unit, UnitError, conversion
 from hypothesis import given
 from hypothesis import strategies as st
+
+from cosim_master.units import BaseUnit, Unit, UnitError, conversion
 
 K, M, ONE = (0, 0, 0, 0, 1, 0, 0, 0), (0, 1, 0, 0, 0, 0, 0, 0), (0,) * 8
 KELVIN, CELSIUS = Unit("K", BaseUnit(K)), Unit("degC", BaseUnit(K, 1.0, 273.15))

@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from cosim_models.consensus import consensus_step
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from cosim_models.consensus import consensus_step
 
 TABLE = {
     0.50: "30 20 15 10 7.5 5 3.75 2.5 1.875 1.25 .938 .625 .469 .312 .234 .156 .117 .078",

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cosim_models.agent_script import AgentState, Failure, StalePolicy, Trigger
-from cosim_models.line_agent import LineAgent
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from cosim_models.agent_script import AgentState, Failure, StalePolicy, Trigger
+from cosim_models.line_agent import LineAgent
 
 H = 0.0125
 LATITUDE, LONGITUDE = -35.363262, 149.165237

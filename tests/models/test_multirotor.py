@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cosim_models.hexarotor import Hexarotor
-from cosim_models.quadrotor import Quadrotor
-from cosim_models.rotor import MotorCurve
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim import Model
 from cosim.vehicle import VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
+from cosim_models.hexarotor import Hexarotor
+from cosim_models.quadrotor import Quadrotor
+from cosim_models.rotor import MotorCurve
 
 G = 9.80665
 H = 0.0025

@@ -7,11 +7,11 @@ from importlib import resources
 from typing import Any
 
 import pytest
-from cosim_models.quadrotor import Quadrotor
-from cosim_models.rotor import MotorCurve
 from lxml import etree
 
 from cosim.model import flat_variables
+from cosim_models.quadrotor import Quadrotor
+from cosim_models.rotor import MotorCurve
 
 G = 9.80665
 PRESETS = {

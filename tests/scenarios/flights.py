@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
-from cosim_master.simulation import RunResult, simulate
 from numpy.typing import NDArray
+
+from cosim_master.simulation import RunResult, simulate
 
 SYSTEMS = Path(__file__).parents[2] / "master" / "systems"
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from cosim.build import build, models_of_package
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from tests.scenarios.flights import SYSTEMS, Flight, fly
 
 EAST_AT_STEP = {1: (10.0, 20.0, 50.0), 9: (21.4, 44.9, 71.4), 17: (24.4, 49.1, 74.4)}

@@ -6,11 +6,16 @@ import re
 from pathlib import Path
 
 import pytest
+
 from tests.scenarios.flights import SYSTEMS, copy_of, fly
 
 
 def with_radio(text: str, attributes: str, inside: str = "") -> str:
-    changed, n = re.subn(r"<network ([^>]*?)\s*latency=\"[^\"]*\" seed=\"1\"/>", rf"<network \1 {attributes} seed='1'>{inside}</network>", text)
+    changed, n = re.subn(
+        r"<network ([^>]*?)\s*latency=\"[^\"]*\" seed=\"1\"/>",
+        rf"<network \1 {attributes} seed='1'>{inside}</network>",
+        text,
+    )
     assert n == 1
     return changed
 
@@ -27,7 +32,7 @@ def test_a_fifth_lost_and_a_fifth_of_a_second_late_hardly_matter(fmus: Path, tmp
 
 
 def test_a_drone_cut_off_becomes_a_fixed_node_for_its_neighbours(fmus: Path, tmp_path: Path) -> None:
-    """Cut off for ever in step #10, drone 3 stays where it was going, and its neighbours spread between it and the ends.
+    """Cut off for ever in step #10, drone 3 stays where it was going; its neighbours spread between it and the ends.
 
     They hear of it last on its way there, half a metre before; left alone they would come to 25 and 75 m.
     """

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 
 LOSSY = 'loss="0.3" jitter="0.1" latency="0.05"'
@@ -68,7 +69,9 @@ def test_half_the_communication_step_moves_the_snapshots_by_less_than_a_centimet
     folder = copy_of("line5", tmp_path, fmus, halved)
     drone = folder / "drone.ssd"
     text = drone.read_text(encoding="utf-8")
-    text = text.replace("name=\"drone\" version", 'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" name="drone" version')
+    text = text.replace(
+        'name="drone" version', 'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" name="drone" version'
+    )
     marked, n = re.subn(
         r'(<ssd:Component name="(?:vehicle|autopilot)".*?</ssd:Connectors>)',
         rf"\1<ssd:Annotations>{annotation}</ssd:Annotations>",
