@@ -25,6 +25,7 @@ from cosim_models.copter_messages import (
     send_home,
     send_message,
     send_origin,
+    send_texts,
 )
 
 __all__ = ["default_interval", "set_interval", "start_streams", "stream_group", "telemetry"]
@@ -85,16 +86,19 @@ def set_interval(m: Any, row: int, interval: float, t: float) -> None:
 @kernel
 def telemetry(m: Any, t: float) -> None:
     """Send what is due at t."""
-    if m.armed != m.told_armed or m.mode != m.told_mode:
-        if m.told_armed and not m.armed:
-            say(m, INFO, DISARMING, NO_NUMBER)
-        if send_heartbeat(m, t):
-            m.told_armed = m.armed
-            m.told_mode = m.mode
-    if not m.told_home and home_ready(m, t):
-        for i in range(3):
-            m.home[i] = m.home[i] if m.armed else m.pos[i]
+    if m.told_armed and not m.armed:
+        say(m, INFO, DISARMING, NO_NUMBER)
+    if (home_ready(m, t) and not m.told_home) or (m.armed and not m.told_armed):
+        if not m.armed:
+            for i in range(3):
+                m.home[i] = m.pos[i]
         m.told_home = send_origin(m, t) and send_home(m, t)
+    if m.text_count > 0:
+        send_texts(m)
+    if m.armed != m.told_armed or m.mode != m.told_mode:
+        send_heartbeat(m, t)
+        m.told_armed = m.armed
+        m.told_mode = m.mode
     if t < m.next_due - _SLACK:
         return
     soonest = t + 1.0

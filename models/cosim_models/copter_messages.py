@@ -1,0 +1,528 @@
+"""What the autopilot says: HEARTBEAT, streamed messages, texts and acknowledgements, as ArduCopter fills them.
+
+Kernels over the autopilot's record `m` that append one MAVLink packet to `m.mavlink_tx`. The buffer cannot overflow:
+acknowledgements always fit, texts and answers leave room for those still to come, and what streams and does not fit
+waits. When something is said is in `telemetry` and `commands`.
+
+Start-up follows ArduCopter's order, its times scaled so that the position estimate is ready at
+`estimate_ready_time` (41.5 s there).
+
+Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; recorded
+conversations with ArduCopter 4.7-dev.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
+from cosim.kernel import kernel
+from cosim.messages import (
+    ATTITUDE,
+    AUTOPILOT_VERSION,
+    COMMAND_ACK,
+    EKF_STATUS_REPORT,
+    EXTENDED_SYS_STATE,
+    GLOBAL_POSITION_INT,
+    GPS_GLOBAL_ORIGIN,
+    GPS_RAW_INT,
+    HEARTBEAT,
+    HOME_POSITION,
+    LOCAL_POSITION_NED,
+    SERVO_OUTPUT_RAW,
+    SERVO_OUTPUT_RAW_SERVO1_RAW,
+    SERVO_OUTPUT_RAW_TIME_USEC,
+    STATUSTEXT,
+    SYS_STATUS,
+    SYSTEM_TIME,
+    VFR_HUD,
+    encode_attitude,
+    encode_autopilot_version,
+    encode_command_ack,
+    encode_ekf_status_report,
+    encode_extended_sys_state,
+    encode_global_position_int,
+    encode_gps_global_origin,
+    encode_gps_raw_int,
+    encode_heartbeat,
+    encode_home_position,
+    encode_local_position_ned,
+    encode_statustext,
+    encode_sys_status,
+    encode_system_time,
+    encode_vfr_hud,
+    put_home_position_q,
+    put_statustext_text,
+)
+from cosim.packets import MAX_PACKET, clear, pack, put_u16, put_u32
+from cosim_models.arming import GUIDED, LOITER, RTL, landed_state, needs_position, position_ready
+from cosim_models.motors import GROUND_IDLE
+
+__all__ = [
+    "ACCELS_INCONSISTENT",
+    "AHRS_TYPE",
+    "ARMING",
+    "ARM_NEEDS_POSITION",
+    "ATTITUDE_BAD",
+    "CRITICAL",
+    "DISARMING",
+    "GUIDED_REFUSED",
+    "HEARTBEAT_ROW",
+    "INFO",
+    "LOITER_REFUSED",
+    "NOT_ARMABLE",
+    "NO_NUMBER",
+    "NO_SUCH_MESSAGE",
+    "NO_SUCH_MODE",
+    "PREARM_NEEDS_POSITION",
+    "RTL_REFUSED",
+    "STREAMS",
+    "STREAM_COUNT",
+    "WAITING_FOR_HOME",
+    "WARNING",
+    "acknowledge",
+    "attitude_ready",
+    "can_answer",
+    "home_ready",
+    "prearm_ready",
+    "say",
+    "send_heartbeat",
+    "send_home",
+    "send_message",
+    "send_origin",
+    "send_texts",
+    "stream_of",
+]
+
+CRITICAL, WARNING, INFO = (cast(int, np.int64(severity)) for severity in (2, 4, 6))  # MAV_SEVERITY
+
+STREAMS = (
+    SYS_STATUS,
+    GPS_RAW_INT,
+    LOCAL_POSITION_NED,
+    GLOBAL_POSITION_INT,
+    ATTITUDE,
+    VFR_HUD,
+    EKF_STATUS_REPORT,
+    SYSTEM_TIME,
+    SERVO_OUTPUT_RAW,
+    EXTENDED_SYS_STATE,
+    HOME_POSITION,
+    GPS_GLOBAL_ORIGIN,
+    AUTOPILOT_VERSION,
+    HEARTBEAT,
+)
+"""Messages that can be sent at an interval or on request, in the order in which they are sent."""
+
+STREAM_COUNT = len(STREAMS)
+_IDS = np.array(STREAMS, dtype=np.int64)
+HEARTBEAT_ROW = STREAM_COUNT - 1
+
+# numba compiles a kernel anew for every Python integer that is passed as a constant, but once for all numpy integers.
+_ATTITUDE = cast(int, np.int64(ATTITUDE))
+_AUTOPILOT_VERSION = cast(int, np.int64(AUTOPILOT_VERSION))
+_COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
+_EKF_STATUS_REPORT = cast(int, np.int64(EKF_STATUS_REPORT))
+_EXTENDED_SYS_STATE = cast(int, np.int64(EXTENDED_SYS_STATE))
+_GLOBAL_POSITION_INT = cast(int, np.int64(GLOBAL_POSITION_INT))
+_GPS_GLOBAL_ORIGIN = cast(int, np.int64(GPS_GLOBAL_ORIGIN))
+_GPS_RAW_INT = cast(int, np.int64(GPS_RAW_INT))
+_HEARTBEAT = cast(int, np.int64(HEARTBEAT))
+_HOME_POSITION = cast(int, np.int64(HOME_POSITION))
+_LOCAL_POSITION_NED = cast(int, np.int64(LOCAL_POSITION_NED))
+_SERVO_OUTPUT_RAW = cast(int, np.int64(SERVO_OUTPUT_RAW))
+_STATUSTEXT = cast(int, np.int64(STATUSTEXT))
+_SYSTEM_TIME = cast(int, np.int64(SYSTEM_TIME))
+_SYS_STATUS = cast(int, np.int64(SYS_STATUS))
+_VFR_HUD = cast(int, np.int64(VFR_HUD))
+NO_NUMBER = cast(int, np.int64(-1))
+"""`say` without a number."""
+
+_TEXTS = (
+    b"Arming motors",
+    b"Disarming motors",
+    b"Arm: Accels inconsistent",
+    b"Arm: EKF attitude is bad",
+    b"Arm: AHRS: not using configured AHRS type",
+    b"Arm: AHRS: waiting for home",
+    b"Arm: Need Position Estimate",
+    b"PreArm: Need Position Estimate",
+    b"Mode change to GUIDED failed: requires position",
+    b"Mode change to LOITER failed: requires position",
+    b"Mode change to RTL failed: requires position",
+    b"No such mode ",
+    b"No ap_message for mavlink id (",
+    b"Arm: Mode not armable",
+)
+(
+    ARMING,
+    DISARMING,
+    ACCELS_INCONSISTENT,
+    ATTITUDE_BAD,
+    AHRS_TYPE,
+    WAITING_FOR_HOME,
+    ARM_NEEDS_POSITION,
+    PREARM_NEEDS_POSITION,
+    GUIDED_REFUSED,
+    LOITER_REFUSED,
+    RTL_REFUSED,
+    NO_SUCH_MODE,
+    NO_SUCH_MESSAGE,
+    NOT_ARMABLE,
+) = (cast(int, np.int64(i)) for i in range(len(_TEXTS)))
+_TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)
+for _i, _text in enumerate(_TEXTS):
+    _TEXT_BYTES[_i, : len(_text)] = np.frombuffer(_text, dtype=np.uint8)
+_TEXT_LENGTHS = np.array([len(text) for text in _TEXTS], dtype=np.int64)
+
+_MULTICOPTER = 3  # MAV_VTOL_STATE_MC
+_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+_SLACK = 1e-9  # s
+
+# Start-up of ArduCopter [s]: first known, estimator, attitude, GPS fix, home, AHRS, pre-arm checks; all before
+# _STARTUP, the position estimate.
+_STARTUP, _HEARD, _EKF_AT, _ATTITUDE_AT = 41.5, 2.9, 5.4, 5.9
+_GPS_AT, _HOME_AT, _AHRS_AT, _PREARM_AT = 9.8, 19.8, 22.4, 23.4
+
+_EKF_UNINITIALISED, _EKF_CONSTANT, _EKF_GOOD = 1024, 167, 831  # EKF_STATUS_FLAGS, as ArduCopter sets them
+_PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+_GPS_BIT = 0x20  # MAV_SYS_STATUS_SENSOR_GPS
+_AHRS_BIT = 0x200000  # MAV_SYS_STATUS_AHRS
+_PRESENT, _SENSORS, _HEALTHY = 0x5371FC0F, 0x52419C0F, 0x47519C0F  # as ArduCopter sets them, without GPS and AHRS
+_POSITION_CONTROL = 0x6000  # altitude and position control: healthy, and enabled, when armed
+_ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
+_CAPABILITIES = 8 + 128 + 256 + 8192  # MAV_PROTOCOL_CAPABILITY: COMMAND_INT, both SET_POSITION_TARGETs, MAVLink 2
+
+
+@kernel
+def _reached(m: Any, t: float, at: float) -> bool:
+    """Whether a stage of ArduCopter's start-up has been reached, its times scaled to `estimate_ready_time`."""
+    return bool(t >= at * (m.estimate_ready_time / _STARTUP) - _SLACK)
+
+
+@kernel
+def attitude_ready(m: Any, t: float) -> bool:
+    """Whether the attitude estimate is good."""
+    return _reached(m, t, _ATTITUDE_AT)
+
+
+@kernel
+def home_ready(m: Any, t: float) -> bool:
+    """Whether the origin and home are known."""
+    return _reached(m, t, _HOME_AT)
+
+
+@kernel
+def prearm_ready(m: Any, t: float) -> bool:
+    """Whether the pre-arm checks of the present mode pass."""
+    return _reached(m, t, _PREARM_AT) and (not needs_position(m.mode) or position_ready(m, t))
+
+
+# ---- one packet ----------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _send(m: Any, message: int) -> bool:
+    """Append m.payload as a packet; False if it does not fit or the version in use cannot carry it."""
+    n = pack(
+        m.mavlink_tx, m.mavlink_tx_len, m.payload, message, m.sequence, m.SYSID_THISMAV, _COMPONENT, m.link_version
+    )
+    if n < 0:
+        return False
+    m.mavlink_tx_len = n
+    m.sequence = (m.sequence + 1) % 256
+    return True
+
+
+@kernel
+def can_answer(m: Any) -> bool:
+    """Whether there is room for a packet that is no acknowledgement."""
+    return bool(m.mavlink_tx_len + MAX_PACKET + m.ack_room <= m.mavlink_tx.shape[0])
+
+
+@kernel
+def acknowledge(m: Any, command: int, result: int, system: int, component: int) -> None:
+    """COMMAND_ACK to the requester."""
+    encode_command_ack(m.payload, command, result, 0, 0, system, component)
+    _send(m, _COMMAND_ACK)
+
+
+@kernel
+def say(m: Any, severity: int, text: int, number: int) -> None:
+    """Queue a STATUSTEXT: one of the texts, followed by `number` if that is not negative. A full queue drops it."""
+    n = m.text_count
+    if n < m.text_queue.shape[0]:
+        m.text_queue[n, 0] = severity
+        m.text_queue[n, 1] = text
+        m.text_queue[n, 2] = number
+        m.text_count = n + 1
+
+
+@kernel
+def send_texts(m: Any) -> None:
+    """Send the queued texts, behind the acknowledgements as ArduCopter does; what does not fit waits."""
+    sent = 0
+    while sent < m.text_count and _send_text(m, m.text_queue[sent, 0], m.text_queue[sent, 1], m.text_queue[sent, 2]):
+        sent += 1
+    if sent > 0:
+        for i in range(sent, m.text_count):
+            for k in range(3):
+                m.text_queue[i - sent, k] = m.text_queue[i, k]
+        m.text_count -= sent
+
+
+@kernel
+def _send_text(m: Any, severity: int, text: int, number: int) -> bool:
+    encode_statustext(m.payload, severity, 0, 0)
+    n = _TEXT_LENGTHS[text]
+    for i in range(n):
+        put_statustext_text(m.payload, i, _TEXT_BYTES[text, i])
+    if number >= 0:
+        digits = 1
+        rest = number
+        while rest >= 10:
+            rest //= 10
+            digits += 1
+        rest = number
+        for i in range(digits):
+            put_statustext_text(m.payload, n + digits - 1 - i, 48 + rest % 10)
+            rest //= 10
+        if text == NO_SUCH_MESSAGE:
+            put_statustext_text(m.payload, n + digits, 41)  # ")"
+    return _send(m, _STATUSTEXT)
+
+
+# ---- what can be streamed ------------------------------------------------------------------------------------------
+
+
+@kernel
+def _milliseconds(t: float) -> int:
+    return int(np.int64(math.floor(t * 1e3 + 1e-6)))
+
+
+@kernel
+def _microseconds(t: float) -> int:
+    return int(np.int64(math.floor(t * 1e6 + 0.5)))
+
+
+@kernel
+def send_heartbeat(m: Any, t: float) -> bool:
+    mode = m.mode
+    base_mode = 1 + 16 + 64
+    if mode in (GUIDED, LOITER, RTL):
+        base_mode += 8
+    if m.armed:
+        base_mode += 128
+    state = 4 if not m.on_ground else 3 if _reached(m, t, _HEARD) else 1
+    kind = 2 if m.motor_count == 4 else 13 if m.motor_count == 6 else 14
+    encode_heartbeat(m.payload, kind, 3, base_mode, mode, state, 3)
+    return _send(m, _HEARTBEAT)
+
+
+@kernel
+def _send_sys_status(m: Any, t: float) -> bool:
+    present = _PRESENT
+    more = 0
+    if _reached(m, t, _GPS_AT):
+        present += _GPS_BIT
+        more += _GPS_BIT
+    if _reached(m, t, _AHRS_AT):
+        more += _AHRS_BIT
+    enabled = _SENSORS + more
+    health = _HEALTHY + more
+    if m.armed:
+        enabled += _ENABLED_ARMED
+        health += _POSITION_CONTROL
+    if m.armed or prearm_ready(m, t):
+        health += _PREARM
+    encode_sys_status(m.payload, present, enabled, health, 0, 12600, 0, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    return _send(m, _SYS_STATUS)
+
+
+@kernel
+def _place(m: Any) -> tuple[int, int, float]:
+    """Latitude and longitude in 1e-7 degrees, altitude AMSL in m."""
+    lat, lon, alt = geodetic_from_local(
+        m.pos[0], m.pos[1], -m.pos[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+    )
+    return deg_e7(lat), deg_e7(lon), alt
+
+
+@kernel
+def _send_gps_raw(m: Any, t: float) -> bool:
+    if not _reached(m, t, _GPS_AT):
+        encode_gps_raw_int(m.payload, 0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        return _send(m, _GPS_RAW_INT)
+    lat, lon, alt = _place(m)
+    vn, ve = m.vel[0], m.vel[1]
+    course = math.degrees(math.atan2(ve, vn)) % 360.0
+    speed = math.sqrt(vn * vn + ve * ve)
+    micros = _microseconds(t)
+    height = int(np.int64(math.floor(alt * 1e3 + 0.5)))
+    encode_gps_raw_int(
+        m.payload,
+        micros,
+        6,
+        lat,
+        lon,
+        height,
+        121,
+        200,
+        int(speed * 100.0),
+        int(course * 100.0) % 36000,
+        10,
+        height,
+        300,
+        300,
+        0,
+        0,
+        0,
+    )
+    return _send(m, _GPS_RAW_INT)
+
+
+@kernel
+def _send_attitude(m: Any, t: float) -> bool:
+    roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
+    encode_attitude(m.payload, _milliseconds(t), roll, pitch, yaw, m.gyro[0], m.gyro[1], m.gyro[2])
+    return _send(m, _ATTITUDE)
+
+
+@kernel
+def _send_local_position(m: Any, t: float) -> bool:
+    if not position_ready(m, t):
+        return True
+    p, v = m.pos, m.vel
+    encode_local_position_ned(m.payload, _milliseconds(t), p[0], p[1], -p[2], v[0], v[1], -v[2])
+    return _send(m, _LOCAL_POSITION_NED)
+
+
+@kernel
+def _send_global_position(m: Any, t: float) -> bool:
+    lat, lon, alt = 0, 0, 0.0
+    if home_ready(m, t):
+        lat, lon, alt = _place(m)
+    heading = math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0
+    encode_global_position_int(
+        m.payload,
+        _milliseconds(t),
+        lat,
+        lon,
+        int(np.int64(math.floor(alt * 1e3 + 0.5))),
+        int(np.int64(math.floor((m.pos[2] - m.home[2]) * 1e3 + 0.5))),
+        int(m.vel[0] * 100.0),
+        int(m.vel[1] * 100.0),
+        int(-m.vel[2] * 100.0),
+        int(heading * 100.0) % 36000,
+    )
+    return _send(m, _GLOBAL_POSITION_INT)
+
+
+@kernel
+def _send_vfr_hud(m: Any) -> bool:
+    speed = math.sqrt(m.vel[0] * m.vel[0] + m.vel[1] * m.vel[1])
+    heading = int(math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0)
+    throttle = 0 if m.spool_state <= GROUND_IDLE else int(m.throttle_out * 100.0)
+    encode_vfr_hud(m.payload, speed, speed, heading, throttle, m.origin_altitude + m.pos[2], m.vel[2])
+    return _send(m, _VFR_HUD)
+
+
+@kernel
+def _send_ekf_status(m: Any, t: float) -> bool:
+    flags = 0 if _reached(m, t, _EKF_AT) else _EKF_UNINITIALISED
+    if position_ready(m, t):
+        flags = _EKF_GOOD
+    elif attitude_ready(m, t):
+        flags = _EKF_CONSTANT
+    encode_ekf_status_report(m.payload, flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return _send(m, _EKF_STATUS_REPORT)
+
+
+@kernel
+def send_home(m: Any, t: float) -> bool:
+    if not home_ready(m, t):
+        return True
+    lat, lon, alt = geodetic_from_local(
+        m.home[0], m.home[1], -m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+    )
+    micros = _microseconds(t)
+    height = int(np.int64(math.floor(alt * 1e3 + 0.5)))
+    for i in range(4):
+        put_home_position_q(m.payload, i, math.nan)
+    encode_home_position(
+        m.payload, deg_e7(lat), deg_e7(lon), height, m.home[0], m.home[1], -m.home[2], 0.0, 0.0, 0.0, micros
+    )
+    return _send(m, _HOME_POSITION)
+
+
+@kernel
+def send_origin(m: Any, t: float) -> bool:
+    if not home_ready(m, t):
+        return True
+    height = int(np.int64(math.floor(m.origin_altitude * 1e3 + 0.5)))
+    micros = _microseconds(t)
+    encode_gps_global_origin(m.payload, deg_e7(m.origin_latitude), deg_e7(m.origin_longitude), height, micros)
+    return _send(m, _GPS_GLOBAL_ORIGIN)
+
+
+@kernel
+def _send_version(m: Any) -> bool:
+    clear(m.payload, 0, 78)
+    encode_autopilot_version(m.payload, _CAPABILITIES, 0, 0, 0, 0, 0, 0, m.SYSID_THISMAV)
+    return _send(m, _AUTOPILOT_VERSION)
+
+
+@kernel
+def _send_servos(m: Any, t: float) -> bool:
+    clear(m.payload, 0, 37)
+    put_u32(m.payload, SERVO_OUTPUT_RAW_TIME_USEC, _microseconds(t) % 4294967296)
+    for i in range(m.motor_count):
+        put_u16(m.payload, SERVO_OUTPUT_RAW_SERVO1_RAW + 2 * i, 1000 + int(m.motor[i] * 1000.0 + 0.5))
+    return _send(m, _SERVO_OUTPUT_RAW)
+
+
+@kernel
+def send_message(m: Any, row: int, t: float) -> bool:
+    """Send the message of a row of STREAMS now; True if that was done, or there is nothing to say yet."""
+    message = _IDS[row]
+    if message == GLOBAL_POSITION_INT:
+        return _send_global_position(m, t)
+    if message == ATTITUDE:
+        return _send_attitude(m, t)
+    if message == LOCAL_POSITION_NED:
+        return _send_local_position(m, t)
+    if message == SYS_STATUS:
+        return _send_sys_status(m, t)
+    if message == GPS_RAW_INT:
+        return _send_gps_raw(m, t)
+    if message == VFR_HUD:
+        return _send_vfr_hud(m)
+    if message == EKF_STATUS_REPORT:
+        return _send_ekf_status(m, t)
+    if message == SYSTEM_TIME:
+        encode_system_time(m.payload, 0, _milliseconds(t))
+        return _send(m, _SYSTEM_TIME)
+    if message == SERVO_OUTPUT_RAW:
+        return _send_servos(m, t)
+    if message == EXTENDED_SYS_STATE:
+        encode_extended_sys_state(m.payload, _MULTICOPTER, landed_state(m))
+        return _send(m, _EXTENDED_SYS_STATE)
+    if message == HOME_POSITION:
+        return send_home(m, t)
+    if message == GPS_GLOBAL_ORIGIN:
+        return send_origin(m, t)
+    if message == AUTOPILOT_VERSION:
+        return _send_version(m)
+    return send_heartbeat(m, t)
+
+
+@kernel
+def stream_of(message: int) -> int:
+    """The row of STREAMS of a message id, -1 if it has none."""
+    for row in range(STREAM_COUNT):
+        if _IDS[row] == message:
+            return row
+    return -1
