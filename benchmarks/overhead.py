@@ -26,14 +26,14 @@ from os.path import relpath
 from pathlib import Path
 from typing import Any, Protocol
 
+from report import machine, show, write
+
+from cosim.build import build, load_models
 from cosim_master.check import check
 from cosim_master.execution import Execution
 from cosim_master.network import network_of
 from cosim_master.plan import layout, timing
 from cosim_master.ssp import read_system
-from report import machine, show, write
-
-from cosim.build import build, load_models
 
 HERE = Path(__file__).parent
 STEP = 0.0025
@@ -392,7 +392,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     absent = {name: why for row in rows for name, why in row["absent"].items()}
     note = "overhead: how many times what uav-cosim takes beyond C. "
     note += "".join(f"{name} did not take part: {why}. " for name, why in absent.items())
-    show("Cost of a master: rings of compiled FMUs, one thread, no recording", host, columns, list(map(_cells, rows)), note)
+    show(
+        "Cost of a master: rings of compiled FMUs, one thread, no recording",
+        host,
+        columns,
+        list(map(_cells, rows)),
+        note,
+    )
     write(options.json, host, {"benchmark": "overhead", "rows": rows})
 
 

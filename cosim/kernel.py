@@ -39,11 +39,12 @@ def kernel(function: F) -> F:
     """Mark `function` as a kernel: compiled by numba where it can be imported, as it is otherwise.
 
     Division by zero follows IEEE 754 (inf, nan) instead of raising, as it does in a compiled FMU. The GIL is
-    released while a kernel runs.
+    released while a kernel runs. A kernel allocates nothing, so numba counts no references: for the stepping loop,
+    whose plan is a tuple of many arrays, counting took longer than the calls of FMI functions.
     """
     if numba is None:
         return function
-    compiled = numba.njit(error_model="numpy", nogil=True)(function)
+    compiled = numba.njit(error_model="numpy", nogil=True, _nrt=False)(function)
     source = Path(function.__code__.co_filename)
     if not numba.config.DISABLE_JIT and (source.parent / "__init__.py").is_file():
         before = numba.config.CACHE_DIR

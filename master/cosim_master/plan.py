@@ -33,7 +33,7 @@ from cosim_master.radio import (
     SLOT,
     Radio,
 )
-from cosim_master.stepping import INSTANCE, PORTS, SEND, WIRE, Plan
+from cosim_master.stepping import CALL, GET_STRING, INSTANCE, PORTS, SEND, SET_STRING, WIRE, Plan
 
 __all__ = ["KINDS", "Layout", "Timing", "grown", "layout", "make_plan", "make_radio", "timing"]
 
@@ -278,17 +278,27 @@ def make_plan(
     wires["factor"] = [x for ports in kinds for x in ports.factor]
     wires["offset"] = [x for ports in kinds for x in ports.offset]
     integers = sum(len(ports.outputs) for ports in kinds[1:])
-    ports, text, capacity = _packet_ports(places, network, living)
+    ports, text, capacity = _packet_ports(places, network)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
-    return Plan(
-        instances=_instance_table(places, clock, network, living),
-        wires=wires,
+    values = _Values(
         in_reference=np.array([x for p in kinds for x in p.in_reference], dtype=np.uint32),
         real_in=np.zeros(reals_in),
         int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
         out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
         real_out=np.zeros(reals_out + len(places.mirrors)),
         int_out=np.zeros(integers, dtype=np.int32),
+    )
+    instances = _instance_table(places, clock, network, living)
+    return Plan(
+        instances=instances,
+        calls=_calls(instances, values, ports, living, (reals_in, reals_out)),
+        wires=wires,
+        in_reference=values.in_reference,
+        real_in=values.real_in,
+        int_in=values.int_in,
+        out_reference=values.out_reference,
+        real_out=values.real_out,
+        int_out=values.int_out,
         mirrors=np.array(places.mirrors, dtype=np.int64).reshape(-1, 2),
         ports=ports,
         text=text,
@@ -311,13 +321,12 @@ def _instance_table(places: Layout, clock: Timing, network: Network, living: Seq
     table["handle"] = [one.handle for one in living]
     table["do_step"] = [one.library.address("fmi2DoStep") for one in living]
     table["period"] = table["length"] = clock.periods
+    table["h"] = [period * clock.base / 1e9 for period in clock.periods]
     endpoint = {e.instance: i for i, e in enumerate(e for node in network.nodes for e in node.endpoints)}
     table["endpoint"] = [endpoint.get(one.name, -1) for one in living]
     inputs = outputs = 0
     for kind, name in enumerate(KINDS):
         ports = places.ports[name]
-        table["setter"][:, kind] = [one.library.address(f"fmi2Set{name}") for one in living]
-        table["getter"][:, kind] = [one.library.address(f"fmi2Get{name}") for one in living]
         table["first_in"][:, kind] = np.add(ports.first_in[:-1], inputs)
         table["last_in"][:, kind] = np.add(ports.first_in[1:], inputs)
         table["first_out"][:, kind] = np.add(ports.first_out[:-1], outputs)
@@ -327,9 +336,70 @@ def _instance_table(places: Layout, clock: Timing, network: Network, living: Seq
     return table
 
 
-def _packet_ports(
-    places: Layout, network: Network, living: Sequence[Living]
-) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
+@dataclass(frozen=True, slots=True)
+class _Values:
+    """Where values and their references live: see `Plan`."""
+
+    in_reference: np.ndarray[Any, Any]
+    real_in: np.ndarray[Any, Any]
+    int_in: np.ndarray[Any, Any]
+    out_reference: np.ndarray[Any, Any]
+    real_out: np.ndarray[Any, Any]
+    int_out: np.ndarray[Any, Any]
+
+
+def _calls(
+    instances: np.ndarray[Any, Any],
+    values: _Values,
+    ports: np.ndarray[Any, Any],
+    living: Sequence[Living],
+    reals: tuple[int, int],
+) -> np.ndarray[Any, Any]:
+    """The CALL table; notes in `instances` which calls are whose. `reals`: how many inputs and outputs are real."""
+    rows: list[tuple[int, int, int, int, int, int]] = []
+    sides = (
+        ("Set", "in", values.in_reference.ctypes.data, values.real_in.ctypes.data, values.int_in.ctypes.data, reals[0]),
+        (
+            "Get",
+            "out",
+            values.out_reference.ctypes.data,
+            values.real_out.ctypes.data,
+            values.int_out.ctypes.data,
+            reals[1],
+        ),
+    )
+    port_fields = PORTS.fields
+    assert port_fields is not None
+    packets = {"Set": ("has_rx", "rx", "text", SET_STRING), "Get": ("has_tx", "tx", "got", GET_STRING)}
+
+    def string(verb: str, one: Living, endpoint: int) -> None:
+        has, reference, text, number = packets[verb]
+        if endpoint >= 0 and ports[endpoint][has]:
+            row = ports.ctypes.data + PORTS.itemsize * endpoint
+            address = one.library.address(f"fmi2{verb}String")
+            rows.append((address, one.handle, row + port_fields[reference][1], 1, row + port_fields[text][1], number))
+
+    for i, one in enumerate(living):
+        row = instances[i]
+        for verb, side, references, real_values, int_values, n_reals in sides:
+            row["first_set" if verb == "Set" else "first_get"] = len(rows)
+            if verb == "Set":
+                string(verb, one, row["endpoint"])
+                row["first_set_value"] = len(rows)
+            for kind, name in enumerate(KINDS):
+                first, last = int(row[f"first_{side}"][kind]), int(row[f"last_{side}"][kind])
+                if last > first:
+                    at = real_values + 8 * first if kind == 0 else int_values + 4 * (first - n_reals)
+                    address = one.library.address(f"fmi2{verb}{name}")
+                    number = (1 if verb == "Set" else 6) + kind
+                    rows.append((address, one.handle, references + 4 * first, last - first, at, number))
+            if verb == "Get":
+                string(verb, one, row["endpoint"])
+        row["last_get"] = len(rows)
+    return np.array(rows, dtype=CALL)
+
+
+def _packet_ports(places: Layout, network: Network) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
     """The PORTS table, the texts it points to, and the largest capacity."""
     endpoints = [endpoint for node in network.nodes for endpoint in node.endpoints]
     number = {instance.name: i for i, instance in enumerate(places.instances)}
@@ -337,9 +407,6 @@ def _packet_ports(
     text = np.zeros((max(len(endpoints), 1), 4 * -(-capacity // 3) + 4), dtype=np.uint8)
     table = np.zeros(len(endpoints), dtype=PORTS)
     table["instance"] = [number[e.instance] for e in endpoints]
-    hosts = [living[i] for i in table["instance"]]
-    table["set_string"] = [host.library.address("fmi2SetString") for host in hosts]
-    table["get_string"] = [host.library.address("fmi2GetString") for host in hosts]
     table["has_rx"] = [e.rx is not None for e in endpoints]
     table["has_tx"] = [e.tx is not None for e in endpoints]
     table["rx"] = [e.rx.value_reference if e.rx else 0 for e in endpoints]

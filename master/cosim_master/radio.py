@@ -449,10 +449,10 @@ def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
 
 
 @kernel
-def arrived(r: Radio, t: int, e: int) -> bool:
-    """Whether something has reached endpoint `e` by time t [ns]."""
-    first = r.endpoints[e].first
-    return bool(first >= 0 and r.places[first].arrival <= t)
+def arrived(endpoints: NDArray[Any], places: NDArray[Any], t: int, e: int) -> bool:
+    """Whether something has reached endpoint `e` by time t [ns]. Asked of every endpoint in every step."""
+    first = endpoints[e].first
+    return bool(first >= 0 and places[first].arrival <= t)
 
 
 @kernel

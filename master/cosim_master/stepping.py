@@ -12,6 +12,8 @@
 fails, the others of the macro step still finish; `failed` then names every failure and k stays where it was.
 
 What a value means is not known here: only handles, addresses, references and indices.
+
+Kernels that run in every step get the arrays they need, not the plan: to pass all of it takes longer than an FMI call.
 """
 
 from __future__ import annotations
@@ -41,6 +43,7 @@ from cosim_master.radio import (
 
 __all__ = [
     "BLOCK_FULL",
+    "CALL",
     "DONE",
     "FAILED",
     "FUNCTIONS",
@@ -86,25 +89,37 @@ INSTANCE = np.dtype(
     [
         ("handle", "u8"),
         ("do_step", "u8"),
-        ("setter", "u8", (3,)),  # by kind
-        ("getter", "u8", (3,)),
         ("period", "i8"),  # base steps per step of the instance
         ("length", "i8"),  # base steps of its present step: the period, less at the end of the run
+        ("h", "f8"),  # its present step in s
         ("endpoint", "i8"),  # -1 without packet ports
-        ("first_in", "i8", (3,)),
+        ("first_set", "i8"),  # calls: fmi2SetString of its packets, if it has such a port,
+        ("first_set_value", "i8"),  # fmi2SetXXX of its values,
+        ("first_get", "i8"),  # fmi2GetXXX of its values, fmi2GetString of its packets
+        ("last_get", "i8"),
+        ("failed", "i8", (3,)),  # function (0: has not failed), status, detail
+        ("first_in", "i8", (3,)),  # by kind
         ("last_in", "i8", (3,)),
         ("first_out", "i8", (3,)),
         ("last_out", "i8", (3,)),
-        ("failed", "i8", (3,)),  # function (0: has not failed), status, detail
     ]
 )
+CALL = np.dtype(
+    [
+        ("function", "u8"),
+        ("handle", "u8"),
+        ("references", "u8"),
+        ("n", "u8"),
+        ("values", "u8"),
+        ("number", "i8"),  # in FUNCTIONS
+    ]
+)
+"""A call of fmi2SetXXX or fmi2GetXXX with all its arguments: addresses into the arrays of the plan."""
 WIRE = np.dtype([("source", "i8"), ("factor", "f8"), ("offset", "f8")])
 """input = factor * output[source] + offset; integers and booleans have factor 1 and offset 0."""
 PORTS = np.dtype(
     [
         ("instance", "i8"),
-        ("set_string", "u8"),
-        ("get_string", "u8"),
         ("has_rx", "i8"),
         ("has_tx", "i8"),
         ("text", "u8"),  # address of the C string for mavlink_rx
@@ -117,8 +132,6 @@ PORTS = np.dtype(
     align=True,
 )
 """The packet ports of one endpoint."""
-TEXT, GOT, RX, TX = (PORTS.fields[name][1] for name in ("text", "got", "rx", "tx"))  # type: ignore[index]
-PORTS_SIZE = PORTS.itemsize
 
 K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK = range(11)
 """Places in `Plan.clock`. START and BASE in ns; REALS_IN, REALS_OUT: how many of the inputs and outputs are real;
@@ -138,6 +151,7 @@ class Plan(NamedTuple):
     """
 
     instances: NDArray[Any]  # INSTANCE
+    calls: NDArray[Any]  # CALL, instance by instance
     wires: NDArray[Any]  # WIRE, of each input; its source counts within real_out or int_out
     in_reference: NDArray[np.uint32]
     real_in: NDArray[np.float64]
@@ -171,138 +185,142 @@ def _fail(instances: NDArray[Any], i: int, function: int, status: int, detail: i
 
 
 @kernel
-def _gather(p: Plan, i: int) -> None:
-    """Inputs of instance `i` from the outputs they are connected to: the whole data flow is here."""
-    m = p.instances[i]
-    for j in range(m.first_in[0], m.last_in[0]):
-        w = p.wires[j]
-        p.real_in[j] = w.factor * p.real_out[w.source] + w.offset
-    reals = p.clock[REALS_IN]
-    for kind in range(1, 3):
-        for j in range(m.first_in[kind], m.last_in[kind]):
-            p.int_in[j - reals] = p.int_out[p.wires[j].source]
+def _exchange(
+    instances: NDArray[Any],
+    wires: NDArray[Any],
+    mirrors: NDArray[np.int64],
+    real_out: NDArray[np.float64],
+    int_out: NDArray[np.int32],
+    real_in: NDArray[np.float64],
+    int_in: NDArray[np.int32],
+    k: int,
+) -> None:
+    """Inputs of every instance that is due from the outputs they are connected to: the whole data flow is here."""
+    reals = real_in.size
+    for j in range(mirrors.shape[0]):
+        real_out[mirrors[j, 1]] = int_out[mirrors[j, 0]]
+    for i in range(instances.size):
+        m = instances[i]
+        if m.period > 1 and k % m.period != 0:
+            continue
+        for j in range(m.first_in[0], m.last_in[0]):
+            w = wires[j]
+            real_in[j] = w.factor * real_out[w.source] + w.offset
+        for kind in range(1, 3):
+            for j in range(m.first_in[kind], m.last_in[kind]):
+                int_in[j - reals] = int_out[wires[j].source]
 
 
 @kernel
-def _set(p: Plan, i: int) -> None:
-    m = p.instances[i]
-    for kind in range(3):
-        first = m.first_in[kind]
-        n = m.last_in[kind] - first
-        if n > 0:
-            at = p.real_in.ctypes.data + 8 * first
-            if kind > 0:
-                at = p.int_in.ctypes.data + 4 * (first - p.clock[REALS_IN])
-            references = np.uintp(p.in_reference.ctypes.data + 4 * first)
-            status = get_or_set(m.setter[kind], m.handle, references, np.uintp(n), np.uintp(at))
-            if status > 1:
-                _fail(p.instances, i, 1 + kind, status, 0)
+def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int) -> None:
+    """Make calls of instance `i`, until one fails."""
+    for c in range(first, last):
+        call = calls[c]
+        status = get_or_set(call.function, call.handle, call.references, call.n, call.values)
+        if status > 1:
+            _fail(instances, i, call.number, status, 0)
+            return
 
 
 @kernel
-def _collect(p: Plan, i: int, thread: int) -> None:
-    """Outputs of instance `i` at the end of its step."""
-    m = p.instances[i]
-    for kind in range(3):
-        first = m.first_out[kind]
-        n = m.last_out[kind] - first
-        if n > 0:
-            at = p.real_out.ctypes.data + 8 * first
-            if kind > 0:
-                at = p.int_out.ctypes.data + 4 * (first - p.clock[REALS_OUT])
-            references = np.uintp(p.out_reference.ctypes.data + 4 * first)
-            status = get_or_set(m.getter[kind], m.handle, references, np.uintp(n), np.uintp(at))
-            if status > 1:
-                _fail(p.instances, i, 6 + kind, status, 0)
+def _collect(instances: NDArray[Any], calls: NDArray[Any], real_out: NDArray[np.float64], i: int) -> None:
+    """Outputs of instance `i` at the end of its step; of its packets, where their text is."""
+    m = instances[i]
+    _call(instances, calls, i, m.first_get, m.last_get)
+    sound = True
     for j in range(m.first_out[0], m.last_out[0]):
-        if p.real_out[j] != p.real_out[j]:
-            _fail(p.instances, i, 6, NOT_A_NUMBER, j)
-            break
-    if m.endpoint >= 0 and p.ports[m.endpoint].has_tx != 0:
-        status = _collect_packets(p.ports, m.endpoint, m.handle, p.scratch[thread], p.tx)
-        if status != 0:
-            _fail(p.instances, i, GET_STRING, status, 0)
+        sound = sound and real_out[j] == real_out[j]
+    if not sound:
+        j = m.first_out[0]
+        while real_out[j] == real_out[j]:
+            j += 1
+        _fail(instances, i, 6, NOT_A_NUMBER, j)
 
 
 @kernel
 def _collect_packets(
-    ports: NDArray[Any], e: int, handle: int, scratch: NDArray[np.uint8], tx: NDArray[np.uint8]
-) -> int:
-    """Packets that an instance has sent, from base64 into its row of `tx`; 0 or what is wrong."""
+    instances: NDArray[Any], ports: NDArray[Any], i: int, scratch: NDArray[np.uint8], tx: NDArray[np.uint8]
+) -> None:
+    """Packets that instance `i` has sent, from base64 into its row of `tx`. Until they are read, there are none."""
+    e = instances[i].endpoint
     port = ports[e]
     port.sent = 0
-    row = ports.ctypes.data + PORTS_SIZE * e
-    status = get_or_set(port.get_string, handle, np.uintp(row + TX), np.uintp(1), np.uintp(row + GOT))
-    if status > 1:
-        return int(status)
-    address = port.got
-    if address == np.uintp(0):
-        return 0
+    if port.has_tx == 0 or port.got == np.uintp(0):
+        return
     n = 0
-    character = byte_at(address)
-    while character != 0:
-        if n == scratch.size:
-            return TOO_LONG
+    character = byte_at(port.got)
+    while character != 0 and n < scratch.size:
         scratch[n] = character
         n += 1
-        character = byte_at(np.uintp(address + np.uintp(n)))
+        character = byte_at(np.uintp(port.got + np.uintp(n)))
     if n == 0:
-        return 0
-    length = decode_base64(scratch, n, tx[e])
-    if length < 0:
-        return NOT_BASE64
-    port.sent = length
-    return 0
+        return
+    length = TOO_LONG if character != 0 else decode_base64(scratch, n, tx[e])
+    if length == TOO_LONG:
+        _fail(instances, i, GET_STRING, TOO_LONG, 0)
+    elif length < 0:
+        _fail(instances, i, GET_STRING, NOT_BASE64, 0)
+    else:
+        port.sent = length
 
 
 @kernel
-def _step(p: Plan, i: int, k: int, thread: int) -> None:
-    """Set inputs and packets of instance `i`, step it, and collect if its step ends with this base step."""
-    m = p.instances[i]
-    if m.endpoint >= 0 and p.ports[m.endpoint].filled > 0:
-        row = p.ports.ctypes.data + PORTS_SIZE * m.endpoint
-        set_string = p.ports[m.endpoint].set_string
-        status = get_or_set(set_string, m.handle, np.uintp(row + RX), np.uintp(1), np.uintp(row + TEXT))
-        if status > 1:
-            _fail(p.instances, i, SET_STRING, status, 0)
-    _set(p, i)
-    if m.failed[0] != 0:
-        return
-    m.length = min(m.period, p.clock[LAST] - k)
-    t = (p.clock[START] + k * p.clock[BASE]) / 1e9
-    status = do_step2(m.do_step, m.handle, t, m.length * p.clock[BASE] / 1e9)
-    if status > 1:
-        _fail(p.instances, i, DO_STEP, status, 0)
-    elif m.length == 1:
-        _collect(p, i, thread)
+def _step_some(
+    instances: NDArray[Any],
+    calls: NDArray[Any],
+    ports: NDArray[Any],
+    real_out: NDArray[np.float64],
+    scratch: NDArray[np.uint8],
+    tx: NDArray[np.uint8],
+    clock: NDArray[np.int64],
+    chosen: NDArray[np.int64],
+) -> int:
+    """The present base step of the instances `chosen`: each begins a step, or ends one, or both, or neither.
+
+    Returns how many have failed.
+    """
+    k, base = clock[K], clock[BASE]
+    t = (clock[START] + k * base) / 1e9
+    failed = 0
+    for i in chosen:
+        m = instances[i]
+        since = 0 if m.period == 1 else k % m.period
+        if since == 0:
+            packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
+            _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get)
+            if m.failed[0] == 0:
+                if m.length != min(m.period, clock[LAST] - k):
+                    m.length = min(m.period, clock[LAST] - k)
+                    m.h = m.length * base / 1e9
+                status = do_step2(m.do_step, m.handle, t, m.h)
+                if status > 1:
+                    _fail(instances, i, DO_STEP, status, 0)
+        if since + 1 == m.length and m.failed[0] == 0:
+            _collect(instances, calls, real_out, i)
+            if m.endpoint >= 0 and m.failed[0] == 0:
+                _collect_packets(instances, ports, i, scratch, tx)
+        if m.failed[0] != 0:
+            failed += 1
+    return failed
 
 
 @kernel
 def _deliver_all(p: Plan, r: Radio, k: int) -> None:
     """What has arrived for instances that are due, as base64 text."""
+    instances, ports, text, endpoints, places = p.instances, p.ports, p.text, r.endpoints, r.places
     t = p.clock[START] + k * p.clock[BASE]
-    for e in range(p.ports.size):
-        port = p.ports[e]
-        if port.has_rx == 0 or k % p.instances[port.instance].period != 0:
+    for e in range(ports.size):
+        port = ports[e]
+        period = instances[port.instance].period
+        if port.has_rx == 0 or (period > 1 and k % period != 0):
             continue
-        if not arrived(r, t, e):
-            port.filled = 1 if port.filled == 2 else 0
-            p.text[e, 0] = 0
-            continue
-        n = deliver(r, t, e, p.tx[e])
-        p.text[e, encode_base64(p.tx[e], n, p.text[e])] = 0
-        port.filled = 2
-
-
-@kernel
-def _step_one(p: Plan, i: int, k: int, thread: int) -> int:
-    """Instance `i` in base step k: it begins a step, or ends one, or neither. Returns 1 if it failed."""
-    m = p.instances[i]
-    if k % m.period == 0:
-        _step(p, i, k, thread)
-    if m.length > 1 and (k // m.period) * m.period + m.length == k + 1 and m.failed[0] == 0:
-        _collect(p, i, thread)
-    return 1 if m.failed[0] != 0 else 0
+        if arrived(endpoints, places, t, e):
+            n = deliver(r, t, e, p.tx[e])
+            text[e, encode_base64(p.tx[e], n, text[e])] = 0
+            port.filled = 2
+        elif port.filled > 0:
+            port.filled -= 1
+            text[e, 0] = 0
 
 
 @kernel
@@ -318,11 +336,10 @@ def _take_blocks(p: Plan, thread: int) -> int:
             return taken
         if not exchange_if(np.uintp(at + 8 * TICKET), ticket, ticket + 1):
             continue
-        k = p.clock[K]
         first = ticket % per_step * size
-        faults = 0
-        for j in range(first, min(first + size, p.free.size)):
-            faults += _step_one(p, p.free[j], k, thread)
+        faults = _step_some(
+            p.instances, p.calls, p.ports, p.real_out, p.scratch[thread], p.tx, p.clock, p.free[first : first + size]
+        )
         if faults > 0:
             atomic_add(np.uintp(at + 8 * FAULTS), faults)
         atomic_add(np.uintp(at + 8 * COMPLETED), 1)
@@ -344,21 +361,14 @@ def work(p: Plan, thread: int) -> int:
 
 
 @kernel
-def _exchange_and_step(p: Plan, k: int) -> None:
-    for j in range(p.mirrors.shape[0]):
-        p.real_out[p.mirrors[j, 1]] = p.int_out[p.mirrors[j, 0]]
-    for i in range(p.instances.size):
-        if k % p.instances[i].period == 0:
-            _gather(p, i)
+def _step_all(p: Plan) -> None:
     size = p.clock[BLOCK]
     at = p.shared.ctypes.data
     if size > 0:
         atomic_add(np.uintp(at + 8 * LIMIT), (p.free.size + size - 1) // size)
-    for j in range(p.confined.size):
-        p.clock[FAILURES] += _step_one(p, p.confined[j], k, 0)
+    p.clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, p.clock, p.confined)
     if size == 0:
-        for j in range(p.free.size):
-            p.clock[FAILURES] += _step_one(p, p.free[j], k, 0)
+        p.clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, p.clock, p.free)
         return
     _take_blocks(p, 0)
     spins = 0
@@ -371,9 +381,10 @@ def _exchange_and_step(p: Plan, k: int) -> None:
 @kernel
 def sent_bytes(p: Plan) -> int:
     """Bytes of packets collected and not yet routed."""
+    ports = p.ports
     total = 0
-    for e in range(p.ports.size):
-        total += p.ports[e].sent
+    for e in range(ports.size):
+        total += ports[e].sent
     return total
 
 
@@ -414,10 +425,12 @@ def _record(p: Plan, k: int) -> None:
     """Add a row at time t_k to the block."""
     row = p.clock[ROWS]
     p.ticks[row] = p.clock[START] + k * p.clock[BASE]
-    for j in range(p.real_recorded.size):
-        p.real_block[row, j] = p.real_out[p.real_recorded[j]]
-    for j in range(p.int_recorded.size):
-        p.int_block[row, j] = p.int_out[p.int_recorded[j]]
+    real_block, real_out, real_recorded = p.real_block[row], p.real_out, p.real_recorded
+    for j in range(real_recorded.size):
+        real_block[j] = real_out[real_recorded[j]]
+    int_block, int_out, int_recorded = p.int_block[row], p.int_out, p.int_recorded
+    for j in range(int_recorded.size):
+        int_block[j] = int_out[int_recorded[j]]
     p.clock[ROWS] = row + 1
 
 
@@ -425,8 +438,11 @@ def _record(p: Plan, k: int) -> None:
 def collect_all(p: Plan) -> None:
     """Outputs of every instance, after initialization."""
     for i in range(p.instances.size):
-        _collect(p, i, 0)
-        if p.instances[i].failed[0] != 0:
+        m = p.instances[i]
+        _collect(p.instances, p.calls, p.real_out, i)
+        if m.endpoint >= 0 and m.failed[0] == 0:
+            _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)
+        if m.failed[0] != 0:
             p.clock[FAILURES] += 1
 
 
@@ -446,15 +462,17 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 and r.counters[USED_LOG] + in_flight * (SLOT + 16) > r.log.size
             ):
                 return NEED_LOG
-            _deliver_all(p, r, k)
+            if p.ports.size > 0:
+                _deliver_all(p, r, k)
             clock[PHASE] = STEP
         if clock[PHASE] == STEP:
-            _exchange_and_step(p, k)
+            _exchange(p.instances, p.wires, p.mirrors, p.real_out, p.int_out, p.real_in, p.int_in, k)
+            _step_all(p)
             if clock[FAILURES] > 0:
                 return FAILED
             clock[PHASE] = SEND
         if clock[PHASE] == SEND:
-            reason = _send_all(p, r, k)
+            reason = _send_all(p, r, k) if p.ports.size > 0 else DONE
             if reason != DONE:
                 return reason
         k += 1
