@@ -1,0 +1,393 @@
+"""Compiled FMUs: their symbols, their numbers, many instances and threads, saved states, other platforms and tools."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import importlib.util
+import os
+import pkgutil
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import threading
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+
+from cosim import Model
+from cosim.build import build, models_of_package
+from cosim.model import flat_variables, record_layout
+
+MODELS = {model.__name__: model for model in models_of_package("cosim_models") if model.kernels is not None}
+every_model = pytest.mark.parametrize("name", sorted(MODELS))
+STEPS = 120
+FUNCTIONS = """CancelStep DeSerializeFMUstate DoStep EnterInitializationMode ExitInitializationMode FreeFMUstate
+FreeInstance GetBoolean GetBooleanStatus GetDirectionalDerivative GetFMUstate GetInteger GetIntegerStatus GetReal
+GetRealOutputDerivatives GetRealStatus GetStatus GetString GetStringStatus GetTypesPlatform GetVersion Instantiate
+Reset SerializeFMUstate SerializedFMUstateSize SetBoolean SetDebugLogging SetFMUstate SetInteger SetReal
+SetRealInputDerivatives SetString SetupExperiment Terminate"""
+EXPORTED = {f"fmi2{name}" for name in FUNCTIONS.split()}
+
+
+def _load(file: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(file, Path(__file__).with_name(f"{file}.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+driving = _load("driving")
+
+
+class Factory:
+    """Instances of one FMU, all from one extraction, as FMPy makes them."""
+
+    def __init__(self, file: Path, folder: Path) -> None:
+        self.description = fmpy.read_model_description(str(file))
+        self.folder = fmpy.extract(str(file), str(folder))
+        self.log: list[str] = []
+        self._callbacks = fmi2CallbackFunctions()
+        self._callbacks.logger = fmi2CallbackLoggerTYPE(lambda *a: self.log.append(a[4].decode()))
+
+    def __call__(self, name: str = "one", initialise: bool = True) -> FMU2Slave:
+        identifier = self.description.coSimulation.modelIdentifier
+        fmu = FMU2Slave(
+            guid=self.description.guid, unzipDirectory=self.folder, modelIdentifier=identifier, instanceName=name
+        )
+        fmu.instantiate(callbacks=self._callbacks)
+        if initialise:
+            fmu.setupExperiment(startTime=0.0)
+            fmu.enterInitializationMode()
+            fmu.exitInitializationMode()
+        return fmu
+
+
+def advance(model: type[Model], fmu: FMU2Slave, first: int, last: int) -> None:
+    for step in range(first, last):
+        driving.set_inputs(model, fmu, step)
+        fmu.doStep(step * model.step_size, model.step_size)
+
+
+def serialized(fmu: FMU2Slave) -> bytes:
+    state = fmu.getFMUState()
+    data = bytes(fmu.serializeFMUstate(state))
+    fmu.freeFMUState(state)
+    return data
+
+
+def library(file: Path, folder: Path, platform: str = "linux64") -> Path:
+    with zipfile.ZipFile(file) as archive:
+        (name,) = [n for n in archive.namelist() if n.startswith(f"binaries/{platform}/")]
+        return Path(archive.extract(name, folder))
+
+
+# -- the binary -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads ELF")
+@every_model
+def test_symbols(name: str, fmus: Path, tmp_path: Path) -> None:
+    defined, undefined = elf_symbols(library(fmus / f"{name}.fmu", tmp_path).read_bytes())
+    assert defined == EXPORTED
+    resolvable = ctypes.CDLL("libm.so.6"), ctypes.CDLL("libc.so.6")
+    assert undefined
+    for symbol in undefined:
+        assert any(hasattr(one, symbol) for one in resolvable), symbol
+
+
+def elf_symbols(data: bytes) -> tuple[set[str], set[str]]:
+    """Defined and undefined dynamic symbols of a 64-bit little-endian ELF file, weak references left out."""
+    assert data[:6] == b"\x7fELF\x02\x01"
+    (sections,) = struct.unpack_from("<Q", data, 40)
+    size, count = struct.unpack_from("<HH", data, 58)
+    table = [struct.unpack_from("<IIQQQQIIQQ", data, sections + i * size) for i in range(count)]
+    (dynsym,) = [s for s in table if s[1] == 11]
+    strings = table[dynsym[6]][4]
+    defined, undefined = set(), set()
+    for at in range(dynsym[4] + 24, dynsym[4] + dynsym[5], 24):
+        name, info, _, section = struct.unpack_from("<IBBH", data, at)
+        text = data[strings + name : data.index(0, strings + name)].decode()
+        if section:
+            defined.add(text)
+        elif info >> 4 != 2:
+            undefined.add(text)
+    return defined, undefined
+
+
+# -- the same numbers -----------------------------------------------------------------------------------------------
+
+
+@every_model
+def test_record_fmu_and_plain_python_agree(name: str, fmus: Path, tmp_path: Path) -> None:
+    """Just in time, as plain Python and in the FMU: the same bits after every step."""
+    model = MODELS[name]
+    rows = driving.drive_record(model, STEPS)
+    plain = tmp_path / "plain.npy"
+    script = [sys.executable, str(Path(__file__).with_name("driving.py")), model.__module__, name, "60", str(plain)]
+    subprocess.run(script, check=True, env={**os.environ, "NUMBA_DISABLE_JIT": "1"})
+    interpreted = np.load(plain)
+    for step in range(len(interpreted)):
+        assert same(model, rows[step], interpreted[step]), f"record after step {step}"
+    fmu = Factory(fmus / f"{name}.fmu", tmp_path)()
+    for step in range(STEPS + 1):
+        assert driving.read(model, fmu) == driving.read_record(model, rows[step]), f"FMU after step {step}"
+        advance(model, fmu, step, step + 1)
+    fmu.freeInstance()
+    assert (rows[0] != rows[-1]).any()
+
+
+def same(model: type[Model], a: Any, b: Any) -> bool:
+    """Equal fields; the padding between them does not count."""
+    dtype, _ = record_layout(model.variables)
+    x, y = (row.copy().view(dtype)[0] for row in (a, b))
+    assert dtype.names is not None
+    return all(np.array_equal(x[field], y[field], equal_nan=dtype[field].kind == "f") for field in dtype.names)
+
+
+@every_model
+def test_simulate_fmu_gives_the_same_for_both_builds(name: str, fmus: Path, tmp_path: Path) -> None:
+    interpreted = build(MODELS[name], tmp_path, interpreted=True).file
+    results = [fmpy.simulate_fmu(str(file), stop_time=0.5) for file in (fmus / f"{name}.fmu", interpreted)]
+    assert len(results[0]) > 10
+    for column in results[0].dtype.names:
+        if results[0][column].dtype.kind == "f":
+            np.testing.assert_allclose(results[0][column], results[1][column], rtol=1e-12, atol=0, err_msg=column)
+        else:
+            assert list(results[0][column]) == list(results[1][column]), column
+
+
+def test_every_kernel_is_compiled(fmus: Path) -> None:
+    """By an FMU, which is compiled as a whole, or, of what no model calls, by the tests of its own module."""
+    names = [f"cosim_models.{m.name}" for m in pkgutil.iter_modules(importlib.import_module("cosim_models").__path__)]
+    modules = [importlib.import_module(name) for name in ("cosim.packets", "cosim.messages", "cosim.frames", *names)]
+    kernels = {v for m in modules for v in vars(m).values() if hasattr(v, "py_func")}
+    assert len(kernels) > 100
+    for kernel in kernels:
+        assert kernel.targetoptions["nopython"], kernel
+        assert kernel.targetoptions["error_model"] == "numpy", kernel
+    reached: set[Any] = set()
+    for model in MODELS.values():
+        assert build(model, fmus).compiled, model
+        assert model.kernels is not None
+        reached |= callees(model.kernels)
+    left = {kernel.py_func.__module__ for kernel in kernels - reached}
+    tested = {file.stem for file in Path(__file__).parents[1].rglob("test_*.py")}
+    assert {f"test_{module.rpartition('.')[2]}" for module in left} <= tested
+
+
+def callees(kernels: Iterable[Any]) -> set[Any]:
+    """`kernels` and every kernel that they call, by the global names in their code."""
+    found: set[Any] = set()
+    waiting = list(kernels)
+    while waiting:
+        kernel = waiting.pop()
+        if kernel not in found:
+            found.add(kernel)
+            function = kernel.py_func
+            named = (function.__globals__.get(name) for name in function.__code__.co_names)
+            waiting += [one for one in named if hasattr(one, "py_func")]
+    return found
+
+
+# -- instances, threads, states -------------------------------------------------------------------------------------
+
+
+@every_model
+def test_instances_share_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
+    model, make = MODELS[name], Factory(fmus / f"{name}.fmu", tmp_path)
+    alone = make("alone")
+    advance(model, alone, 0, 40)
+    expected = serialized(alone)
+    first, second = make("first"), make("second")
+    advance(model, first, 0, 15)
+    advance(model, second, 0, 40)
+    advance(model, first, 15, 40)
+    assert serialized(first) == serialized(second) == expected
+    first.freeInstance()
+    assert serialized(second) == expected
+
+
+@every_model
+def test_threads_give_the_bits_of_one_thread(name: str, fmus: Path, tmp_path: Path) -> None:
+    model, make = MODELS[name], Factory(fmus / f"{name}.fmu", tmp_path)
+    lengths = [40, 41, 42, 43]
+    expected = []
+    for length in lengths:
+        fmu = make()
+        advance(model, fmu, 0, length)
+        expected.append(serialized(fmu))
+    parallel = [make(str(length)) for length in lengths]
+    threads = [
+        threading.Thread(target=advance, args=(model, fmu, 0, length))
+        for fmu, length in zip(parallel, lengths, strict=True)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [serialized(fmu) for fmu in parallel] == expected
+    assert len(set(expected)) == 4
+
+
+@every_model
+def test_saved_states(name: str, fmus: Path, tmp_path: Path) -> None:
+    model, make = MODELS[name], Factory(fmus / f"{name}.fmu", tmp_path)
+    fmu = make()
+    fresh = serialized(fmu)
+    advance(model, fmu, 0, 25)
+    state, stored = fmu.getFMUState(), serialized(fmu)
+    advance(model, fmu, 25, 50)
+    expected = serialized(fmu)
+    assert expected != stored != fresh
+    fmu.setFMUState(state)
+    assert serialized(fmu) == stored
+    advance(model, fmu, 25, 50)
+    assert serialized(fmu) == expected
+    fmu.freeFMUState(state)
+
+    other = make("other")
+    restored = other.deSerializeFMUstate(stored)
+    other.setFMUState(restored)
+    other.freeFMUState(restored)
+    advance(model, other, 25, 50)
+    assert serialized(other) == expected
+    assert driving.read(model, other) == driving.read(model, fmu)
+
+    fmu.reset()
+    fmu.setupExperiment(startTime=0.0)
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    assert serialized(fmu) == fresh
+
+
+def test_foreign_and_damaged_states_are_refused(fmus: Path, compiled_plant: Path, tmp_path: Path) -> None:
+    make = Factory(compiled_plant, tmp_path / "plant")
+    data = serialized(make())
+    other_make = Factory(fmus / "Quadrotor.fmu", tmp_path / "quadrotor")
+    other = other_make()
+    fmu = make()
+    for at in range(0, len(data), 7):
+        damaged = data[:at] + bytes([data[at] ^ 64]) + data[at + 1 :]
+        with pytest.raises(FMICallException):
+            fmu.deSerializeFMUstate(damaged)
+        message = make.log.pop()
+        assert ("are no state of Plant" in message) if at < 37 else (message.endswith("the bytes are damaged")), at
+        fmu.reset()
+    for wrong in (serialized(other), data[:-1], data + b"\0", b""):
+        with pytest.raises(FMICallException):
+            fmu.deSerializeFMUstate(wrong)
+        assert f"these {len(wrong)} bytes are no state of Plant" in make.log.pop()
+        fmu.reset()
+    with pytest.raises(FMICallException):
+        fmu.setFMUState(other.getFMUState())
+    assert "fmi2SetFMUstate: this is no state of Plant" in make.log.pop()
+
+
+# -- other platforms ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_cross_builds(samples: SimpleNamespace, tmp_path: Path) -> None:
+    targets = ["linux-x86_64", "linux-aarch64", "windows-x86_64", "macos-aarch64", "macos-x86_64"]
+    built = build(samples.Plant, tmp_path, targets=targets)
+    assert built.compiled
+    with zipfile.ZipFile(built.file) as archive:
+        binaries = {n.split("/")[1]: archive.read(n) for n in archive.namelist() if n.startswith("binaries/")}
+        names = sorted(n for n in archive.namelist() if n.startswith("binaries/"))
+    assert names == [
+        "binaries/aarch64-darwin/Plant.dylib",
+        "binaries/aarch64-linux/Plant.so",
+        "binaries/darwin64/Plant.dylib",
+        "binaries/linux64/Plant.so",
+        "binaries/win64/Plant.dll",
+    ]
+    for folder, machine in (("linux64", 62), ("aarch64-linux", 183)):
+        assert struct.unpack_from("<HH", binaries[folder], 16) == (3, machine)  # ET_DYN, EM_X86_64 or EM_AARCH64
+        assert elf_symbols(binaries[folder])[0] == EXPORTED
+    for folder, machine in (("darwin64", 0x01000007), ("aarch64-darwin", 0x0100000C)):
+        magic, cpu, _, kind = struct.unpack_from("<IIII", binaries[folder])
+        assert (magic, cpu, kind) == (0xFEEDFACF, machine, 6)  # MH_DYLIB
+        found = set(re.findall(rb"\0(_fmi2\w+)\0", binaries[folder].replace(b"\0", b"\0\0")))
+        assert {n.decode()[1:] for n in found} >= EXPORTED
+    dll = binaries["win64"]
+    assert dll[:2] == b"MZ"
+    (pe,) = struct.unpack_from("<I", dll, 60)
+    assert dll[pe : pe + 6] == b"PE\0\0\x64\x86"
+    assert struct.unpack_from("<H", dll, pe + 22)[0] & 0x2000  # IMAGE_FILE_DLL
+    assert pe_exports(dll, pe) == EXPORTED
+    assert build(samples.Plant, tmp_path, targets=targets[::-1]).fresh
+    assert not build(samples.Plant, tmp_path, targets=targets[:2]).fresh
+
+
+def pe_exports(data: bytes, pe: int) -> set[str]:
+    """Names that a 64-bit DLL exports."""
+    (count,) = struct.unpack_from("<H", data, pe + 6)
+    (optional,) = struct.unpack_from("<H", data, pe + 20)
+    sections = [struct.unpack_from("<IIII", data, pe + 24 + optional + 40 * i + 8) for i in range(count)]
+
+    def offset(address: int) -> int:
+        return next(address - va + raw for size, va, _, raw in sections if va <= address < va + size)
+
+    table = offset(struct.unpack_from("<I", data, pe + 24 + 112)[0])
+    (number,) = struct.unpack_from("<I", data, table + 24)
+    names = offset(struct.unpack_from("<I", data, table + 32)[0])
+    found = set()
+    for i in range(number):
+        at = offset(struct.unpack_from("<I", data, names + 4 * i)[0])
+        found.add(data[at : data.index(0, at)].decode())
+    return found
+
+
+# -- other masters --------------------------------------------------------------------------------------------------
+
+
+def reference(model: type[Model], fmu: FMU2Slave, steps: int) -> list[list[float]]:
+    """All real outputs after every step with the declared inputs, by FMPy."""
+    vrs = [i for i, one in enumerate(flat_variables(model.variables)) if is_real_output(one)]
+    rows = []
+    for step in range(steps):
+        fmu.doStep(step * model.step_size, model.step_size)
+        rows.append(list(fmu.getReal(vrs)))
+    return rows
+
+
+def is_real_output(one: Any) -> bool:
+    return one.variable.kind == "Real" and one.variable.role == "output"
+
+
+def observed(tool: str, file: Path, model: type[Model], steps: int) -> list[list[float]]:
+    names = [one.name for one in flat_variables(model.variables) if is_real_output(one)]
+    script = Path(__file__).with_name("other_masters.py")
+    command = [sys.executable, str(script), tool, str(file), repr(model.step_size), str(steps), *names]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    rows = [line.removeprefix("ROW ") for line in done.stdout.splitlines() if line.startswith("ROW ")]
+    return [[float(number) for number in row.split()] for row in rows]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tool", ["libcosimpy", "ecospy"])
+@every_model
+def test_other_masters_give_the_same(tool: str, name: str, fmus: Path, tmp_path: Path) -> None:
+    try:
+        importlib.import_module(tool)
+    except (ImportError, OSError) as error:  # ecospy loads the system's libtbb
+        pytest.skip(str(error))
+    model = MODELS[name]
+    file = Path(shutil.copy(fmus / f"{name}.fmu", tmp_path))
+    expected = reference(model, Factory(file, tmp_path / "x")(), 50)
+    # libcosim's steps are differences of its times, which rounding makes a little longer or shorter than ours
+    np.testing.assert_allclose(observed(tool, file, model, 50), expected, rtol=1e-9, atol=1e-12)
