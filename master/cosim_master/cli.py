@@ -92,14 +92,17 @@ def build(
     from cosim.build import HOST, build, load_models, models_of_package
 
     try:
-        known = models_of_package("cosim_models")
         chosen = []
-        for name in models or [model.__name__ for model in known]:
+        for name in models or [model.__name__ for model in models_of_package("cosim_models")]:
+            if "." in name:
+                chosen += load_models(name)
+                continue
+            known = models_of_package("cosim_models")
             matching = [model for model in known if model.__name__ == name]
-            if not matching and "." not in name:
+            if not matching:
                 names = ", ".join(model.__name__ for model in known)
                 raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
-            chosen += matching or load_models(name)
+            chosen += matching
         for model in chosen:
             built = build(model, folder, interpreted=interpreted, targets=target or [HOST])
             state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
@@ -240,6 +243,8 @@ def info(path: Annotated[str, typer.Argument(help="An FMU, a system, or the resu
 
 
 def _print_tables(tables: Iterator[Table | str]) -> None:
+    if not out.is_terminal:
+        out.width = 10_000  # a file or a pipe has no width: one line per row
     for table in tables:
         out.print(table, markup=False) if isinstance(table, str) else out.print(table)
 

@@ -308,14 +308,10 @@ class Execution:
                 text, code = f"its packet output {wrong}", 0
             elif status == STATUS.index("fmi2Discard"):
                 text = "fmi2Discard: it could not do this step, and steps are not repeated"
-                if self._is_python(living):
+                if living.library.python:
                     text += " (a Python FMU says this when do_step forgets to return True)"
             failures.append(living.failure(FUNCTIONS[function], code, text))
         raise RunFailed(failures)
-
-    @staticmethod
-    def _is_python(living: Living) -> bool:
-        return (living.library.resources / "slavemodule.txt").is_file()
 
     # ---- results -----------------------------------------------------------------------------------------------------
 

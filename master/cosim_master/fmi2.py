@@ -67,6 +67,8 @@ class Library:
         self.fmu = fmu
         self.resources = resources
         self.handles: dict[int, str] = {}
+        # pythonfmu keeps even errors to itself unless logging is on; others need not be asked, and some say too much.
+        self.python = (resources / "slavemodule.txt").is_file()
         # Our compiled FMUs keep everything in their instances.
         self.thread_safe = fmu.generation_tool == "uav-cosim" and not fmu.capabilities.needsExecutionTool
         try:
@@ -124,7 +126,7 @@ class Instance:
             ctypes.c_char_p(library.resources.as_uri().encode()),
             ctypes.byref(self._callbacks),
             ctypes.c_int(0),
-            ctypes.c_int(0),
+            ctypes.c_int(library.python),
         )
         if not handle:
             hint = "" if self.lines else "; it logged nothing (is the GUID of its modelDescription.xml the binary's?)"

@@ -22,7 +22,7 @@ __all__ = ["fmu_tables", "run_tables", "system_tables"]
 def _table(*columns: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in columns:
-        table.add_column(column)
+        table.add_column(Text(column))
     return table
 
 

@@ -105,6 +105,8 @@ class Recorder:
     def rows(self, plan: Plan) -> None:
         """Write the rows of the loop's block and empty it."""
         n = int(plan.clock[ROWS])
+        if self._texts:
+            n = min(n, len(self._text_rows))  # interrupted in between, the last row has no strings yet
         if n == 0:
             return
         integers = sum(kind == "Integer" for _, kind, _, _ in self._columns)

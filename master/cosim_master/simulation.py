@@ -134,9 +134,10 @@ def _recording(checked: CheckedSystem, record: Sequence[str]) -> Recording:
     problems: list[Problem] = []
     reader = root_annotation(checked, RECORDING, "recording", problems)
     interval = reader.number("interval", 0.0, 0.0, 1e6)
+    written = tuple(reader.text("signals", "").split())
     recording = Recording(
         interval=interval or None,
-        signals=tuple(record) or tuple(reader.text("signals", "").split()),
+        signals=tuple(record) or written,
         packets=reader.choice("packets", "true", ("true", "false")) == "true",
     )
     reader.finish()
@@ -270,7 +271,7 @@ def _run(
                 due = (execution.time - start) / pace - (before - began)
                 if due < -0.05:
                     overruns, worst = overruns + 1, max(worst, -due)
-                while due > 0 and not interrupted():
+                while due > 1e-6 and not interrupted():
                     time.sleep(min(due, _SLICE))
                     due = (execution.time - start) / pace - (time.perf_counter() - began)
             if interrupted():

@@ -108,7 +108,9 @@ def model(folder: Path, file: str, source: str, *, interpreted: bool = False) ->
     path = folder / file
     path.write_text(source)
     (found,) = load_models(str(path))
-    return build(found, folder, interpreted=interpreted).file
+    built = build(found, folder, interpreted=interpreted)
+    assert built.compiled == (found.kernels is not None and not interpreted), built.note
+    return built.file
 
 
 def slave(folder: Path, file: str, source: str) -> Path:

@@ -49,6 +49,7 @@ class Scripted:
         self.lines: list[str] = []
         self.library = self
         self.resources = Path("nowhere")
+        self.python = False
         self.time: float | None = None
         named = {v.name: v for v in variables}
         capabilities = Capabilities(canHandleVariableCommunicationStepSize=variable_step)

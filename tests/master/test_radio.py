@@ -144,6 +144,7 @@ def test_finaliser_of_splitmix64() -> None:
         assert [int(_mix(np.uint64(state))) for state in states] == published
 
 
+@settings(deadline=None)
 @given(*[st.integers(0, 2**64 - 1)] * 3, st.integers(0, 2**40), st.integers(0, 1))
 def test_a_chance_is_the_same_compiled_and_computed_with_pythons_integers(
     seed: int, source: int, sink: int, number: int, which: int
@@ -198,6 +199,7 @@ def test_nearest_on_an_axis_while_nodes_move(data: st.DataObject, n: int, neighb
             assert air.hearers(node) == {air.nodes[o] for o in near}
 
 
+@settings(deadline=None)
 @given(st.integers(1, 6))
 def test_broadcast(n: int) -> None:
     air = each_alone(n)
@@ -205,6 +207,7 @@ def test_broadcast(n: int) -> None:
         assert air.hearers(node) == set(air.nodes) - {node}
 
 
+@settings(deadline=None)
 @given(st.sets(st.sampled_from(list(itertools.combinations(["n0", "n1", "n2", "n3"], 2)))))
 def test_listed(pairs: set[tuple[str, str]]) -> None:
     links = frozenset(pairs) | frozenset((b, a) for a, b in pairs)

@@ -1,0 +1,271 @@
+"""The command: exit codes, messages, and what it passes on. Most through typer's runner, once as a process."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from cosim_master.cli import app, err, out
+from tests.master.probe import model
+
+pytestmark = pytest.mark.usefixtures("own_cache")
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Calls the command in tmp_path: (exit code, standard output, standard error)."""
+    monkeypatch.chdir(tmp_path)
+    # Consoles look up sys.stdout at every print, so the runner's own streams are used; their width is that of a file.
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert out.file is not sys.stdout or not out.is_terminal
+    assert not err.is_terminal
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        result = CliRunner().invoke(app, arguments)
+        if result.exception is not None and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        return result.exit_code, result.stdout, result.stderr
+
+    return call
+
+
+@pytest.fixture
+def system(probes: Any) -> Path:
+    probes.fmu()
+    made: Path = probes.ssd(probes.component("a", u=1.0) + probes.component("b"), "a/y b/u")
+    return made
+
+
+def test_run(run: Any, system: Path, tmp_path: Path) -> None:
+    code, stdout, stderr = run("run", str(system), "-o", "results")
+    assert code == 0, stderr
+    pattern = r"done: 2 s simulated in \d+\.\d\d s \(\d+\.\d times real time\), "
+    assert re.fullmatch(pattern + r"packets 0 sent, 0 delivered, 0 lost; results\n", stdout)
+    assert "note: " not in stderr.replace("note: the system names no", "")
+    assert json.loads((tmp_path / "results" / "manifest.json").read_text())["outcome"] == "done"
+
+
+def test_results_go_to_out_by_default(run: Any, system: Path, tmp_path: Path) -> None:
+    assert run("run", str(system))[0] == 0
+    assert (tmp_path / "out" / "s" / "manifest.json").is_file()
+
+
+def test_options_of_run(run: Any, system: Path, tmp_path: Path) -> None:
+    arguments = (
+        "--until",
+        "1",
+        "--set",
+        "a.p=10",
+        "--set",
+        "b.mode = 1",
+        "--record",
+        "b.y",
+        "--seed",
+        "5",
+        "--pace",
+        "1000",
+    )
+    code, _, stderr = run("run", str(system), "-o", "out", *arguments)
+    assert code == 0, stderr
+    assert pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict() == {
+        "time": [0.0, 0.5, 1.0],
+        "b.y": [11.25, 11.25, 11.25],
+    }
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["seed"] == 5
+    assert manifest["instances"]["b"]["parameters"]["mode"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--set", "a.p"), "error: --set a.p: write COMPONENT.PARAMETER=VALUE"),
+        (("--set", "=3"), "error: --set =3: write COMPONENT.PARAMETER=VALUE"),
+        (("--set", "a.q=1"), 'error: --set: there is no variable "a.q"'),
+        (("--set", "c.p=1"), 'error: --set: there is no variable "c.p"'),
+        (("--set", "a.p=much"), 'error: --set: a.p: "much" is not of its type; valid: a number'),
+        (("--set", "a.mode=1.5"), 'error: --set: a.mode: "1.5" is not of its type; valid: an integer'),
+        (("--until", "1.3"), "a run of 1.3 s is no multiple of the base step 0.5 s; try --until 1.5"),
+        (("--until", "soon"), "Invalid value for '--until'"),
+        (("--until", "nan"), "start and stop time must be whole nanoseconds"),
+        (("--pace", "0"), "error: --pace 0: give a positive factor of real time"),
+        (("--pace", "inf"), "error: --pace inf: give a positive factor of real time"),
+        (("--threads", "0"), "error: --threads 0: give a positive number"),
+        (("--seed", "-1"), "Invalid value for '--seed'"),
+        (("--seed", str(2**60)), "Invalid value for '--seed'"),
+        (("--record", "c.*"), "error: --record: c.* matches no output or local variable (such as a.y, a.m, a.c)"),
+        (("-o", "s.ssd"), "error: s.ssd: cannot hold the results of a run: "),
+        (("--unknown",), "No such option"),
+    ],
+)
+def test_bad_usage_has_exit_code_2(
+    run: Any, system: Path, probes: Any, arguments: tuple[str, ...], message: str
+) -> None:
+    code, stdout, stderr = run("run", str(system), *arguments)
+    assert code == 2
+    assert message in stderr
+    assert stdout == ""
+    assert probes.calls == []
+
+
+@pytest.mark.parametrize("command", ["run", "check", "info"])
+def test_a_missing_system(run: Any, command: str) -> None:
+    code, _, stderr = run(command, "nowhere.ssd")
+    assert code == 2
+    assert stderr.startswith("error: nowhere.ssd: ")
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_a_description_with_two_problems(run: Any, probes: Any, command: str) -> None:
+    probes.fmu()
+    system = probes.ssd(probes.component("a", p="much") + probes.component("b", "missing.fmu"))
+    code, stdout, stderr = run(command, str(system))
+    assert (code, stdout) == (2, "")
+    errors = [line for line in stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) >= 2
+    assert all(re.match(r"error: \S+:\d+: |error: \S+missing.fmu: ", line) for line in errors)
+
+
+def test_a_failing_fmu_has_exit_code_1(run: Any, probes: Any) -> None:
+    probes.fmu()
+    code, stdout, stderr = run("run", str(probes.ssd(probes.component("a", mode=3, when=1.0))))
+    assert code == 1
+    assert stderr.splitlines()[0] == "error: a: fmi2DoStep failed at t = 1 s: fmi2Error"
+    assert "    it is over" in stderr
+    assert stdout.startswith("failed: 1 s simulated in ")
+
+
+def test_an_fmu_that_does_not_start_has_exit_code_1(run: Any, probes: Any) -> None:
+    probes.fmu(guid="none")
+    code, stdout, stderr = run("run", str(probes.ssd(probes.component("a"))))
+    assert (code, stdout) == (1, "")
+    assert "error: a: fmi2Instantiate failed: it returned NULL\n    refused: 100% of\n    the reasons\n" in stderr
+
+
+def test_an_interrupted_run_has_exit_code_130(run: Any, probes: Any) -> None:
+    probes.fmu()
+    code, stdout, _ = run("run", str(probes.ssd(probes.component("a", mode=6, when=0.5), stop=1e6)), "--pace", "100")
+    assert code == 130
+    assert stdout.startswith("interrupted: ")
+
+
+RAISING = '''
+from cosim import Model, Output
+
+class CliRaising(Model):
+    """Raises."""
+    step_size = 0.5
+    variables = (Output("y", unit="1"),)
+
+    def do_step(self, t, h):
+        table = [1.0, 2.0]
+        self.m.y = table[int(t / h)]  # the culprit
+        return True
+'''
+
+
+def test_a_traceback_reaches_the_user(run: Any, probes: Any, tmp_path: Path) -> None:
+    model(tmp_path, "cli_raising.py", RAISING)
+    code, stdout, stderr = run("run", str(probes.ssd(probes.workshop.component("a", "CliRaising.fmu", "y:output"))))
+    assert code == 1
+    assert "error: a: fmi2DoStep failed at t = 1 s: fmi2Fatal" in stderr
+    assert re.search(r'File ".*cli_raising.py", line \d+, in do_step', stderr)
+    assert "# the culprit" in stderr
+    assert "IndexError: list index out of range" in stderr
+    assert stdout.startswith("failed: 1 s simulated")
+
+
+def test_check(run: Any, system: Path, probes: Any) -> None:
+    code, stdout, _ = run("check", str(system), "--set", "a.p=2", "--until", "5")
+    assert code == 0
+    assert stdout == f"{system}: 2 instances, 1 connections, 0 radio nodes, 10 steps of 0.5 s: no problems\n"
+    assert probes.calls == []
+
+
+def test_notes_are_shown(run: Any, probes: Any) -> None:
+    probes.fmu()
+    system = probes.workshop.ssd("s.ssd", probes.workshop.system(probes.component("a")))
+    code, _, stderr = run("check", str(system), "--until", "1")
+    assert code == 0
+    assert "note: the system names no start time: it starts at 0 s\n" in stderr
+
+
+def test_info_of_an_fmu_a_system_and_a_run(run: Any, system: Path) -> None:
+    code, stdout, _ = run("info", "probe.fmu")
+    assert code == 0 and stdout.startswith("Unit\nFMI 2.0, GUID probe, step size 0.5 s\n")
+    code, stdout, _ = run("info", str(system))
+    assert code == 0 and stdout.startswith("test: SSP 1.0, 2 instances\n")
+    assert run("run", str(system), "-o", "results")[0] == 0
+    code, stdout, _ = run("info", "results")
+    assert code == 0 and stdout.startswith("test: done, 2 s simulated in ")
+    Path("results/signals.parquet").write_bytes(b"PAR1")
+    code, _, stderr = run("info", "results")
+    assert code == 2 and "error: results: is not the complete result of a run: " in stderr
+
+
+def test_tables_are_not_cut_where_the_output_is_no_terminal(run: Any, workshop: Any, variable: Any) -> None:
+    name, text = "a" * 70, "what this is for, " * 10
+    described = f'<ScalarVariable description="{text}end"'
+    workshop.fmu("long.fmu", variable(name, "output").replace("<ScalarVariable", described), step="0.1")
+    code, stdout, _ = run("info", "long.fmu")
+    assert code == 0
+    assert [line.split() for line in stdout.splitlines() if name in line] == [
+        [name, "output", "Real", *f"{text}end".split()]
+    ]
+
+
+def test_swap_and_run(run: Any, system: Path, probes: Any, tmp_path: Path) -> None:
+    probes.fmu("other.fmu", guid="other")
+    code, stdout, stderr = run("swap", str(system), "b", "other.fmu", "-o", "swapped.ssd")
+    assert code == 0, stderr
+    assert stdout.endswith(": b is now other.fmu\n")
+    assert run("run", "swapped.ssd", "-o", "results")[0] == 0
+    assert probes.calls[:2] == ["a: instantiate probe", "b: instantiate other"]
+    code, _, stderr = run("swap", str(system), "c", "other.fmu", "-o", "no.ssd")
+    assert code == 2 and stderr.startswith("error: ")
+
+
+def test_export(run: Any, system: Path, tmp_path: Path) -> None:
+    assert run("run", str(system), "-o", "results", "--record", "?.y")[0] == 0
+    code, stdout, _ = run("export", "results", "--csv", "r.csv")
+    assert (code, stdout) == (0, "r.csv\n")
+    assert (tmp_path / "r.csv").read_text().splitlines()[0].replace('"', "") == "time,a.y,b.y"
+
+
+def test_build(run: Any, tmp_path: Path) -> None:
+    (tmp_path / "cli_built.py").write_text(RAISING.replace("CliRaising", "CliBuilt"))
+    code, stdout, stderr = run("build", "cli_built.py", "-o", "fmus")
+    assert code == 0, stderr
+    assert stdout == "fmus/CliBuilt.fmu: interpreted\n"
+    code, _, stderr = run("build", "Nonexistent", "-o", "fmus")
+    assert code == 2 and "error: no model called Nonexistent: there are " in stderr
+    code, _, stderr = run("build", "nowhere.py", "-o", "fmus")
+    assert code == 2 and "nowhere.py: no such file" in stderr
+
+
+def test_as_a_process(system: Path, tmp_path: Path) -> None:
+    """The installed command, with the user's own cache: a good run, a bad description, help without arguments."""
+    environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
+
+    def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [str(Path(sys.executable).with_name("uav-cosim")), *arguments]
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+
+    done = call("run", str(system), "-o", "results")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("done: 2 s simulated in ")
+    assert (tmp_path / "results" / "manifest.json").is_file()
+    bad = call("run", "nowhere.ssd")
+    assert bad.returncode == 2
+    assert bad.stderr.startswith("error: nowhere.ssd: ")
+    assert "Traceback" not in bad.stderr
+    assert "Usage: uav-cosim" in call().stdout + call().stderr

@@ -1,0 +1,117 @@
+"""The tables of `info`: what they say of an FMU, a system and a run, whole and unchanged."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+from rich.table import Table
+
+from cosim_master.errors import SystemDescriptionError
+from cosim_master.inspection import fmu_tables, run_tables, system_tables
+from cosim_master.simulation import simulate
+from tests.master.probe import LEVEL
+
+
+def shown(tables: Any) -> list[str]:
+    """The lines that a wide terminal shows."""
+    console = Console(width=200, highlight=False, file=io.StringIO())
+    for table in tables:
+        console.print(table, markup=False) if isinstance(table, str) else console.print(table)
+    return [line.rstrip() for line in console.file.getvalue().splitlines()]  # type: ignore[attr-defined]
+
+
+def words(tables: Any) -> list[list[str]]:
+    return [line.split() for line in shown(tables)]
+
+
+def test_an_fmu(workshop: Any, variable: Any) -> None:
+    packets = '<PacketPort variable="rx" mimeType="application/x-mavlink;version=2" maxSize="512"/>'
+    path = workshop.fmu(
+        "u.fmu",
+        variable("motor[1]", start="0.125"),
+        variable("level", kind="Enumeration", declaredType="Level", start="5"),
+        variable("rx", kind="String"),
+        variable("mass", "parameter", unit="m", start="1.5"),
+        variable("y", "output").replace("<ScalarVariable", '<ScalarVariable description="height [m, NED] [/b]"'),
+        types=LEVEL,
+        step="0.01",
+        flags='canGetAndSetFMUstate="true"',
+        extra=f'<VendorAnnotations><Tool name="uav-cosim">{packets}</Tool></VendorAnnotations>',
+    )
+    lines = words(fmu_tables(path))
+    assert lines[:3] == [
+        ["Unit"],
+        ["FMI", "2.0,", "GUID", "{0},", "step", "size", "0.01", "s"],
+        ["capabilities:", "canGetAndSetFMUstate"],
+    ]
+    assert lines[3] == ["variable", "causality", "type", "unit", "start", "description"]
+    assert lines[4:9] == [
+        ["motor[1]", "input", "Real", "0.125"],
+        ["level", "input", "Enumeration", "high"],
+        ["rx", "input", "packets", "(512", "bytes)"],
+        ["mass", "parameter", "Real", "m", "1.5"],
+        ["y", "output", "Real", "height", "[m,", "NED]", "[/b]"],  # brackets are no markup
+    ]
+
+
+def test_a_system(probes: Any) -> None:
+    probes.fmu()
+    system = probes.ssd(probes.component("a", p=1.5, mode=2) + probes.component("b"), "a/y b/u", "a/m b/n")
+    assert words(system_tables(str(system))) == [
+        ["test:", "SSP", "1.0,", "2", "instances"],
+        ["instance", "FMU", "step", "[s]", "set", "by", "the", "system"],
+        ["a", "probe.fmu", "0.5", "p=1.5", "mode=2"],
+        ["b", "probe.fmu", "0.5"],
+        ["from", "to", "connections"],
+        ["a", "b", "2"],
+    ]
+
+
+def test_a_run(probes: Any, tmp_path: Path) -> None:
+    probes.fmu()
+    out = tmp_path / "out"
+    simulate(probes.ssd(probes.component("a")), out=out, seed=7)
+    lines = shown(run_tables(out))
+    assert lines[0].startswith("test: done, 2 s simulated in ")
+    assert lines[0].endswith("times real time), seed 7")
+    assert ["delivered", "0"] in [line.split() for line in lines]
+    assert [line.split() for line in lines[-8:]] == [
+        ["5", "rows", "of"],
+        ["signal", "type", "unit"],
+        ["time", "double", "s"],
+        ["a.y", "double", "m"],
+        ["a.m", "int32"],
+        ["a.c", "bool"],
+        ["a.r", "string"],
+        ["a.f", "int32"],
+    ]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda out: (out / "signals.parquet").unlink(),
+        lambda out: (out / "signals.parquet").write_bytes(b"PAR1PAR1"),
+        lambda out: (out / "manifest.json").write_text("{"),
+        lambda out: (out / "manifest.json").write_text("{}"),
+        lambda out: (out / "manifest.json").write_text("[]"),
+    ],
+    ids=["no signals", "broken signals", "broken manifest", "empty manifest", "another manifest"],
+)
+def test_results_that_are_not_complete(probes: Any, tmp_path: Path, damage: Any) -> None:
+    probes.fmu()
+    out = tmp_path / "out"
+    simulate(probes.ssd(probes.component("a")), out=out)
+    assert json.loads((out / "manifest.json").read_text())["outcome"] == "done"
+    damage(out)
+    with pytest.raises(SystemDescriptionError, match=r"out: is not the complete result of a run: "):
+        list(run_tables(out))
+
+
+def test_tables_are_tables(probes: Any) -> None:
+    assert sum(isinstance(table, Table) for table in fmu_tables(probes.fmu())) == 1

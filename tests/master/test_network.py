@@ -1,0 +1,220 @@
+"""The network annotation: nodes and endpoints found, defaults, and every way to write it wrong, with its line."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim_master.check import check
+from cosim_master.errors import SystemDescriptionError
+from cosim_master.network import Network, network_of
+from cosim_master.ssp import read_system
+
+NAMESPACE = "https://uav-cosim.org/ns/1"
+TYPE = "org.uav-cosim.network"
+
+
+def packets(*ports: str, size: int = 2048) -> str:
+    made = "".join(
+        f'<PacketPort variable="{name}" mimeType="application/x-mavlink;version=2" maxSize="{size}"/>' for name in ports
+    )
+    return f'<VendorAnnotations><Tool name="uav-cosim"><PacketPorts>{made}</PacketPorts></Tool></VendorAnnotations>'
+
+
+@pytest.fixture
+def swarm(workshop: Any, variable: Any) -> Any:
+    """Reads the network of drones d1, d2, ... of a vehicle and an agent each, with the given annotation."""
+    position = [variable(f"position[{i}]", "output", unit="m") for i in (1, 2, 3)]
+    workshop.fmu("vehicle.fmu", *position, variable("speed", "output"), step="0.01")
+    ports = (variable("mavlink_rx", kind="String"), variable("mavlink_tx", "output", kind="String"))
+    workshop.fmu("agent.fmu", *ports, step="0.01", extra=PACKETS)
+
+    def read(
+        content: str = "", drones: int = 3, after: str = "", annotation: str = "", seed: int | None = None
+    ) -> Network:
+        inner = workshop.component("vehicle", "vehicle.fmu") + workshop.component("agent", "agent.fmu")
+        systems = "".join(workshop.system(inner, name=f"d{i}") for i in range(1, drones + 1))
+        if content:
+            annotation = workshop.annotation(TYPE, content)
+        path = workshop.ssd("s.ssd", workshop.system(systems, after=annotation))
+        return network_of(check(read_system(path)), seed)
+
+    return read
+
+
+PACKETS = packets("mavlink_rx", "mavlink_tx")
+
+
+def network(attributes: str = "", inner: str = "") -> str:
+    return f'\n<network xmlns="{NAMESPACE}"\n {attributes}>\n{inner}\n</network>\n'
+
+
+def problems(read: Any, *arguments: Any, **options: Any) -> list[str]:
+    with pytest.raises(SystemDescriptionError) as caught:
+        read(*arguments, **options)
+    return [str(problem) for problem in caught.value.problems]
+
+
+def test_without_an_annotation_everybody_hears_everybody(swarm: Any) -> None:
+    found = swarm()
+    assert [node.name for node in found.nodes] == ["d1", "d2", "d3"]
+    assert (found.topology, found.latency, found.jitter, found.loss, found.range) == (
+        "broadcast",
+        0.0,
+        0.0,
+        0.0,
+        math.inf,
+    )
+    assert (found.seed, found.links, found.outages, found.axis) == (0, frozenset(), (), None)
+    assert found.notes == ("no org.uav-cosim.network annotation: packets reach every node at once and without loss",)
+    assert swarm(drones=1).notes == ()
+
+
+def test_an_empty_annotation_means_the_same_without_a_note(swarm: Any) -> None:
+    found = swarm(network())
+    assert (found.topology, found.notes) == ("broadcast", ())
+
+
+def test_nodes_have_endpoints_and_a_position(swarm: Any) -> None:
+    node = swarm().nodes[1]
+    (endpoint,) = node.endpoints
+    assert (endpoint.instance, endpoint.rx.name, endpoint.tx.name) == ("d2.agent", "mavlink_rx", "mavlink_tx")
+    assert [(instance, v.name) for instance, v in node.position] == [
+        ("d2.vehicle", "position[1]"),
+        ("d2.vehicle", "position[2]"),
+        ("d2.vehicle", "position[3]"),
+    ]
+
+
+def test_everything_written_out(swarm: Any) -> None:
+    attributes = (
+        'topology="nearest" axis="0 2 0" neighbours="2" latency="0.02" jitter=".005" loss="1e-1" range="300" seed="7"'
+    )
+    found = swarm(network(attributes, '<outage node="d3" start="10" stop="20"/><outage node="d1"/>'))
+    assert (found.topology, found.neighbours, found.axis) == ("nearest", 2, (0.0, 1.0, 0.0))
+    assert (found.latency, found.jitter, found.loss, found.range, found.seed) == (0.02, 0.005, 0.1, 300.0, 7)
+    assert found.outages == (("d3", 10.0, 20.0), ("d1", 0.0, math.inf))
+    assert swarm(network('seed="7"'), seed=9).seed == 9
+
+
+def test_links_go_both_ways(swarm: Any) -> None:
+    found = swarm(
+        network('topology="listed" range="INF"', '<link between="d1 d2"/><!-- and --><link between="d3 d2"/>')
+    )
+    assert found.links == {("d1", "d2"), ("d2", "d1"), ("d3", "d2"), ("d2", "d3")}
+
+
+@pytest.mark.parametrize(
+    ("attributes", "inner", "message"),
+    [
+        ('topology="mesh"', "", 'topology="mesh": valid are broadcast, nearest, listed'),
+        ('latency="-1"', "", 'latency="-1" must be a number from 0 to 3600'),
+        ('latency="soon"', "", 'latency="soon" must be a number from 0 to 3600'),
+        ('jitter="INF"', "", 'jitter="INF" must be a number from 0 to 3600'),
+        ('loss="1.5"', "", 'loss="1.5" must be a number from 0 to 1'),
+        ('loss="nan"', "", 'loss="nan" must be a number from 0 to 1'),
+        ('range="-5"', "", 'range="-5" must be a number from 0 to inf'),
+        ('seed="1.5"', "", 'seed="1.5" must be a whole number from 0 to 9007199254740992'),
+        ('topology="nearest" neighbours="0"', "", 'neighbours="0" must be a whole number from 1 to 1000000'),
+        ('neighbours="2"', "", 'neighbours is for topology="nearest", this is "broadcast"'),
+        ('topology="listed" axis="0 1 0"', "", 'axis is for topology="nearest", this is "listed"'),
+        ('topology="nearest" axis="0 1"', "", 'axis="0 1" must be a vector "north east down"'),
+        ('topology="nearest" axis="0 0 0"', "", 'axis="0 0 0" must be a vector "north east down"'),
+        ('topology="nearest" axis="0 INF 0"', "", 'axis="0 INF 0" must be a vector "north east down"'),
+        (
+            'delay="1"',
+            "",
+            "attribute delay: valid are axis, jitter, latency, loss, neighbours, position, range, s",
+        ),
+        ("", '<link between="d1 d2"/>', '<link> is for topology="listed", this is "broadcast"'),
+        ('topology="listed"', '<link between="d1 d9"/>', 'between="d1 d9" must name two of the nodes d1, d2, d3'),
+        ('topology="listed"', '<link between="d1 d1"/>', 'between="d1 d1" must name two of the nodes d1, d2, d3'),
+        ('topology="listed"', '<link from="d1"/>', "attribute from: valid are between"),
+        ("", '<outage node="d9"/>', 'outage of node "d9": the nodes are d1, d2, d3'),
+        ("", '<outage node="d1" start="5" stop="5"/>', "outage from 5 s to 5 s: stop must lie behind start"),
+        ("", '<outage node="d1" until="5"/>', "attribute until: valid are node, start, stop"),
+        ("", "<burst/>", "<burst> is unknown here: valid are link, outage"),
+        ('range="10" position="vehicle.speed"', "", "topology nearest and range need positions; "),
+        ('topology="nearest" position="pilot.position"', "", "topology nearest and range need positions; "),
+    ],
+)
+def test_what_is_wrong_and_where(swarm: Any, workshop: Any, attributes: str, inner: str, message: str) -> None:
+    found = problems(swarm, network(attributes, inner))
+    lines = (workshop.root / "s.ssd").read_text().splitlines()
+    matching = [text for text in found if message in text]
+    assert matching, found
+    for text in found:
+        place = re.match(r"(.*?):(\d+): ", text)
+        assert place is not None and Path(place[1]).name == "s.ssd"
+        shown = lines[int(place[2]) - 1]
+        # lxml gives the line on which an element's start tag ends
+        assert "<network" in shown or attributes in shown or inner in shown
+
+
+def test_all_problems_come_at_once(swarm: Any) -> None:
+    assert len(problems(swarm, network('latency="x" loss="y" more="z"', '<outage node="d9"/>'))) == 4
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["", "<network/>", f'<net xmlns="{NAMESPACE}"/>', f'<network xmlns="{NAMESPACE}"/><network xmlns="{NAMESPACE}"/>'],
+    ids=["nothing", "no namespace", "another element", "two"],
+)
+def test_an_annotation_holds_one_network(swarm: Any, workshop: Any, content: str) -> None:
+    annotation = workshop.annotation(TYPE, content)
+    (found,) = problems(swarm, annotation=annotation)
+    assert f'this annotation must hold one <network xmlns="{NAMESPACE}">' in found
+
+
+def test_a_second_annotation_and_one_of_a_part(swarm: Any, workshop: Any) -> None:
+    one = workshop.annotation(TYPE, network())
+    twice = one.replace("</ssd:Annotations>\n", "") + one.replace("<ssd:Annotations>", "")
+    (found,) = problems(swarm, annotation=twice)
+    assert f"a second {TYPE}; the first is at " in found
+
+
+def test_a_network_belongs_to_the_root(workshop: Any, variable: Any) -> None:
+    workshop.fmu("agent.fmu", variable("mavlink_tx", "output", kind="String"), step="0.01", extra=packets("mavlink_tx"))
+    part = workshop.system(
+        workshop.component("agent", "agent.fmu"), name="d1", after=workshop.annotation(TYPE, network())
+    )
+    path = workshop.ssd("s.ssd", workshop.system(part))
+    (found,) = problems(lambda: network_of(check(read_system(path))))
+    assert found.endswith(f"{TYPE} belongs to the root system, not to d1")
+
+
+@pytest.mark.parametrize(
+    ("ports", "size", "message"),
+    [
+        (
+            ("mavlink_rx", "other_rx"),
+            2048,
+            "several packet inputs for the radio, mavlink_rx, other_rx: one is valid",
+        ),
+        (("mavlink_rx",), 279, "agent.mavlink_rx holds 279 bytes, and a MAVLink packet may have 280"),
+    ],
+)
+def test_ports_that_the_radio_cannot_serve(
+    workshop: Any, variable: Any, ports: tuple[str, ...], size: int, message: str
+) -> None:
+    workshop.fmu(
+        "agent.fmu", *(variable(p, kind="String") for p in ports), step="0.01", extra=packets(*ports, size=size)
+    )
+    path = workshop.ssd("s.ssd", workshop.system(workshop.component("agent", "agent.fmu")))
+    (found,) = problems(lambda: network_of(check(read_system(path))))
+    assert found.endswith(message)
+
+
+def test_ports_that_are_wired_are_not_for_the_radio(workshop: Any, variable: Any) -> None:
+    ports = (variable("mavlink_rx", kind="String"), variable("mavlink_tx", "output", kind="String"))
+    workshop.fmu("agent.fmu", *ports, step="0.01", extra=PACKETS)
+    names = "mavlink_rx:input mavlink_tx:output"
+    parts = "".join(workshop.component(name, "agent.fmu", names) for name in ("a", "b"))
+    wires = workshop.connection("a/mavlink_tx", "b/mavlink_rx")
+    found = network_of(check(read_system(workshop.ssd("s.ssd", workshop.system(parts, wires)))))
+    ends = {node.name: [(e.rx and e.rx.name, e.tx and e.tx.name) for e in node.endpoints] for node in found.nodes}
+    assert ends == {"a": [("mavlink_rx", None)], "b": [(None, "mavlink_tx")]}
