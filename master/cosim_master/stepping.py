@@ -227,13 +227,11 @@ def _collect(instances: NDArray[Any], calls: NDArray[Any], real_out: NDArray[np.
     """Outputs of instance `i` at the end of its step; of its packets, where their text is."""
     m = instances[i]
     _call(instances, calls, i, m.first_get, m.last_get)
-    sound = True
-    for j in range(m.first_out[0], m.last_out[0]):
-        sound = sound and real_out[j] == real_out[j]
-    if not sound:
-        j = m.first_out[0]
-        while real_out[j] == real_out[j]:
-            j += 1
+    # An early exit keeps this loop scalar: a vector load behind the FMU's scalar stores would wait for them.
+    j, last = m.first_out[0], m.last_out[0]
+    while j < last and real_out[j] == real_out[j]:
+        j += 1
+    if j < last:
         _fail(instances, i, 6, NOT_A_NUMBER, j)
 
 

@@ -1,0 +1,246 @@
+"""Drones against real time: lines of 5 to 2500 drones, as `uav-cosim new line` writes them, run by `uav-cosim run`.
+
+Three FMUs per drone (vehicle and autopilot at 400 Hz), agents that exchange positions at 4 Hz over the radio, positions
+recorded at 10 Hz, packets recorded. For each size two fresh processes:
+
+    run      the whole command: start-up (from the command to the first step), peak memory, simulated per wall time
+    phases   the same system on one thread without files: time per drone and base step in exchange, each FMU, packets
+
+    python benchmarks/swarm.py [--drones 5 50 500 1000 2500] [--seconds 20] [--threads N] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+from report import machine, show, write
+
+from cosim_master import stepping
+from cosim_master.check import check
+from cosim_master.execution import Execution
+from cosim_master.network import network_of
+from cosim_master.new import new_system
+from cosim_master.plan import grown, layout, timing
+from cosim_master.radio import Radio
+from cosim_master.recorder import Recorder
+from cosim_master.simulation import Progress, simulate
+from cosim_master.ssp import read_system
+
+ROOT = Path(__file__).resolve().parents[1]
+RECORDED = ("*.vehicle.position*",)
+PHASE_SECONDS = 1.0
+"""Simulated time over which phases are timed, after all drones have taken off."""
+AIRBORNE = 12.0
+"""Simulated time in s by which they have."""
+
+
+# ---- in a process of its own: the whole command -------------------------------------------------------------------
+
+
+def run_once(folder: Path, seconds: float, threads: int | None, began: float) -> dict[str, Any]:
+    """What `uav-cosim run FOLDER -o OUT --record '*.vehicle.position*'` does; `began` is when it was started."""
+    first: list[float] = []
+    recording = 0.0
+
+    def progress(seen: Progress) -> None:
+        if not first:
+            first.append(time.time() - seen.wall - began)
+
+    def timed(method: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            nonlocal recording
+            before = time.perf_counter()
+            try:
+                return method(*arguments)
+            finally:
+                recording += time.perf_counter() - before
+
+        return call
+
+    Recorder.rows = timed(Recorder.rows)  # type: ignore[method-assign]
+    Recorder.packets = timed(Recorder.packets)  # type: ignore[method-assign]
+    with tempfile.TemporaryDirectory(prefix="uav-cosim-swarm-") as out:
+        result = simulate(folder, out=Path(out), until=seconds, record=RECORDED, threads=threads, on_progress=progress)
+        if result.outcome != "done":
+            raise RuntimeError(f"{folder}: {result.outcome}: {result.error}")
+        size = sum(file.stat().st_size for file in Path(out).rglob("*") if file.is_file())
+    return {
+        "start_up_s": first[0],
+        "wall_s": result.wall_s,
+        "real_time_factor": result.real_time_factor,
+        "recording_s": recording,
+        "written_bytes": size,
+        "packets": dict(result.packets),
+    }
+
+
+# ---- in a process of its own: time per phase ----------------------------------------------------------------------
+
+_clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
+_MONOTONIC = 1
+
+
+@numba.njit(error_model="numpy", nogil=True, _nrt=False)  # type: ignore[untyped-decorator]
+def _lap(stamp: NDArray[np.int64]) -> int:
+    """Nanoseconds since the last lap."""
+    _clock_gettime(np.int32(_MONOTONIC), np.uintp(stamp.ctypes.data))
+    now = stamp[0] * 1_000_000_000 + stamp[1]
+    elapsed = now - stamp[2]
+    stamp[2] = now
+    return elapsed
+
+
+@numba.njit(error_model="numpy", nogil=True, _nrt=False)  # type: ignore[untyped-decorator]
+def _timed_steps(
+    p: stepping.Plan,
+    r: Radio,
+    k_stop: int,
+    grouped: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    spent: NDArray[np.int64],
+) -> int:
+    """`stepping.run` on one thread without recording, its phases timed and instances FMU by FMU.
+
+    `spent` in ns: exchange, packets, then each FMU; its last three are the stopwatch.
+    """
+    clock = p.clock
+    stamp = spent[-3:]
+    while clock[stepping.K] < k_stop:
+        k = clock[stepping.K]
+        _lap(stamp)
+        stepping._deliver_all(p, r, k)
+        spent[1] += _lap(stamp)
+        stepping._exchange(p.instances, p.wires, p.mirrors, p.real_out, p.int_out, p.real_in, p.int_in, k)
+        spent[0] += _lap(stamp)
+        first = 0
+        for n in range(ends.size):
+            failed = stepping._step_some(
+                p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, clock, grouped[first : ends[n]]
+            )
+            if failed > 0:
+                return stepping.FAILED
+            first = ends[n]
+            spent[2 + n] += _lap(stamp)
+        reason = stepping._send_all(p, r, k)
+        if reason != stepping.DONE:
+            return int(reason)
+        spent[1] += _lap(stamp)
+        clock[stepping.K] = k + 1
+    return stepping.DONE
+
+
+def phases(folder: Path) -> dict[str, float]:
+    """Time in us per drone and base step: exchange, packets, and each FMU by name."""
+    with read_system(folder) as structure:
+        checked = check(structure)
+        network = network_of(checked)
+        clock = timing(checked, AIRBORNE + PHASE_SECONDS)
+        places = layout(checked, network, RECORDED)
+        with Execution(checked, clock, places, network, every=clock.steps, threads=1) as execution:
+            models = [instance.fmu.model_name for instance in checked.instances]
+            names = list(dict.fromkeys(models))
+            groups = [[i for i, model in enumerate(models) if model == name] for name in names]
+            grouped = np.array([i for group in groups for i in group], dtype=np.int64)
+            ends = np.cumsum([len(group) for group in groups])
+            execution.advance(clock.steps - round(PHASE_SECONDS * 1e9 / clock.base))
+            spent = np.zeros(2 + len(names) + 3, dtype=np.int64)
+            execution.radio = grown(execution.radio, 64 * len(network.nodes) * 16)
+            # the first call compiles; the second is the one that counts
+            before = execution.k
+            for stop in (before, clock.steps - 1):
+                if (reason := _timed_steps(execution.plan, execution.radio, stop, grouped, ends, spent)) != 0:
+                    raise RuntimeError(f"the loop wants something ({reason}) in a timed step")
+            per = 1e-3 / (clock.steps - 1 - before) / len(network.nodes)
+            return dict(zip(("exchange", "packets", *names), (spent[:-3] * per).tolist(), strict=True))
+
+
+# ---- the benchmark ------------------------------------------------------------------------------------------------
+
+
+def child(*words: str) -> tuple[dict[str, Any], float]:
+    """Run this file in a fresh process; returns the JSON it prints and its peak memory in MiB."""
+    process = subprocess.Popen([sys.executable, __file__, *words], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    text = process.stdout.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise RuntimeError(f"swarm.py {' '.join(words)} ended with exit code {process.returncode}")
+    return json.loads(text.splitlines()[-1]), usage.ru_maxrss / 1024
+
+
+def measure(drones: int, seconds: float, threads: int | None, fmus: Path, folder: Path) -> dict[str, Any]:
+    """One row: the command, then its phases."""
+    system = new_system(
+        "line", drones, folder / f"line{drones}", fmus=fmus, until=max(seconds, AIRBORNE + PHASE_SECONDS)
+    )
+    words = [] if threads is None else ["--threads", str(threads)]
+    row, memory = child("--run", str(system), "--seconds", str(seconds), *words, "--began", repr(time.time()))
+    parts, _ = child("--phases", str(system))
+    row |= {"drones": drones, "seconds": seconds, "peak_MiB": memory, "phases_us": parts}
+    row["ms_per_drone_second"] = 1e3 * row["wall_s"] / seconds / drones
+    return row
+
+
+def _cells(row: dict[str, Any], names: Sequence[str]) -> list[str]:
+    cells = [str(row["drones"]), f"{row['start_up_s']:.1f}", f"{row['peak_MiB']:.0f}", f"{row['real_time_factor']:.2f}"]
+    cells.append(f"{row['ms_per_drone_second']:.3f}")
+    cells += [f"{row['phases_us'][name]:.2f}" for name in names]
+    return [*cells, f"{100 * row['recording_s'] / row['wall_s']:.1f} %"]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--drones", type=int, nargs="+", default=[5, 50, 500, 1000, 2500], metavar="N")
+    parser.add_argument("--seconds", type=float, default=20.0, help="simulated")
+    parser.add_argument("--threads", type=int, default=None)
+    parser.add_argument("--fmus", type=Path, default=ROOT / "fmus", help="folder that `uav-cosim build` has filled")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    for name in ("--run", "--phases"):
+        parser.add_argument(name, type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--began", type=float, help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.run is not None:
+        print(json.dumps(run_once(options.run, options.seconds, options.threads, options.began)))
+        return
+    if options.phases is not None:
+        print(json.dumps(phases(options.phases)))
+        return
+    host = machine("pyarrow")
+    with tempfile.TemporaryDirectory(prefix="uav-cosim-swarm-") as temporary:
+        fmus = options.fmus.resolve()
+        rows = [measure(n, options.seconds, options.threads, fmus, Path(temporary)) for n in options.drones]
+    names = list(rows[0]["phases_us"])
+    columns = [
+        "drones",
+        "start-up s",
+        "peak MiB",
+        "x real time",
+        "ms/drone s",
+        *(f"{n} us" for n in names),
+        "recording",
+    ]
+    note = (
+        "x real time, ms per drone and simulated second: the whole command, radio on, positions at 10 Hz and all "
+        "packets recorded. us: per drone and base step (400 Hz), one thread, no files. recording: of the stepping's wall time. "
+        "The first start-up after a change of the sources compiles."
+    )
+    show(f"Drones against real time, {options.seconds:g} s", host, columns, [_cells(row, names) for row in rows], note)
+    write(options.json, host, {"benchmark": "swarm", "threads": options.threads, "rows": rows})
+
+
+if __name__ == "__main__":
+    main()
