@@ -174,10 +174,7 @@ def thrust_to_command(thrust: float, expo: float, spin_min: float, spin_max: flo
     Inverts thrust = (1 - expo) c + expo c^2, c being the command between `spin_min` and `spin_max` (MOT_THST_EXPO,
     MOT_SPIN_MIN, MOT_SPIN_MAX). A full battery is assumed.
     """
-    expo = clip(expo, -1.0, 1.0)
-    if expo == 0.0:
-        c = thrust
-    else:
-        linear = 1.0 - expo
-        c = (math.sqrt(max(linear * linear + 4.0 * expo * thrust, 0.0)) - linear) / (2.0 * expo)
+    linear = 1.0 - clip(expo, -1.0, 1.0)
+    root = linear + math.sqrt(max(linear * linear + 4.0 * (1.0 - linear) * thrust, 0.0))
+    c = 2.0 * thrust / root if root > 0.0 else 0.0
     return spin_min + (spin_max - spin_min) * clip(c, 0.0, 1.0)

@@ -33,6 +33,7 @@ __all__ = [
 
 Pair = tuple[float, float]
 
+_CORNER_SHARE = math.sqrt(0.5)
 BRAKE_SHARE = 0.5
 """Share of the acceleration and of the jerk with which the position shaper plans to brake."""
 
@@ -136,6 +137,25 @@ def limit_cornering(
 
 
 @kernel
+def _limit_correction(un: float, ue: float, an: float, ae: float, acceleration_max: float) -> Pair:
+    """A correction limited in length, of which 1/sqrt(2) is kept for what is across the wanted velocity (un, ue)."""
+    speed = math.sqrt(un * un + ue * ue)
+    if speed == 0.0:
+        return limit_length(an, ae, acceleration_max)
+    un /= speed
+    ue /= speed
+    along = an * un + ae * ue
+    cn = an - un * along
+    ce = ae - ue * along
+    if along * along <= cn * cn + ce * ce:
+        return limit_length(an, ae, acceleration_max)
+    cn, ce = limit_length(cn, ce, _CORNER_SHARE * acceleration_max)
+    room = math.sqrt(max(acceleration_max * acceleration_max - cn * cn - ce * ce, 0.0))
+    along = clip(along, -room, room)
+    return cn + un * along, ce + ue * along
+
+
+@kernel
 def kinematic_limit(
     dn: float,
     de: float,
@@ -206,7 +226,7 @@ def shape_velocity_ne(
     we = 0.0
     if error > 0.0:
         scale = sqrt_controller(error, jerk_max / a_max, jerk_max, dt) / error
-        wn, we = limit_cornering(vn, ve, dn * scale, de * scale, a_max)
+        wn, we = _limit_correction(vn_target, ve_target, dn * scale, de * scale, a_max)
     wn += an_ff
     we += ae_ff
     if limit_total:

@@ -1,0 +1,186 @@
+"""An `Autopilot` and a vehicle stepped together without a master, with a ground station made of pymavlink."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from cosim_models import quadrotor
+from cosim_models.autopilot import Autopilot
+from cosim_models.quadrotor import Quadrotor
+from cosim_models.rotor import MotorCurve
+
+H = 0.0025
+STABILIZE, GUIDED, LOITER, RTL, LAND = 0, 4, 5, 6, 9
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+ONLY_POSITION, ONLY_VELOCITY, ONLY_ACCELERATION = 0xDF8, 0xDC7, 0xC3F
+MOTION = ("position", "velocity", "attitude", "angular_velocity", "specific_force")
+RECORDINGS = Path(__file__).parents[1] / "data" / "arducopter"
+PRESETS = Path(quadrotor.__file__).parent / "presets"
+RECORDED_AUTOPILOT = {"MOT_THST_HOVER": 0.39, "ATC_RAT_YAW_P": 0.3, "ATC_RAT_YAW_I": 0.02}
+"""What differed from ArduCopter's defaults in the recorded flights."""
+
+
+def set_values(record: Any, values: dict[str, Any]) -> None:
+    """Set parameters by FMI names (rotor_x[1] ...)."""
+    for key, value in values.items():
+        array, _, index = key.partition("[")
+        if index:
+            record[array][int(index[:-1]) - 1] = value
+        else:
+            record[key] = value
+
+
+def preset(name: str) -> dict[str, Any]:
+    """The parameters of a vehicle preset."""
+    root = etree.fromstring((PRESETS / f"{name}.ssv").read_bytes())
+    found: dict[str, Any] = {}
+    for (value,) in root[0]:
+        kind, text = etree.QName(value).localname, value.get("value")
+        key = value.getparent().get("name")
+        found[key] = int(text) if kind == "Integer" else MotorCurve[text] if kind == "Enumeration" else float(text)
+    return found
+
+
+def recording(name: str) -> tuple[dict[str, Any], dict[str, NDArray[np.float64]]]:
+    """First line and columns of a recorded flight."""
+    lines = gzip.decompress((RECORDINGS / f"{name}.csv.gz").read_bytes()).decode().splitlines()
+    table = np.array([[float(x) for x in line.split(",")] for line in lines[2:]])
+    return json.loads(lines[0][2:]), dict(zip(lines[1].split(","), table.T, strict=True))
+
+
+class Decoder:
+    """Reads packets strictly: anything but whole good packets is an error."""
+
+    def __init__(self) -> None:
+        self._parser = mavlink.MAVLink(None)
+
+    def __call__(self, data: bytes) -> list[Any]:
+        return list(self._parser.parse_buffer(data) or [])
+
+
+@dataclass
+class Copter:
+    """A flight in the making."""
+
+    vehicle_model: Any = Quadrotor
+    autopilot: dict[str, Any] = field(default_factory=dict)
+    vehicle: dict[str, Any] = field(default_factory=dict)
+    system: int = 1
+
+    def __post_init__(self) -> None:
+        self.v, self.m = self.vehicle_model.record(), Autopilot.record()
+        set_values(self.v, self.vehicle)
+        set_values(self.m, {"SYSID_THISMAV": self.system, **self.autopilot})
+        self.start_vehicle, self.advance_vehicle = self.vehicle_model.kernels
+        start, self.advance_autopilot = Autopilot.kernels
+        assert self.start_vehicle(self.v) == 0
+        self._pairs = [(self.m[name], self.v[name]) for name in MOTION]
+        self._commands, self._motor = self.v["motor"], self.m["motor"]
+        self._connect()
+        self.m["airframe"] = self.v["airframe"]
+        assert start(self.m) == 0
+        self.step = 0
+        self.waiting = b""
+        self.heard: list[tuple[float, Any]] = []
+        self.sent = bytearray()
+        self._decoder = Decoder()
+        self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+
+    def _connect(self) -> None:
+        for to, of in self._pairs:
+            to[:] = of
+
+    @property
+    def time(self) -> float:
+        return self.step * H
+
+    def send(self, *messages: Any, version: int = 2) -> None:
+        """Deliver messages in the next step."""
+        for message in messages:
+            self.waiting += message.pack(self.station, force_mavlink1=version == 1)
+
+    def command(self, number: int, *parameters: float, target: tuple[int, int] | None = None, version: int = 2) -> None:
+        """COMMAND_LONG."""
+        system, component = (self.system, 1) if target is None else target
+        values = [*parameters, *[0.0] * (7 - len(parameters))]
+        self.send(mavlink.MAVLink_command_long_message(system, component, number, 0, *values), version=version)
+
+    def go(self, n: float, e: float, d: float, mask: int = ONLY_POSITION, frame: int = 1, **other: float) -> None:
+        """SET_POSITION_TARGET_LOCAL_NED."""
+        names = ("vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
+        self.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, self.system, 1, frame, mask, n, e, d, *(other.get(name, 0.0) for name in names)
+            )
+        )
+
+    def tick(self) -> None:
+        """One step of both, as the master steps them: each sees what the other gave at the begin of the step."""
+        m, t = self.m, self.step * H
+        command = self._motor.copy()
+        self._connect()
+        if self.waiting:
+            data, self.waiting = self.waiting, b""
+            m["mavlink_rx"][: len(data)] = np.frombuffer(data, dtype=np.uint8)
+            m["mavlink_rx_len"] = len(data)
+        assert self.advance_autopilot(m, t, H) == 0
+        m["mavlink_rx_len"] = 0
+        self._commands[:] = command
+        assert self.advance_vehicle(self.v, t, H) == 0
+        used = int(m["mavlink_tx_len"])
+        if used:
+            data = m["mavlink_tx"][:used].tobytes()
+            self.sent += data
+            self.heard += [(t, message) for message in self._decoder(data)]
+        self.step += 1
+
+    def run(self, duration: float) -> NDArray[np.float64]:
+        """Fly on; rows of time [s], position [m, NED], velocity [m/s, NED], desired position [m, NED]."""
+        rows = np.empty((round(duration / H), 10))
+        position, velocity, desired = self.v["position"], self.v["velocity"], self.m["desired_position"]
+        for row in rows:
+            self.tick()
+            row[0] = self.step * H
+            row[1:4], row[4:7], row[7:10] = position, velocity, desired
+        return rows
+
+    def messages(self, name: str) -> list[Any]:
+        return [message for _, message in self.heard if message.get_type() == name]
+
+    def answers(self) -> list[tuple[str, Any, Any]]:
+        """COMMAND_ACKs and STATUSTEXTs since the last call: ("ACK", command, result) and ("TEXT", severity, text)."""
+        found: list[tuple[str, Any, Any]] = []
+        for _, message in self.heard:
+            if message.get_type() == "COMMAND_ACK":
+                assert (message.target_system, message.target_component) == (255, 190)
+                found.append(("ACK", message.command, message.result))
+            elif message.get_type() == "STATUSTEXT":
+                found.append(("TEXT", message.severity, message.text))
+        self.heard.clear()
+        return found
+
+    def ask(self, number: int, *parameters: float, **options: Any) -> list[tuple[str, Any, Any]]:
+        """Send a COMMAND_LONG and say what came back at once."""
+        self.answers()
+        self.command(number, *parameters, **options)
+        self.tick()
+        self.tick()
+        return self.answers()
+
+    def in_the_air(self, height: float = 10.0, settle: float = 14.0) -> Copter:
+        """In GUIDED, armed, hovering at `height`."""
+        self.run(2.1)
+        assert self.ask(176, 1, GUIDED)[0] == ("ACK", 176, ACCEPTED)
+        assert self.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+        assert self.ask(22, 0, 0, 0, 0, 0, 0, height)[0] == ("ACK", 22, ACCEPTED)
+        self.run(settle)
+        return self
