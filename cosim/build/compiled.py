@@ -150,10 +150,13 @@ def _reason(error: Exception, kernel: Any) -> str:
         return f"{_place_of(kernel)}: {kernel.__name__} is no @kernel"
     lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Failed in")]
     place = _place_of(kernel)
-    if found := re.search(r" at (.+\.py) \((\d+)\)$", str(error), re.MULTILINE):
-        place = f"{found.group(1)}:{found.group(2)}"
+    places = re.findall(r" at (.+\.py) \((\d+)\)$", str(error), re.MULTILINE)
+    if own := [(file, line) for file, line in places if "numba" not in Path(file).parts]:
+        place = ":".join(own[0])
     elif getattr(error, "loc", None) is not None and error.loc.filename != __file__:  # type: ignore[attr-defined]
         place = f"{error.loc.filename}:{error.loc.line}"  # type: ignore[attr-defined]
+    if "Only accept returning of array passed" in str(error):
+        return f"{place}: it makes an array; a kernel has those of its record"
     text = lines[0] if type(error).__module__.startswith("numba") else f"{type(error).__name__}: {error}"
     return f"{place}: {text}" + (f" {lines[1]}" if text.endswith(":") and len(lines) > 1 else "")
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from math import frexp
 from typing import Any, ClassVar
 
 import numpy as np
@@ -150,6 +151,12 @@ def allocate(m: Any, t: float, h: float) -> int:
 
 
 @kernel
+def borrow(m: Any, t: float, h: float) -> int:
+    m.y = frexp(t)[0]
+    return 0
+
+
+@kernel
 def deep(x: float) -> float:
     return x.nothing  # type: ignore[attr-defined]
 
@@ -182,11 +189,19 @@ def nothing(m: Any) -> int:
 
 
 class Allocates(Model):
-    """Compiles, but needs numba's run-time system."""
+    """Makes an array."""
 
     step_size = 0.1
     variables = (Output("y"),)
     kernels = (nothing, allocate)
+
+
+class Borrows(Model):
+    """Compiles, but needs a function of numba's own library."""
+
+    step_size = 0.1
+    variables = (Output("y"),)
+    kernels = (nothing, borrow)
 
 
 class Attribute(Model):
