@@ -180,7 +180,7 @@ def _turn(m: Any, angle: float, relative: bool, direction: float) -> int:
 
 @kernel
 def _change_speed(m: Any, kind: float, speed: float) -> int:
-    if not speed > 0.0 or m.mode not in (GUIDED, RTL):
+    if not 0.0 < speed < math.inf or m.mode not in (GUIDED, RTL):
         return FAILED
     if kind > 2.9:
         m.speed_down = speed

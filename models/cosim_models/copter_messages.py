@@ -450,11 +450,11 @@ def send_home(m: Any, t: float) -> bool:
     )
     micros = _microseconds(t)
     height = int(np.int64(math.floor(alt * 1e3 + 0.5)))
-    for i in range(4):
-        put_home_position_q(m.payload, i, math.nan)
     encode_home_position(
         m.payload, deg_e7(lat), deg_e7(lon), height, m.home[0], m.home[1], -m.home[2], 0.0, 0.0, 0.0, micros
     )
+    for i in range(4):
+        put_home_position_q(m.payload, i, math.nan)
     return _send(m, _HOME_POSITION)
 
 

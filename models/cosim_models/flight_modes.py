@@ -89,28 +89,14 @@ _RTL_CONE_MIN = 0.5
 
 
 @kernel
-def _heading_target(m: Any) -> float:
-    return float(
-        euler_from_quaternion((m.attitude_target[0], m.attitude_target[1], m.attitude_target[2], m.attitude_target[3]))[
-            2
-        ]
-    )
-
-
-@kernel
-def _hold_heading(m: Any) -> None:
-    m.yaw_mode = HOLD
-    m.yaw_fixed = _heading_target(m)
-
-
-@kernel
 def _default_heading(m: Any) -> None:
     """WP_YAW_BEHAVIOR: 0 keeps the heading; 1, 2 and 3 look along the path (2 keeps it in RTL)."""
     if m.WP_YAW_BEHAVIOR == 0 or (m.WP_YAW_BEHAVIOR == 2 and m.mode == RTL):
-        _hold_heading(m)
+        m.yaw_mode = HOLD
     elif m.yaw_mode != ALONG_PATH:
         m.yaw_mode = ALONG_PATH
-        m.path_heading = _heading_target(m)
+        q = m.attitude_target
+        m.path_heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
         m.path_turn_rate = 0.0
 
 
@@ -128,10 +114,10 @@ def _lean(m: Any, dt: float) -> None:
     an, ae = m.acceleration_target[0], m.acceleration_target[1]
     if m.yaw_mode == ALONG_PATH:
         follow_heading(m, an, ae, -GRAVITY, m.path_heading, m.path_turn_rate, dt)
-    elif m.yaw_mode == TURN:
-        follow_yaw_rate(m, an, ae, -GRAVITY, m.yaw_rate, dt)
-    else:
+    elif m.yaw_mode == FIXED:
         follow_heading(m, an, ae, -GRAVITY, m.yaw_fixed, 0.0, dt)
+    else:
+        follow_yaw_rate(m, an, ae, -GRAVITY, m.yaw_rate if m.yaw_mode == TURN else 0.0, dt)
 
 
 # ---- GUIDED: what commands ask for ---------------------------------------------------------------------------------
@@ -213,6 +199,7 @@ def take_off(m: Any, height: float) -> bool:
         return False
     _standard_limits(m)
     m.submode = TAKEOFF
+    m.yaw_mode = HOLD
     m.takeoff_from = m.pos[2]
     m.takeoff_to = m.home[2] + height
     m.takeoff_done = False
@@ -249,7 +236,7 @@ def _start_loiter(m: Any, t: float) -> None:
     _standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
-    _hold_heading(m)
+    m.yaw_mode = HOLD
     m.loiter_brake = 0.0
     m.loiter_since = t
 
@@ -259,7 +246,7 @@ def _start_land(m: Any) -> None:
     _standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
-    _hold_heading(m)
+    m.yaw_mode = HOLD
 
 
 @kernel
@@ -335,7 +322,7 @@ def _run_takeoff(m: Any, dt: float) -> None:
     control_ne(m, dt)
     seek_position_up(m, m.takeoff_to, dt)
     control_up(m, dt)
-    follow_yaw_rate(m, m.acceleration_target[0], m.acceleration_target[1], -GRAVITY, 0.0, dt)
+    _lean(m, dt)
     climbed = m.position_desired[2] - m.takeoff_from >= 0.9 * (m.takeoff_to - m.takeoff_from)
     if climbed and m.velocity_desired[2] < 0.1 * m.speed_up:
         m.takeoff_done = True
@@ -355,7 +342,7 @@ def _run_guided(m: Any, t: float, dt: float) -> None:
             m.guided_velocity[i] = 0.0
             m.guided_acceleration[i] = 0.0
         if m.yaw_mode == TURN:
-            _hold_heading(m)
+            m.yaw_mode = HOLD
         if m.submode == ACCELERATION:
             guide_stop(m, t)
     p, v, a = m.guided_position, m.guided_velocity, m.guided_acceleration
