@@ -19,7 +19,7 @@ from typing import Any, Self, TypeAlias
 
 import numpy as np
 
-from cosim_master.check import CheckedSystem
+from cosim_master.check import CheckedSystem, Link
 from cosim_master.errors import CosimError, FmuError
 from cosim_master.fmi2 import STATUS
 from cosim_master.fmi2 import Instance as Living
@@ -155,20 +155,22 @@ class Execution:
         """Stage by stage: get all sources of a stage at once, then set its targets."""
         number = {living.name: living for living in self.living}
         for stage in self.checked.init_order:
-            links = [self.checked.links[i] for i in stage]
+            sources: dict[str, dict[str, Variable]] = {}
+            targets: dict[str, list[Link]] = {}
+            for link in (self.checked.links[i] for i in stage):
+                name, variable = link.source
+                sources.setdefault(name, {})[variable] = number[name].library.fmu.variables[variable]
+                targets.setdefault(link.target[0], []).append(link)
             got: dict[tuple[str, str], Any] = {}
-            for name in dict.fromkeys(link.source[0] for link in links):
-                living = number[name]
-                variables = [living.library.fmu.variables[link.source[1]] for link in links if link.source[0] == name]
-                for kind in _kinds(variables):
-                    chosen = list({v.name: v for v in variables if _kind(v) == kind}.values())
-                    values = living.get(chosen)
+            for name, variables in sources.items():
+                for kind in _kinds(list(variables.values())):
+                    chosen = [v for v in variables.values() if _kind(v) == kind]
+                    values = number[name].get(chosen)
                     got |= {(name, v.name): value for v, value in zip(chosen, values, strict=True)}
-            for name in dict.fromkeys(link.target[0] for link in links):
+            for name, links in targets.items():
                 living = number[name]
-                mine = [link for link in links if link.target[0] == name]
-                targets = {link.target[1]: _converted(got[link.source], link.factor, link.offset) for link in mine}
-                _set_all(living, [living.library.fmu.variables[n] for n in targets], targets, inputs=None)
+                new = {link.target[1]: _converted(got[link.source], link.factor, link.offset) for link in links}
+                _set_all(living, [living.library.fmu.variables[n] for n in new], new, inputs=None)
 
     # ---- stepping ----------------------------------------------------------------------------------------------------
 

@@ -444,7 +444,9 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
     settings["latency"], settings["jitter"] = _nanoseconds(network.latency), _nanoseconds(network.jitter)
     settings["loss"], settings["range"] = network.loss, network.range
     settings["seed"], settings["keep"] = network.seed, keep
-    hearers = [sorted(names[b] for a, b in network.links if a == node.name) for node in nodes]
+    hearers: list[list[int]] = [[] for _ in nodes]
+    for a, b in sorted((names[a], names[b]) for a, b in network.links):
+        hearers[a].append(b)
     listed = np.cumsum([0, *(len(row) for row in hearers)])
     members = np.cumsum([0, *(len(node.endpoints) for node in nodes)])
     reals = places.ports["Real"].index

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -299,7 +299,9 @@ def _run(
 
 def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, Any]:
     checked = ready.checked
-    network = {k: v for k, v in asdict(ready.network).items() if k not in ("nodes", "notes")}
+    network = {
+        f.name: getattr(ready.network, f.name) for f in fields(ready.network) if f.name not in ("nodes", "notes")
+    }
     if math.isinf(ready.network.range):
         network["range"] = "INF"
     network["links"] = sorted(map(list, ready.network.links))
