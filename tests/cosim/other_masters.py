@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 
 def libcosim(file: str, step_size: float, steps: int, names: list[str]) -> Iterator[list[float]]:
@@ -26,6 +28,8 @@ def libcosim(file: str, step_size: float, steps: int, names: list[str]) -> Itera
 
 
 def ecos(file: str, step_size: float, steps: int, names: list[str]) -> Iterator[list[float]]:
+    # The tbb wheel puts the library that ecospy needs where the loader does not look.
+    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
     from ecospy import EcosSimulation, EcosSimulationStructure
 
     with EcosSimulationStructure() as structure:
