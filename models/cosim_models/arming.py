@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.kernel import kernel
 from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED, mix_towards
-from cosim_models.shaping import clip, lowpass_alpha
+from cosim_models.shaping import lowpass_alpha
 
 __all__ = [
     "ACCELERATION",
@@ -71,7 +71,7 @@ _LANDED_TIME = 1.0  # s of stillness that mean landed
 _TOUCHED_TIME = 0.2  # s that mean perhaps landed
 _LANDED_ACCEL = 1.0  # m/s2, filtered at 1 Hz
 _LANDED_SPEED = 1.0  # m/s
-_LARGE_LEAN = math.radians(15.0)
+_LARGE_LEAN = math.cos(math.radians(15.0))
 _LARGE_ERROR = math.radians(30.0)
 _MOVING_ACCEL = 3.0  # m/s2
 
@@ -132,8 +132,8 @@ def detect_landing(m: Any, dt: float) -> None:
         m.land_accel[i] += alpha * (m.acc[i] - m.land_accel[i])
         still += m.land_accel[i] * m.land_accel[i]
         moving += m.acc[i] * m.acc[i]
-    lean = math.acos(clip(1.0 - 2.0 * (m.attitude_target[1] ** 2 + m.attitude_target[2] ** 2), -1.0, 1.0))
-    rough = lean > _LARGE_LEAN or m.thrust_error > _LARGE_ERROR
+    upright = 1.0 - 2.0 * (m.attitude_target[1] ** 2 + m.attitude_target[2] ** 2)  # cosine of the lean wanted
+    rough = upright < _LARGE_LEAN or m.thrust_error > _LARGE_ERROR
     if not m.armed:
         m.on_ground = True
         m.land_time = 0.0

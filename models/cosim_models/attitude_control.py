@@ -73,12 +73,6 @@ def tilt_and_heading_error(target: Quaternion, body: Quaternion) -> tuple[float,
 
 
 @kernel
-def _thrust_angle(q: Quaternion) -> float:
-    """Angle between the thrust of an attitude and the vertical [rad]."""
-    return math.acos(clip(1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]), -1.0, 1.0))
-
-
-@kernel
 def _target(m: Any) -> Quaternion:
     return (
         float(m.attitude_target[0]),
@@ -163,7 +157,6 @@ def _follow_target(m: Any, dt: float) -> None:
     """Angular velocity of the body that takes it to the target: correction of the error and feed-forward."""
     body = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
     x, y, z, tilt_error = tilt_and_heading_error(_target(m), body)
-    m.thrust_angle = _thrust_angle(body)
     m.thrust_error = tilt_error
     yaw_accel = clip(0.5 * m.ATC_ACCEL_Y_MAX * _CDEG, _YAW_ACCEL_MIN, _YAW_ACCEL_MAX)
     if m.ATC_RAT_YAW_P > 0.0:

@@ -37,7 +37,7 @@ from cosim_models.telemetry import start_streams, telemetry
 __all__ = ["Autopilot"]
 
 _STEP = 0.0025
-_NO_MIXER, _BAD_SYSID, _NOT_FINITE, _BAD_GAIN = 1, 2, 3, 4
+_NO_MIXER, _BAD_SYSID, _NOT_FINITE, _BAD_GAIN, _BAD_LEAN = 1, 2, 3, 4, 5
 
 
 # ---- sensing -------------------------------------------------------------------------------------------------------
@@ -123,6 +123,8 @@ def start(m: Any) -> int:
         return _BAD_SYSID
     if min(m.PSC_POSXY_P, m.PSC_POSZ_P, m.WPNAV_ACCEL, m.WPNAV_ACCEL_Z, m.PSC_JERK_XY, m.PSC_JERK_Z) <= 0.0:
         return _BAD_GAIN
+    if not 500.0 <= m.ANGLE_MAX <= 8000.0:
+        return _BAD_LEAN
     m.motor_count = motor_factors(m.airframe, m.factors)
     if m.motor_count == 0:
         return _NO_MIXER
@@ -205,5 +207,6 @@ class Autopilot(Model):
         _NO_MIXER: "the vehicle's airframe has no mixer: quad_x (1), hexa_x (2) and octa_x (3) have",
         _BAD_SYSID: "SYSID_THISMAV is not within 1 to 255",
         _NOT_FINITE: "a motion input is not a finite number, or the attitude is no quaternion",
+        _BAD_LEAN: "ANGLE_MAX is not within 500 to 8000 (5 to 80 degrees)",
         _BAD_GAIN: "PSC_POSXY_P, PSC_POSZ_P, PSC_JERK_XY, PSC_JERK_Z, WPNAV_ACCEL and WPNAV_ACCEL_Z must be positive",
     }

@@ -62,7 +62,7 @@ ATTITUDE_PARAMETERS = (
     _whole("ATC_ANGLE_BOOST", 1, "1: more throttle when leaning"),
     _real("ATC_THR_MIX_MIN", "1", 0.1, "attitude over throttle, landing"),
     _real("ATC_THR_MIX_MAX", "1", 0.5, "attitude over throttle, flying"),
-    _real("ANGLE_MAX", "cdeg", 3000.0, "greatest lean"),
+    Parameter("ANGLE_MAX", unit="cdeg", start=3000.0, minimum=500.0, maximum=8000.0, description="greatest lean"),
     _real("INS_GYRO_FILTER", "Hz", 20.0, "filter of the angular velocity"),
     _real("INS_ACCEL_FILTER", "Hz", 20.0, "filter of the specific force"),
 )
@@ -170,8 +170,7 @@ MEMORY = (
     Memory("rate_wanted", shape=3),  # of the body
     Memory("rate_pid", shape=(3, PID_STATE)),
     Memory("torque", shape=3),
-    Memory("thrust_angle"),  # of the body from the vertical
-    Memory("thrust_error"),  # from the target's
+    Memory("thrust_error"),  # angle of the thrust from the target's
     # position control: north, east, up
     Memory("speed_max"),
     Memory("speed_up"),

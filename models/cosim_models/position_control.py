@@ -59,6 +59,7 @@ _OVERSPEED_GAIN = 2.0  # on the vertical acceleration limit beyond the speed lim
 _ACCEL_DOWN_MAX = 7.5  # m/s2
 _THROTTLE_SHARE = 0.8  # of full thrust that leaning may use
 _LEAN_MIN = math.radians(10.0)
+_ALWAYS = 0.85  # m/s2, less than any lean limit gives (ANGLE_MAX is 5 degrees at least)
 _THROUGHPUT = 0.1  # throttle per (m/s2) and unit of an acceleration gain: gains are per mille per cm/s2
 _STOP_UP, _STOP_DOWN = 3.0, 2.0  # m, longest stopping distances
 
@@ -363,14 +364,16 @@ def control_ne(m: Any, dt: float) -> None:
     )
     an += m.acceleration_desired[0]
     ae += m.acceleration_desired[1]
-    lean = min(max(m.lean_max, _LEAN_MIN), math.radians(0.01 * m.ANGLE_MAX))
-    largest = GRAVITY * math.tan(lean)
     m.limit[0] = 0.0
     m.limit[1] = 0.0
-    if an * an + ae * ae > largest * largest:
-        m.limit[0] = an
-        m.limit[1] = ae
-        an, ae = limit_cornering(m.velocity_desired[0], m.velocity_desired[1], an, ae, largest)
+    size = an * an + ae * ae
+    if size > _ALWAYS * _ALWAYS:
+        lean = min(max(m.lean_max, _LEAN_MIN), math.radians(0.01 * m.ANGLE_MAX))
+        largest = GRAVITY * math.tan(lean)
+        if size > largest * largest:
+            m.limit[0] = an
+            m.limit[1] = ae
+            an, ae = limit_cornering(m.velocity_desired[0], m.velocity_desired[1], an, ae, largest)
     m.acceleration_target[0] = an
     m.acceleration_target[1] = ae
     _head_along_path(m)
@@ -444,8 +447,8 @@ def set_throttle(m: Any, throttle: float, boost: bool, cutoff: float, dt: float)
         m.lean_max = 0.0
     boosted = throttle
     if boost and m.ATC_ANGLE_BOOST > 0:
-        upright = clip(10.0 * (1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2])), 0.0, 1.0)
-        boosted = throttle * upright / clip(math.cos(m.thrust_angle), 0.1, 1.0)
+        upright = 1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2])  # cosine of the lean
+        boosted = throttle * clip(10.0 * upright, 0.0, 1.0) / clip(upright, 0.1, 1.0)
     m.throttle_command = boosted
     m.throttle_cutoff = cutoff
     average = clip(max(boosted, throttle), 0.0, 1.0)

@@ -620,6 +620,7 @@ def test_errors_of_start() -> None:
         ("SYSID_THISMAV", 256, "SYSID_THISMAV"),
         ("PSC_POSXY_P", 0.0, "PSC_POSXY_P"),
         ("WPNAV_ACCEL_Z", -1.0, "WPNAV_ACCEL_Z"),
+        ("ANGLE_MAX", 30.0, "ANGLE_MAX"),
     ):
         m = Autopilot.record()
         m[field] = value
