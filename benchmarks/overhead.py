@@ -144,10 +144,9 @@ class FmpyCalls:
         from fmpy.fmi2 import FMU2Slave
 
         plan, fmu = ours.execution.plan, ours.execution.living[0].library.fmu
-        reals_out = plan.real_out.size
-        self._reals, self._integers = [0.0] * reals_out, [0] * plan.int_out.size
+        self._outputs: list[Any] = [0.0] * plan.out_reference.size
         self._k = 0
-        self._rows: list[tuple[Any, list[int], list[tuple[int, float, float]], list[int], slice, list[int], slice]] = []
+        self._rows: list[tuple[Any, list[int], list[tuple[int, float, float]], list[tuple[Any, list[int], slice]]]] = []
         for i, row in enumerate(plan.instances):
             slave = FMU2Slave(
                 guid=fmu.guid, unzipDirectory=str(unpacked), modelIdentifier=fmu.model_identifier, instanceName=f"n{i}"
@@ -157,44 +156,34 @@ class FmpyCalls:
             slave.setupExperiment(startTime=0.0, stopTime=until)
             slave.enterInitializationMode()
             slave.exitInitializationMode()
-            first, last = int(row["first_in"][0]), int(row["last_in"][0])
-            wires = [(int(w["source"]), float(w["factor"]), float(w["offset"])) for w in plan.wires[first:last]]
-            out, whole = (slice(int(row["first_out"][kind]), int(row["last_out"][kind])) for kind in (0, 1))
-            integers = slice(whole.start - reals_out, whole.stop - reals_out)
-            self._rows.append(
-                (
-                    slave,
-                    plan.in_reference[first:last].tolist(),
-                    wires,
-                    plan.out_reference[out].tolist(),
-                    out,
-                    plan.out_reference[whole].tolist(),
-                    integers,
-                )
-            )
-        for slave, _, _, references, place, integer_references, integers in self._rows:
-            self._reals[place] = slave.getReal(references)
-            if integer_references:
-                self._integers[integers] = slave.getInteger(integer_references)
+            inputs = slice(int(row["first_in"][0]), int(row["last_in"][0]))
+            wires = [(int(w["source"]), float(w["factor"]), float(w["offset"])) for w in plan.wires[inputs]]
+            gets: list[tuple[Any, list[int], slice]] = []
+            for kind, getter in enumerate((slave.getReal, slave.getInteger, slave.getBoolean)):
+                place = slice(int(row["first_out"][kind]), int(row["last_out"][kind]))
+                if place.stop > place.start:
+                    gets.append((getter, plan.out_reference[place].tolist(), place))
+            self._rows.append((slave, plan.in_reference[inputs].tolist(), wires, gets))
+        for _, _, _, gets in self._rows:
+            for getter, references, place in gets:
+                self._outputs[place] = getter(references)
 
     def run(self, steps: int) -> float:
-        reals = self._reals
+        outputs = self._outputs
         began = time.perf_counter()
         for _ in range(steps):
             t = self._k * round(STEP * 1e9) / 1e9
-            inputs = [[factor * reals[j] + offset for j, factor, offset in row[2]] for row in self._rows]
-            for values, row in zip(inputs, self._rows, strict=True):
-                slave, in_references, _, out_references, place, integer_references, integers = row
+            inputs = [[factor * outputs[j] + offset for j, factor, offset in wires] for _, _, wires, _ in self._rows]
+            for values, (slave, in_references, _, gets) in zip(inputs, self._rows, strict=True):
                 slave.setReal(in_references, values)
                 slave.doStep(t, STEP)
-                reals[place] = slave.getReal(out_references)
-                if integer_references:
-                    self._integers[integers] = slave.getInteger(integer_references)
+                for getter, references, place in gets:
+                    outputs[place] = getter(references)
             self._k += 1
         return time.perf_counter() - began
 
     def values(self) -> list[float]:
-        return [*self._reals, *self._integers]
+        return self._outputs
 
 
 class Libcosim:

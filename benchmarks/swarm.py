@@ -22,12 +22,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 from report import machine, show, write
 
+from cosim.kernel import kernel
 from cosim_master import stepping
 from cosim_master.check import check
 from cosim_master.execution import Execution
@@ -89,21 +89,21 @@ def run_once(folder: Path, seconds: float, threads: int | None, began: float) ->
 
 # ---- in a process of its own: time per phase ----------------------------------------------------------------------
 
-_clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
+_clock_gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
 _MONOTONIC = 1
 
 
-@numba.njit(error_model="numpy", nogil=True, _nrt=False)  # type: ignore[untyped-decorator]
+@kernel
 def _lap(stamp: NDArray[np.int64]) -> int:
     """Nanoseconds since the last lap."""
     _clock_gettime(np.int32(_MONOTONIC), np.uintp(stamp.ctypes.data))
     now = stamp[0] * 1_000_000_000 + stamp[1]
     elapsed = now - stamp[2]
     stamp[2] = now
-    return elapsed
+    return int(elapsed)
 
 
-@numba.njit(error_model="numpy", nogil=True, _nrt=False)  # type: ignore[untyped-decorator]
+@kernel
 def _timed_steps(
     p: stepping.Plan,
     r: Radio,

@@ -1,0 +1,54 @@
+"""The benchmarks run, at sizes of no meaning; that all contenders compute the same they check themselves."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+
+
+def benchmark(name: str, folder: Path, *words: str) -> dict[str, Any]:
+    """Run a benchmark; returns what it writes as JSON."""
+    file = folder / f"{name}.json"
+    command = [sys.executable, str(BENCHMARKS / f"{name}.py"), *words, "--json", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    result: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    assert result["benchmark"] == name
+    assert result["machine"]["cores"] >= 1
+    return result
+
+
+@pytest.mark.slow
+def test_overhead_compares_masters_that_compute_the_same(tmp_path: Path) -> None:
+    words = ("--instances", "1", "3", "--rounds", "2", "--scale", "0.002", "--masters", "FMPy")
+    rows = benchmark("overhead", tmp_path, *words)["rows"]
+    assert [(row["fmu"], row["instances"]) for row in rows] == [
+        (fmu, n) for fmu in ("Relay", "Quadrotor") for n in (1, 3)
+    ]
+    for row in rows:
+        assert set(row["us_per_fmu_step"]) == {"C", "uav-cosim", "FMPy"}
+        assert all(value > 0.0 for value in row["us_per_fmu_step"].values())
+
+
+@pytest.mark.slow
+def test_swarm_flies_and_accounts_for_every_phase(tmp_path: Path, fmus: Path) -> None:
+    words = ("--drones", "3", "--seconds", "2", "--fmus", str(fmus))
+    (row,) = benchmark("swarm", tmp_path, *words)["rows"]
+    assert set(row["phases_us"]) == {"exchange", "packets", "Quadrotor", "Autopilot", "LineAgent"}
+    assert all(value > 0.0 for value in row["phases_us"].values())
+    assert row["packets"]["delivered"] > 0
+    assert row["written_bytes"] > 0
+    assert row["start_up_s"] > 0.0
+
+
+@pytest.mark.slow
+def test_packets_are_the_same_for_pymavlink(tmp_path: Path, fmus: Path) -> None:
+    rows = benchmark("packets", tmp_path, "--rounds", "1", "--scale", "0.01", "--fmus", str(fmus))["rows"]
+    assert [row["operation"] for row in rows] == ["encode", "find", "decode", "route"]
