@@ -359,21 +359,22 @@ def work(p: Plan, thread: int) -> int:
 
 
 @kernel
-def _step_all(p: Plan) -> None:
+def _hand_out(p: Plan) -> None:
+    """Let other threads begin with the free instances."""
     size = p.clock[BLOCK]
+    atomic_add(np.uintp(p.shared.ctypes.data + 8 * LIMIT), (p.free.size + size - 1) // size)
+
+
+@kernel
+def _join_in(p: Plan) -> int:
+    """Step free instances together with the other threads until all are done; returns how many have failed."""
     at = p.shared.ctypes.data
-    if size > 0:
-        atomic_add(np.uintp(at + 8 * LIMIT), (p.free.size + size - 1) // size)
-    p.clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, p.clock, p.confined)
-    if size == 0:
-        p.clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, p.clock, p.free)
-        return
     _take_blocks(p, 0)
     spins = 0
     while atomic_load(np.uintp(at + 8 * COMPLETED)) < atomic_load(np.uintp(at + 8 * LIMIT)):
         spins += 1
         rest(min(spins, 10000))
-    p.clock[FAILURES] += atomic_load(np.uintp(at + 8 * FAULTS))
+    return int(atomic_load(np.uintp(at + 8 * FAULTS)))
 
 
 @kernel
@@ -465,7 +466,18 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             clock[PHASE] = STEP
         if clock[PHASE] == STEP:
             _exchange(p.instances, p.wires, p.mirrors, p.real_out, p.int_out, p.real_in, p.int_in, k)
-            _step_all(p)
+            if clock[BLOCK] > 0:
+                _hand_out(p)
+            if p.confined.size > 0:
+                clock[FAILURES] += _step_some(
+                    p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, clock, p.confined
+                )
+            if clock[BLOCK] > 0:
+                clock[FAILURES] += _join_in(p)
+            elif p.free.size > 0:
+                clock[FAILURES] += _step_some(
+                    p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, clock, p.free
+                )
             if clock[FAILURES] > 0:
                 return FAILED
             clock[PHASE] = SEND
