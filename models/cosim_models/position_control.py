@@ -48,8 +48,6 @@ __all__ = [
     "set_limits",
     "set_throttle",
     "soften_for_landing",
-    "stopping_point_ne",
-    "stopping_point_up",
 ]
 
 GRAVITY = 9.80665  # m/s2, ArduPilot's GRAVITY_MSS
@@ -61,7 +59,6 @@ _THROTTLE_SHARE = 0.8  # of full thrust that leaning may use
 _LEAN_MIN = math.radians(10.0)
 _ALWAYS = 0.85  # m/s2, less than any lean limit gives (ANGLE_MAX is 5 degrees at least)
 _THROUGHPUT = 0.1  # throttle per (m/s2) and unit of an acceleration gain: gains are per mille per cm/s2
-_STOP_UP, _STOP_DOWN = 3.0, 2.0  # m, longest stopping distances
 
 
 @kernel
@@ -147,24 +144,6 @@ def relax_up(m: Any, throttle: float, dt: float) -> None:
     initialise_up(m)
     soft = m.throttle_in + (throttle - m.throttle_in) * (dt / (dt + _RELAX))
     m.accel_pid[INTEGRAL] = soft - m.throttle_hover
-
-
-@kernel
-def stopping_point_ne(m: Any) -> tuple[float, float]:
-    """Where the vehicle would stop horizontally, given the position gain and the acceleration limit."""
-    vn, ve = m.vel[0], m.vel[1]
-    speed = math.sqrt(vn * vn + ve * ve)
-    if speed <= 0.0:
-        return float(m.pos[0]), float(m.pos[1])
-    way = inverse_sqrt_controller(min(speed, m.speed_max), m.PSC_POSXY_P, m.accel_max) / speed
-    return float(m.pos[0] + way * vn), float(m.pos[1] + way * ve)
-
-
-@kernel
-def stopping_point_up(m: Any) -> float:
-    """Where the vehicle would stop vertically."""
-    way = inverse_sqrt_controller(m.vel[2], m.PSC_POSZ_P, m.accel_up)
-    return float(m.pos[2] + clip(way, -_STOP_DOWN, _STOP_UP))
 
 
 # ---- the desired motion is shaped ----------------------------------------------------------------------------------
