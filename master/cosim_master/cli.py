@@ -307,7 +307,8 @@ def export(
     from cosim_master.export import export_csv
 
     with _errors():
-        export_csv(run, csv)
+        for name in export_csv(run, csv):
+            err.print(f"note: {name} is text, which this format has no place for: left out", markup=False)
         out.print(str(csv), markup=False)
 
 
