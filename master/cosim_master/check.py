@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from lxml import etree
 
@@ -58,10 +59,12 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One variable driving another: value_target = factor * value_source + offset.
+    """One variable driving another: value_target = factor * mapped(value_source) + offset.
 
     Unit conversions and linear transformations of all connections on the way are in factor and offset, which are
-    1 and 0 for everything but Reals. `initial_only` links end at a parameter: exchanged while initializing only.
+    1 and 0 for everything but Reals. Mapping transformations are in `mapping`: (source value, target value) of
+    Integers, Enumerations or Booleans, sorted; other values stay as they are.
+    `initial_only` links end at a parameter: exchanged while initializing only.
     """
 
     source: tuple[str, str]
@@ -70,6 +73,15 @@ class Link:
     offset: float
     initial_only: bool
     where: Where
+    mapping: tuple[tuple[int, int], ...] = ()
+
+    def converted(self, value: Any) -> Any:
+        """The target's value for a value of the source."""
+        for key, mapped in self.mapping:
+            if value == key:
+                value = mapped
+                break
+        return value if self.factor == 1.0 and self.offset == 0.0 else self.factor * value + self.offset
 
 
 @dataclass(frozen=True, slots=True)

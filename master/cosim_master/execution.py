@@ -169,7 +169,7 @@ class Execution:
                     got |= {(name, v.name): value for v, value in zip(chosen, values, strict=True)}
             for name, links in targets.items():
                 living = number[name]
-                new = {link.target[1]: _converted(got[link.source], link.factor, link.offset) for link in links}
+                new = {link.target[1]: link.converted(got[link.source]) for link in links}
                 _set_all(living, [living.library.fmu.variables[n] for n in new], new, inputs=None)
 
     # ---- stepping ----------------------------------------------------------------------------------------------------
@@ -379,10 +379,6 @@ def _kind(variable: Variable) -> str:
 
 def _kinds(variables: Sequence[Variable]) -> list[str]:
     return [kind for kind in (*KINDS, "String") if any(_kind(v) == kind for v in variables)]
-
-
-def _converted(value: Any, factor: float, offset: float) -> Any:
-    return value if factor == 1.0 and offset == 0.0 else factor * value + offset
 
 
 def _set_all(living: Living, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:

@@ -33,7 +33,7 @@ from cosim_master.radio import (
     SLOT,
     Radio,
 )
-from cosim_master.stepping import CALL, GET_STRING, INSTANCE, PORTS, SEND, SET_STRING, WIRE, Plan
+from cosim_master.stepping import CALL, COPY, GET_STRING, INSTANCE, PORTS, SEND, SET_STRING, WIRE, Plan
 
 __all__ = ["KINDS", "Layout", "Timing", "grown", "layout", "make_plan", "make_radio", "timing"]
 
@@ -143,6 +143,8 @@ class Layout:
     instances: tuple[Instance, ...]
     ports: Mapping[str, _Ports]
     mirrors: tuple[tuple[int, int], ...]
+    mapped: tuple[tuple[int, int, int, int], ...]
+    """Rows of `Plan.mapped`."""
     signals: Mapping[str, tuple[tuple[str, Variable], ...]]
     """Per kind the recorded columns (name, variable), sorted as the instances are."""
     strings: tuple[Link, ...]
@@ -178,7 +180,7 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
                 ports[kind].outputs.append((i, variable))
         for kind in KINDS:
             ports[kind].first_out.append(len(ports[kind].outputs))
-    mirrors = _inputs(checked, numeric, ports)
+    mirrors, mapped = _inputs(checked, numeric, ports)
     signals: dict[str, tuple[tuple[str, Variable], ...]] = {}
     for kind in KINDS:
         columns = []
@@ -194,7 +196,7 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
         for name, v in instance.fmu.variables.items()
         if v.type == "String" and (instance.name, name) in chosen
     )
-    return Layout(checked.instances, ports, mirrors, signals, strings, texts)
+    return Layout(checked.instances, ports, mirrors, mapped, signals, strings, texts)
 
 
 def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str]]:
@@ -223,19 +225,34 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
     return chosen
 
 
-def _inputs(checked: CheckedSystem, links: Sequence[Link], ports: Mapping[str, _Ports]) -> tuple[tuple[int, int], ...]:
-    """Fill in what feeds every input; integer sources of real inputs get a mirror among the reals."""
+def _inputs(
+    checked: CheckedSystem, links: Sequence[Link], ports: Mapping[str, _Ports]
+) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int, int, int], ...]]:
+    """Fill in what feeds every input.
+
+    Integers and booleans that are mapped on the way get a place behind all outputs of `int_out`, integer sources of
+    real inputs get a mirror among the reals; returns the rows (from, to) of the mirrors, and those of `Plan.mapped`.
+    """
     by_instance: dict[str, list[Link]] = {}
     for link in links:
         by_instance.setdefault(link.target[0], []).append(link)
     mirrors: dict[int, int] = {}
-    reals = len(ports["Real"].outputs)
+    reals, integers, booleans = (len(ports[kind].outputs) for kind in KINDS)
+    places: dict[tuple[int, tuple[tuple[int, int], ...]], int] = {}
+    mapped: list[tuple[int, int, int, int]] = []
     for instance in checked.instances:
         for link in by_instance.get(instance.name, ()):
             target = instance.fmu.variables[link.target[1]]
             kind = set_kind(target)
             source_kind = next(k for k in KINDS if link.source in ports[k].index)
             source = ports[source_kind].index[link.source]
+            if link.mapping:
+                first = integers if source_kind == "Boolean" else 0
+                if (key := (first + source, link.mapping)) not in places:
+                    places[key] = integers + booleans + len(places)
+                    mapped.append((first + source, places[key], COPY, 0))
+                    mapped += [(first + source, places[key], *entry) for entry in link.mapping]
+                source = places[key] - first
             if kind == "Real" and source_kind == "Integer":
                 source = mirrors.setdefault(source, reals + len(mirrors))
             ports[kind].in_reference.append(target.value_reference)
@@ -244,7 +261,7 @@ def _inputs(checked: CheckedSystem, links: Sequence[Link], ports: Mapping[str, _
             ports[kind].offset.append(link.offset)
         for kind in KINDS:
             ports[kind].first_in.append(len(ports[kind].in_reference))
-    return tuple(mirrors.items())
+    return tuple(mirrors.items()), tuple(mapped)
 
 
 def make_plan(
@@ -286,7 +303,7 @@ def make_plan(
         int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
         out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
         real_out=np.zeros(reals_out + len(places.mirrors)),
-        int_out=np.zeros(integers, dtype=np.int32),
+        int_out=np.zeros(integers + len({row[1] for row in places.mapped}), dtype=np.int32),
     )
     instances = _instance_table(places, clock, network, living)
     return Plan(
@@ -300,6 +317,7 @@ def make_plan(
         real_out=values.real_out,
         int_out=values.int_out,
         mirrors=np.array(places.mirrors, dtype=np.int64).reshape(-1, 2),
+        mapped=np.array(places.mapped, dtype=np.int64).reshape(-1, 4),
         ports=ports,
         text=text,
         scratch=np.zeros((threads, text.shape[1]), dtype=np.uint8),

@@ -44,6 +44,7 @@ from cosim_master.radio import (
 __all__ = [
     "BLOCK_FULL",
     "CALL",
+    "COPY",
     "DONE",
     "FAILED",
     "FUNCTIONS",
@@ -142,6 +143,10 @@ TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
 flag that ends the workers, failures. Blocks are counted through from the first step on, so that a thread that comes
 late can never take one of an earlier step, and nobody waits for a thread that has nothing to do."""
 
+COPY = 2**40
+"""A key in `Plan.mapped`, which no integer of 32 bits is: the row before the others of its mapping, that takes the
+value as it is. A row with another key replaces it where the value is the key (mapping transformations of SSP)."""
+
 
 class Plan(NamedTuple):
     """Everything the loop touches but the radio, in few arrays: numba's time to compile grows with their number.
@@ -160,6 +165,7 @@ class Plan(NamedTuple):
     real_out: NDArray[np.float64]
     int_out: NDArray[np.int32]
     mirrors: NDArray[np.int64]  # rows (int_out, real_out): integer outputs that real inputs take
+    mapped: NDArray[np.int64]  # rows (int_out, int_out, key, value): see COPY
     ports: NDArray[Any]  # PORTS, of each endpoint
     text: NDArray[np.uint8]  # (endpoints, longest text)
     scratch: NDArray[np.uint8]  # (threads, longest text)
@@ -189,6 +195,7 @@ def _exchange(
     instances: NDArray[Any],
     wires: NDArray[Any],
     mirrors: NDArray[np.int64],
+    mapped: NDArray[np.int64],
     real_out: NDArray[np.float64],
     int_out: NDArray[np.int32],
     real_in: NDArray[np.float64],
@@ -197,6 +204,12 @@ def _exchange(
 ) -> None:
     """Inputs of every instance that is due from the outputs they are connected to: the whole data flow is here."""
     reals = real_in.size
+    for j in range(mapped.shape[0]):
+        value = int_out[mapped[j, 0]]
+        if mapped[j, 2] == COPY:
+            int_out[mapped[j, 1]] = value
+        elif mapped[j, 2] == value:
+            int_out[mapped[j, 1]] = mapped[j, 3]
     for j in range(mirrors.shape[0]):
         real_out[mirrors[j, 1]] = int_out[mirrors[j, 0]]
     for i in range(instances.size):
@@ -465,7 +478,7 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 _deliver_all(p, r, k)
             clock[PHASE] = STEP
         if clock[PHASE] == STEP:
-            _exchange(p.instances, p.wires, p.mirrors, p.real_out, p.int_out, p.real_in, p.int_in, k)
+            _exchange(p.instances, p.wires, p.mirrors, p.mapped, p.real_out, p.int_out, p.real_in, p.int_in, k)
             if clock[BLOCK] > 0:
                 _hand_out(p)
             if p.confined.size > 0:

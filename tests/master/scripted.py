@@ -125,15 +125,15 @@ def _kind(v: Variable) -> str:
 
 def system_of(
     instances: Sequence[Scripted],
-    links: Sequence[tuple[str, str] | tuple[str, str, float, float]] = (),
+    links: Sequence[tuple[Any, ...]] = (),
     stop_time: float | None = None,
 ) -> CheckedSystem:
-    """A checked system of scripted instances; a link is ("a.y", "b.u") or ("a.y", "b.u", factor, offset)."""
+    """A checked system of scripted instances; a link is ("a.y", "b.u"[, factor, offset[, mapping]])."""
     made = []
     for link in links:
         source, target = (tuple(end.rsplit(".", 1)) for end in link[:2])
-        factor, offset = (link[2], link[3]) if len(link) == 4 else (1.0, 0.0)
-        made.append(Link(source, target, factor, offset, False, HERE))  # type: ignore[arg-type]
+        factor, offset, mapping = (*link[2:], *(1.0, 0.0, ())[len(link) - 2 :])
+        made.append(Link(source, target, factor, offset, False, HERE, mapping))  # type: ignore[arg-type]
     system = System("root", (), (), (), (), (), Path("scripted.ssd"), HERE)
     structure = SystemStructure("scripted", "1.0", Path("scripted.ssd"), Path("scripted.ssd"), system, HERE)
     ordered = tuple(sorted((one.instance for one in instances), key=lambda i: i.name))

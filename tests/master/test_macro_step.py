@@ -299,3 +299,39 @@ def test_the_loop_asks_for_places_before_it_sends() -> None:
     loop.radio = grown(loop.radio, int(places_needed(loop.plan, loop.radio)))
     loop.to(100)
     assert [b for _, b in heard] == list(sends.values())
+
+
+def test_mapped_integers_and_booleans() -> None:
+    """What no entry names stays as it is; one source may go to several inputs, mapped differently or not at all."""
+    sender = [variable("m", "output", "Integer", 1), variable("c", "output", "Boolean", 2)]
+    names = {"i": "Integer", "j": "Integer", "k": "Integer", "b": "Boolean", "d": "Boolean", "x": "Real"}
+    receiver = [variable(name, "input", kind, number) for number, (name, kind) in enumerate(names.items())]
+    log: list[str] = []
+
+    def count(self: Scripted, t: float, h: float) -> None:
+        self.values["m"] += 1
+        self.values["c"] = not self.values["c"]
+
+    table = ((1, 10), (2, 1), (3, -(2**31)))
+    links = [
+        ("a.m", "b.i"),
+        ("a.m", "b.j", 1.0, 0.0, table),
+        ("a.m", "b.k", 1.0, 0.0, ((2, 7),)),
+        ("a.c", "b.b", 1.0, 0.0, ((0, 1),)),
+        ("a.c", "b.d"),
+        ("a.m", "b.x", 2.0, 0.5, table),
+    ]
+    values = dict.fromkeys(names, 0)
+    a = Scripted("a", sender, count, {"m": 1, "c": 0}, log)
+    b = Scripted("b", receiver, lambda self, t, h: None, values, log)
+    loop = Loop([a, b], links, until=4.0)
+    seen = []
+    for k in range(1, 5):
+        assert loop.to(k) == DONE
+        seen.append([b.values[name] for name in names])
+    assert seen == [
+        [1, 10, 1, 1, 0, 20.5],
+        [2, 1, 7, 1, 1, 2.5],
+        [3, -(2**31), 3, 1, 0, 2.0 * -(2**31) + 0.5],
+        [4, 4, 4, 1, 1, 8.5],
+    ]
