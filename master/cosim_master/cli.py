@@ -74,6 +74,20 @@ def _overrides(settings: list[str] | None) -> dict[str, str]:
     return overrides
 
 
+def _changes(settings: list[str] | None) -> list[tuple[float, str, str]]:
+    found = []
+    for setting in settings or []:
+        time, _, rest = setting.strip().partition(" ")
+        name, equals, value = rest.partition("=")
+        try:
+            if not equals or not name.strip():
+                raise ValueError
+            found.append((float(time), name.strip(), value.strip()))
+        except ValueError:
+            raise _usage(f"--at {setting}: write --at TIME COMPONENT.PARAMETER=VALUE") from None
+    return found
+
+
 @app.command()
 def build(
     models: Annotated[
@@ -127,6 +141,13 @@ def run(
         int | None, typer.Option(min=0, max=2**53, help="Seed of the radio; default: the system's.")
     ] = None,
     settings: Settings = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TIME COMPONENT.PARAMETER=VALUE",
+            help="Set a tunable parameter or an open input at a time in s; may be repeated.",
+        ),
+    ] = None,
     record: Annotated[
         list[str] | None,
         typer.Option(metavar="PATTERN", help="Signals to record, e.g. '*.position*'; default: all outputs."),
@@ -153,6 +174,7 @@ def run(
             seed=seed,
             overrides=_overrides(settings),
             record=record or (),
+            at=_changes(at),
             threads=threads,
             on_start=_print_notes,
             on_progress=show,
@@ -189,7 +211,8 @@ def _progress() -> Iterator[Callable[[Progress], None]]:
 
 def _report(result: RunResult, folder: Path) -> None:
     if result.error is not None:
-        err.print(f"error: {result.error}", markup=False)
+        word = "note" if result.outcome == "terminated" else "error"
+        err.print(f"{word}: {result.error}", markup=False)
     packets = result.packets
     if result.outcome != "failed" or packets:
         counts = ", ".join(f"{packets.get(name, 0)} {name}" for name in ("sent", "delivered", "lost"))
@@ -324,4 +347,15 @@ def options(
 
 def main() -> None:
     """Entry point of the command."""
-    app()
+    app(_joined(sys.argv[1:]))
+
+
+def _joined(arguments: list[str]) -> list[str]:
+    """The two words after --at as one: Typer has no options that may be repeated and take two."""
+    joined: list[str] = []
+    for argument in arguments:
+        if len(joined) > 1 and joined[-2] == "--at" and " " not in joined[-1]:
+            joined[-1] += f" {argument}"
+        else:
+            joined.append(argument)
+    return joined

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
@@ -19,9 +20,10 @@ from typing import Any, Self, TypeAlias
 
 import numpy as np
 
-from cosim_master.check import CheckedSystem, Link
+from cosim_master.changes import Change
+from cosim_master.check import CheckedSystem
 from cosim_master.errors import CosimError, FmuError
-from cosim_master.fmi2 import STATUS
+from cosim_master.fmi2 import STATUS, set_kind
 from cosim_master.fmi2 import Instance as Living
 from cosim_master.fmu import Variable
 from cosim_master.loading import Libraries, check_sources
@@ -29,18 +31,25 @@ from cosim_master.network import Network
 from cosim_master.plan import KINDS, Layout, Timing, grown, make_plan, make_radio
 from cosim_master.radio import DEFERRED, DELIVERED, IN_FLIGHT, OUTCOMES, USED_EVENTS, USED_LOG
 from cosim_master.recorder import Recorder
+from cosim_master.repetition import Grid, Snapshot, cannot_be_repeated
+from cosim_master.startup import initialize, instantiate
 from cosim_master.stepping import (
+    BASE,
     BLOCK_FULL,
+    DO_STEP,
     DONE,
     FAILED,
     FAILURES,
     FUNCTIONS,
+    LAST,
     NEED_LOG,
     NEED_PLACES,
     NOT_A_NUMBER,
     NOT_BASE64,
+    NOT_CALLED,
     QUIT,
     ROWS,
+    START,
     TOO_LONG,
     K,
     collect_all,
@@ -50,11 +59,14 @@ from cosim_master.stepping import (
     work,
 )
 
-__all__ = ["Execution", "RunFailed"]
+__all__ = ["Execution", "RunFailed", "RunTerminated"]
 
 _TextLink: TypeAlias = tuple[tuple[int, str], int, Variable]
 """From which output (instance, name) a String goes to which instance's input."""
 
+_FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
+_SNAPSHOT_EVERY = 0.2
+"""Wall-clock seconds."""
 _WORTH_THREADS = 64
 """Free instances from which on several threads step by default."""
 
@@ -71,6 +83,27 @@ class RunFailed(CosimError):
         super().__init__("\n".join(str(failure) for failure in failures))
 
 
+class RunTerminated(CosimError):
+    """An FMU wants the simulation to end; that is no failure.
+
+    Attributes:
+        instance: which.
+        time: until when it has something to simulate, s.
+    """
+
+    def __init__(self, instance: str, time: float, *, hint: str = "") -> None:
+        self.instance, self.time = instance, time
+        more = f" {hint}" if hint else ""
+        super().__init__(f"{instance}: it wants the run to end at t = {time:.9g} s (fmi2Terminated){more}")
+
+
+class _Discarded(Exception):
+    """Steps were discarded, and can be repeated at least `shrink` times shorter; else these are the failures."""
+
+    def __init__(self, failures: Sequence[FmuError], shrink: float) -> None:
+        self.failures, self.shrink = tuple(failures), shrink
+
+
 class Execution:
     """A system that is being run. Not to be used from two threads at once.
 
@@ -84,6 +117,7 @@ class Execution:
         keep_packets: record packet events and logs.
         threads: how many step native instances; None chooses. Only FMUs built by this project are stepped by
             other threads than the main one: many others keep state in globals, whatever they declare.
+        changes: values to be set while it runs, in the order of time.
 
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.
@@ -101,16 +135,19 @@ class Execution:
         every: int = 1,
         keep_packets: bool = True,
         threads: int | None = None,
+        changes: Sequence[Change] = (),
     ) -> None:
         self.checked, self.clock, self.places, self.network = checked, clock, places, network
         self.living: list[Living] = []
         self._libraries = Libraries()
         self._recorder: Recorder | None = None
         self._workers: list[threading.Thread] = []
+        self._changes = list(changes)
+        self._snapshot: Snapshot | None = None
         try:
             check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
-            self._instantiate()
-            self._initialize()
+            instantiate(checked, self._libraries, self.living)
+            initialize(checked, self.living, clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
             free = [i for i, living in enumerate(self.living) if living.library.thread_safe]
             self.threads = _threads(threads, len(free))
             self.plan = make_plan(places, clock, network, self.living, every, free=free, threads=self.threads)
@@ -122,6 +159,12 @@ class Execution:
                 self._recorder = recorder_for()
             # One call up to k = 0 sends what the instances have to send at the start and records the first row.
             self._text_links, self._text_outputs = self._strings()
+            self._grid = Grid(self.plan, clock.periods)
+            # What this project compiled never discards a step, so that swarms of it need no copies of their states.
+            self._unrepeatable = cannot_be_repeated(self.living)
+            if not self._unrepeatable and not all(one.library.thread_safe for one in self.living):
+                self._snapshot = Snapshot(self.living)
+                self._save()
             self._start_workers()
             self.advance(0)
         except FmuError as error:
@@ -131,73 +174,134 @@ class Execution:
             self._free()
             raise
 
-    # ---- start-up ----------------------------------------------------------------------------------------------------
-
-    def _instantiate(self) -> None:
-        for instance in self.checked.instances:
-            self.living.append(self._libraries.load(instance.fmu).instantiate(instance.name))
-
-    def _initialize(self) -> None:
-        """Start values, experiment, initialization mode with its exchange, and out of it again."""
-        start, stop = self.clock.start / 1e9, (self.clock.start + self.clock.steps * self.clock.base) / 1e9
-        values = [instance.effective_values() for instance in self.checked.instances]
-        for living, instance, starts in zip(self.living, self.checked.instances, values, strict=True):
-            _set_all(living, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
-            living.setup_experiment(start, stop)
-        for living, instance, starts in zip(self.living, self.checked.instances, values, strict=True):
-            living.enter_initialization_mode()
-            _set_all(living, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
-        self._exchange_initially()
-        for living in self.living:
-            living.exit_initialization_mode()
-
-    def _exchange_initially(self) -> None:
-        """Stage by stage: get all sources of a stage at once, then set its targets."""
-        number = {living.name: living for living in self.living}
-        for stage in self.checked.init_order:
-            sources: dict[str, dict[str, Variable]] = {}
-            targets: dict[str, list[Link]] = {}
-            for link in (self.checked.links[i] for i in stage):
-                name, variable = link.source
-                sources.setdefault(name, {})[variable] = number[name].library.fmu.variables[variable]
-                targets.setdefault(link.target[0], []).append(link)
-            got: dict[tuple[str, str], Any] = {}
-            for name, variables in sources.items():
-                for kind in _kinds(list(variables.values())):
-                    chosen = [v for v in variables.values() if _kind(v) == kind]
-                    values = number[name].get(chosen)
-                    got |= {(name, v.name): value for v, value in zip(chosen, values, strict=True)}
-            for name, links in targets.items():
-                living = number[name]
-                new = {link.target[1]: link.converted(got[link.source]) for link in links}
-                _set_all(living, [living.library.fmu.variables[n] for n in new], new, inputs=None)
-
     # ---- stepping ----------------------------------------------------------------------------------------------------
 
     @property
     def k(self) -> int:
-        """Base steps done."""
-        return int(self.plan.clock[K])
+        """Base steps done, of the system's own grid."""
+        return int(self.plan.clock[K]) // self._grid.factor
 
     @property
     def time(self) -> float:
         """Simulation time reached, s."""
-        return (self.clock.start + max(self.k, 0) * self.clock.base) / 1e9
+        clock = self.plan.clock
+        return float(clock[START] + max(clock[K], 0) * clock[BASE]) / 1e9
 
     def advance(self, k_stop: int) -> None:
         """Macro steps until base step `k_stop`.
 
         Raises:
             RunFailed: instances failed; the others have finished this macro step, recorded data reaches its start.
+            RunTerminated: an FMU wants the simulation to end; the same is true.
         """
         stop = min(k_stop, self.clock.steps)
+        if self._snapshot is not None and time.perf_counter() - self._saved_at > _SNAPSHOT_EVERY:
+            self._save()
+        while self.k < stop:
+            self._change()
+            target = min([stop, *(change.k for change in self._changes[:1])])
+            if self._grid.until:
+                target = min(target, self._grid.until)
+            try:
+                self._macro_steps(target * self._grid.factor)
+            except _Discarded as discarded:
+                self._repeat(discarded)
+            if self._grid.until and self.k >= self._grid.until:
+                self._grid.coarsen()
+                self._save()
+
+    def _macro_steps(self, stop: int) -> None:
         if not self._text_outputs:
             self._run(stop)
             return
         # Strings that are no packets are rare and slow to exchange: Python does it, one macro step at a time.
-        while self.k < stop:
+        while self.plan.clock[K] < stop:
             self._set_strings()
-            self._run(self.k + 1)
+            self._run(int(self.plan.clock[K]) + 1)
+
+    def _change(self) -> None:
+        """Set what is to be changed at this communication point."""
+        changed = False
+        while self._changes and self._changes[0].k * self._grid.factor == self.plan.clock[K]:
+            change = self._changes.pop(0)
+            with self._failing(change.instance) as living:
+                living.set([change.variable], [change.value])
+            changed = True
+        if changed and self._snapshot is not None:
+            self._save()
+
+    # ---- steps that are discarded ------------------------------------------------------------------------------------
+
+    def _save(self) -> None:
+        assert self._snapshot is not None
+        self._flush_rows()
+        self._flush_packets()
+        try:
+            self._snapshot.save(self.plan, self.radio)
+        except FmuError as error:
+            raise RunFailed([error]) from None
+        self._saved_texts = dict(self._text_outputs)
+        self._saved_at = time.perf_counter()
+
+    def _repeat(self, discarded: _Discarded) -> None:
+        """Go back to where the discarded step began, and divide the steps that begin there."""
+        assert self._snapshot is not None
+        rows, reached = self._rows(), int(self.plan.clock[K])
+        try:
+            self.radio = self._snapshot.restore(self.plan)
+            self._text_outputs = dict(self._saved_texts)
+            if self._recorder is not None:
+                self._recorder.take_back()
+            self._macro_steps(reached)
+        except (FmuError, _Discarded) as error:
+            raise RunFailed([*discarded.failures, *([error] if isinstance(error, FmuError) else [])]) from None
+        again = self._rows()
+        if changed := [name for name in rows if not np.array_equal(rows[name], again[name], equal_nan=True)]:
+            text = f"the step cannot be repeated: after fmi2SetFMUstate, {', '.join(changed[:3])} went another way"
+            owner = next(one.name for one in reversed(self.living) if changed[0].startswith(f"{one.name}."))
+            raise RunFailed([*discarded.failures, FmuError(owner, "fmi2SetFMUstate", text, self.time)])
+        if self._grid.refine(discarded.shrink) == 0:
+            raise RunFailed(discarded.failures)
+        self._save()
+
+    def _rows(self) -> dict[str, np.ndarray[Any, Any]]:
+        """What has been recorded since rows were last written out, by signal."""
+        n = int(self.plan.clock[ROWS])
+        reals, integers = (
+            self.places.signals["Real"],
+            (*self.places.signals["Integer"], *self.places.signals["Boolean"]),
+        )
+        blocks = ((reals, self.plan.real_block), (integers, self.plan.int_block))
+        return {name: block[:n, i].copy() for columns, block in blocks for i, (name, _) in enumerate(columns)}
+
+    def _discards(self) -> None:
+        """If all that failed are steps that were discarded: ask what that means, and raise it."""
+        rows = self.plan.instances
+        failed = [int(i) for i in np.flatnonzero(rows["failed"][:, 0])]
+        if any(tuple(rows["failed"][i][:2]) != (DO_STEP, STATUS.index("fmi2Discard")) for i in failed):
+            return
+        failures, shrink = [], 2.0
+        for i in failed:
+            living, h = self.living[i], float(rows["h"][i])
+            living.time = self.time
+            last = living.last_successful_time()
+            if living.ended():
+                end = self.time if last is None else last
+                if not (living.library.python and self.plan.clock[K] == 0):
+                    raise RunTerminated(living.name, end, hint=_FORGETFUL if living.library.python else "")
+                text = f"fmi2Discard: it wants the run to end in its first step {_FORGETFUL}"
+            else:
+                reached = "" if last is None else f", only to {last:.9g} s"
+                reason = self._unrepeatable or f"shorter steps down to {h:.9g} s did not help"
+                text = (
+                    f"fmi2Discard: it could not step from {self.time:.9g} s to {self.time + h:.9g} s{reached}; {reason}"
+                )
+                if last is not None and last > self.time:
+                    shrink = max(shrink, h / (last - self.time))
+            failures.append(living.failure("fmi2DoStep", STATUS.index("fmi2Discard"), text))
+        if self._unrepeatable or self._snapshot is None:
+            raise RunFailed(failures)
+        raise _Discarded(failures, shrink)
 
     def _start_workers(self) -> None:
         for thread in range(1, self.threads):
@@ -230,7 +334,10 @@ class Execution:
             elif reason == NEED_LOG:
                 self._flush_packets()
             elif reason == FAILED:
+                self._discards()
                 self._raise_failures()
+            if self._snapshot is not None:
+                self._save()
 
     def _flush_rows(self) -> None:
         if self._recorder is not None:
@@ -264,16 +371,18 @@ class Execution:
 
     def _set_strings(self) -> None:
         """Inputs of the instances that are due, from the outputs that `_get_strings` got."""
+        k, periods = self.plan.clock[K], self.plan.instances["period"]
         for source, target, variable in self._text_links:
-            if self.k >= 0 and self.k % self.clock.periods[target] == 0:
+            if k >= 0 and k % periods[target] == 0:
                 with self._failing(target) as living:
                     living.set([variable], [self._text_outputs[source]])
 
     def _get_strings(self, *, recorded: bool) -> None:
         """Outputs of the instances whose step has just ended: what the others would answer now is of the future."""
+        k, periods = self.plan.clock[K], self.plan.instances["period"]
         try:
             for i, name in self._text_outputs:
-                if self.k % self.clock.periods[i] == 0 or self.k == self.clock.steps:
+                if k % periods[i] == 0 or k == self.plan.clock[LAST]:
                     with self._failing(i) as living:
                         (self._text_outputs[i, name],) = living.get([living.library.fmu.variables[name]])
         except RunFailed:
@@ -298,6 +407,8 @@ class Execution:
         failures = []
         failed = self.plan.instances["failed"]
         for i in np.flatnonzero(failed[:, 0]):
+            if failed[i, 1] == NOT_CALLED:
+                continue
             function, status, detail = (int(x) for x in failed[i])
             living = self.living[i]
             living.time = self.time
@@ -308,12 +419,24 @@ class Execution:
             elif status in (TOO_LONG, NOT_BASE64):
                 wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
                 text, code = f"its packet output {wrong}", 0
-            elif status == STATUS.index("fmi2Discard"):
-                text = "fmi2Discard: it could not do this step, and steps are not repeated"
-                if living.library.python:
-                    text += " (a Python FMU says this when do_step forgets to return True)"
+            elif status == STATUS.index("fmi2Discard") and function in (1, 2, 3):
+                text = f"fmi2Discard: it takes one of these values for wrong: {self._inputs(int(i), function - 1)}"
+            elif status == STATUS.index("fmi2Pending"):
+                text = "fmi2Pending: it goes on in the background, which is not supported"
+                living.cancel_step()
             failures.append(living.failure(FUNCTIONS[function], code, text))
         raise RunFailed(failures)
+
+    def _inputs(self, i: int, kind: int) -> str:
+        """The first values that an instance's inputs of one kind were just given."""
+        first, last = (int(self.plan.instances[i][side][kind]) for side in ("first_in", "last_in"))
+        p = self.plan
+        values = p.real_in[first:last] if kind == 0 else p.int_in[first - p.real_in.size : last - p.real_in.size]
+        fmu = self.living[i].library.fmu
+        of = {v.value_reference: v.name for v in fmu.variables.values() if set_kind(v) == KINDS[kind]}
+        pairs = zip(p.in_reference[first:last], values, strict=True)
+        shown = [f"{of[int(reference)]} = {value:.9g}" for reference, value in pairs]
+        return ", ".join(shown[:5]) + (" ..." if len(shown) > 5 else "")
 
     # ---- results -----------------------------------------------------------------------------------------------------
 
@@ -355,6 +478,8 @@ class Execution:
         """Terminate and free what is alive, each once, whatever the others do."""
         self._stop_workers()
         failures = []
+        if self._snapshot is not None:
+            self._snapshot.close()
         for living in self.living:
             try:
                 living.terminate()
@@ -371,19 +496,3 @@ def _threads(wanted: int | None, free: int) -> int:
     if wanted is None:
         wanted = (os.cpu_count() or 1) if free >= _WORTH_THREADS else 1
     return max(1, min(wanted, free))
-
-
-def _kind(variable: Variable) -> str:
-    return "Integer" if variable.type == "Enumeration" else variable.type
-
-
-def _kinds(variables: Sequence[Variable]) -> list[str]:
-    return [kind for kind in (*KINDS, "String") if any(_kind(v) == kind for v in variables)]
-
-
-def _set_all(living: Living, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
-    """Set the variables that are inputs, those that are not, or (None) all; one call per type."""
-    chosen = [v for v in variables if inputs is None or (v.causality == "input") == inputs]
-    for kind in _kinds(chosen):
-        some = [v for v in chosen if _kind(v) == kind]
-        living.set(some, [values[v.name] for v in some])

@@ -9,13 +9,15 @@ calls the same functions by their addresses and does not come through here.
     ... steps ...
     instance.terminate(), instance.free()
 
-After fmi2Error only `free` is legal, after fmi2Fatal nothing is: both are kept in `alive`, and `terminate` and
-`free` do what is still allowed.
+After fmi2Error only `free` is legal, after fmi2Pending too. After fmi2Fatal nothing is, for any instance of that FMU
+(FMI 2.0.5, section 2.1.3). `alive`, `stepping` and `Library.corrupted` keep that, and `terminate` and `free` do what is
+still allowed.
 """
 
 from __future__ import annotations
 
 import collections
+import contextlib
 import ctypes
 import logging
 import platform
@@ -36,6 +38,8 @@ _ALLOCATE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t)
 _FREE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 _STEP_FINISHED = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int)
 
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
+"""fmi2StatusKind (FMI 2.0.5, section 4.2.3)."""
 _KEPT_LOG_LINES = 40
 _C_TYPES: dict[str, Any] = {
     "Real": ctypes.c_double,
@@ -67,6 +71,7 @@ class Library:
         self.fmu = fmu
         self.resources = resources
         self.handles: dict[int, str] = {}
+        self.corrupted = False
         # pythonfmu keeps even errors to itself unless logging is on; others need not be asked, and some say too much.
         self.python = (resources / "slavemodule.txt").is_file()
         # Our compiled FMUs keep everything in their instances.
@@ -157,10 +162,11 @@ class Instance:
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
         """The error for a bad status; from here on only `free` may follow (nothing after fmi2Fatal)."""
-        if status in (3, 4):
+        if status in (3, 4, 5):
             self.stepping = False
         if status == 4:
             self.alive = False
+            self.library.corrupted = True
         word = STATUS[status] if 0 <= status < len(STATUS) else f"unknown status {status}"
         return FmuError(self.name, function, detail or word, self.time, self.lines)
 
@@ -188,6 +194,42 @@ class Instance:
         array = (_C_TYPES[kind] * n)(*converted)
         self.call(f"fmi2Set{kind}", _references(variables), ctypes.c_size_t(n), array)
 
+    def ended(self) -> bool:
+        """After a discarded step: whether the FMU wants the simulation to end."""
+        answer = ctypes.c_int(0)
+        return self._answers("fmi2GetBooleanStatus", _TERMINATED, answer) and answer.value != 0
+
+    def last_successful_time(self) -> float | None:
+        """After a discarded step: how far it got in s, None if the FMU does not say."""
+        answer = ctypes.c_double(0.0)
+        return answer.value if self._answers("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, answer) else None
+
+    def _answers(self, function: str, kind: int, answer: Any) -> bool:
+        """Ask for a status; FMUs need not know the answer, nor have the function."""
+        try:
+            self.call(function, ctypes.c_int(kind), ctypes.byref(answer))
+        except FmuError:
+            return False
+        return True
+
+    def save_state(self, state: ctypes.c_void_p) -> None:
+        """fmi2GetFMUstate into `state`, whose memory is used again if it has some."""
+        self.call("fmi2GetFMUstate", ctypes.byref(state))
+
+    def restore_state(self, state: ctypes.c_void_p) -> None:
+        self.call("fmi2SetFMUstate", state)
+
+    def free_state(self, state: ctypes.c_void_p) -> None:
+        """fmi2FreeFMUstate where it is legal."""
+        if self.alive and state and not self.library.corrupted:
+            self.call("fmi2FreeFMUstate", ctypes.byref(state))
+
+    def cancel_step(self) -> None:
+        """Stop a step that is pending; only `free` may follow."""
+        self.stepping = False
+        with contextlib.suppress(FmuError):
+            self.call("fmi2CancelStep")
+
     def setup_experiment(self, start: float, stop: float) -> None:
         self.time = start
         no, yes = ctypes.c_int(0), ctypes.c_int(1)
@@ -202,13 +244,13 @@ class Instance:
 
     def terminate(self) -> None:
         """fmi2Terminate where it is legal: after a completed step, once."""
-        if self.alive and self.stepping:
+        if self.alive and self.stepping and not self.library.corrupted:
             self.stepping = False
             self.call("fmi2Terminate")
 
     def free(self) -> None:
         """fmi2FreeInstance where it is legal: not after fmi2Fatal."""
-        if self.alive:
+        if self.alive and not self.library.corrupted:
             self.alive = False
             free = self.library.function("fmi2FreeInstance")
             free.restype = None

@@ -338,6 +338,8 @@ def _instance_table(places: Layout, clock: Timing, network: Network, living: Seq
     table = np.zeros(len(living), dtype=INSTANCE)
     table["handle"] = [one.handle for one in living]
     table["do_step"] = [one.library.address("fmi2DoStep") for one in living]
+    libraries = {id(one.library): i for i, one in enumerate(living)}
+    table["library"] = [libraries[id(one.library)] for one in living]
     table["period"] = table["length"] = clock.periods
     table["h"] = [period * clock.base / 1e9 for period in clock.periods]
     endpoint = {e.instance: i for i, e in enumerate(e for node in network.nodes for e in node.endpoints)}

@@ -102,6 +102,10 @@ class Recorder:
         """The values of all recorded String variables for the row just recorded."""
         self._text_rows.append(values)
 
+    def take_back(self) -> None:
+        """Forget what was said since rows were last written: the run has gone back to there."""
+        self._text_rows.clear()
+
     def rows(self, plan: Plan) -> None:
         """Write the rows of the loop's block and empty it."""
         n = int(plan.clock[ROWS])

@@ -17,9 +17,10 @@ from types import FrameType
 from typing import Any
 
 from cosim_master.annotation import root_annotation
+from cosim_master.changes import Change, changes
 from cosim_master.check import CheckedSystem, check
 from cosim_master.errors import CosimError, Problem, SystemDescriptionError, Where
-from cosim_master.execution import Execution
+from cosim_master.execution import Execution, RunTerminated
 from cosim_master.fmu import Start
 from cosim_master.network import Network, network_of
 from cosim_master.plan import Timing, layout, timing
@@ -61,8 +62,8 @@ class RunResult:
     """How a run ended.
 
     Attributes:
-        outcome: "done", "interrupted" (Ctrl-C) or "failed".
-        error: what failed, None otherwise.
+        outcome: "done", "interrupted" (Ctrl-C), "terminated" (an FMU wants the simulation to end) or "failed".
+        error: what failed, or who ended the run; None otherwise.
         simulated_s, wall_s, real_time_factor: of the stepping alone.
         packets: see `Execution.packet_counts`.
         notes: what was assumed.
@@ -88,6 +89,7 @@ class Prepared:
     network: Network
     recording: Recording
     every: int
+    changes: tuple[Change, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -101,6 +103,7 @@ def prepare(
     step: float | None = None,
     seed: int | None = None,
     record: Sequence[str] = (),
+    at: Sequence[tuple[float, str, str]] = (),
 ) -> Prepared:
     """Settle everything that can be settled without loading an FMU.
 
@@ -127,7 +130,7 @@ def prepare(
         if every < 1 or not math.isclose(every * clock.base, recording.interval * 1e9, rel_tol=1e-9):
             text = f"recording interval {recording.interval:g} s is no multiple of the base step {clock.base / 1e9:g} s"
             raise SystemDescriptionError([Problem(checked.structure.where, text)])
-    return Prepared(checked, clock, network, recording, every)
+    return Prepared(checked, clock, network, recording, every, changes(checked, clock, at))
 
 
 def _recording(checked: CheckedSystem, record: Sequence[str]) -> Recording:
@@ -157,6 +160,7 @@ def simulate(
     seed: int | None = None,
     overrides: Mapping[str, str] | None = None,
     record: Sequence[str] = (),
+    at: Sequence[tuple[float, str, str]] = (),
     threads: int | None = None,
     on_start: Callable[[Prepared], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
@@ -172,6 +176,7 @@ def simulate(
         seed: of the radio's random numbers; the system's if None.
         overrides: start values by hierarchical name, as text.
         record: patterns of signals to record; the system's, else all outputs.
+        at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set while it runs.
         threads: how many step native instances; None chooses.
         on_start: called when everything is checked and nothing loaded yet.
         on_progress: called about twenty times a second.
@@ -184,7 +189,7 @@ def simulate(
     """
     with read_system(system) as structure:
         checked = check(structure, overrides)
-        ready = prepare(checked, until=until, step=step, seed=seed, record=record)
+        ready = prepare(checked, until=until, step=step, seed=seed, record=record, at=at)
         places = layout(checked, ready.network, ready.recording.signals)
         if on_start is not None:
             on_start(ready)
@@ -206,6 +211,7 @@ def simulate(
                 every=ready.every,
                 keep_packets=ready.recording.packets,
                 threads=threads,
+                changes=ready.changes,
             )
         except SystemDescriptionError:
             raise
@@ -261,7 +267,8 @@ def _run(
     clock = ready.clock
     start = clock.start / 1e9
     stop = (clock.start + clock.steps * clock.base) / 1e9
-    outcome, failure = "done", None
+    outcome = "done"
+    failure: CosimError | None = None
     began = time.perf_counter()
     chunk, overruns, worst = 1, 0, 0.0
     try:
@@ -287,6 +294,8 @@ def _run(
                 chunk = max(1, min(4 * chunk, int(chunk * _SLICE / spent) or 1))
     except KeyboardInterrupt:
         outcome = "interrupted"
+    except RunTerminated as error:
+        outcome, failure = "terminated", error
     except CosimError as error:
         outcome, failure = "failed", error
     wall = time.perf_counter() - began
@@ -321,6 +330,14 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
         },
         "start_time": ready.clock.start / 1e9,
         "base_step": ready.clock.base / 1e9,
+        "changes": [
+            {
+                "time": (ready.clock.start + change.k * ready.clock.base) / 1e9,
+                "variable": f"{checked.instances[change.instance].name}.{change.variable.name}",
+                "value": _in_json(change.value),
+            }
+            for change in ready.changes
+        ],
         "seed": ready.network.seed,
         "network": network,
         "packets": dict(result.packets),

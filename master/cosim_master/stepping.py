@@ -51,6 +51,7 @@ __all__ = [
     "INSTANCE",
     "NEED_LOG",
     "NEED_PLACES",
+    "NOT_CALLED",
     "PORTS",
     "QUIT",
     "WIRE",
@@ -82,14 +83,17 @@ FUNCTIONS = (
 )
 """What `failed[0]` of an instance counts through."""
 SET_STRING, DO_STEP, GET_STRING = 4, 5, 9
-NOT_A_NUMBER, TOO_LONG, NOT_BASE64 = -1, -2, -3
-"""In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read."""
+NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
+"""In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped since
+another instance of its FMU answered fmi2Fatal."""
+FATAL = 4
 
 
 INSTANCE = np.dtype(
     [
         ("handle", "u8"),
         ("do_step", "u8"),
+        ("library", "i8"),  # instances with the same number are of the same FMU
         ("period", "i8"),  # base steps per step of the instance
         ("length", "i8"),  # base steps of its present step: the period, less at the end of the run
         ("h", "f8"),  # its present step in s
@@ -276,6 +280,16 @@ def _collect_packets(
 
 
 @kernel
+def _corrupted(instances: NDArray[Any], library: int) -> bool:
+    """Whether an instance of this FMU has answered fmi2Fatal: no other may be called any more."""
+    for i in range(instances.size):
+        m = instances[i]
+        if m.library == library and m.failed[0] != 0 and m.failed[1] == FATAL:
+            return True
+    return False
+
+
+@kernel
 def _step_some(
     instances: NDArray[Any],
     calls: NDArray[Any],
@@ -296,7 +310,9 @@ def _step_some(
     for i in chosen:
         m = instances[i]
         since = 0 if m.period == 1 else k % m.period
-        if since == 0:
+        if failed > 0 and _corrupted(instances, m.library):
+            _fail(instances, i, DO_STEP, NOT_CALLED, 0)
+        elif since == 0:
             packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
             _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get)
             if m.failed[0] == 0:
@@ -451,6 +467,8 @@ def collect_all(p: Plan) -> None:
     """Outputs of every instance, after initialization."""
     for i in range(p.instances.size):
         m = p.instances[i]
+        if p.clock[FAILURES] > 0 and _corrupted(p.instances, m.library):
+            continue
         _collect(p.instances, p.calls, p.real_out, i)
         if m.endpoint >= 0 and m.failed[0] == 0:
             _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)

@@ -219,6 +219,17 @@ def probes(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkeyp
 
 
 @pytest.fixture
+def stricts(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Strict FMUs (see strict.c) in a workshop; what they complain about and all calls are written to files."""
+    from tests.master.strict import Stricts
+
+    log, calls = workshop.root / "complaints.txt", workshop.root / "strict_calls.txt"
+    monkeypatch.setenv("STRICT_LOG", str(log))
+    monkeypatch.setenv("STRICT_CALLS", str(calls))
+    return Stricts(workshop, tmp_path_factory.getbasetemp(), log, calls)
+
+
+@pytest.fixture
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     """Python FMUs are unpacked below pytest's folder instead of the user's cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))

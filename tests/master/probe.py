@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import zipfile
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +22,17 @@ LEVEL = (
 PORTS = "u:input n:input b:input s:input e:input p:parameter y:output m:output c:output r:output f:output"
 
 
-@lru_cache(maxsize=1)
-def _binary(folder: Path) -> bytes:
-    library = folder / f"probe{SUFFIX[platform()]}"
-    source = Path(__file__).with_name("probe.c")
+@cache
+def compiled(source: Path, folder: Path) -> bytes:
+    """The library made of a C file."""
+    library = folder / f"{source.stem}{SUFFIX[platform()]}"
     flags = ["-std=gnu11", "-O1", "-shared", "-fPIC", str(source), "-o", str(library)]
     subprocess.run([sys.executable, "-m", "ziglang", "cc", *flags], check=True)
     return library.read_bytes()
+
+
+def _binary(folder: Path) -> bytes:
+    return compiled(Path(__file__).with_name("probe.c"), folder)
 
 
 class Probes:

@@ -160,7 +160,8 @@ TAIL = ["b: step 1 + 0.5", "b: get y", "b: get m", "b: get f", "b: get c"]
     [
         (
             2,
-            "fmi2Discard: it could not do this step, and steps are not repeated",
+            "fmi2Discard: it could not step from 1 s to 1.5 s; canGetAndSetFMUstate of a is false, "
+            "canGetAndSetFMUstate of b is false",
             ["a: terminate", "b: terminate", "a: free", "b: free"],
         ),
         (3, "fmi2Error", ["b: terminate", "a: free", "b: free"]),
@@ -170,7 +171,8 @@ TAIL = ["b: step 1 + 0.5", "b: get y", "b: get m", "b: get f", "b: get c"]
 def test_a_step_that_fails(probes: Any, tmp_path: Path, mode: int, word: str, ending: list[str]) -> None:
     """The other finishes its step; what has failed is not terminated; what was recorded until then is there."""
     probes.fmu()
-    system = probes.ssd(probes.component("a", mode=mode, when=1.0) + probes.component("b"))
+    probes.fmu("other.fmu")
+    system = probes.ssd(probes.component("a", mode=mode, when=1.0) + probes.component("b", "other.fmu"))
     result = simulate(system, out=tmp_path / "out")
     lines = str(result.error).splitlines()
     assert lines[0] == f"a: fmi2DoStep failed at t = 1 s: {word}"
@@ -184,7 +186,9 @@ def test_a_step_that_fails(probes: Any, tmp_path: Path, mode: int, word: str, en
 
 def test_two_failures_in_one_step_are_both_reported(probes: Any) -> None:
     probes.fmu()
-    system = probes.ssd(probes.component("a", mode=3, when=1.0) + probes.component("b", mode=4, when=1.0))
+    probes.fmu("other.fmu")
+    parts = probes.component("a", mode=3, when=1.0) + probes.component("b", "other.fmu", mode=4, when=1.0)
+    system = probes.ssd(parts)
     message = failed(system)
     assert "a: fmi2DoStep failed at t = 1 s: fmi2Error" in message
     assert "b: fmi2DoStep failed at t = 1 s: fmi2Fatal" in message
@@ -376,7 +380,7 @@ def test_a_python_slave_that_forgets_to_return_true(tmp_path: Path, probes: Any)
     system = probes.ssd(probes.workshop.component("a", "Forgetful.fmu", "y:output"))
     message = failed(system, step=0.5)
     assert message.splitlines()[0] == (
-        "a: fmi2DoStep failed at t = 0 s: fmi2Discard: it could not do this step, and steps are not repeated "
+        "a: fmi2DoStep failed at t = 0 s: fmi2Discard: it wants the run to end in its first step "
         "(a Python FMU says this when do_step forgets to return True)"
     )
 

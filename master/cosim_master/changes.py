@@ -1,0 +1,119 @@
+"""Values that a run changes while it is going on: tunable parameters, and inputs that nothing is connected to.
+
+Between two steps FMI 2 allows no others to be set (FMI 2.0.5, section 4.2.4).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cosim_master.check import CheckedSystem
+from cosim_master.document import near
+from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmu import Start, Variable
+from cosim_master.plan import Timing
+
+__all__ = ["Change", "changes"]
+
+_WHERE = Where("--at")
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Before the step that begins at base step `k`, `variable` of instance number `instance` gets `value`."""
+
+    k: int
+    instance: int
+    variable: Variable
+    value: Start
+
+
+def changes(checked: CheckedSystem, clock: Timing, wanted: Sequence[tuple[float, str, str]]) -> tuple[Change, ...]:
+    """Check changes and put them into the order of time; of two at one time the later one in `wanted` wins.
+
+    Args:
+        wanted: time in s, hierarchical name of a variable, its new value as text (of an enumeration the item's name).
+
+    Raises:
+        SystemDescriptionError: all that is wrong with them.
+    """
+    problems: list[Problem] = []
+    found: list[Change] = []
+    variables = {
+        f"{instance.name}.{name}": (i, variable)
+        for i, instance in enumerate(checked.instances)
+        for name, variable in instance.fmu.variables.items()
+    }
+    driven = {".".join(link.target) for link in checked.links}
+    for time, name, text in wanted:
+        k = _base_step(clock, time)
+        try:
+            if name not in variables:
+                raise ValueError(f"there is no such variable; {near(name, variables)}")
+            number, variable = variables[name]
+            _check_changeable(variable, driven=name in driven)
+            period = clock.periods[number]
+            if k is None or k % period:
+                raise ValueError(_expected(clock, period, checked.instances[number].name))
+            found.append(Change(k, number, variable, _value(variable, text)))
+        except ValueError as error:
+            problems.append(Problem(_WHERE, f"{time:g} {name}={text}: {error}"))
+    if problems:
+        raise SystemDescriptionError(problems)
+    return tuple(sorted(found, key=lambda change: change.k))
+
+
+def _base_step(clock: Timing, time: float) -> int | None:
+    """The base step that begins at `time`, None if none does."""
+    ticks = time * 1e9 - clock.start
+    if not abs(ticks) < 2**62:
+        return None
+    k = round(ticks / clock.base)
+    return k if 0 <= k < clock.steps and abs(k * clock.base - ticks) < 0.5 else None
+
+
+def _expected(clock: Timing, period: int, name: str) -> str:
+    start, step = clock.start / 1e9, period * clock.base / 1e9
+    last = start + (clock.steps - 1) // period * step
+    return f"no step of {name} begins then; its steps begin every {step:g} s from {start:g} to {last:g} s"
+
+
+def _check_changeable(variable: Variable, *, driven: bool) -> None:
+    if driven:
+        raise ValueError("it is connected, and gets its value from there")
+    if variable.packet_capacity is not None:
+        raise ValueError("it carries packets")
+    tunable = variable.causality == "parameter" and variable.variability == "tunable"
+    if not tunable and variable.causality != "input":
+        what = f"{variable.causality}, {variable.variability}"
+        raise ValueError(f"it is {what}; only tunable parameters and inputs can be changed during a run")
+
+
+def _value(variable: Variable, text: str) -> Start:
+    value: Start
+    if variable.type == "String":
+        return text
+    text = text.strip()
+    if variable.type == "Boolean":
+        if text.lower() not in _BOOLEANS:
+            raise ValueError("valid: true or false")
+        return _BOOLEANS[text.lower()]
+    if variable.type == "Enumeration" and variable.items:
+        known = {**variable.items, **{str(value): value for value in variable.items.values()}}
+        if text not in known:
+            raise ValueError(f"its enumeration has no such item; {near(text, variable.items)}")
+        return known[text]
+    try:
+        value = float(text) if variable.type == "Real" else int(text)
+    except ValueError:
+        raise ValueError("valid: a number" if variable.type == "Real" else "valid: an integer") from None
+    low = -math.inf if variable.minimum is None else variable.minimum
+    high = math.inf if variable.maximum is None else variable.maximum
+    if variable.type != "Real":
+        low, high = max(low, -(2**31)), min(high, 2**31 - 1)
+    if not low <= value <= high:
+        raise ValueError(f"valid: {low:g} to {high:g}")
+    return value

@@ -1,0 +1,97 @@
+"""From a checked system to initialized instances, in the order of calls of FMI 2.0.5, section 4.2.4.
+
+    instantiate(checked, libraries, living)     one after the other
+    initialize(checked, living, start, stop)    start values, experiment, initialization mode with its exchange, and out
+
+Every start value is set, those of the FMU's own description too: some FMUs ignore them. Before initialization mode
+that is everything but inputs; inputs are set inside of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cosim_master.check import CheckedSystem, Link
+from cosim_master.fmi2 import Instance, set_kind
+from cosim_master.fmu import Variable
+from cosim_master.loading import Libraries
+
+__all__ = ["initialize", "instantiate"]
+
+_KINDS = ("Real", "Integer", "Boolean", "String")
+
+
+def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Instance]) -> None:
+    """Append an instance to `living` for each of the system's.
+
+    Raises:
+        FmuError: an FMU refused; those in `living` are to be freed.
+    """
+    for instance in checked.instances:
+        living.append(libraries.load(instance.fmu).instantiate(instance.name))
+
+
+def initialize(checked: CheckedSystem, living: Sequence[Instance], start: float, stop: float) -> None:
+    """Initialize all instances.
+
+    Args:
+        living: in the order of `checked.instances`.
+        start, stop: of the run, s.
+
+    Raises:
+        FmuError: an FMU refused.
+    """
+    values = [instance.effective_values() for instance in checked.instances]
+    for one, instance, starts in zip(living, checked.instances, values, strict=True):
+        _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
+        one.setup_experiment(start, stop)
+    for one, instance, starts in zip(living, checked.instances, values, strict=True):
+        one.enter_initialization_mode()
+        _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
+    _exchange(checked, {one.name: one for one in living})
+    for one in living:
+        one.exit_initialization_mode()
+
+
+def _exchange(checked: CheckedSystem, living: Mapping[str, Instance]) -> None:
+    """Stage by stage: get all sources of a stage at once, then set its targets."""
+    for stage in checked.init_order:
+        links = [checked.links[i] for i in stage]
+        got = _get(living, dict.fromkeys(link.source for link in links))
+        _set(living, links, got)
+
+
+def _get(living: Mapping[str, Instance], ends: Mapping[tuple[str, str], None]) -> dict[tuple[str, str], Any]:
+    """Values of outputs, by instance and variable; one call per instance and type."""
+    wanted: dict[str, list[Variable]] = {}
+    for name, variable in ends:
+        wanted.setdefault(name, []).append(living[name].library.fmu.variables[variable])
+    got: dict[tuple[str, str], Any] = {}
+    for name, variables in wanted.items():
+        for kind in _kinds(variables):
+            chosen = [v for v in variables if set_kind(v) == kind]
+            got |= {(name, v.name): x for v, x in zip(chosen, living[name].get(chosen), strict=True)}
+    return got
+
+
+def _set(living: Mapping[str, Instance], links: Sequence[Link], got: Mapping[tuple[str, str], Any]) -> None:
+    """Set the targets of links from the values of their sources."""
+    targets: dict[str, dict[str, Any]] = {}
+    for link in links:
+        targets.setdefault(link.target[0], {})[link.target[1]] = link.converted(got[link.source])
+    for name, new in targets.items():
+        one = living[name]
+        _set_all(one, [one.library.fmu.variables[n] for n in new], new, inputs=None)
+
+
+def _kinds(variables: Sequence[Variable]) -> list[str]:
+    return [kind for kind in _KINDS if any(set_kind(v) == kind for v in variables)]
+
+
+def _set_all(one: Instance, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
+    """Set the variables that are inputs, those that are not, or (None) all; one call per type."""
+    chosen = [v for v in variables if inputs is None or (v.causality == "input") == inputs]
+    for kind in _kinds(chosen):
+        some = [v for v in chosen if set_kind(v) == kind]
+        one.set(some, [values[v.name] for v in some])
