@@ -1,26 +1,38 @@
 """Applies parameter bindings: which start value each variable of each FMU gets, and from whom.
 
-Precedence (SSP 2.0, section 5.3.1.3): a higher level of the hierarchy wins over a lower one, at one level the later
+Precedence (SSP 2.0, section 5.3.3): a higher level of the hierarchy wins over a lower one, at one level the later
 binding wins; a component that is an .ssd counts as its root system with its own bindings after the system's. A name
-applies to everything it matches, and is ignored, with a note, if it matches nothing.
+applies to everything it matches, and is ignored, with a note, if it matches nothing. Under a parameter mapping only
+what it names is applied, by the names it gives.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cosim_master.document import near
 from cosim_master.errors import Problem, Where
 from cosim_master.fmu import Variable
-from cosim_master.system import Connection, Parameter, ParameterBinding, Value
+from cosim_master.parts import Part, Port, element_name, indices_of
+from cosim_master.ssp_grammar import SAME_TYPE
+from cosim_master.system import (
+    INTEGER_RANGES,
+    Connection,
+    LinearTransformation,
+    Parameter,
+    ParameterBinding,
+    SignalDictionaryReference,
+    Value,
+)
 from cosim_master.units import Unit, UnitError, conversion
-from cosim_master.wiring import Part, Port, Route, Wiring
+from cosim_master.wiring import SENDING, Route, Wiring
 
-__all__ = ["Bindings", "Unmatched"]
+__all__ = ["Assignment", "Bindings", "Unmatched"]
 
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+_FLOATS = ("Real", "Float32")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,17 +44,39 @@ class Unmatched:
     hint: str
 
 
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """One start value that somebody gave to a variable.
+
+    Attributes:
+        where: the parameter in its file.
+        owner: hierarchical name of the system or component that has the binding; empty for the root.
+        name: the name it was applied by, there.
+        text: the value as written, with its unit.
+        value: what the variable gets, in its own unit and type.
+    """
+
+    where: Where
+    owner: str
+    name: str
+    text: str
+    value: Value
+
+
 class Bindings:
     """Start values by instance name and variable name, after `apply` and then `override`.
 
     Attributes:
         values: converted to unit and type of the variable; enumerations as integers.
         unmatched: parameters that set nothing.
+        history: every value given to a variable, by instance and variable name; the last one counts.
     """
 
     def __init__(self, wiring: Wiring, problems: list[Problem], notes: list[str]) -> None:
         self.values: dict[str, dict[str, Value]] = {}
         self.unmatched: list[Unmatched] = []
+        self.history: dict[tuple[str, str], list[Assignment]] = {}
+        self._applied: tuple[Part, str, Parameter] | None = None
         self._wiring = wiring
         self._problems = problems
         self._notes = notes
@@ -55,8 +89,38 @@ class Bindings:
         if part.system is not None and part.system is not part.element:
             bindings = part.system.parameter_bindings + bindings
         for binding in bindings:
-            for parameter in binding.parameters:
-                self._set(part, binding.prefix + parameter.name, parameter)
+            if isinstance(part.element, SignalDictionaryReference):
+                self._notes.append(f"{binding.where}: a reference to a signal dictionary has no parameters to bind")
+                continue
+            for name, parameter in self._mapped(part, binding):
+                self._set(part, name, parameter)
+
+    def _mapped(self, part: Part, binding: ParameterBinding) -> Iterator[tuple[str, Parameter]]:
+        """What a binding applies: names, and parameters with what its mapping does with their values."""
+        named = {binding.prefix + parameter.name: parameter for parameter in binding.parameters}
+        if binding.mapping is None:
+            yield from named.items()
+            return
+        used = set()
+        for entry in binding.mapping:
+            if (parameter := named.get(entry.source)) is None:
+                self._notes.append(
+                    f'{entry.where}: there is no parameter "{entry.source}"; {near(entry.source, named)}'
+                )
+                continue
+            used.add(entry.source)
+            yield (
+                entry.target,
+                replace(
+                    parameter,
+                    transformation=entry.transformation,
+                    suppress_unit_conversion=entry.suppress_unit_conversion,
+                ),
+            )
+        for name in named.keys() - used:
+            full = f"{part.name}.{name}" if part.name else name
+            hint = "the parameter mapping of its binding does not name it"
+            self.unmatched.append(Unmatched(full, named[name].where, hint))
 
     def override(self, values: Mapping[str, str]) -> None:
         """Set by hierarchical name, over everything else; here a name that matches nothing is a problem."""
@@ -74,6 +138,7 @@ class Bindings:
                     kind = kind or next((item.type for _, item, _ in self._driven(target)), None)
                 parameter = self._from_text(name, text, kind, items, where)
                 if parameter is not None:
+                    self._applied = root, name, parameter
                     self._assign(part, target, parameter)
 
     def _from_text(
@@ -81,11 +146,12 @@ class Bindings:
     ) -> Parameter | None:
         value: Value
         try:
-            if kind == "Real":
+            kind = SAME_TYPE.get(kind or "", kind)
+            if kind in _FLOATS:
                 value = float(text)
             elif kind == "Boolean":
                 value = _BOOLEANS[text.strip().lower()]
-            elif kind == "Integer" or (kind == "Enumeration" and text.strip() not in (items or {})):
+            elif kind in INTEGER_RANGES or (kind == "Enumeration" and text.strip() not in (items or {})):
                 kind, value = "Integer", int(text)
             else:
                 kind, value = kind or "String", text.strip() if kind == "Enumeration" else text
@@ -97,27 +163,89 @@ class Bindings:
         return Parameter(name, kind, value, where)
 
     def _set(self, part: Part, name: str, parameter: Parameter) -> None:
+        self._applied = part, name, parameter
+        if parameter.shape:
+            self._set_array(part, name, parameter)
+            return
         matches = list(_matches(part, name))
         for owner, target in matches:
             if target is not None:
                 self._assign(owner, target, parameter)
         if not matches:
-            full = f"{part.name}.{name}" if part.name else name
-            self.unmatched.append(Unmatched(full, parameter.where, _hint(part, name)))
+            self._unmatched(part, name, parameter, _hint(part, name))
+
+    def _unmatched(self, part: Part, name: str, parameter: Parameter, hint: str) -> None:
+        full = f"{part.name}.{name}" if part.name else name
+        self.unmatched.append(Unmatched(full, parameter.where, hint))
+
+    def _set_array(self, part: Part, name: str, parameter: Parameter) -> None:
+        """Set all elements of the array connectors that a name matches; FMI 2 has scalars only."""
+        found = False
+        for owner, rest in _owners(part, name):
+            if rest in owner.shapes:
+                found = True
+                if owner.shapes[rest] != parameter.shape:
+                    sizes = ["x".join(map(str, shape)) for shape in (parameter.shape, owner.shapes[rest])]
+                    text = f'"{parameter.name}" has {sizes[0]} values, but its connector has {sizes[1]} elements'
+                    self._problems.append(Problem(parameter.where, text))
+                    continue
+                for indices, value in zip(indices_of(parameter.shape), parameter.elements, strict=True):
+                    one = replace(parameter, value=value, shape=(), elements=())
+                    self._assign(owner, owner.ports[element_name(rest, indices)], one)
+            elif owner.fmu is not None and rest in owner.fmu.variables:
+                found = True
+                text = f'"{parameter.name}" is an array, but {owner.fmu.path.name} has it as a scalar'
+                self._problems.append(Problem(parameter.where, text))
+        if not found:
+            hint = "an array sets array connectors only; name the elements one by one to set scalars"
+            self._unmatched(part, name, parameter, hint)
 
     def _assign(self, part: Part, target: Variable | Port, parameter: Parameter) -> None:
         if isinstance(target, Variable):
-            self._store(part, target, parameter, parameter.unit)
+            self._store(part, target, parameter)
             return
-        if target.kind in ("output", "calculatedParameter"):
-            text = f'"{parameter.name}" sets the {target.kind} {target} of a system, which is not supported yet'
-            self._problems.append(Problem(parameter.where, text))
+        if target.part.element is not target.part.system and target.entry is not None:
+            self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: a signal has no start value')
+            return
+        unit = target.unit or parameter.unit
+        kind = target.type or SAME_TYPE.get(parameter.type, parameter.type)
+        trouble, value = _converted(parameter, kind, unit, target.items)
+        if trouble is not None:
+            self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
+            return
+        start = Route(None, 1.0, 0.0, unit, kind, target.items)
+        if target.kind in SENDING:
+            self._backwards(target, value, start, parameter)
             return
         driven = list(self._driven(target))
         if not driven:
             self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: {target} is not connected inside')
         for inner, variable, connections in driven:
-            self._through(inner, variable, connections, target, parameter)
+            route = start
+            for connection, port in connections:
+                route = self._wiring.hop(route, connection, port)
+            number = route.mapping.get(value, value) if isinstance(value, int) else value
+            if variable.type in _FLOATS and not isinstance(number, str | bool):
+                number = route.factor * float(number) + route.offset
+            self._store_value(inner, variable, number, parameter)
+
+    def _backwards(self, port: Port, value: Value, start: Route, parameter: Parameter) -> None:
+        """Set the variable that drives a connector of a system, so that the connector has the value."""
+        route = self._wiring.route(port)
+        if route.source is None or route.source.variable is None:
+            self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: nothing drives {port}')
+            return
+        if route.mapping:
+            text = f'"{parameter.name}" cannot be set: a mapping transformation leads to {port}'
+            self._problems.append(Problem(parameter.where, text))
+            return
+        if start.type in _FLOATS and not isinstance(value, str | bool):
+            if route.factor == 0.0:
+                text = f'"{parameter.name}" cannot be set: what leads to {port} has the factor 0'
+                self._problems.append(Problem(parameter.where, text))
+                return
+            value = (float(value) - route.offset) / route.factor
+        self._store_value(route.source.part, route.source.variable, value, parameter)
 
     def _driven(self, port: Port) -> Iterator[tuple[Part, Variable, tuple[tuple[Connection, Port], ...]]]:
         """The FMU variables behind a connector of a system, with the connections that lead there."""
@@ -134,64 +262,63 @@ class Bindings:
                 elif target.kind in ("input", "parameter"):
                     open_paths.append((target, (*path, (connection, target))))
 
-    def _through(
-        self,
-        part: Part,
-        variable: Variable,
-        connections: tuple[tuple[Connection, Port], ...],
-        port: Port,
-        parameter: Parameter,
-    ) -> None:
-        """Set a variable by the value of a system's connector, as the connections between them convert it."""
-        unit = port.unit or parameter.unit
-        route = Route(None, 1.0, 0.0, unit, port.type or parameter.type, port.items)
-        for connection, target in connections:
-            route = self._wiring.hop(route, connection, target)
-        if variable.type != "Real" or isinstance(parameter.value, bool | str):
-            self._store(part, variable, parameter, None)
-            return
-        value = float(parameter.value)
-        if unit is not None and parameter.unit is not None:
-            try:
-                factor, offset = conversion(parameter.unit, unit)
-            except UnitError as error:
-                self._problems.append(Problem(parameter.where, f'"{parameter.name}": {error}'))
-                return
-            value = factor * value + offset
-        converted = Parameter(parameter.name, "Real", route.factor * value + route.offset, parameter.where)
-        self._store(part, variable, converted, None)
-
-    def _store(self, part: Part, variable: Variable, parameter: Parameter, unit: Unit | None) -> None:
-        trouble, value = _start_value(variable, parameter, unit)
+    def _store(self, part: Part, variable: Variable, parameter: Parameter) -> None:
+        kind = SAME_TYPE.get(variable.type, variable.type)
+        trouble, value = _unsettable(variable), parameter.value
+        if trouble is None:
+            trouble, value = _converted(parameter, kind, variable.unit, variable.items)
         if trouble is not None:
             self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
-        else:
-            self.values.setdefault(part.name, {})[variable.name] = value
+            return
+        self._store_value(part, variable, value, parameter)
+
+    def _store_value(self, part: Part, variable: Variable, value: Value, parameter: Parameter) -> None:
+        """Give a variable a start value that is in its own unit already."""
+        trouble = _unsettable(variable)
+        if trouble is None:
+            trouble, value = _of_type(variable, value)
+        if trouble is not None:
+            self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
+            return
+        self.values.setdefault(part.name, {})[variable.name] = value
+        if self._applied is not None:
+            owner, name, given = self._applied
+            made = Assignment(given.where, owner.name, name, _shown(parameter), value)
+            self.history.setdefault((part.name, variable.name), []).append(made)
 
 
-def _matches(part: Part, name: str) -> Iterator[tuple[Part, Variable | Port | None]]:
-    """Everything a hierarchical name stands for in `part`; None for a name that leads into a broken part."""
-    if part.broken:
-        yield part, None
-        return
-    if part.fmu is not None:
-        if (variable := part.fmu.variables.get(name)) is not None:
-            yield part, variable
-        return
-    if (port := part.ports.get(name)) is not None:
-        yield part, port
+def _shown(parameter: Parameter) -> str:
+    value = str(parameter.value).lower() if isinstance(parameter.value, bool) else str(parameter.value)
+    return value if parameter.unit is None else f"{value} {parameter.unit.name}"
+
+
+def _owners(part: Part, name: str) -> Iterator[tuple[Part, str]]:
+    """Every part in which a hierarchical name may end, and what is left of the name there."""
+    yield part, name
     # Names of elements may contain dots, so every dot may be the one between an element and the rest.
     dot = name.find(".")
     while dot >= 0:
         if (child := part.children.get(name[:dot])) is not None:
-            yield from _matches(child, name[dot + 1 :])
+            yield from _owners(child, name[dot + 1 :])
         dot = name.find(".", dot + 1)
+
+
+def _matches(part: Part, name: str) -> Iterator[tuple[Part, Variable | Port | None]]:
+    """Everything a hierarchical name stands for in `part`; None for a name that leads into a broken part."""
+    for owner, rest in _owners(part, name):
+        if owner.broken:
+            yield owner, None
+        elif owner.fmu is not None:
+            if (variable := owner.fmu.variables.get(rest)) is not None:
+                yield owner, variable
+        elif (port := owner.ports.get(rest)) is not None:
+            yield owner, port
 
 
 def _hint(part: Part, name: str) -> str:
     """What may have been meant by a name that matches nothing: names at the level where it goes wrong."""
     rest, prefix = name, ""
-    while part.fmu is None:
+    while part.fmu is None and part.system is not None:
         dots = [index for index, character in enumerate(rest) if character == "."]
         child = next((part.children[rest[:dot]] for dot in dots if rest[:dot] in part.children), None)
         if child is None:
@@ -206,33 +333,78 @@ def _hint(part: Part, name: str) -> str:
     return near(prefix + rest, (prefix + item for item in known))
 
 
-def _start_value(variable: Variable, parameter: Parameter, unit: Unit | None) -> tuple[str | None, Value]:
-    """What is wrong with setting a variable to a value, or None and the value in the variable's type and unit."""
-    value = parameter.value
-    if not variable.settable:
-        initial = f", initial {variable.initial}" if variable.initial else ""
-        what = f"{variable.causality}, {variable.variability}{initial}"
-        return f"cannot be set: it is {what}; only inputs and variables with a start value can be", value
-    if variable.type == "Real" and parameter.type in ("Real", "Integer"):
+def _unsettable(variable: Variable) -> str | None:
+    if variable.settable:
+        return None
+    initial = f", initial {variable.initial}" if variable.initial else ""
+    what = f"{variable.causality}, {variable.variability}{initial}"
+    return f"cannot be set: it is {what}; only inputs and variables with a start value can be"
+
+
+def _converted(
+    parameter: Parameter, kind: str, unit: Unit | None, items: Mapping[str, int] | None
+) -> tuple[str | None, Value]:
+    """What is wrong with a parameter for something of type `kind`, or None and the value it gives to it.
+
+    First the unit is converted, then the transformation of a parameter mapping is applied (SSP 2.0, section 7.1.1).
+    An Enumeration stays an item's name where the items are not known.
+    """
+    value, given = parameter.value, SAME_TYPE.get(parameter.type, parameter.type)
+    if kind in _FLOATS and (given in _FLOATS or given in INTEGER_RANGES):
         number = float(value)
-        if unit is not None and variable.unit is not None:
+        if unit is not None and parameter.unit is not None and not parameter.suppress_unit_conversion:
             try:
-                factor, offset = conversion(unit, variable.unit)
+                factor, offset = conversion(parameter.unit, unit)
             except UnitError as error:
                 return f"cannot be set: {error}", value
             number = factor * number + offset
-        value = number
-    elif variable.type == "Enumeration" and parameter.type == "Enumeration":
-        items = variable.items or {}
+        table = parameter.transformation
+        if isinstance(table, LinearTransformation):
+            return None, table.factor * number + table.offset
+        return (None, number) if table is None else (f"cannot be transformed by <{table.type}Mapping...>", value)
+    if kind != given and not (kind in (*INTEGER_RANGES, "Enumeration") and given in (*INTEGER_RANGES, "Enumeration")):
+        return f"is given as {given}, but its variable is {kind}", value
+    if kind in INTEGER_RANGES and given == "Enumeration":
+        return f"is given as {given}, but its variable is {kind}", value
+    return _by_table(parameter, kind, items)
+
+
+def _by_table(parameter: Parameter, kind: str, items: Mapping[str, int] | None) -> tuple[str | None, Value]:
+    """A value that is no Real, after the mapping transformation of a parameter mapping, if there is one."""
+    value, table = parameter.value, parameter.transformation
+    if isinstance(table, LinearTransformation):
+        return f"cannot be transformed: a LinearTransformation needs a Real, but it is {kind}", value
+    if table is not None:
+        valid = {"Boolean": ("Boolean",), "Enumeration": ("Enumeration",)}.get(
+            table.type, (*INTEGER_RANGES, "Enumeration")
+        )
+        if kind not in valid or (table.type == "Enumeration" and not isinstance(value, str)):
+            return f"cannot be transformed: <{table.type}MappingTransformation> is not for {parameter.type}", value
+        if table.type == "Integer" and isinstance(value, str):
+            value = (items or {}).get(value, value)
+        value = dict(table.entries).get(value, value)
+    if kind == "Enumeration" and isinstance(value, str) and items is not None:
         if value not in items:
-            return f'is set to "{value}", which its enumeration does not have; {near(str(value), items)}', value
-        value = items[str(value)]
-    elif variable.type == "Enumeration" and parameter.type == "Integer":
-        if variable.items and value not in variable.items.values():
-            listed = ", ".join(f"{item} = {number}" for item, number in variable.items.items())
-            return f"is set to {value}, which its enumeration does not have; valid: {listed}", value
-    elif variable.type != parameter.type:
-        return f"is given as {parameter.type}, but its variable is {variable.type}", value
+            return f'is set to "{value}", which its enumeration does not have; {near(value, items)}', value
+        value = items[value]
+    return None, value
+
+
+def _of_type(variable: Variable, value: Value) -> tuple[str | None, Value]:
+    """What is wrong with a value for a variable, or None and the value in the variable's type."""
+    kind, items = SAME_TYPE.get(variable.type, variable.type), variable.items or {}
+    if kind == "Enumeration" and isinstance(value, str):
+        if value not in items:
+            return f'is set to "{value}", which its enumeration does not have; {near(value, items)}', value
+        value = items[value]
+    elif kind == "Enumeration" and items and value not in items.values():
+        listed = ", ".join(f"{item} = {number}" for item, number in items.items())
+        return f"is set to {value}, which its enumeration does not have; valid: {listed}", value
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    whole = number and isinstance(value, int)
+    fits = {"Boolean": isinstance(value, bool), "String": isinstance(value, str), "Binary": isinstance(value, str)}
+    if not fits.get(kind, number if kind in _FLOATS else whole):
+        return f"is set to {value!r}, but its variable is {kind}", value
     return _out_of_range(variable, value), value
 
 
@@ -241,8 +413,9 @@ def _out_of_range(variable: Variable, value: Value) -> str | None:
         return None
     if isinstance(value, float) and math.isnan(value):
         return "is set to NaN, which is no start value"
-    if variable.type == "Integer" and not -(2**31) <= value < 2**31:
-        return f"is set to {value}, which does not fit into 32 bits"
+    smallest, largest = INTEGER_RANGES.get(SAME_TYPE.get(variable.type, variable.type), (-math.inf, math.inf))
+    if not smallest <= value <= largest:
+        return f"is set to {value}, which does not fit into {int(largest).bit_length() + (smallest < 0)} bits"
     low = -math.inf if variable.minimum is None else variable.minimum
     high = math.inf if variable.maximum is None else variable.maximum
     if not low <= value <= high:

@@ -9,20 +9,21 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from lxml import etree
 
-from cosim_master.binding import Bindings, Unmatched
+from cosim_master.binding import Assignment, Bindings, Unmatched
 from cosim_master.document import line_of, near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import exchange_order
-from cosim_master.system import Annotation, Component, System, SystemStructure, Value
+from cosim_master.parts import Part, assemble
+from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
 from cosim_master.units import Unit
-from cosim_master.wiring import Part, Wiring, assemble
+from cosim_master.wiring import Wiring
 
 __all__ = ["ANNOTATION_TYPES", "Alias", "CheckedSystem", "Instance", "Link", "OwnedAnnotation", "check", "natural"]
 
@@ -86,13 +87,14 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Alias:
-    """The connector of a system as a signal: value = factor * source + offset, in `unit`."""
+    """The connector of a system as a signal: value = factor * mapped(source) + offset, in `unit`, as for `Link`."""
 
     name: str
     source: tuple[str, str]
     factor: float
     offset: float
     unit: Unit | None
+    mapping: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +120,7 @@ class CheckedSystem:
         annotations: all of them, outer before inner.
         unmatched: parameters of bindings that match nothing and are ignored.
         notes: what was assumed or ignored, for the user.
+        assignments: start values given to each variable (instance, name), in rising precedence.
     """
 
     structure: SystemStructure
@@ -130,6 +133,7 @@ class CheckedSystem:
     annotations: tuple[OwnedAnnotation, ...]
     unmatched: tuple[Unmatched, ...]
     notes: tuple[str, ...]
+    assignments: Mapping[tuple[str, str], tuple[Assignment, ...]] = field(default_factory=dict)
 
 
 def natural(name: str) -> tuple[tuple[str | int, ...], str]:
@@ -171,13 +175,7 @@ class _Check:
         bindings.override(self.overrides)
         annotations = self._annotations(root)
         instances = self._instances(parts, bindings)
-        order = exchange_order(
-            [(link.source, link.target) for link in links],
-            [link.where for link in links],
-            {instance.name: instance.fmu for instance in instances},
-            self.problems,
-            self.notes,
-        )
+        order = self._initial_order(links, {instance.name: instance.fmu for instance in instances})
         self._assumptions(wiring, bindings, fmus, instances)
         if self.problems:
             raise SystemDescriptionError(dict.fromkeys(self.problems))
@@ -192,7 +190,34 @@ class _Check:
             annotations=annotations,
             unmatched=tuple(bindings.unmatched),
             notes=tuple(dict.fromkeys(self.notes)),
+            assignments={key: tuple(made) for key, made in bindings.history.items()},
         )
+
+    def _initial_order(
+        self, links: tuple[Link, ...], fmus: Mapping[str, FmuDescription]
+    ) -> tuple[tuple[int, ...], ...]:
+        """The stages of `CheckedSystem.init_order`.
+
+        A local variable must not be read in initialization mode unless it is an unknown of it (FMI 2.0.5, 4.2.4).
+        """
+        readable = []
+        for index, link in enumerate(links):
+            instance, name = link.source
+            fmu = fmus.get(instance)
+            if fmu is not None and fmu.variables[name].causality == "local" and name not in fmu.initial_unknowns:
+                self.notes.append(
+                    f"{link.where}: {instance}.{name} is local: it is exchanged from the first step on only"
+                )
+            else:
+                readable.append(index)
+        stages = exchange_order(
+            [(links[index].source, links[index].target) for index in readable],
+            [links[index].where for index in readable],
+            fmus,
+            self.problems,
+            self.notes,
+        )
+        return tuple(tuple(readable[index] for index in stage) for stage in stages)
 
     def _described(self) -> dict[Path, FmuDescription | None]:
         """The description of every FMU file, read once however many components use it."""
@@ -206,6 +231,8 @@ class _Check:
             for element in system.elements:
                 if isinstance(element, System):
                     visit(element)
+                elif isinstance(element, SignalDictionaryReference):
+                    continue
                 elif element.content is not None:
                     visit(element.content)
                 elif element.source is not None and element.source not in found:
@@ -251,10 +278,10 @@ class _Check:
                 if route.source is None:
                     continue
                 source = (route.source.part.name, route.source.name)
-                initial_only = port.variable.causality == "parameter"
-                links.append(
-                    Link(source, (part.name, port.name), route.factor, route.offset, initial_only, connection.where)
-                )
+                initial_only = port.variable.causality in ("parameter", "structuralParameter")
+                mapping = tuple(sorted((key, value) for key, value in route.mapping.items() if key != value))
+                ends = (source, (part.name, port.name))
+                links.append(Link(*ends, route.factor, route.offset, initial_only, connection.where, mapping))
         return tuple(sorted(links, key=lambda link: (natural(link.target[0]), natural(link.target[1]))))
 
     def _aliases(self, root: Part, wiring: Wiring) -> tuple[Alias, ...]:
@@ -267,7 +294,8 @@ class _Check:
                 if route.source is not None:
                     name = f"{part.name}.{port.name}" if part.name else port.name
                     source = (route.source.part.name, route.source.name)
-                    aliases.append(Alias(name, source, route.factor, route.offset, route.unit))
+                    mapping = tuple(sorted(route.mapping.items()))
+                    aliases.append(Alias(name, source, route.factor, route.offset, route.unit, mapping))
         return tuple(sorted(aliases, key=lambda alias: natural(alias.name)))
 
     def _annotations(self, root: Part) -> tuple[OwnedAnnotation, ...]:

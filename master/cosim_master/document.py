@@ -19,12 +19,13 @@ from lxml import etree
 
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 
-__all__ = ["Form", "Grammar", "Reader", "line_of", "local_name", "near", "parse"]
+__all__ = ["Form", "Grammar", "Reader", "double", "line_of", "local_name", "near", "parse", "whole"]
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
 _DOUBLE = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|-?INF|NaN")
 _INTEGER = re.compile(r"[+-]?\d+")
 _LISTED = 12
+_LATER = "is of SSP 2.0, but the file says that it is of version 1"
 
 
 def near(name: str, names: Iterable[str]) -> str:
@@ -88,10 +89,11 @@ class Form:
         children: legal child elements, as "{namespace}name", in the standard's order.
         repeated: those of `children` that may come more than once.
         mandatory: those of `children` that must be there.
-        filled: at least one child must be there.
+        filled: at least one child must be there, and they come in any order.
         choices: sets of `children` of which at most one element may be there.
-        unsupported: attributes and children that are in the standard and that we do not support yet.
+        later: attributes and children that only version 2 of the standard has.
         opaque: the children belong to somebody else and are not looked at.
+        free: the attributes neither.
     """
 
     required: tuple[str, ...] = ()
@@ -101,8 +103,9 @@ class Form:
     mandatory: tuple[str, ...] = ()
     filled: bool = False
     choices: tuple[frozenset[str], ...] = ()
-    unsupported: frozenset[str] = frozenset()
+    later: frozenset[str] = frozenset()
     opaque: bool = False
+    free: bool = False
 
 
 Grammar: TypeAlias = Mapping[str, Form]
@@ -116,19 +119,21 @@ class Reader:
     pass; what it returns is then never used for anything but finding more of them.
     """
 
-    def __init__(self, shown: str, problems: list[Problem]) -> None:
+    def __init__(self, shown: str, problems: list[Problem], version: int = 2) -> None:
         self.shown = shown
-        self._problems = problems
+        self.version = version
+        self.problems = problems
 
     def where(self, element: etree._Element) -> Where:
         return Where(self.shown, line_of(element))
 
     def problem(self, element: etree._Element, message: str) -> None:
-        self._problems.append(Problem(self.where(element), message))
+        self.problems.append(Problem(self.where(element), message))
 
     def children(self, element: etree._Element, form: Form) -> Sequence[etree._Element]:
         """The legal and supported children of `element`; problems for everything in it that `form` does not allow."""
-        self._attributes(element, form)
+        if not form.free:
+            self._attributes(element, form)
         if form.opaque:
             return ()
         if element.text and element.text.strip():
@@ -138,10 +143,11 @@ class Reader:
     def _attributes(self, element: etree._Element, form: Form) -> None:
         name = local_name(element)
         for attribute in map(str, element.attrib):
-            if attribute in form.required or attribute in form.optional or attribute.startswith(_XSI):
+            if attribute.startswith(_XSI):
                 continue
-            if attribute in form.unsupported:
-                self.problem(element, f'attribute "{attribute}" of <{name}> is not supported yet')
+            if attribute in form.required or attribute in form.optional:
+                if attribute in form.later and self.version < 2:
+                    self.problem(element, f'attribute "{attribute}" of <{name}> {_LATER}')
             else:
                 hint = near(attribute, form.required + form.optional)
                 self.problem(element, f'<{name}> has no attribute "{attribute}"; {hint}')
@@ -154,8 +160,8 @@ class Reader:
         seen: dict[str, etree._Element] = {}
         for child in element:
             tag = str(child.tag)
-            if tag in form.unsupported:
-                self.problem(child, f"<{local_name(child)}> in <{name}> is not supported yet")
+            if tag in form.later and self.version < 2:
+                self.problem(child, f"<{local_name(child)}> in <{name}> {_LATER}")
                 continue
             if tag not in form.children:
                 self.problem(child, self._unknown_child(child, name, form))
@@ -186,7 +192,7 @@ class Reader:
         for choice in form.choices:
             if tag in choice:
                 return min(form.children.index(member) for member in choice)
-        if tag in form.repeated:
+        if tag in form.repeated and form.filled:
             return min(form.children.index(member) for member in form.repeated)
         return form.children.index(tag)
 
@@ -221,35 +227,57 @@ class Reader:
         value = element.get(attribute)
         if value is None:
             return default
-        if not _DOUBLE.fullmatch(value.strip()):
-            self._malformed(element, attribute, value, "a number (xs:double)")
+        number = double(value)
+        if number is None:
+            self.malformed(element, attribute, value, "a number (xs:double)")
             return default
-        return float(value.strip().replace("INF", "inf"))
+        return number
 
-    def integer(self, element: etree._Element, attribute: str, default: int = 0) -> int:
-        """A 32-bit signed integer."""
+    def integer(
+        self, element: etree._Element, attribute: str, default: int = 0, *, low: int = -(2**31), high: int = 2**31 - 1
+    ) -> int:
+        """An integer from low to high, of 32 bits if nothing else is said."""
         value = element.get(attribute)
         if value is None:
             return default
-        text = value.strip()
-        if not _INTEGER.fullmatch(text) or len(text) > 12 or not -(2**31) <= int(text) < 2**31:
-            self._malformed(element, attribute, value, "an integer of 32 bits (xs:int)")
+        number = whole(value, low, high)
+        if number is None:
+            wanted = "an integer of 32 bits (xs:int)" if (low, high) == (-(2**31), 2**31 - 1) else _between(low, high)
+            self.malformed(element, attribute, value, wanted)
             return default
-        return int(text)
+        return number
 
     def boolean(self, element: etree._Element, attribute: str, default: bool = False) -> bool:
         value = element.get(attribute)
         if value is None:
             return default
         if (text := value.strip()) not in ("true", "false", "1", "0"):
-            self._malformed(element, attribute, value, '"true" or "false"')
+            self.malformed(element, attribute, value, '"true" or "false"')
             return default
         return text in ("true", "1")
 
-    def _malformed(self, element: etree._Element, attribute: str, value: str, wanted: str) -> None:
+    def malformed(self, element: etree._Element, attribute: str, value: str, wanted: str) -> None:
         self.problem(
             element, f'attribute "{attribute}" of <{local_name(element)}> is "{value[:60]}"; it must be {wanted}'
         )
+
+
+def whole(text: str, low: int, high: int) -> int | None:
+    """The integer from low to high that is written in `text`, None if there is none."""
+    text = text.strip()
+    if not _INTEGER.fullmatch(text) or len(text) > 22 or not low <= int(text) <= high:
+        return None
+    return int(text)
+
+
+def double(text: str) -> float | None:
+    """The number that is written in `text` as XML Schema does (xs:double), None if there is none."""
+    text = text.strip()
+    return float(text.replace("INF", "inf")) if _DOUBLE.fullmatch(text) else None
+
+
+def _between(low: int, high: int) -> str:
+    return f"an integer from {low} to {high}"
 
 
 def _order(form: Form) -> str:

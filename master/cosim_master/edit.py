@@ -70,7 +70,9 @@ def _refusal(shown: str, message: str) -> SystemDescriptionError:
 
 
 def _inside(element: Element) -> System | None:
-    return element if isinstance(element, System) else element.content
+    if isinstance(element, System):
+        return element
+    return element.content if isinstance(element, Component) else None
 
 
 def _walk(system: System, name: str, chain: tuple[Element, ...]) -> Iterator[tuple[str, tuple[Element, ...]]]:
@@ -122,7 +124,7 @@ def _check_fit(structure: SystemStructure, name: str, chain: Sequence[Element], 
         inside = _inside(element)
         assert inside is not None
         grown = _exchanged(inside, changed)
-        changed = grown if isinstance(element, System) else replace(element, content=grown)
+        changed = replace(element, content=grown) if isinstance(element, Component) else grown
     system = _exchanged(structure.system, changed)
     checked = check(replace(structure, system=system, problems=tuple(problems)))
     lost = [item for item in checked.unmatched if item.name.startswith(name + ".")]

@@ -382,7 +382,7 @@ def _digest_of_system(checked: CheckedSystem) -> str:
             if isinstance(element, Component):
                 if element.content is not None:
                     visit(element.content)
-            else:
+            elif isinstance(element, System):
                 visit(element)
 
     visit(checked.structure.system)

@@ -1,7 +1,7 @@
-"""The grammar of SSP's files: which elements and attributes are legal where, and which of them are supported.
+"""The grammar of SSP's files: which elements and attributes are legal where, and which of them we cannot run.
 
-SSP 1.0, sections 4 to 6, with what SSP 2.0 adds listed as not supported yet, so that it is reported and never passed
-over. Geometry is legal everywhere the standard has it and is not looked into.
+SSP 1.0 and 2.0, sections 4 to 8; what only 2.0 has is marked as later and refused in a file that says 1.0. Geometry
+is legal everywhere the standard has it and is not looked into.
 """
 
 from __future__ import annotations
@@ -14,26 +14,38 @@ __all__ = [
     "ANY_TYPE",
     "GRAMMAR",
     "KINDS",
-    "KINDS_LATER",
-    "PARAMETER_TYPES",
+    "KINDS_2",
+    "META",
+    "SAME_TYPE",
+    "SSB",
     "SSC",
     "SSD",
+    "SSM",
     "SSV",
+    "TRANSFORMATIONS",
     "TYPES",
+    "TYPES_2",
+    "VALUE_TYPES",
 ]
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
 SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
+SSM = "{http://ssp-standard.org/SSP1/SystemStructureParameterMapping}"
+SSB = "{http://ssp-standard.org/SSP1/SystemStructureSignalDictionary}"
+
+TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
+TYPES_2 = ("Float64", "Float32", *(f"{sign}Int{width}" for sign in ("", "U") for width in (8, 16, 32, 64)))
+SAME_TYPE = {"Float64": "Real", "Int32": "Integer"}
+"""Names of SSP 2.0 for types that SSP 1.0 has: only the older ones are used after reading."""
+KINDS = ("input", "output", "parameter", "calculatedParameter", "inout")
+KINDS_2 = ("structuralParameter", "constant", "local", "unspecified")
+ANNOTATIONS = SSD + "Annotations"
+META = (SSC + "MetaData", SSC + "Signature")
 
 _BASE = ("id", "description")
 _TOP = (*_BASE, "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
-TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
-TYPES_2 = ("Float64", "Float32", *(f"{sign}Int{width}" for sign in ("", "U") for width in (8, 16, 32, 64)), "Clock")
-_META_2 = frozenset({SSC + "MetaData", SSC + "Signature"})
-KINDS = ("input", "output", "parameter", "calculatedParameter")
-KINDS_LATER = ("inout", "structuralParameter", "constant", "local", "unspecified")
-ANNOTATIONS = SSD + "Annotations"
+_META = frozenset(META)
 
 
 def _ssc(*names: str) -> tuple[str, ...]:
@@ -44,118 +56,176 @@ def _ssd(*names: str) -> tuple[str, ...]:
     return tuple(SSD + name for name in names)
 
 
-def _annotations(namespace: str) -> Grammar:
-    children = _ssc("Annotation")
-    return {namespace + "Annotations": Form(children=children, repeated=frozenset(children), mandatory=children)}
+def _list(plural: str, single: str, *, empty: bool = False) -> Grammar:
+    return {plural: Form(children=(single,), repeated=frozenset({single}), mandatory=() if empty else (single,))}
 
 
-ANY_TYPE = frozenset(_ssc(*TYPES))
-PARAMETER_TYPES = tuple(SSV + name for name in TYPES)
+ANY_TYPE = frozenset(_ssc(*TYPES, *TYPES_2))
+_CLOCK = frozenset(_ssc("Clock"))
+_TYPES_2 = frozenset(_ssc(*TYPES_2))
+_TYPE_CHILDREN = (*_ssc(*TYPES, *TYPES_2), *_CLOCK)
+VALUE_TYPES = tuple(SSV + name for name in (*TYPES, *TYPES_2))
+TRANSFORMATIONS = _ssc(
+    "LinearTransformation",
+    "BooleanMappingTransformation",
+    "IntegerMappingTransformation",
+    "EnumerationMappingTransformation",
+)
+_DIMENSION = SSC + "Dimension"
+_MAP_ENTRY = SSC + "MapEntry"
 
 GRAMMAR: Grammar = {
     SSD + "SystemStructureDescription": Form(
         required=("version", "name"),
         optional=_TOP,
-        children=_ssd("System", "Enumerations", "Units", "DefaultExperiment", "Annotations"),
+        children=(*_ssd("System", "Enumerations", "Units", "DefaultExperiment"), *META, ANNOTATIONS),
         mandatory=_ssd("System"),
-        unsupported=_META_2,
+        repeated=_META,
+        later=_META,
     ),
     SSD + "System": Form(
         required=("name",),
         optional=_BASE,
-        children=_ssd(
-            "Connectors",
-            "ElementGeometry",
-            "ParameterBindings",
-            "Elements",
-            "Connections",
-            "SystemGeometry",
-            "GraphicalElements",
-            "Annotations",
+        children=(
+            *_ssd("Connectors", "ElementGeometry", "ParameterBindings"),
+            *META,
+            *_ssd("Elements", "Connections", "SignalDictionaries", "SystemGeometry", "GraphicalElements"),
+            ANNOTATIONS,
         ),
-        unsupported=frozenset(_ssd("SignalDictionaries")) | _META_2,
+        repeated=_META,
+        later=_META,
     ),
     SSD + "Component": Form(
-        required=("name", "source"),
-        optional=(*_BASE, "type", "implementation"),
-        children=_ssd("Connectors", "ElementGeometry", "ParameterBindings", "Annotations"),
-        unsupported=_META_2 | {"path"},
+        required=("name",),
+        optional=(*_BASE, "source", "type", "implementation"),
+        children=(*_ssd("Connectors", "ElementGeometry", "ParameterBindings"), *META, ANNOTATIONS),
+        repeated=_META,
+        later=_META,
     ),
-    SSD + "Connectors": Form(
-        children=_ssd("Connector"), repeated=frozenset(_ssd("Connector")), mandatory=_ssd("Connector")
+    SSD + "SignalDictionaryReference": Form(
+        required=("name", "dictionary"),
+        optional=_BASE,
+        children=(*_ssd("Connectors", "ElementGeometry", "ParameterBindings"), *META, ANNOTATIONS),
+        repeated=_META,
+        later=_META,
     ),
+    **_list(SSD + "SignalDictionaries", SSD + "SignalDictionary"),
+    SSD + "SignalDictionary": Form(
+        required=("name",),
+        optional=(*_BASE, "type", "source"),
+        children=(SSB + "SignalDictionary", *META),
+        repeated=_META,
+        later=_META,
+    ),
+    **_list(SSD + "Connectors", SSD + "Connector"),
     SSD + "Connector": Form(
         required=("name", "kind"),
         optional=_BASE,
-        children=(*_ssc(*TYPES), *_ssd("ConnectorGeometry", "Annotations")),
-        choices=(ANY_TYPE,),
-        unsupported=frozenset(_ssc(*TYPES_2, "Dimension")) | frozenset(_ssd("Clock")) | _META_2,
+        children=(*_TYPE_CHILDREN, _DIMENSION, *_ssd("Clock", "ConnectorGeometry"), ANNOTATIONS),
+        choices=(ANY_TYPE | _CLOCK,),
+        repeated=frozenset({_DIMENSION}),
+        later=_TYPES_2 | _CLOCK | {_DIMENSION, SSD + "Clock"},
     ),
     SSD + "Elements": Form(
-        children=_ssd("Component", "System"),
-        repeated=frozenset(_ssd("Component", "System")),
+        children=_ssd("Component", "SignalDictionaryReference", "System"),
+        repeated=frozenset(_ssd("Component", "SignalDictionaryReference", "System")),
         filled=True,
-        unsupported=frozenset(_ssd("SignalDictionaryReference")),
     ),
-    SSD + "Connections": Form(
-        children=_ssd("Connection"), repeated=frozenset(_ssd("Connection")), mandatory=_ssd("Connection")
-    ),
+    **_list(SSD + "Connections", SSD + "Connection"),
     SSD + "Connection": Form(
         required=("startConnector", "endConnector"),
-        optional=(*_BASE, "startElement", "endElement", "suppressUnitConversion"),
-        children=(*_ssc("LinearTransformation"), *_ssd("ConnectionGeometry", "Annotations")),
-        unsupported=frozenset(
-            _ssc("BooleanMappingTransformation", "IntegerMappingTransformation", "EnumerationMappingTransformation")
-        )
-        | _META_2
-        | {"startIndices", "endIndices"},
+        optional=(*_BASE, "startElement", "endElement", "startIndices", "endIndices", "suppressUnitConversion"),
+        children=(*TRANSFORMATIONS, *_ssd("ConnectionGeometry"), ANNOTATIONS),
+        choices=(frozenset(TRANSFORMATIONS),),
+        later=frozenset({"startIndices", "endIndices"}),
     ),
     SSC + "LinearTransformation": Form(optional=("factor", "offset")),
-    SSD + "ParameterBindings": Form(
-        children=_ssd("ParameterBinding"),
-        repeated=frozenset(_ssd("ParameterBinding")),
-        mandatory=_ssd("ParameterBinding"),
-    ),
+    **{key: value for tag in TRANSFORMATIONS[1:] for key, value in _list(tag, _MAP_ENTRY).items()},
+    _MAP_ENTRY: Form(required=("source", "target")),
+    **_list(SSD + "ParameterBindings", SSD + "ParameterBinding"),
     SSD + "ParameterBinding": Form(
         optional=(*_BASE, "type", "source", "sourceBase", "prefix"),
-        children=_ssd("ParameterValues", "Annotations"),
-        unsupported=frozenset(_ssd("ParameterMapping")) | _META_2,
+        children=(*_ssd("ParameterValues", "ParameterMapping"), *META, ANNOTATIONS),
+        repeated=_META,
+        later=_META,
     ),
     SSD + "ParameterValues": Form(children=(SSV + "ParameterSet",), mandatory=(SSV + "ParameterSet",)),
+    SSD + "ParameterMapping": Form(
+        optional=(*_BASE, "type", "source", "sourceBase"),
+        children=(SSM + "ParameterMapping", *META),
+        repeated=_META,
+        later=_META,
+    ),
     SSV + "ParameterSet": Form(
         required=("version", "name"),
         optional=_TOP,
-        children=tuple(SSV + name for name in ("Parameters", "Enumerations", "Units", "Annotations")),
+        children=(*(SSV + name for name in ("Parameters", "Enumerations", "Units")), *META, SSV + "Annotations"),
         mandatory=(SSV + "Parameters",),
-        unsupported=_META_2,
+        repeated=_META,
+        later=_META,
     ),
-    SSV + "Parameters": Form(children=(SSV + "Parameter",), repeated=frozenset({SSV + "Parameter"})),
+    **_list(SSV + "Parameters", SSV + "Parameter", empty=True),
     SSV + "Parameter": Form(
         required=("name",),
         optional=_BASE,
-        children=(*PARAMETER_TYPES, SSV + "Annotations"),
-        choices=(frozenset(PARAMETER_TYPES),),
-        unsupported=frozenset(SSV + name for name in TYPES_2) | _META_2,
+        children=(*VALUE_TYPES, _DIMENSION, *META, SSV + "Annotations"),
+        choices=(frozenset(VALUE_TYPES),),
+        repeated=_META | {_DIMENSION},
+        later=_META | {_DIMENSION} | {SSV + name for name in TYPES_2},
     ),
-    SSV + "Real": Form(required=("value",), optional=("unit",)),
-    SSV + "Integer": Form(required=("value",)),
-    SSV + "Boolean": Form(required=("value",)),
-    SSV + "String": Form(required=("value",)),
-    SSV + "Enumeration": Form(required=("value",), optional=("name",)),
+    **{SSV + name: Form(required=("value",), optional=("unit",)) for name in ("Real", "Float64", "Float32")},
+    **{SSV + name: Form(required=("value",)) for name in ("Integer", "Boolean", *TYPES_2[2:])},
+    **{
+        SSV + name: Form(
+            optional=("value", *optional),
+            children=(SSV + "Value",),
+            repeated=frozenset({SSV + "Value"}),
+            later=frozenset({SSV + "Value"}),
+        )
+        for name, optional in (("String", ()), ("Enumeration", ("name",)), ("Binary", ("mime-type",)))
+    },
+    SSV + "Value": Form(required=("value",)),
+    SSM + "ParameterMapping": Form(
+        required=("version",),
+        optional=_TOP,
+        children=(SSM + "MappingEntry", *META, SSM + "Annotations"),
+        repeated=_META | {SSM + "MappingEntry"},
+        later=_META,
+    ),
+    SSM + "MappingEntry": Form(
+        required=("source", "target"),
+        optional=(*_BASE, "suppressUnitConversion"),
+        children=(*TRANSFORMATIONS, SSM + "Annotations"),
+        choices=(frozenset(TRANSFORMATIONS),),
+    ),
+    SSB + "SignalDictionary": Form(
+        required=("version",),
+        optional=_TOP,
+        children=(*(SSB + name for name in ("DictionaryEntry", "Enumerations", "Units")), *META, SSB + "Annotations"),
+        repeated=_META | {SSB + "DictionaryEntry"},
+        later=_META,
+    ),
+    SSB + "DictionaryEntry": Form(
+        required=("name",),
+        optional=_BASE,
+        children=(*_TYPE_CHILDREN, _DIMENSION, SSB + "Annotations"),
+        choices=(ANY_TYPE | _CLOCK,),
+        repeated=frozenset({_DIMENSION}),
+        later=_TYPES_2 | _CLOCK | {_DIMENSION},
+    ),
     SSD + "DefaultExperiment": Form(optional=("startTime", "stopTime"), children=_ssd("Annotations")),
     SSC + "Annotation": Form(required=("type",), opaque=True),
-    SSC + "Real": Form(optional=("unit",)),
-    SSC + "Integer": Form(),
-    SSC + "Boolean": Form(),
-    SSC + "String": Form(),
+    **{tag: Form(opaque=True, free=True) for tag in META},
+    **{SSC + name: Form(optional=("unit",)) for name in ("Real", "Float64", "Float32")},
+    **{SSC + name: Form() for name in ("Integer", "Boolean", "String", *TYPES_2[2:])},
     SSC + "Enumeration": Form(required=("name",)),
     SSC + "Binary": Form(optional=("mime-type",)),
+    _DIMENSION: Form(optional=("size", "sizeConnector")),
     SSC + "Unit": Form(
         required=("name",),
         optional=_BASE,
         children=_ssc("BaseUnit", "Annotations"),
         mandatory=_ssc("BaseUnit"),
-        unsupported=frozenset({SSC + "DisplayUnit"}) | _META_2,
     ),
     SSC + "BaseUnit": Form(optional=(*BASE_UNITS, "factor", "offset")),
     # The definition of an enumeration; ssc:Enumeration itself is the type of a connector.
@@ -165,15 +235,17 @@ GRAMMAR: Grammar = {
         children=_ssc("Item", "Annotations"),
         repeated=frozenset(_ssc("Item")),
         mandatory=_ssc("Item"),
-        unsupported=_META_2,
     ),
     SSC + "Item": Form(required=("name", "value")),
-    **_annotations(SSD),
-    **_annotations(SSC),
-    **_annotations(SSV),
     **{
-        namespace + plural: Form(children=_ssc(single), repeated=frozenset(_ssc(single)), mandatory=_ssc(single))
-        for namespace in (SSD, SSV)
+        key: value
+        for namespace in (SSD, SSC, SSV, SSM, SSB)
+        for key, value in _list(namespace + "Annotations", SSC + "Annotation").items()
+    },
+    **{
+        key: value
+        for namespace in (SSD, SSV, SSB)
         for plural, single in (("Units", "Unit"), ("Enumerations", "Enumeration"))
+        for key, value in _list(namespace + plural, SSC + single).items()
     },
 }

@@ -1,78 +1,53 @@
-"""Reads what SSP's files share: parameter sets (.ssv, and inline in an .ssd), units, enumerations, versions."""
+"""Reads parameter sets (SSV), parameter mappings (SSM) and signal dictionaries (SSB), each a file or inline in an SSD.
+
+SSP 2.0, sections 6 to 8. What a parameter sets is not known here.
+"""
 
 from __future__ import annotations
 
 import math
-import re
+from collections.abc import Sequence
 
 from lxml import etree
 
 from cosim_master.document import Reader, local_name, near
-from cosim_master.ssp_grammar import GRAMMAR, PARAMETER_TYPES, SSC, SSV, TYPES
-from cosim_master.system import Enumeration, Parameter
-from cosim_master.units import BASE_UNITS, BaseUnit, Unit
+from cosim_master.ssc import (
+    Definitions,
+    check_meta_data,
+    read_connector,
+    read_dimensions,
+    read_transformation,
+    read_version,
+    typed_value,
+)
+from cosim_master.ssp_grammar import GRAMMAR, SAME_TYPE, SSB, SSM, SSV, TYPES, VALUE_TYPES
+from cosim_master.system import Connector, MappingEntry, Parameter, Value
 
-__all__ = ["check_version", "read_enumerations", "read_parameter_set", "read_units"]
+__all__ = ["read_parameter_mapping", "read_parameter_set", "read_signal_dictionary"]
 
-
-def check_version(reader: Reader, root: etree._Element) -> None:
-    """Report a version of SSP that is not 1.x or 2.x."""
-    version = root.get("version", "1.0")
-    if not re.fullmatch(r"[12][.][0-9]+(-.*)?", version.strip()):
-        reader.problem(root, f'version "{version}" of SSP is not supported; valid: "1.0", "2.0"')
-
-
-def read_units(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Unit]:
-    """The unit definitions of a file, by name; `namespace` is that of its <Units>."""
-    units: dict[str, Unit] = {}
-    for holder in root.iterfind(namespace + "Units"):
-        for item in reader.children(holder, GRAMMAR[namespace + "Units"]):
-            name = reader.name(item)
-            if name in units:
-                reader.problem(item, f'unit "{name}" is already defined')
-            for child in reader.children(item, GRAMMAR[SSC + "Unit"]):
-                if child.tag != SSC + "BaseUnit":
-                    continue
-                reader.children(child, GRAMMAR[SSC + "BaseUnit"])
-                factor, offset = reader.real(child, "factor", 1.0), reader.real(child, "offset", 0.0)
-                if not (math.isfinite(factor) and math.isfinite(offset)) or factor == 0.0:
-                    reader.problem(child, f'unit "{name}": factor must be finite and not 0, offset finite')
-                    factor, offset = 1.0, 0.0
-                exponents = tuple(reader.integer(child, base) for base in BASE_UNITS)
-                units[name] = Unit(name, BaseUnit(exponents, factor, offset))
-    return units
+_BY_CHILDREN = ("String", "Enumeration", "Binary")
+"""Types whose arrays are written as <Value> children."""
 
 
-def read_enumerations(reader: Reader, root: etree._Element, namespace: str) -> dict[str, Enumeration]:
-    """The enumerations of a file, by name; `namespace` is that of its <Enumerations>."""
-    found: dict[str, Enumeration] = {}
-    for holder in root.iterfind(namespace + "Enumerations"):
-        for element in reader.children(holder, GRAMMAR[namespace + "Enumerations"]):
-            name = reader.name(element)
-            if name in found:
-                reader.problem(element, f'enumeration "{name}" is already defined, at {found[name].where}')
-            items: dict[str, int] = {}
-            for item in reader.children(element, GRAMMAR[SSC + "Enumeration type"]):
-                if item.tag != SSC + "Item":
-                    continue
-                reader.children(item, GRAMMAR[SSC + "Item"])
-                if (label := item.get("name", "")) in items:
-                    reader.problem(item, f'item "{label}" of enumeration "{name}" is already defined')
-                items[label] = reader.integer(item, "value")
-            found[name] = Enumeration(name, items, reader.where(element))
-    return found
+def _within(reader: Reader, root: etree._Element) -> Reader:
+    """A reader of the same file for an element that says itself of which version it is."""
+    inner = Reader(reader.shown, reader.problems, reader.version)
+    read_version(inner, root)
+    return inner
 
 
-def read_parameter_set(reader: Reader, root: etree._Element, outer: dict[str, Unit]) -> tuple[Parameter, ...]:
-    """The parameters of an ssv:ParameterSet; `outer` are the units of the .ssd around an inline one."""
+def read_parameter_set(
+    reader: Reader, root: etree._Element, notes: list[str], outer: Definitions | None = None
+) -> tuple[Parameter, ...]:
+    """The parameters of an ssv:ParameterSet; `outer` is what the .ssd around an inline one defines."""
+    reader = _within(reader, root)
     reader.children(root, GRAMMAR[SSV + "ParameterSet"])
-    check_version(reader, root)
-    units = {**outer, **read_units(reader, root, SSV)}
-    read_enumerations(reader, root, SSV)
+    check_meta_data(root, reader, notes)
+    defined = Definitions(reader, root, SSV, outer)
     parameters: dict[str, Parameter] = {}
     for holder in root.iterfind(SSV + "Parameters"):
         for element in reader.children(holder, GRAMMAR[SSV + "Parameters"]):
-            parameter = _parameter(reader, element, units)
+            parameter = _parameter(reader, element, defined)
             if parameter is None:
                 continue
             if parameter.name in parameters:
@@ -82,29 +57,95 @@ def read_parameter_set(reader: Reader, root: etree._Element, outer: dict[str, Un
     return tuple(parameters.values())
 
 
-def _parameter(reader: Reader, element: etree._Element, units: dict[str, Unit]) -> Parameter | None:
+def _parameter(reader: Reader, element: etree._Element, defined: Definitions) -> Parameter | None:
     name = reader.name(element)
-    children = [child for child in reader.children(element, GRAMMAR[SSV + "Parameter"]) if child.tag in PARAMETER_TYPES]
+    held = reader.children(element, GRAMMAR[SSV + "Parameter"])
+    children = [child for child in held if child.tag in VALUE_TYPES]
     if not children:
-        if not any(child.tag in GRAMMAR[SSV + "Parameter"].unsupported for child in element):
+        if not any(child.tag in VALUE_TYPES for child in element):
             reader.problem(element, f'parameter "{name}" has no value; {near("", TYPES)}')
         return None
     child = children[0]
-    kind = local_name(child)
-    if kind == "Binary":
-        reader.problem(child, "<Binary> parameters are not supported yet")
+    kind = SAME_TYPE.get(local_name(child), local_name(child))
+    shape = tuple(item.size or 0 for item in read_dimensions(reader, held, sizes_only=True))
+    values = _values(reader, child, kind, shape)
+    if values is None:
         return None
-    reader.children(child, GRAMMAR[str(child.tag)])
-    value: float | int | bool | str
-    unit = None
-    if kind == "Real":
-        value = reader.real(child, "value")
-        if (symbol := child.get("unit")) is not None:
-            unit = units.get(symbol, Unit(symbol))
-    elif kind == "Integer":
-        value = reader.integer(child, "value")
-    elif kind == "Boolean":
-        value = reader.boolean(child, "value")
+    unit = defined.unit(child)
+    where = reader.where(element)
+    if not shape:
+        return Parameter(name, kind, values[0], where, unit)
+    first: Value = values[0] if values else 0
+    return Parameter(name, kind, first, where, unit, shape, tuple(values))
+
+
+def _values(reader: Reader, element: etree._Element, kind: str, shape: tuple[int, ...]) -> list[Value] | None:
+    """The values of a parameter, last index fastest; None after a problem."""
+    texts: list[tuple[etree._Element, str]]
+    held = reader.children(element, GRAMMAR[str(element.tag)])
+    name, text = local_name(element), element.get("value")
+    if held:
+        if text is not None:
+            reader.problem(element, f'<{name}> has both the attribute "value" and <Value>; only one is allowed')
+        for child in held:
+            reader.children(child, GRAMMAR[SSV + "Value"])
+        texts = [(child, child.get("value", "")) for child in held]
+    elif text is None:
+        if kind in _BY_CHILDREN:
+            reader.problem(element, f'<{name}> needs the attribute "value"')
+        return None
+    elif shape and kind not in _BY_CHILDREN:
+        texts = [(element, part) for part in text.split()]
     else:
-        value = reader.text(child, "value")
-    return Parameter(name, kind, value, reader.where(element), unit)
+        texts = [(element, text)]
+    expected = math.prod(shape) if shape else 1
+    if len(texts) != expected:
+        reader.problem(element, f"<{name}> has {len(texts)} values; by its dimensions it must have {expected}")
+        return None
+    return [typed_value(reader, child, kind, part) for child, part in texts]
+
+
+def read_parameter_mapping(reader: Reader, root: etree._Element, notes: list[str]) -> tuple[MappingEntry, ...]:
+    """The entries of an ssm:ParameterMapping."""
+    reader = _within(reader, root)
+    entries: dict[str, MappingEntry] = {}
+    held = reader.children(root, GRAMMAR[SSM + "ParameterMapping"])
+    check_meta_data(root, reader, notes)
+    for element in held:
+        if element.tag != SSM + "MappingEntry":
+            continue
+        children = reader.children(element, GRAMMAR[SSM + "MappingEntry"])
+        entry = MappingEntry(
+            source=reader.name(element, "source"),
+            target=reader.name(element, "target"),
+            where=reader.where(element),
+            suppress_unit_conversion=reader.boolean(element, "suppressUnitConversion"),
+            transformation=read_transformation(reader, children),
+        )
+        if entry.target in entries:
+            first = entries[entry.target].where
+            reader.problem(element, f'two entries have the target "{entry.target}"; the other is at {first}')
+        entries[entry.target] = entry
+    return tuple(entries.values())
+
+
+def read_signal_dictionary(reader: Reader, root: etree._Element, notes: list[str]) -> dict[str, Connector]:
+    """The entries of an ssb:SignalDictionary, by name."""
+    reader = _within(reader, root)
+    held: Sequence[etree._Element] = reader.children(root, GRAMMAR[SSB + "SignalDictionary"])
+    check_meta_data(root, reader, notes)
+    defined = Definitions(reader, root, SSB)
+    entries: dict[str, Connector] = {}
+    for element in held:
+        if element.tag != SSB + "DictionaryEntry":
+            continue
+        children = reader.children(element, GRAMMAR[SSB + "DictionaryEntry"])
+        entry = read_connector(reader, element, children, "inout", defined)
+        if entry.type is None and not any(local_name(child) == "Clock" for child in children):
+            reader.problem(element, f'entry "{entry.name}" has no type; {near("", TYPES)}')
+        if entry.name in entries:
+            reader.problem(
+                element, f'entry "{entry.name}" is already in this dictionary, at {entries[entry.name].where}'
+            )
+        entries[entry.name] = entry
+    return entries

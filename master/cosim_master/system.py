@@ -20,23 +20,47 @@ from cosim_master.errors import Problem, Where
 from cosim_master.units import Unit
 
 __all__ = [
+    "INTEGER_RANGES",
     "Annotation",
     "Component",
     "Connection",
     "Connector",
+    "Dimension",
     "Element",
     "Enumeration",
     "ExtractedArchive",
     "Kind",
+    "LinearTransformation",
+    "MappingEntry",
+    "MappingTransformation",
     "Parameter",
     "ParameterBinding",
+    "SignalDictionary",
+    "SignalDictionaryReference",
     "System",
     "SystemStructure",
+    "Transformation",
     "Value",
 ]
 
-Kind: TypeAlias = Literal["input", "output", "parameter", "calculatedParameter"]
+Kind: TypeAlias = Literal[
+    "input",
+    "output",
+    "parameter",
+    "calculatedParameter",
+    "structuralParameter",
+    "constant",
+    "local",
+    "inout",
+    "unspecified",
+]
 Value: TypeAlias = float | int | bool | str
+INTEGER_RANGES: Mapping[str, tuple[int, int]] = {
+    "Integer": (-(2**31), 2**31 - 1),
+    **{f"Int{width}": (-(2 ** (width - 1)), 2 ** (width - 1) - 1) for width in (8, 16, 32, 64)},
+    **{f"UInt{width}": (0, 2**width - 1) for width in (8, 16, 32, 64)},
+}
+"""Types of whole numbers (SSP 2.0, section 4.5.1) and what goes into them; Int32 is Integer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +82,25 @@ class Enumeration:
 
 
 @dataclass(frozen=True, slots=True)
+class Dimension:
+    """One dimension of an array connector: a size, or the connector that has it; neither leaves it open."""
+
+    size: int | None = None
+    connector: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Connector:
-    """A port of a component or system.
+    """A port of a component, system or signal dictionary.
 
     Attributes:
-        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or None where the file is silent.
+        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", a type of SSP 2.0 that FMI 2 has not
+            ("Float32", "Int8", ...), or None where the file is silent. Float64 is Real here, Int32 is Integer.
         unit: of a Real, None where the file is silent.
         enumeration: name of its enumeration type.
         items: that type's items, None if the file does not define it.
+        mime_type: of a Binary, None where the file is silent.
+        dimensions: of an array; empty for a scalar.
     """
 
     name: str
@@ -75,6 +110,34 @@ class Connector:
     unit: Unit | None = None
     enumeration: str | None = None
     items: Mapping[str, int] | None = None
+    mime_type: str | None = None
+    dimensions: tuple[Dimension, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LinearTransformation:
+    """target = factor * source + offset, after unit conversion."""
+
+    factor: float
+    offset: float
+    where: Where
+
+
+@dataclass(frozen=True, slots=True)
+class MappingTransformation:
+    """A table of values; what is not in it stays as it is.
+
+    Attributes:
+        type: "Boolean", "Integer" or "Enumeration".
+        entries: source and target values; item names for "Enumeration".
+    """
+
+    type: str
+    entries: tuple[tuple[Value, Value], ...]
+    where: Where
+
+
+Transformation: TypeAlias = LinearTransformation | MappingTransformation
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +145,7 @@ class Connection:
     """A connection between two connectors of a system or its direct elements; an element of None is the system.
 
     Start and end say nothing about the direction; owner and kind of the connectors do (SSP 2.0, section 5.3.2).
-    `value = factor * value + offset` is applied after unit conversion; `linear` says that the file has one.
+    Indices select one element of an array connector, counting from 1; empty for the whole connector.
     """
 
     start_element: str | None
@@ -91,29 +154,57 @@ class Connection:
     end_connector: str
     where: Where
     suppress_unit_conversion: bool = False
-    linear: bool = False
-    factor: float = 1.0
-    offset: float = 0.0
+    transformation: Transformation | None = None
+    start_indices: tuple[int, ...] = ()
+    end_indices: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A value for a variable, of type "Real", "Integer", "Boolean", "String" or "Enumeration" (an item's name)."""
+    """A value for a variable, of a `Connector`'s types; an "Enumeration" is an item's name, a "Binary" is in hex.
+
+    Attributes:
+        shape: of an array, empty for a scalar.
+        elements: the values of an array, last index fastest; `value` is its first then.
+        transformation: what a parameter mapping does with the value, after unit conversion.
+        suppress_unit_conversion: the value is taken as it is, whatever the units say.
+    """
 
     name: str
     type: str
     value: Value
     where: Where
     unit: Unit | None = None
+    shape: tuple[int, ...] = ()
+    elements: tuple[Value, ...] = ()
+    transformation: Transformation | None = None
+    suppress_unit_conversion: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class MappingEntry:
+    """An entry of a parameter mapping: the parameter `source` of the set is applied to `target`."""
+
+    source: str
+    target: str
+    where: Where
+    suppress_unit_conversion: bool = False
+    transformation: Transformation | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterBinding:
-    """A parameter set applied to a component or system; `prefix` goes before every name in it."""
+    """A parameter set applied to a component or system.
+
+    Attributes:
+        prefix: goes before every name in the set, before anything else is done with it.
+        mapping: if not None, only what it names is applied, under the names it gives.
+    """
 
     parameters: tuple[Parameter, ...]
     prefix: str
     where: Where
+    mapping: tuple[MappingEntry, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +214,9 @@ class Component:
     Attributes:
         type: MIME type of the source.
         source: the file, resolved; None if it could not be resolved (which is a problem of the structure).
-        content: the system inside, if the source is an .ssd or .ssp; one object per file, however often it is used.
+        content: the system inside, if the source is an .ssd, an .ssp or a system of the same file; one object,
+            however often it is used. A component without a source (SSP 2.0) has an empty system inside.
+        fragment: what comes after "#" in the source: the id of a system in the same file, or the variant of an .ssp.
     """
 
     name: str
@@ -135,6 +228,28 @@ class Component:
     annotations: tuple[Annotation, ...]
     where: Where
     content: System | None = None
+    fragment: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SignalDictionary:
+    """Signals that any system below may share by name; `entries` are of kind "inout"."""
+
+    name: str
+    entries: Mapping[str, Connector]
+    where: Where
+
+
+@dataclass(frozen=True, slots=True)
+class SignalDictionaryReference:
+    """An element through whose connectors a system takes part in the signals of a dictionary around it."""
+
+    name: str
+    dictionary: str
+    connectors: tuple[Connector, ...]
+    parameter_bindings: tuple[ParameterBinding, ...]
+    annotations: tuple[Annotation, ...]
+    where: Where
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +258,7 @@ class System:
 
     Attributes:
         document: the .ssd file it is part of.
+        signal_dictionaries: those it defines.
     """
 
     name: str
@@ -153,9 +269,10 @@ class System:
     annotations: tuple[Annotation, ...]
     document: Path
     where: Where
+    signal_dictionaries: tuple[SignalDictionary, ...] = ()
 
 
-Element: TypeAlias = Component | System
+Element: TypeAlias = Component | System | SignalDictionaryReference
 
 
 class ExtractedArchive:

@@ -1,98 +1,60 @@
-"""Flattens a hierarchical system: its parts, their ports, and which FMU variable drives which.
+"""How values flow through a system: which FMU variable drives which, and what happens to the value on the way.
 
-`Part` is one element of the running system: the same .ssd used by five drones is one `System` and five parts. Every
-rule about connections is here: the allowed kinds, one writer per port, types, units, transformations. It sets no
-values and orders nothing.
+Every rule about connections is here: the allowed kinds, one writer per port, shapes, types, units, transformations,
+and the signals of dictionaries. It sets no values and orders nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from cosim_master.document import near
 from cosim_master.errors import Problem, Where
-from cosim_master.fmu import FmuDescription, Variable
-from cosim_master.system import Component, Connection, Connector, Element, Kind, System
+from cosim_master.parts import Part, Port, element_name, indices_of
+from cosim_master.system import Connection, LinearTransformation, MappingTransformation, SignalDictionaryReference
+from cosim_master.transformation import MappedEnd, compatible, listed, mapping_entries, mime_types_differ
 from cosim_master.units import Unit, UnitError, conversion
 
-__all__ = ["Part", "Port", "Route", "Wiring", "assemble", "compatible"]
+__all__ = ["SENDING", "Route", "Wiring"]
 
 # Which connectors may be joined: owner and kind of the source, owner and kind of the destination
-# (SSP 2.0, section 5.3.2.1 "Allowed Connections", the rows of the kinds that SSP 1.0 has).
-_ALLOWED: frozenset[tuple[str, Kind, str, Kind]] = frozenset(
-    {
-        ("system", "parameter", "system", "calculatedParameter"),
-        ("system", "parameter", "system", "output"),
-        ("system", "input", "system", "output"),
-        ("system", "parameter", "element", "parameter"),
-        ("system", "parameter", "element", "input"),
-        ("system", "input", "element", "input"),
-        ("element", "calculatedParameter", "element", "parameter"),
-        ("element", "calculatedParameter", "element", "input"),
-        ("element", "output", "element", "input"),
-        ("element", "calculatedParameter", "system", "calculatedParameter"),
-        ("element", "calculatedParameter", "system", "output"),
-        ("element", "output", "system", "output"),
-    }
+# (SSP 2.0, section 5.4.2.1 "Allowed Connections"; what SSP 1.0 allows is a part of it).
+_ROWS = """
+system structuralParameter system calculatedParameter output local
+system parameter system calculatedParameter output local
+system input system output local
+system structuralParameter element structuralParameter parameter input inout
+system parameter element parameter input inout
+system input element input inout
+element constant element structuralParameter parameter input inout
+element calculatedParameter element parameter input inout
+element output element input inout
+element local element input inout
+element inout element input
+element constant system constant calculatedParameter output local
+element calculatedParameter system calculatedParameter output local
+element output system output local
+element local system output local
+element inout system output local
+"""
+_ALLOWED = frozenset(
+    (owner, kind, to_owner, to_kind)
+    for owner, kind, to_owner, *to_kinds in map(str.split, _ROWS.strip().splitlines())
+    for to_kind in to_kinds
 )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Port:
-    """A connector of a part, with what its file leaves out taken from the FMU. Compared by identity.
-
-    Attributes:
-        variable: the FMU's variable, for a connector of an FMU.
-    """
-
-    part: Part
-    name: str
-    kind: Kind
-    where: Where
-    type: str | None
-    unit: Unit | None
-    items: Mapping[str, int] | None
-    variable: Variable | None = None
-
-    def __str__(self) -> str:
-        owner = self.part.element.name
-        return f"{owner}.{self.name}" if owner else self.name
-
-
-@dataclass(slots=True, eq=False)
-class Part:
-    """An element of the running system.
-
-    Attributes:
-        name: hierarchical name ("drone1.vehicle"); empty for the root system.
-        system: what is inside, for a system or a component that is one; None for an FMU.
-        fmu: None for systems, and for a component whose FMU could not be described.
-        broken: its file could not be read; nothing more is said about it.
-    """
-
-    name: str
-    element: Element
-    parent: Part | None
-    system: System | None = None
-    fmu: FmuDescription | None = None
-    broken: bool = False
-    children: dict[str, Part] = field(default_factory=dict)
-    ports: dict[str, Port] = field(default_factory=dict)
-
-    def walk(self) -> Iterator[Part]:
-        """This part and all parts in it, outer before inner."""
-        yield self
-        for child in self.children.values():
-            yield from child.walk()
+_KINDS = tuple(dict.fromkeys(kind for row in _ALLOWED for kind in (row[1], row[3])))
+_USUAL = ("input", "output", "parameter", "calculatedParameter")
+SENDING = ("output", "calculatedParameter", "constant", "local")
+"""Kinds of an FMU's connectors from which values may come."""
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """How the value of a port comes about: value = factor * source + offset, in `unit`, as `type`.
+    """How the value of a port comes about: value = factor * mapped(source) + offset, in `unit`, as `type`.
 
-    `source` is None while nothing drives the port; type and unit are then its own.
+    `source` is None while nothing drives the port; type and unit are then its own. `mapping` holds whole numbers and
+    booleans that are replaced by others.
     """
 
     source: Port | None
@@ -101,143 +63,8 @@ class Route:
     unit: Unit | None = None
     type: str | None = None
     items: Mapping[str, int] | None = None
-
-
-def assemble(
-    root: System, fmus: Mapping[Path, FmuDescription | None], problems: list[Problem], notes: list[str]
-) -> Part:
-    """The tree of parts of a system.
-
-    Args:
-        root: the root system.
-        fmus: descriptions by source path; None for a file that could not be described.
-        problems, notes: appended to.
-    """
-    return _Assembly(fmus, problems, notes).part(root, None)
-
-
-class _Assembly:
-    def __init__(self, fmus: Mapping[Path, FmuDescription | None], problems: list[Problem], notes: list[str]) -> None:
-        self.fmus = fmus
-        self.problems = problems
-        self.notes = notes
-
-    def part(self, element: Element, parent: Part | None) -> Part:
-        if parent is None:
-            name = ""
-        else:
-            name = f"{parent.name}.{element.name}" if parent.name else element.name
-        part = Part(name, element, parent)
-        if isinstance(element, System):
-            part.system = element
-        elif element.content is not None:
-            part.system = element.content
-        else:
-            part.fmu = None if element.source is None else self.fmus.get(element.source)
-            part.broken = part.fmu is None
-        if part.system is not None:
-            own = {connector.name: connector for connector in element.connectors} if element is not part.system else {}
-            for connector in part.system.connectors:
-                part.ports[connector.name] = self._system_port(part, connector, own.pop(connector.name, None))
-            for connector in own.values():
-                text = (
-                    f'"{element.name}" has no connector "{connector.name}" inside; {near(connector.name, part.ports)}'
-                )
-                self.problems.append(Problem(connector.where, text))
-            for child in part.system.elements:
-                part.children.setdefault(child.name, self.part(child, part))
-        else:
-            for connector in element.connectors:
-                part.ports[connector.name] = self._fmu_port(part, connector)
-        return part
-
-    def _system_port(self, part: Part, inner: Connector, outer: Connector | None) -> Port:
-        """A connector of a system; `outer` is what the component that stands for the system says about it."""
-        if outer is not None:
-            if outer.kind != inner.kind:
-                text = f'connector "{inner.name}" is {outer.kind} here and {inner.kind} inside, at {inner.where}'
-                self.problems.append(Problem(outer.where, text))
-            if None not in (outer.type, inner.type) and outer.type != inner.type:
-                text = f'connector "{inner.name}" is {outer.type} here and {inner.type} inside, at {inner.where}'
-                self.problems.append(Problem(outer.where, text))
-            self._same_unit(outer, inner.unit, f"inside, at {inner.where}")
-        return Port(
-            part=part,
-            name=inner.name,
-            kind=inner.kind,
-            where=inner.where if outer is None else outer.where,
-            type=inner.type or (outer.type if outer is not None else None),
-            unit=inner.unit or (outer.unit if outer is not None else None),
-            items=inner.items or (outer.items if outer is not None else None),
-        )
-
-    def _fmu_port(self, part: Part, connector: Connector) -> Port:
-        variable = None if part.fmu is None else part.fmu.variables.get(connector.name)
-        port = Port(
-            part, connector.name, connector.kind, connector.where, connector.type, connector.unit, connector.items
-        )
-        if part.fmu is None:
-            return port
-        if variable is None:
-            known = [item.name for item in part.fmu.variables.values() if item.causality == connector.kind]
-            text = f'{part.fmu.path.name} has no variable "{connector.name}"; {near(connector.name, known)}'
-            self.problems.append(Problem(connector.where, text))
-            return port
-        file = part.fmu.path.name
-        if variable.causality != connector.kind:
-            text = f'connector "{connector.name}" is {connector.kind}, but {file} has it as {variable.causality}'
-            self.problems.append(Problem(connector.where, text))
-        if connector.type is not None and connector.type != variable.type:
-            text = f'connector "{connector.name}" is {connector.type}, but {file} has it as {variable.type}'
-            self.problems.append(Problem(connector.where, text))
-        self._same_unit(connector, variable.unit, f"in {part.fmu.path.name}")
-        if connector.type == "Enumeration" and variable.type == "Enumeration":
-            self._same_items(connector, variable, part.fmu)
-        return replace(
-            port,
-            type=variable.type,
-            unit=connector.unit or variable.unit,
-            items=variable.items or connector.items,
-            variable=variable,
-        )
-
-    def _same_unit(self, connector: Connector, other: Unit | None, place: str) -> None:
-        if connector.unit is None or other is None:
-            return
-        text = f'connector "{connector.name}" has the unit "{connector.unit.name}" and "{other.name}" {place}'
-        try:
-            if conversion(connector.unit, other) == (1.0, 0.0):
-                return
-        except UnitError as error:
-            text += f" ({error})"
-        self.problems.append(Problem(connector.where, f"{text}; write the same unit or leave it out"))
-
-    def _same_items(self, connector: Connector, variable: Variable, fmu: FmuDescription) -> None:
-        if connector.items is None:
-            self.notes.append(
-                f'{connector.where}: enumeration "{connector.enumeration}" is not defined in the file; '
-                f"the items of {fmu.path.name} are used"
-            )
-        elif variable.items and dict(connector.items) != dict(variable.items):
-            text = (
-                f'enumeration "{connector.enumeration}" of connector "{connector.name}" has other items than '
-                f"{fmu.path.name}: {_listed(connector.items)} instead of {_listed(variable.items)}"
-            )
-            self.problems.append(Problem(connector.where, text))
-
-
-def _listed(items: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} = {value}" for name, value in items.items())
-
-
-def compatible(source: str | None, target: str | None) -> bool:
-    """Whether a value of type `source` may go to `target`: the same, widening, or unknown."""
-    return (
-        source is None
-        or target is None
-        or source == target
-        or (source, target) in {("Integer", "Real"), ("Integer", "Enumeration"), ("Enumeration", "Integer")}
-    )
+    mapping: Mapping[int, int] = field(default_factory=dict)
+    mime_type: str | None = None
 
 
 class Wiring:
@@ -260,50 +87,110 @@ class Wiring:
             if part.system is not None:
                 for connection in part.system.connections:
                     self._connect(part, connection)
+        self._share_signals()
+
+    def _share_signals(self) -> None:
+        """Let the signals of dictionaries flow: from the one reference that is written to all the others."""
+        ports = [
+            port
+            for part in self.root.walk()
+            for port in (part.ports.values() if isinstance(part.element, SignalDictionaryReference) else ())
+        ]
+        for port in ports:
+            if port in self.incoming and port.entry is not None:
+                self._flow(Connection(None, port.name, None, port.name, port.where), port, port.entry)
+        for port in ports:
+            if port not in self.incoming and port.entry is not None:
+                self._flow(Connection(None, port.name, None, port.name, port.where), port.entry, port)
 
     def _problem(self, where: Where, text: str) -> None:
         self._problems.append(Problem(where, text))
 
     def _connect(self, part: Part, connection: Connection) -> None:
-        start = self._port(part, connection.start_element, connection.start_connector, connection.where)
-        end = self._port(part, connection.end_element, connection.end_connector, connection.where)
+        where = connection.where
+        start = self._ports(part, connection.start_element, connection.start_connector, connection.start_indices, where)
+        end = self._ports(part, connection.end_element, connection.end_connector, connection.end_indices, where)
         if start is None or end is None:
             return
-        owners = ["system" if port.part is part else "element" for port in (start, end)]
-        if (owners[0], start.kind, owners[1], end.kind) in _ALLOWED:
-            source, target = start, end
-        elif (owners[1], end.kind, owners[0], start.kind) in _ALLOWED:
-            source, target = end, start
-        else:
-            ends = [
-                f"{port.kind} {port} of {'the system' if owner == 'system' else 'an element'}"
-                for port, owner in zip((start, end), owners, strict=True)
-            ]
-            valid = sorted(
-                f"{owner} {kind} -> {to_owner} {to_kind}"
-                for owner, kind, to_owner, to_kind in _ALLOWED
-                if (owner, to_owner) in {(owners[0], owners[1]), (owners[1], owners[0])}
-            )
-            text = f"{ends[0]} and {ends[1]} cannot be connected; valid: {', '.join(valid)}"
-            self._problem(connection.where, text)
+        if start[0] != end[0]:
+            shapes = [f"{'x'.join(map(str, shape))} elements" if shape else "one element" for shape, _ in (start, end)]
+            text = f"cannot connect {shapes[0]} with {shapes[1]}; valid: equal dimensions, or one element of an array"
+            self._problem(where, text)
             return
+        for one, other in zip(start[1], end[1], strict=True):
+            if (ends := self._directed(part, connection, one, other)) is None:
+                return
+            self._flow(connection, *ends)
+
+    def _directed(self, part: Part, connection: Connection, start: Port, end: Port) -> tuple[Port, Port] | None:
+        """Source and target of a connection, by owner and kind."""
+        ports = (start, end)
+        owners = ["system" if port.part is part else "element" for port in ports]
+        kinds = [_KINDS if port.kind == "unspecified" else (port.kind,) for port in ports]
+
+        def allowed(source: int, target: int) -> bool:
+            return any(
+                (owners[source], kind, owners[target], to_kind) in _ALLOWED
+                for kind in kinds[source]
+                for to_kind in kinds[target]
+            )
+
+        forward, backward = allowed(0, 1), allowed(1, 0)
+        if forward != backward:
+            return (start, end) if forward else (end, start)
+        shown = [
+            f"{port.kind} {port} of {'the system' if owner == 'system' else 'an element'}"
+            for port, owner in zip(ports, owners, strict=True)
+        ]
+        if forward:
+            self._problem(connection.where, f"which of {shown[0]} and {shown[1]} drives the other is not said")
+            return None
+        valid = sorted(
+            f"{owner} {kind} -> {to_owner} {to_kind}"
+            for owner, kind, to_owner, to_kind in _ALLOWED
+            if (owner, to_owner) in {(owners[0], owners[1]), (owners[1], owners[0])}
+            and {kind, to_kind} <= {*_USUAL, start.kind, end.kind}
+        )
+        text = f"{shown[0]} and {shown[1]} cannot be connected; valid: {', '.join(valid)}"
+        self._problem(connection.where, text)
+        return None
+
+    def _flow(self, connection: Connection, source: Port, target: Port) -> None:
         if target in self.incoming:
             first = self.incoming[target][0].where
-            self._problem(connection.where, f"{target.kind} {target} has two writers; the other is at {first}")
+            what = f'signal "{target.name}" of a dictionary' if target.part.element is target.part.system else ""
+            self._problem(
+                connection.where, f"{what or f'{target.kind} {target}'} has two writers; the other is at {first}"
+            )
             return
         self.incoming[target] = (connection, source)
         self.outgoing.setdefault(source, []).append((connection, target))
 
-    def _port(self, part: Part, element: str | None, connector: str, where: Where) -> Port | None:
+    def _ports(
+        self, part: Part, element: str | None, connector: str, indices: tuple[int, ...], where: Where
+    ) -> tuple[tuple[int, ...], list[Port]] | None:
+        """What one end of a connection stands for: a shape, and the ports of all its elements."""
         owner: Part | None = part
         if element is not None:
             owner = part.children.get(element)
         if owner is None:
             self._problem(where, f'there is no element "{element}" in the system; {near(element or "", part.children)}')
             return None
-        if owner.broken and isinstance(owner.element, Component) and connector not in owner.ports:
+        if owner.broken and connector not in owner.ports:
             return None
+        shape = owner.shapes.get(connector)
         port = owner.ports.get(connector)
+        if shape is not None:
+            if not indices:
+                return shape, [owner.ports[element_name(connector, item)] for item in indices_of(shape)]
+            port = owner.ports.get(element_name(connector, indices))
+            if port is None:
+                sizes = "x".join(map(str, shape))
+                self._problem(where, f'"{connector}" has {sizes} elements, but not [{",".join(map(str, indices))}]')
+                return None
+        elif port is not None and indices:
+            self._problem(where, f'"{connector}" is a scalar: it has no element [{",".join(map(str, indices))}]')
+            return None
         if port is None:
             name = f'"{owner.element.name}"' if element is not None else "the system"
             variable = None if owner.fmu is None else owner.fmu.variables.get(connector)
@@ -311,7 +198,8 @@ class Wiring:
             if variable is not None:
                 hint = f"its FMU has the {variable.causality}, so declare it in <Connectors>"
             self._problem(where, f'{name} has no connector "{connector}"; {hint}')
-        return port
+            return None
+        return (), [port]
 
     def route(self, port: Port) -> Route:
         """What drives a port, through however many systems."""
@@ -325,8 +213,8 @@ class Wiring:
             port = found[1]
         route = self._routes.get(port)
         if route is None:
-            source = port if port.variable is not None and port.kind in ("output", "calculatedParameter") else None
-            route = Route(source, 1.0, 0.0, port.unit, port.type, port.items)
+            source = port if port.variable is not None and port.kind in SENDING else None
+            route = Route(source, 1.0, 0.0, port.unit, port.type, port.items, {}, port.mime_type)
             self._routes[port] = route
         for target in reversed(chain):
             if target not in self._routes:
@@ -335,29 +223,44 @@ class Wiring:
         return route
 
     def hop(self, route: Route, connection: Connection, target: Port) -> Route:
-        """A route extended by one connection: unit conversion first, then the linear transformation."""
+        """A route extended by one connection: unit conversion first, then the transformation (SSP 2.0, 4.5.2)."""
         if not compatible(route.type, target.type):
             source = self.incoming[target][1]
             text = f"{source} is {route.type} and {target} is {target.type}; types must be equal (or Integer to Real)"
             self._problem(connection.where, text)
             return Route(route.source, 1.0, 0.0, target.unit, target.type, target.items)
         kind = target.type or route.type
-        if route.items and target.items and not (route.items.items() <= target.items.items()):
-            given, wanted = _listed(route.items), _listed(target.items)
+        table = connection.transformation
+        mapping = route.mapping
+        if isinstance(table, MappingTransformation):
+            ends = (
+                MappedEnd("what drives it", route.type, route.items),
+                MappedEnd(str(target), target.type, target.items),
+            )
+            entries = mapping_entries(table, *ends, self._problems)
+            keys = {*mapping, *entries}
+            mapping = {key: entries.get(mapping.get(key, key), mapping.get(key, key)) for key in keys}
+        elif route.items and target.items and not (route.items.items() <= target.items.items()):
+            given, wanted = listed(route.items), listed(target.items)
             self._problem(connection.where, f"{target} has the enumeration items {wanted}; what drives it has {given}")
+        if mime_types_differ(route.mime_type, target.mime_type):
+            text = f"{target} takes {target.mime_type}; what drives it is {route.mime_type}"
+            self._problem(connection.where, text)
         factor, offset, unit = self._converted(route.unit, connection, target)
-        if connection.linear:
-            if kind not in (None, "Real"):
+        if isinstance(table, LinearTransformation):
+            if kind not in (None, "Real", "Float32"):
                 text = f"a LinearTransformation needs a Real, but {target} is {kind}"
                 self._problem(connection.where, text)
-            factor, offset = connection.factor * factor, connection.factor * offset + connection.offset
+            factor, offset = table.factor * factor, table.factor * offset + table.offset
         return Route(
             source=route.source,
             factor=factor * route.factor,
             offset=factor * route.offset + offset,
             unit=unit,
             type=kind,
-            items=target.items or route.items,
+            items=target.items or (None if isinstance(table, MappingTransformation) else route.items),
+            mapping=mapping,
+            mime_type=target.mime_type or route.mime_type,
         )
 
     def _converted(self, unit: Unit | None, connection: Connection, target: Port) -> tuple[float, float, Unit | None]:

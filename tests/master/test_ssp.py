@@ -20,7 +20,7 @@ from lxml import etree
 
 from cosim_master.errors import Problem, SystemDescriptionError
 from cosim_master.ssp import read_system
-from cosim_master.system import Component, System, SystemStructure
+from cosim_master.system import Component, LinearTransformation, System, SystemStructure
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 
@@ -163,8 +163,9 @@ class TestWhatIsRead:
         first, second = complete().system.connections
         assert (first.start_element, first.start_connector) == (None, "wind")
         assert (first.end_element, first.end_connector) == ("plant", "u")
-        assert (first.suppress_unit_conversion, first.linear, first.factor, first.offset) == (True, True, 1.0, 100.0)
-        assert (second.linear, second.suppress_unit_conversion, second.factor, second.offset) == (False, False, 1, 0)
+        assert first.suppress_unit_conversion and isinstance(first.transformation, LinearTransformation)
+        assert (first.transformation.factor, first.transformation.offset) == (1.0, 100.0)
+        assert not second.suppress_unit_conversion and second.transformation is None
         assert first.where.line == line_of('<a:Connection startConnector="wind"')
 
     def test_parameter_bindings(self, complete: Callable[..., SystemStructure], tmp_path: Path) -> None:
@@ -242,10 +243,10 @@ WRONG = [
     ('<a:System name="inner">', '<a:System name="">', 'attribute "name" of <System> is empty'),
     ('name="part" source="part.fmu"', 'name="part"', '<Component> needs the attribute "source"'),
     ('source="part.fmu" type="application/x-fmu-sharedlibrary"', 'source="gone.fmu"', 'does not exist: no file "'),
-    ('type="application/x-fmu-sharedlibrary"', 'type="text/x-modelica"', 'attribute "type" of <Component> is "text/x'),
+    ('type="application/x-fmu-sharedlibrary"', 'type="text/x-modelica"', '(Modelica) is not supported; valid: "app'),
     ('implementation="CoSimulation"', 'implementation="ModelExchange"', 'implementation="ModelExchange" is not supp'),
     ('implementation="CoSimulation"', 'implementation="Cosimulation"', '"implementation" of <Component> is "Cosim'),
-    ('source="part.fmu"', 'source="part.fmu" path="x"', 'attribute "path" of <Component> is not supported yet'),
+    ('source="part.fmu"', 'source="part.fmu" path="x"', '<Component> has no attribute "path"'),
     ('source="part.fmu"', 'source=""', "is empty"),
     ('source="part.fmu"', 'source="#inner"', "selects a part of its target"),
     ('source="part.fmu"', 'source="file:///x.fmu"', "is an absolute URI"),
@@ -259,35 +260,34 @@ WRONG = [
     ('source="part.fmu" type="application/x-fmu-sharedlibrary"', 'source="SystemStructure.ssd"', "say type="),
     ('name="u" kind="input"', 'name="u"', '<Connector> needs the attribute "kind"'),
     ('name="u" kind="input"', 'name="u" kind="inputs"', 'attribute "kind" of <Connector> is "inputs"'),
-    ('name="u" kind="input"', 'name="u" kind="inout"', 'connector kind "inout" is not supported yet'),
-    ('name="u" kind="input"', 'name="u" kind="structuralParameter"', "is not supported yet"),
+    ('name="u" kind="input"', 'name="u" kind="structuralParameter"', '"structuralParameter" is of SSP 2.0'),
     ('name="u" kind="input"', 'name="y" kind="input"', '"y" is already in <Connectors> of "plant"'),
-    ("<c:Boolean/>", "<c:Float64/>", "<Float64> in <Connector> is not supported yet"),
+    ("<c:Boolean/>", "<c:Float64/>", "<Float64> in <Connector> is of SSP 2.0"),
     ("<c:Boolean/>", "<c:Boolean/><c:Real/>", "<Connector> holds <Boolean> and <Real>; only one of them is allowed"),
-    ("<c:Boolean/>", "<c:Boolean/><c:Dimension size='3'/>", "<Dimension> in <Connector> is not supported yet"),
+    ("<c:Boolean/>", "<c:Boolean/><c:Dimension size='3'/>", "<Dimension> in <Connector> is of SSP 2.0"),
     ("<c:Boolean/>", "<a:Boolean/>", 'it must be in "http://ssp-standard.org/SSP1/SystemStructureCommon"'),
     ('<c:Enumeration name="Mode"/>', "<c:Enumeration/>", '<Enumeration> needs the attribute "name"'),
     ('<c:LinearTransformation offset="100"/>', '<c:LinearTransformation offset="1OO"/>', "it must be a number"),
     ('<c:LinearTransformation offset="100"/>', '<c:LinearTransformation offset="INF"/>', "must be finite"),
-    ('<c:LinearTransformation offset="100"/>', "<c:BooleanMappingTransformation/>", "is not supported yet"),
-    ('<c:LinearTransformation offset="100"/>', "<c:IntegerMappingTransformation/>", "is not supported yet"),
-    ('<c:LinearTransformation offset="100"/>', "<c:EnumerationMappingTransformation/>", "is not supported yet"),
+    ('<c:LinearTransformation offset="100"/>', "<c:BooleanMappingTransformation/>", "needs a <MapEntry>"),
+    ('<c:LinearTransformation offset="100"/>', "<c:IntegerMappingTransformation/>", "needs a <MapEntry>"),
+    ('<c:LinearTransformation offset="100"/>', "<c:EnumerationMappingTransformation/>", "needs a <MapEntry>"),
     ('suppressUnitConversion="true"', 'suppressUnitConversion="yes"', 'it must be "true" or "false"'),
-    ('suppressUnitConversion="true"', 'startIndices="1"', 'attribute "startIndices" of <Connection> is not supp'),
+    ('suppressUnitConversion="true"', 'startIndices="1"', '"startIndices" of <Connection> is of SSP 2'),
     ('startConnector="wind"', 'startConnector=""', 'attribute "startConnector" of <Connection> is empty'),
     ("    <a:Elements>\n", "<a:Connections/><a:Elements>\n", "<Elements> in <System> comes too late; order"),
     ('source="values/set%201.ssv"', 'source="values/gone.ssv"', "does not exist"),
     ('source="values/set%201.ssv"', 'source="plant.fmu"', "not well-formed XML"),
     ('source="values/set%201.ssv"', 'source="SystemStructure.ssd"', "it must be <{http://ssp-standard.org/SSP1/Syst"),
     ('source="values/set%201.ssv"', 'type="text/csv" source="values/set%201.ssv"', 'attribute "type" of <Paramet'),
-    ('source="values/set%201.ssv"', 'sourceBase="component" source="x.ssv"', 'sourceBase="component" is not supported'),
+    ('source="values/set%201.ssv"', 'sourceBase="component" source="x.ssv"', "there is no component"),
     ('source="values/set%201.ssv"', "", "has neither a source and <ParameterValues>"),
     ("<a:ParameterBinding>", '<a:ParameterBinding source="values/set%201.ssv">', "has both a source and"),
-    ("<a:ParameterValues>", "<a:ParameterMapping/><a:ParameterValues>", "<ParameterMapping> in <ParameterBinding>"),
+    ("<a:ParameterValues>", "<a:ParameterMapping/><a:ParameterValues>", "<ParameterValues> in <Par"),
     ('<Integer value="-3"/>', '<Integer value="3.0"/>', "it must be an integer of 32 bits"),
     ('<Integer value="-3"/>', '<Integer value="2147483648"/>', "it must be an integer of 32 bits"),
-    ('<Integer value="-3"/>', "<Int32 value='3'/>", "<Int32> in <Parameter> is not supported yet"),
-    ('<Integer value="-3"/>', '<Binary value="00"/>', "<Binary> parameters are not supported yet"),
+    ('<Integer value="-3"/>', "<Int32 value='3'/>", "<Int32> in <Parameter> is of SSP 2.0"),
+    ('<Integer value="-3"/>', '<Binary value="0g"/>', "it must be bytes in hexadecimal (xs:hexBinary)"),
     ('<Integer value="-3"/>', "", 'parameter "plant.count" has no value'),
     ('<Boolean value="true"/>', '<Boolean value="True"/>', 'it must be "true" or "false"'),
     ('name="plant.count"', 'name="plant.mass"', 'parameter "plant.mass" is already in this set'),
@@ -304,10 +304,10 @@ WRONG = [
     ('stopTime="2.5e1"', 'stopTime="INF"', "must be a finite time"),
     ('stopTime="2.5e1"', 'stepSize="1"', '<DefaultExperiment> has no attribute "stepSize"'),
     ('<c:Annotation type="org.example.top"/>', "<c:Annotation/>", '<Annotation> needs the attribute "type"'),
-    ("<a:SystemGeometry", "<a:SignalDictionaries/><a:SystemGeometry", "<SignalDictionaries> in <System> is not supp"),
-    ('<a:System name="inner">', "<a:SignalDictionaryReference/><a:System name='inner'>", "not supported yet"),
+    ("<a:SystemGeometry", "<a:SignalDictionaries/><a:SystemGeometry", "needs a <SignalDictionary>"),
+    ('<a:System name="inner">', "<a:SignalDictionaryReference/><a:System name='inner'>", 'needs the attribute "dic'),
     ("  <a:Units>", "<a:Enumerations/><a:Units>", "<SystemStructureDescription> may hold only one <Enumerations>"),
-    ("  <a:Units>", "<c:MetaData/><a:Units>", "<MetaData> in <SystemStructureDescription> is not supported yet"),
+    ("  <a:Units>", "<c:MetaData/><a:Units>", "<MetaData> in <SystemStructureDescription> is of SSP 2.0"),
 ]  # fmt: skip
 
 
@@ -361,14 +361,16 @@ class TestWhatIsWrong:
     def test_an_empty_list_of_elements(self, complete: Callable[..., SystemStructure], workshop: Any) -> None:
         structure = read_system(workshop.ssd("a.ssd", workshop.system("\n")))
         (problem,) = structure.problems
-        assert problem.message == "<Elements> is empty; it needs a <Component> or <System>"
+        assert (
+            problem.message == "<Elements> is empty; it needs a <Component> or <SignalDictionaryReference> or <System>"
+        )
 
     def test_a_document_without_a_system(self, workshop: Any) -> None:
         (problem,) = read_system(workshop.ssd("a.ssd", "")).problems
         assert problem.message == "<SystemStructureDescription> needs a <System>"
 
     def test_a_document_that_is_too_large(self, workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("cosim_master.ssp._MAX_DOCUMENT_BYTES", 100)
+        monkeypatch.setattr("cosim_master.references._MAX_DOCUMENT_BYTES", 100)
         with pytest.raises(SystemDescriptionError, match=r"a\.ssd: is larger than 100 bytes"):
             read_system(workshop.ssd("a.ssd", workshop.system()))
 

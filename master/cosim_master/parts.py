@@ -1,0 +1,298 @@
+"""The parts of a running system and their ports: the same .ssd used by five drones is one `System` and five parts.
+
+What a connector leaves open (type, unit, items) is taken from the FMU, and whatever it says otherwise than the FMU is
+a problem. Array connectors of systems become one port per element. Connections are not looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
+from pathlib import Path
+from typing import Any, cast
+
+from cosim_master.document import near
+from cosim_master.errors import Problem, Where
+from cosim_master.fmu import FmuDescription, Variable
+from cosim_master.ssp_grammar import SAME_TYPE
+from cosim_master.system import Connector, Element, Kind, SignalDictionaryReference, System
+from cosim_master.transformation import listed
+from cosim_master.units import Unit, UnitError, conversion
+
+__all__ = ["Part", "Port", "assemble", "element_name", "indices_of"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Port:
+    """A connector of a part, with what its file leaves out taken from the FMU. Compared by identity.
+
+    Attributes:
+        variable: the FMU's variable, for a connector of an FMU.
+        entry: the signal it stands for, for a connector of a reference to a signal dictionary.
+    """
+
+    part: Part
+    name: str
+    kind: Kind
+    where: Where
+    type: str | None
+    unit: Unit | None
+    items: Mapping[str, int] | None
+    variable: Variable | None = None
+    mime_type: str | None = None
+    entry: Port | None = None
+
+    def __str__(self) -> str:
+        owner = self.part.element.name
+        return f"{owner}.{self.name}" if owner else self.name
+
+
+@dataclass(slots=True, eq=False)
+class Part:
+    """An element of the running system.
+
+    Attributes:
+        name: hierarchical name ("drone1.vehicle"); empty for the root system.
+        system: what is inside, for a system or a component that is one; None for an FMU.
+        fmu: None for systems, and for a component whose FMU could not be described.
+        broken: its file could not be read; nothing more is said about it.
+        ports: by name; the elements of an array connector "A" are "A[1]", "A[1,2]".
+        shapes: of its array connectors.
+        dictionaries: the signals of the dictionaries it defines.
+    """
+
+    name: str
+    element: Element
+    parent: Part | None
+    system: System | None = None
+    fmu: FmuDescription | None = None
+    broken: bool = False
+    children: dict[str, Part] = field(default_factory=dict)
+    ports: dict[str, Port] = field(default_factory=dict)
+    shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    dictionaries: dict[str, Part] = field(default_factory=dict)
+
+    def walk(self) -> Iterator[Part]:
+        """This part and all parts in it, outer before inner."""
+        yield self
+        for child in self.children.values():
+            yield from child.walk()
+
+
+def assemble(
+    root: System, fmus: Mapping[Path, FmuDescription | None], problems: list[Problem], notes: list[str]
+) -> Part:
+    """The tree of parts of a system.
+
+    Args:
+        root: the root system.
+        fmus: descriptions by source path; None for a file that could not be described.
+        problems, notes: appended to.
+    """
+    return _Assembly(fmus, problems, notes).part(root, None)
+
+
+class _Assembly:
+    def __init__(self, fmus: Mapping[Path, FmuDescription | None], problems: list[Problem], notes: list[str]) -> None:
+        self.fmus = fmus
+        self.problems = problems
+        self.notes = notes
+
+    def part(self, element: Element, parent: Part | None) -> Part:
+        if parent is None:
+            name = ""
+        else:
+            name = f"{parent.name}.{element.name}" if parent.name else element.name
+        part = Part(name, element, parent)
+        if isinstance(element, SignalDictionaryReference):
+            self._reference(part, element)
+            return part
+        if isinstance(element, System):
+            part.system = element
+        elif element.content is not None:
+            part.system = element.content
+        else:
+            part.fmu = None if element.source is None else self.fmus.get(element.source)
+            part.broken = part.fmu is None
+        if part.system is None:
+            for connector in element.connectors:
+                self._fmu_port(part, connector)
+            return part
+        self._dictionaries(part, part.system)
+        own = {connector.name: connector for connector in element.connectors} if element is not part.system else {}
+        for connector in part.system.connectors:
+            self._system_port(part, connector, own.pop(connector.name, None))
+        for connector in own.values():
+            text = f'"{element.name}" has no connector "{connector.name}" inside; {near(connector.name, part.ports)}'
+            self.problems.append(Problem(connector.where, text))
+        for child in part.system.elements:
+            part.children.setdefault(child.name, self.part(child, part))
+        return part
+
+    def _dictionaries(self, part: Part, system: System) -> None:
+        for dictionary in system.signal_dictionaries:
+            holder = Part(f"{part.name}.{dictionary.name}" if part.name else dictionary.name, system, part)
+            for entry in dictionary.entries.values():
+                self._ports(holder, entry, Port(holder, entry.name, "inout", entry.where, *_described(entry)))
+            part.dictionaries.setdefault(dictionary.name, holder)
+
+    def _reference(self, part: Part, element: SignalDictionaryReference) -> None:
+        """The ports of a reference; the dictionary is looked for from its system outwards (SSP 2.0, section 5.4.3)."""
+        around, known = part.parent, list[str]()
+        while around is not None and element.dictionary not in around.dictionaries:
+            known += around.dictionaries
+            around = around.parent
+        if around is None:
+            hint = near(element.dictionary, known)
+            text = f'there is no signal dictionary "{element.dictionary}" here or around; {hint}'
+            self.problems.append(Problem(element.where, text))
+            part.broken = True
+            return
+        holder = around.dictionaries[element.dictionary]
+        for connector in element.connectors:
+            whole = holder.ports.get(connector.name)
+            shape = holder.shapes.get(connector.name)
+            if whole is None and shape is None:
+                names = [entry for entry in holder.ports if "[" not in entry] + list(holder.shapes)
+                hint = near(connector.name, names)
+                text = f'the signal dictionary "{element.dictionary}" has no "{connector.name}"; {hint}'
+                self.problems.append(Problem(connector.where, text))
+                continue
+            for indices in indices_of(shape or ()):
+                entry = holder.ports[element_name(connector.name, indices)]
+                if None not in (connector.type, entry.type) and connector.type != entry.type:
+                    text = f'"{connector.name}" is {connector.type}, but its signal is {entry.type}, at {entry.where}'
+                    self.problems.append(Problem(connector.where, text))
+                port = Port(part, entry.name, connector.kind, connector.where, *_described(connector))
+                kept = replace(
+                    port,
+                    type=connector.type or entry.type,
+                    unit=connector.unit or entry.unit,
+                    items=connector.items or entry.items,
+                    mime_type=connector.mime_type or entry.mime_type,
+                    entry=entry,
+                )
+                part.ports[entry.name] = kept
+            if shape is not None:
+                part.shapes[connector.name] = shape
+
+    def _ports(self, part: Part, connector: Connector, port: Port) -> None:
+        """Add a connector's port to a part, or one port for each element of an array."""
+        if not connector.dimensions:
+            part.ports[connector.name] = port
+            return
+        sizes = []
+        for dimension in connector.dimensions:
+            if dimension.size is None:
+                reason = f'its size is that of "{dimension.connector}"' if dimension.connector else "it has no size"
+                text = f'connector "{connector.name}": {reason}; only arrays with fixed sizes are supported here'
+                self.problems.append(Problem(connector.where, text))
+            sizes.append(dimension.size or 1)
+        part.shapes[connector.name] = tuple(sizes)
+        for indices in indices_of(tuple(sizes)):
+            name = element_name(connector.name, indices)
+            if name in part.ports:
+                text = f'element "{name}" of an array connector is a connector of its own as well'
+                self.problems.append(Problem(connector.where, text))
+            part.ports[name] = replace(port, name=name)
+
+    def _system_port(self, part: Part, inner: Connector, outer: Connector | None) -> None:
+        """A connector of a system; `outer` is what the component that stands for the system says about it."""
+        if outer is not None:
+            if outer.kind != inner.kind:
+                text = f'connector "{inner.name}" is {outer.kind} here and {inner.kind} inside, at {inner.where}'
+                self.problems.append(Problem(outer.where, text))
+            if None not in (outer.type, inner.type) and outer.type != inner.type:
+                text = f'connector "{inner.name}" is {outer.type} here and {inner.type} inside, at {inner.where}'
+                self.problems.append(Problem(outer.where, text))
+            if outer.dimensions and outer.dimensions != inner.dimensions:
+                text = f'connector "{inner.name}" has other dimensions here than inside, at {inner.where}'
+                self.problems.append(Problem(outer.where, text))
+            self._same_unit(outer, inner.unit, f"inside, at {inner.where}")
+        port = Port(
+            part=part,
+            name=inner.name,
+            kind=inner.kind,
+            where=inner.where if outer is None else outer.where,
+            type=inner.type or (outer.type if outer is not None else None),
+            unit=inner.unit or (outer.unit if outer is not None else None),
+            items=inner.items or (outer.items if outer is not None else None),
+            mime_type=inner.mime_type or (outer.mime_type if outer is not None else None),
+        )
+        self._ports(part, inner, port)
+
+    def _fmu_port(self, part: Part, connector: Connector) -> None:
+        variable = None if part.fmu is None else part.fmu.variables.get(connector.name)
+        port = Port(part, connector.name, connector.kind, connector.where, *_described(connector))
+        part.ports[connector.name] = port
+        if part.fmu is None:
+            return
+        file = part.fmu.path.name
+        if variable is None:
+            known = [item.name for item in part.fmu.variables.values() if item.causality == connector.kind]
+            text = f'{file} has no variable "{connector.name}"; {near(connector.name, known)}'
+            self.problems.append(Problem(connector.where, text))
+            return
+        if connector.dimensions:
+            text = f'connector "{connector.name}" is an array, but {file} has it as a scalar (as all of FMI 2)'
+            self.problems.append(Problem(connector.where, text))
+        kind = connector.kind
+        if kind == "unspecified" or (kind == "constant" and variable.variability == "constant"):
+            kind = cast(Kind, "constant" if variable.variability == "constant" else variable.causality)
+        elif variable.causality != kind:
+            text = f'connector "{connector.name}" is {kind}, but {file} has it as {variable.causality}'
+            self.problems.append(Problem(connector.where, text))
+        if connector.type is not None and connector.type != SAME_TYPE.get(variable.type, variable.type):
+            text = f'connector "{connector.name}" is {connector.type}, but {file} has it as {variable.type}'
+            self.problems.append(Problem(connector.where, text))
+        self._same_unit(connector, variable.unit, f"in {part.fmu.path.name}")
+        if connector.type == "Enumeration" and variable.type == "Enumeration":
+            self._same_items(connector, variable, part.fmu)
+        part.ports[connector.name] = replace(
+            port,
+            kind=kind,
+            type=SAME_TYPE.get(variable.type, variable.type),
+            unit=connector.unit or variable.unit,
+            items=variable.items or connector.items,
+            variable=variable,
+        )
+
+    def _same_unit(self, connector: Connector, other: Unit | None, place: str) -> None:
+        if connector.unit is None or other is None:
+            return
+        text = f'connector "{connector.name}" has the unit "{connector.unit.name}" and "{other.name}" {place}'
+        try:
+            if conversion(connector.unit, other) == (1.0, 0.0):
+                return
+        except UnitError as error:
+            text += f" ({error})"
+        self.problems.append(Problem(connector.where, f"{text}; write the same unit or leave it out"))
+
+    def _same_items(self, connector: Connector, variable: Variable, fmu: FmuDescription) -> None:
+        if connector.items is None:
+            self.notes.append(
+                f'{connector.where}: enumeration "{connector.enumeration}" is not defined in the file; '
+                f"the items of {fmu.path.name} are used"
+            )
+        elif variable.items and dict(connector.items) != dict(variable.items):
+            text = (
+                f'enumeration "{connector.enumeration}" of connector "{connector.name}" has other items than '
+                f"{fmu.path.name}: {listed(connector.items)} instead of {listed(variable.items)}"
+            )
+            self.problems.append(Problem(connector.where, text))
+
+
+def _described(connector: Connector) -> tuple[Any, ...]:
+    """Type, unit, items, no variable, and MIME type, as `Port` has them."""
+    return connector.type, connector.unit, connector.items, None, connector.mime_type
+
+
+def indices_of(shape: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """The indices of all elements of an array, last index fastest; one empty tuple for a scalar."""
+    return product(*(range(1, size + 1) for size in shape))
+
+
+def element_name(name: str, indices: tuple[int, ...]) -> str:
+    """The name of an element of an array connector: "A[1,2]"; of a scalar, its own."""
+    return f"{name}[{','.join(map(str, indices))}]" if indices else name
