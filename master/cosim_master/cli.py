@@ -42,6 +42,9 @@ Settings = Annotated[
     typer.Option("--set", metavar="COMPONENT.PARAMETER=VALUE", help="Override a start value; may be repeated."),
 ]
 Until = Annotated[float | None, typer.Option(help="Stop time in s; default: the system's DefaultExperiment.")]
+Variant = Annotated[
+    str | None, typer.Option(help="Which .ssd of an archive or folder: its name. Default: SystemStructure.ssd.")
+]
 Step = Annotated[float | None, typer.Option(help="Step size in s where neither system nor FMU names one.")]
 
 
@@ -134,6 +137,7 @@ def build(
 def run(
     system: System,
     folder: Annotated[Path | None, typer.Option("-o", "--out", help="Folder for the results.")] = None,
+    variant: Variant = None,
     until: Until = None,
     step: Step = None,
     pace: Annotated[float | None, typer.Option(help="Hold at most this many times real time.")] = None,
@@ -167,6 +171,7 @@ def run(
     with _errors(), _progress() as show:
         result = simulate(
             system,
+            variant=variant,
             out=folder,
             until=until,
             step=step,
@@ -230,14 +235,16 @@ def _report(result: RunResult, folder: Path) -> None:
 
 
 @app.command()
-def check(system: System, until: Until = None, step: Step = None, settings: Settings = None) -> None:
+def check(
+    system: System, variant: Variant = None, until: Until = None, step: Step = None, settings: Settings = None
+) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
     from cosim_master.check import check as check_system
     from cosim_master.plan import layout
     from cosim_master.simulation import prepare
     from cosim_master.ssp import read_system
 
-    with _errors(), read_system(system) as structure:
+    with _errors(), read_system(system, variant) as structure:
         checked = check_system(structure, _overrides(settings))
         ready = prepare(checked, until=until, step=step)
         layout(checked, ready.network, ready.recording.signals)
@@ -248,6 +255,23 @@ def check(system: System, until: Until = None, step: Step = None, settings: Sett
             f"{len(ready.network.nodes)} radio nodes, {n} steps of {ready.clock.base / 1e9:g} s: no problems",
             markup=False,
         )
+
+
+@app.command()
+def explain(
+    system: System,
+    name: Annotated[str, typer.Argument(metavar="COMPONENT.VARIABLE", help="Hierarchical name of a variable.")],
+    variant: Variant = None,
+    settings: Settings = None,
+) -> None:
+    """Tell where the value of a variable comes from: who sets it, who is overridden, and what was ignored."""
+    from cosim_master.check import check as check_system
+    from cosim_master.explanation import explain as explained
+    from cosim_master.ssp import read_system
+
+    with _errors(), read_system(system, variant) as structure:
+        for line in explained(check_system(structure, _overrides(settings)), name):
+            out.print(line, markup=False)
 
 
 @app.command()

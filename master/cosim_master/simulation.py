@@ -153,6 +153,7 @@ def _recording(checked: CheckedSystem, record: Sequence[str]) -> Recording:
 def simulate(
     system: str | Path,
     *,
+    variant: str | None = None,
     out: Path | None = None,
     until: float | None = None,
     step: float | None = None,
@@ -169,6 +170,7 @@ def simulate(
 
     Args:
         system: an .ssd, .ssp or folder.
+        variant: which of several .ssd in it.
         out: folder for the results; None records nothing.
         until: stop time in s; the system's DefaultExperiment if None.
         step: step size in s for systems and FMUs that name none.
@@ -187,7 +189,7 @@ def simulate(
     Returns:
         How it ended; a failing FMU is an outcome, and what was recorded until then is kept.
     """
-    with read_system(system) as structure:
+    with read_system(system, variant) as structure:
         checked = check(structure, overrides)
         ready = prepare(checked, until=until, step=step, seed=seed, record=record, at=at)
         places = layout(checked, ready.network, ready.recording.signals)
