@@ -19,7 +19,7 @@ from cosim_master.binding import Assignment, Bindings, Unmatched
 from cosim_master.document import line_of, near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, describe
-from cosim_master.initialization import exchange_order
+from cosim_master.initialization import Stage, exchange_order
 from cosim_master.parts import Part, assemble
 from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
 from cosim_master.units import Unit
@@ -114,8 +114,8 @@ class CheckedSystem:
         instances: sorted by name, drone2 before drone10.
         links: sorted by target.
         start_time, stop_time: s; stop_time None if the system names none.
-        init_order: stages of indices into `links`: in initialization mode get all sources of a stage, set its
-            targets, go on to the next.
+        init_order: stages of links: in initialization mode get all sources of a stage, set its targets (of a loop
+            again and again), go on to the next.
         aliases: connectors of systems that are driven, sorted by name.
         annotations: all of them, outer before inner.
         unmatched: parameters of bindings that match nothing and are ignored.
@@ -128,7 +128,7 @@ class CheckedSystem:
     links: tuple[Link, ...]
     start_time: float
     stop_time: float | None
-    init_order: tuple[tuple[int, ...], ...]
+    init_order: tuple[Stage, ...]
     aliases: tuple[Alias, ...]
     annotations: tuple[OwnedAnnotation, ...]
     unmatched: tuple[Unmatched, ...]
@@ -193,9 +193,7 @@ class _Check:
             assignments={key: tuple(made) for key, made in bindings.history.items()},
         )
 
-    def _initial_order(
-        self, links: tuple[Link, ...], fmus: Mapping[str, FmuDescription]
-    ) -> tuple[tuple[int, ...], ...]:
+    def _initial_order(self, links: tuple[Link, ...], fmus: Mapping[str, FmuDescription]) -> tuple[Stage, ...]:
         """The stages of `CheckedSystem.init_order`.
 
         A local variable must not be read in initialization mode unless it is an unknown of it (FMI 2.0.5, 4.2.4).
@@ -212,12 +210,10 @@ class _Check:
                 readable.append(index)
         stages = exchange_order(
             [(links[index].source, links[index].target) for index in readable],
-            [links[index].where for index in readable],
             fmus,
-            self.problems,
             self.notes,
         )
-        return tuple(tuple(readable[index] for index in stage) for stage in stages)
+        return tuple(Stage(tuple(readable[index] for index in stage.links), stage.loop) for stage in stages)
 
     def _described(self) -> dict[Path, FmuDescription | None]:
         """The description of every FMU file, read once however many components use it."""

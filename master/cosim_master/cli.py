@@ -21,6 +21,8 @@ from cosim_master.errors import CosimError, SystemDescriptionError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from cosim_master.check import CheckedSystem
+    from cosim_master.plan import Timing
     from cosim_master.simulation import Prepared, Progress, RunResult
 
 __all__ = ["main"]
@@ -236,7 +238,12 @@ def _report(result: RunResult, folder: Path) -> None:
 
 @app.command()
 def check(
-    system: System, variant: Variant = None, until: Until = None, step: Step = None, settings: Settings = None
+    system: System,
+    variant: Variant = None,
+    until: Until = None,
+    step: Step = None,
+    settings: Settings = None,
+    init: Annotated[bool, typer.Option("--init", help="Load and initialize the FMUs too, and stop there.")] = False,
 ) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
     from cosim_master.check import check as check_system
@@ -250,11 +257,22 @@ def check(
         layout(checked, ready.network, ready.recording.signals)
         _print_notes(ready)
         n = ready.clock.steps
+        if init:
+            _try_out(checked, ready.clock)
         out.print(
             f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
             f"{len(ready.network.nodes)} radio nodes, {n} steps of {ready.clock.base / 1e9:g} s: no problems",
             markup=False,
         )
+
+
+def _try_out(checked: CheckedSystem, clock: Timing) -> None:
+    from cosim_master.startup import try_out
+
+    for loop in try_out(checked, clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9):
+        names = ", ".join(loop.outputs[:5]) + (f" and {len(loop.outputs) - 5} more" if len(loop.outputs) > 5 else "")
+        out.print(f"a loop at initialization, settled in {loop.rounds} rounds: {names}", markup=False)
+    out.print(f"{len(checked.instances)} instances initialized", markup=False)
 
 
 @app.command()

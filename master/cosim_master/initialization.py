@@ -2,77 +2,77 @@
 
 An output that depends on inputs while initializing (InitialUnknowns, FMI 2.0.5, section 2.2.8) has its value only
 after those inputs have theirs. Links are put into stages: get the sources of a stage, set its targets, go on to the
-next. A cycle cannot be ordered. If the FMUs in it say so themselves it is a problem (solving it by iteration is not
-supported yet); if it is only there because an FMU does not say what its outputs depend on, they are taken to depend
-on nothing, with a note: the first exchange then uses the values of their own start.
+next. Links that form a loop (a strongly connected component of these dependencies) are a stage of their own, to be
+repeated until its values no longer change; see `loops`.
+
+An FMU that does not say what an output depends on is taken by the standard's word: on all inputs. Loops that are there
+only because of that are found to be none at the first repetition.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from cosim_master.errors import Problem, Where
 from cosim_master.fmu import FmuDescription
 
-__all__ = ["exchange_order"]
+__all__ = ["Stage", "exchange_order"]
 
 _Node = tuple[str, str, str]  # what ("in", "out", "all" inputs of an instance), instance, variable
 _Ends = tuple[tuple[str, str], tuple[str, str]]
 
 
-def exchange_order(
-    links: Sequence[_Ends],
-    places: Sequence[Where],
-    fmus: Mapping[str, FmuDescription],
-    problems: list[Problem],
-    notes: list[str],
-) -> tuple[tuple[int, ...], ...]:
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """Links that are exchanged together, as indices; `loop` says that they depend on each other."""
+
+    links: tuple[int, ...]
+    loop: bool = False
+
+
+def exchange_order(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription], notes: list[str]) -> tuple[Stage, ...]:
     """Stages of links, as indices into `links`.
 
     Args:
         links: (source instance, variable), (target instance, variable).
-        places: where each link was described.
         fmus: description of each instance.
-        problems, notes: appended to.
+        notes: appended to.
     """
     edges, assumed = _graph(links, fmus)
-    stage, rest = _levels(edges)
-    if rest:
-        unsaid = sorted({instance for what, instance, _ in rest if what == "all" and instance in assumed})
-        if unsaid:
-            kept = {
-                node: [target for target in targets if not (node[0] == "all" and target in assumed[node[1]])]
-                if node[0] == "all" and node[1] in unsaid
-                else targets
-                for node, targets in edges.items()
-            }
-            stage, rest = _levels(kept)
-            if not rest:
-                names = ", ".join(unsaid[:5]) + (f" and {len(unsaid) - 5} more" if len(unsaid) > 5 else "")
-                notes.append(
-                    f"{names}: the FMU does not say what its outputs depend on while initializing, and a cycle runs "
-                    "through it; its outputs are taken to depend on nothing then"
-                )
-    if rest:
-        _report(links, places, edges, rest, problems)
-        return ()
-    stages: dict[int, list[int]] = {}
-    for index, (source, _) in enumerate(links):
-        stages.setdefault(stage[("out", *source)], []).append(index)
-    return tuple(tuple(stages[level]) for level in sorted(stages))
+    component = _components(edges)
+    members: dict[int, list[_Node]] = {}
+    for node, number in component.items():
+        members.setdefault(number, []).append(node)
+    level = _levels(edges, component, members)
+    stages: dict[tuple[int, int, int], list[int]] = {}
+    for index, (source, target) in enumerate(links):
+        start, end = ("out", *source), ("in", *target)
+        number = component[start]
+        if component[end] == number:
+            key = (level[number], 1, number)
+        else:
+            key = (level[number], 0 if len(members[number]) == 1 else 2, 0)
+        stages.setdefault(key, []).append(index)
+    unsaid = sorted(
+        {node[1] for number, inside in members.items() if len(inside) > 1 for node in inside if node in assumed}
+    )
+    if unsaid:
+        names = ", ".join(unsaid[:5]) + (f" and {len(unsaid) - 5} more" if len(unsaid) > 5 else "")
+        notes.append(
+            f"{names}: the FMU does not say what its outputs depend on while initializing, and a loop of connections "
+            "runs through it: values are exchanged until they no longer change"
+        )
+    return tuple(Stage(tuple(stages[key]), loop=key[1] == 1) for key in sorted(stages))
 
 
-def _graph(
-    links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]
-) -> tuple[dict[_Node, list[_Node]], dict[str, set[_Node]]]:
-    """Edges from each node to those that need it, and per instance the outputs whose dependencies are assumed."""
+def _graph(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]) -> tuple[dict[_Node, list[_Node]], set[_Node]]:
+    """Edges from each node to those that need it, and the outputs whose dependencies are assumed."""
     edges: dict[_Node, list[_Node]] = {}
-    assumed: dict[str, set[_Node]] = {}
+    assumed: set[_Node] = set()
     for source, target in links:
         edges.setdefault(("out", *source), []).append(("in", *target))
-        edges.setdefault(("in", *target), [])
         hub: _Node = ("all", target[0], "")
-        edges[("in", *target)].append(hub)
+        edges.setdefault(("in", *target), []).append(hub)
         edges.setdefault(hub, [])
     for instance, variable in dict.fromkeys(source for source, _ in links):
         fmu, output = fmus[instance], ("out", instance, variable)
@@ -82,7 +82,7 @@ def _graph(
             needed = ()
         else:
             needed = None
-            assumed.setdefault(instance, set()).add(output)
+            assumed.add(output)
         if needed is None:
             edges.setdefault(("all", instance, ""), []).append(output)
         for name in needed or ():
@@ -91,52 +91,56 @@ def _graph(
     return edges, assumed
 
 
-def _levels(edges: Mapping[_Node, Sequence[_Node]]) -> tuple[dict[_Node, int], list[_Node]]:
-    """Longest distance in links from a node without predecessors, and the nodes that are in or behind a cycle."""
-    waiting = dict.fromkeys(edges, 0)
-    for targets in edges.values():
-        for target in targets:
-            waiting[target] += 1
-    level = dict.fromkeys(edges, 0)
-    ready = [node for node, count in waiting.items() if count == 0]
-    for node in ready:
-        for target in edges[node]:
-            step = 1 if node[0] == "out" else 0
-            level[target] = max(level[target], level[node] + step)
-            waiting[target] -= 1
-            if waiting[target] == 0:
-                ready.append(target)
-    return level, [node for node, count in waiting.items() if count > 0]
+def _components(edges: Mapping[_Node, Sequence[_Node]]) -> dict[_Node, int]:
+    """Number of the strongly connected component of each node, against the direction of the edges.
+
+    Tarjan, Depth-first search and linear graph algorithms, SIAM J. Comput. 1 (1972), without recursion.
+    """
+    index: dict[_Node, int] = {}
+    low: dict[_Node, int] = {}
+    component: dict[_Node, int] = {}
+    open_nodes: list[_Node] = []
+    count = 0
+    for root in edges:
+        if root in index:
+            continue
+        path = [(root, iter(edges[root]))]
+        index[root] = low[root] = len(index)
+        open_nodes.append(root)
+        while path:
+            node, following = path[-1]
+            for target in following:
+                if target not in index:
+                    index[target] = low[target] = len(index)
+                    open_nodes.append(target)
+                    path.append((target, iter(edges[target])))
+                    break
+                if target not in component:
+                    low[node] = min(low[node], index[target])
+            else:
+                path.pop()
+                if path:
+                    low[path[-1][0]] = min(low[path[-1][0]], low[node])
+                if low[node] == index[node]:
+                    while True:
+                        member = open_nodes.pop()
+                        component[member] = count
+                        if member == node:
+                            break
+                    count += 1
+    return component
 
 
-def _report(
-    links: Sequence[_Ends],
-    places: Sequence[Where],
-    edges: Mapping[_Node, Sequence[_Node]],
-    rest: Sequence[_Node],
-    problems: list[Problem],
-) -> None:
-    """One problem per cycle among `rest`, naming its connections."""
-    cause: dict[_Node, _Node] = {}
-    left = set(rest)
-    for node in rest:
-        for target in edges[node]:
-            if target in left:
-                cause.setdefault(target, node)
-    reported: set[_Node] = set()
-    index = {(("out", *source), ("in", *target)): number for number, (source, target) in enumerate(links)}
-    for start in rest:
-        seen: dict[_Node, None] = {}
-        node = start
-        while node not in seen and node not in reported:
-            seen[node] = None
-            node = cause[node]
-        if node in seen:
-            path = list(seen)
-            cycle = path[path.index(node) :][::-1]
-            pairs = zip(cycle, [*cycle[1:], cycle[0]], strict=True)
-            numbers = [index[pair] for pair in pairs if pair in index]
-            ends = [f"{'.'.join(links[n][0])} -> {'.'.join(links[n][1])} ({places[n]})" for n in numbers]
-            text = "these connections form a cycle without delay at initialization: " + ", ".join(ends)
-            problems.append(Problem(places[numbers[0]], text))
-        reported.update(seen)
+def _levels(
+    edges: Mapping[_Node, Sequence[_Node]], component: Mapping[_Node, int], members: Mapping[int, Sequence[_Node]]
+) -> dict[int, int]:
+    """Longest distance of each component in links from one that needs nothing."""
+    level = dict.fromkeys(members, 0)
+    for number in sorted(members, reverse=True):  # Tarjan numbers a component after all that need it
+        for node in members[number]:
+            for target in edges[node]:
+                other = component[target]
+                if other != number:
+                    step = 1 if node[0] == "out" or len(members[number]) > 1 else 0
+                    level[other] = max(level[other], level[number] + step)
+    return level

@@ -2,6 +2,7 @@
 
     instantiate(checked, libraries, living)     one after the other
     initialize(checked, living, start, stop)    start values, experiment, initialization mode with its exchange, and out
+    try_out(checked, start, stop)               both, and freed again
 
 Every start value is set, those of the FMU's own description too: some FMUs ignore them. Before initialization mode
 that is everything but inputs; inputs are set inside of it.
@@ -10,16 +11,27 @@ that is everything but inputs; inputs are set inside of it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from cosim_master.check import CheckedSystem, Link
 from cosim_master.fmi2 import Instance, set_kind
 from cosim_master.fmu import Variable
-from cosim_master.loading import Libraries
+from cosim_master.loading import Libraries, check_sources
+from cosim_master.loops import settle
 
-__all__ = ["initialize", "instantiate"]
+__all__ = ["SettledLoop", "initialize", "instantiate", "try_out"]
 
 _KINDS = ("Real", "Integer", "Boolean", "String")
+
+
+@dataclass(frozen=True, slots=True)
+class SettledLoop:
+    """Outputs that depend on each other at initialization, and how often values were exchanged until they settled."""
+
+    outputs: tuple[str, ...]
+    rounds: int
 
 
 def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Instance]) -> None:
@@ -32,15 +44,21 @@ def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Insta
         living.append(libraries.load(instance.fmu).instantiate(instance.name))
 
 
-def initialize(checked: CheckedSystem, living: Sequence[Instance], start: float, stop: float) -> None:
+def initialize(
+    checked: CheckedSystem, living: Sequence[Instance], start: float, stop: float
+) -> tuple[SettledLoop, ...]:
     """Initialize all instances.
 
     Args:
         living: in the order of `checked.instances`.
         start, stop: of the run, s.
 
+    Returns:
+        The loops of connections that had to be solved.
+
     Raises:
         FmuError: an FMU refused.
+        LoopError: outputs depend on each other, and no values were found that fit.
     """
     values = [instance.effective_values() for instance in checked.instances]
     for one, instance, starts in zip(living, checked.instances, values, strict=True):
@@ -49,20 +67,57 @@ def initialize(checked: CheckedSystem, living: Sequence[Instance], start: float,
     for one, instance, starts in zip(living, checked.instances, values, strict=True):
         one.enter_initialization_mode()
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
-    _exchange(checked, {one.name: one for one in living})
+    loops = _exchange(checked, {one.name: one for one in living})
     for one in living:
         one.exit_initialization_mode()
+    return loops
 
 
-def _exchange(checked: CheckedSystem, living: Mapping[str, Instance]) -> None:
+def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledLoop, ...]:
+    """Initialize a system and free it again: what a run does before its first step.
+
+    Raises:
+        SystemDescriptionError, FmuError, LoopError: as a run would.
+    """
+    check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
+    living: list[Instance] = []
+    with Libraries() as libraries:
+        try:
+            instantiate(checked, libraries, living)
+            loops = initialize(checked, living, start, stop)
+            for one in living:
+                one.terminate()
+        finally:
+            for one in living:
+                one.free()
+    return loops
+
+
+def _exchange(checked: CheckedSystem, living: Mapping[str, Instance]) -> tuple[SettledLoop, ...]:
     """Stage by stage: get all sources of a stage at once, then set its targets."""
+    loops = []
     for stage in checked.init_order:
-        links = [checked.links[i] for i in stage]
-        got = _get(living, dict.fromkeys(link.source for link in links))
-        _set(living, links, got)
+        links = [checked.links[i] for i in stage.links]
+        ends = list(dict.fromkeys(link.source for link in links))
+        got = _get(living, ends)
+        if not stage.loop:
+            _set(living, links, got)
+            continue
+        names = tuple(".".join(end) for end in ends)
+        rounds = settle(partial(_go_round, living, links, ends), [got[end] for end in ends], names)
+        loops.append(SettledLoop(names, rounds))
+    return tuple(loops)
 
 
-def _get(living: Mapping[str, Instance], ends: Mapping[tuple[str, str], None]) -> dict[tuple[str, str], Any]:
+def _go_round(
+    living: Mapping[str, Instance], links: Sequence[Link], ends: Sequence[tuple[str, str]], values: list[Any]
+) -> list[Any]:
+    _set(living, links, dict(zip(ends, values, strict=True)))
+    got = _get(living, ends)
+    return [got[end] for end in ends]
+
+
+def _get(living: Mapping[str, Instance], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
     """Values of outputs, by instance and variable; one call per instance and type."""
     wanted: dict[str, list[Variable]] = {}
     for name, variable in ends:

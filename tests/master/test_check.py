@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from cosim_master.check import CheckedSystem, check, natural
-from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.errors import SystemDescriptionError
 from cosim_master.fmu import describe
 from cosim_master.initialization import exchange_order
 from cosim_master.ssp import read_system
@@ -622,40 +622,62 @@ class TestInitialization:
     def test_stages_follow_the_feed_through(self, workshop: Any, variable: Any) -> None:
         self.feedthrough(workshop, variable)
         checked = check(read_system(self.ring(workshop, ["z", "y", "y"])))
-        stages = [[checked.links[index].source for index in stage] for stage in checked.init_order]
+        stages = [[checked.links[index].source for index in stage.links] for stage in checked.init_order]
         assert stages == [[("c0", "z")], [("c1", "y")], [("c2", "y")]]
 
-    def test_a_cycle_without_delay_names_its_connections(self, workshop: Any, variable: Any) -> None:
+    def test_a_loop_is_a_stage_of_its_own(self, workshop: Any, variable: Any) -> None:
         self.feedthrough(workshop, variable)
-        text = only(problems_of(lambda: check(read_system(self.ring(workshop, ["y", "y", "y"])))))
-        assert "these connections form a cycle without delay at initialization: " in text
-        for a, b in (("c0", "c1"), ("c1", "c2"), ("c2", "c0")):
-            assert re.search(rf"{a}\.y -> {b}\.u \(\S+ring\.ssd:\d+\)", text)
+        checked = check(read_system(self.ring(workshop, ["y", "y", "y"])))
+        (stage,) = checked.init_order
+        assert (sorted(stage.links), stage.loop) == ([0, 1, 2], True)
+        assert not [note for note in checked.notes if "does not say" in note]
 
-    def test_a_cycle_through_an_fmu_that_does_not_say(self, workshop: Any, variable: Any) -> None:
+    def test_what_leads_into_a_loop_comes_before_it_and_what_leaves_it_behind(
+        self, workshop: Any, variable: Any
+    ) -> None:
+        made = (variable("u"), variable("v"), variable("y", "output"))
+        workshop.fmu("sum.fmu", *made, outputs={3: "1 2"}, initial={3: "1 2"})
+        parts = "".join(workshop.component(name, "sum.fmu", "u:input v:input y:output") for name in "abcde")
+        wires = ("a/y b/u", "b/y c/u", "c/y b/v", "c/y d/u", "d/y e/u")
+        connections = "".join(workshop.connection(*wire.split()) for wire in wires)
+        checked = check(read_system(workshop.ssd("s.ssd", workshop.system(parts, connections))))
+        found = [
+            ([(checked.links[i].source[0], checked.links[i].target[0]) for i in stage.links], stage.loop)
+            for stage in checked.init_order
+        ]
+        expected = [
+            ([("a", "b")], False),
+            ([("c", "b"), ("b", "c")], True),
+            ([("c", "d")], False),
+            ([("d", "e")], False),
+        ]
+        assert found == expected
+
+    def test_a_loop_through_an_fmu_that_does_not_say(self, workshop: Any, variable: Any) -> None:
         made = (variable("u"), variable("y", "output"), variable("z", "output"))
         workshop.fmu("silent.fmu", *made, initial={})
         checked = check(read_system(self.ring(workshop, ["y", "y"], "silent.fmu")))
-        assert [len(stage) for stage in checked.init_order] == [2]
+        assert [(len(stage.links), stage.loop) for stage in checked.init_order] == [(2, True)]
         assert any(note.startswith("c0, c1: the FMU does not say") for note in checked.notes)
 
     def test_an_exact_output_depends_on_nothing(self, workshop: Any, variable: Any) -> None:
         made = (variable("u"), variable("y", "output", initial="exact", start="1"), variable("z", "output"))
         workshop.fmu("exact.fmu", *made, initial={3: "1"})
         checked = check(read_system(self.ring(workshop, ["y", "z"], "exact.fmu")))
-        stages = [[checked.links[index].source for index in stage] for stage in checked.init_order]
+        stages = [[checked.links[index].source for index in stage.links] for stage in checked.init_order]
         assert stages == [[("c0", "y")], [("c1", "z")]]
 
     def test_one_that_says_all_inputs(self, workshop: Any, variable: Any) -> None:
         made = (variable("u"), variable("y", "output"), variable("z", "output"))
         workshop.fmu("all.fmu", *made, initial={2: None, 3: ""})
-        found = problems_of(lambda: check(read_system(self.ring(workshop, ["y", "y"], "all.fmu"))))
-        assert "form a cycle without delay" in only(found)
+        checked = check(read_system(self.ring(workshop, ["y", "y"], "all.fmu")))
+        assert [stage.loop for stage in checked.init_order] == [True]
+        assert not [note for note in checked.notes if "does not say" in note]
 
     @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(data=st.data())
     def test_against_brute_force(self, workshop: Any, variable: Any, data: st.DataObject) -> None:
-        """Random dependencies and links: a value is never used before it is final, and a cycle is always found."""
+        """Random dependencies and links: a value is never used before it is final; loops are exactly those that are."""
         inputs, count = 3, data.draw(st.integers(1, 5))
         masks = data.draw(st.lists(st.integers(0, 7), min_size=3, max_size=3))
         needs = {f"y{o}": [i for i in range(inputs) if mask >> i & 1] for o, mask in enumerate(masks)}
@@ -665,10 +687,7 @@ class TestInitialization:
         ends = st.tuples(st.integers(0, count - 1), st.integers(0, 2))
         wires = data.draw(st.dictionaries(ends, ends, max_size=9))  # target input -> source output
         links = [((f"c{s}", f"y{o}"), (f"c{t}", f"u{i}")) for (t, i), (s, o) in wires.items()]
-        problems: list[Problem] = []
-        stages = exchange_order(
-            links, [Where("x", n) for n in range(len(links))], {f"c{n}": fmu for n in range(count)}, problems, []
-        )
+        stages = exchange_order(links, {f"c{n}": fmu for n in range(count)}, [])
 
         def reaches(start: int, goal: int, seen: set[int]) -> bool:
             """Whether the value of link `start` is used to compute that of `goal`."""
@@ -678,17 +697,19 @@ class TestInitialization:
             ]
             return any(n == goal or (n not in seen and not seen.add(n) and reaches(n, goal, seen)) for n in after)  # type: ignore[func-returns-value]
 
-        cyclic = any(reaches(n, n, set()) for n in range(len(links)))
-        assert bool(problems) == cyclic
-        if not cyclic:
-            assert sorted(n for stage in stages for n in stage) == list(range(len(links)))
-            stage_of = {n: k for k, stage in enumerate(stages) for n in stage}
-            for a in range(len(links)):
-                for b in range(len(links)):
-                    if reaches(a, b, set()):
-                        assert stage_of[a] < stage_of[b]
-            longest = max((stage_of[n] for n in stage_of), default=-1) + 1
-            assert longest == len(stages) and all(stages)
+        assert sorted(n for stage in stages for n in stage.links) == list(range(len(links)))
+        stage_of = {n: k for k, stage in enumerate(stages) for n in stage.links}
+        for a in range(len(links)):
+            # links of one source lead around a loop together
+            cyclic = any(
+                reaches(a, b, set()) and reaches(b, a, set()) and stage_of[a] == stage_of[b] for b in range(len(links))
+            )
+            assert stages[stage_of[a]].loop == cyclic
+            for b in range(len(links)):
+                if reaches(a, b, set()):
+                    together = reaches(b, a, set())
+                    assert stage_of[a] == stage_of[b] if together else stage_of[a] < stage_of[b]
+        assert all(stage.links for stage in stages)
 
 
 class TestFlatteningAgainstANaiveOne:
@@ -807,7 +828,7 @@ def test_mixed_up_systems_give_our_error_or_a_system(workshop: Any, data: st.Dat
         assert error.problems
         return
     names = {instance.name: instance.fmu.variables for instance in checked.instances}
-    assert sorted(n for stage in checked.init_order for n in stage) == list(range(len(checked.links)))
+    assert sorted(n for stage in checked.init_order for n in stage.links) == list(range(len(checked.links)))
     for link in checked.links:
         assert names[link.source[0]][link.source[1]].causality in ("output", "calculatedParameter")
         assert names[link.target[0]][link.target[1]].causality in ("input", "parameter")
