@@ -1,6 +1,6 @@
 """Applies parameter bindings: which start value each variable of each FMU gets, and from whom.
 
-Precedence (SSP 2.0, section 5.3.3): a higher level of the hierarchy wins over a lower one, at one level the later
+Precedence (SSP 2.0, section 5.2.3): a higher level of the hierarchy wins over a lower one, at one level the later
 binding wins; a component that is an .ssd counts as its root system with its own bindings after the system's. A name
 applies to everything it matches, and is ignored, with a note, if it matches nothing. Under a parameter mapping only
 what it names is applied, by the names it gives.
@@ -204,7 +204,7 @@ class Bindings:
         if isinstance(target, Variable):
             self._store(part, target, parameter)
             return
-        if target.part.element is not target.part.system and target.entry is not None:
+        if target.entry is not None:
             self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: a signal has no start value')
             return
         unit = target.unit or parameter.unit

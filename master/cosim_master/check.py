@@ -249,13 +249,20 @@ class _Check:
             return None
 
     def _unique(self, parts: list[Part]) -> None:
+        """Give components names of their own; the standard allows punning (SSP 2.0, section 5.2.3)."""
         first: dict[str, Part] = {}
         for part in parts:
-            if part.name in first:
-                other = first[part.name].element.where
-                text = f'two components have the hierarchical name "{part.name}"; the other is at {other}'
-                self.problems.append(Problem(part.element.where, text))
-            first.setdefault(part.name, part)
+            name, number = part.name, 1
+            while part.name in first:
+                number += 1
+                part.name = f"{name}#{number}"
+            if number > 1:
+                other, where = first[name].element.where, part.element.where
+                text = f'two components have the hierarchical name "{name}", the other at {other}'
+                self.notes.append(
+                    f'{where}: {text}; what is set by this name goes to both, results call it "{part.name}"'
+                )
+            first[part.name] = part
 
     def _links(self, parts: list[Part], wiring: Wiring) -> tuple[Link, ...]:
         links: list[Link] = []

@@ -138,7 +138,7 @@ class _Assembly:
             part.dictionaries.setdefault(dictionary.name, holder)
 
     def _reference(self, part: Part, element: SignalDictionaryReference) -> None:
-        """The ports of a reference; the dictionary is looked for from its system outwards (SSP 2.0, section 5.4.3)."""
+        """The ports of a reference; the dictionary is looked for from its system outwards (SSP 2.0, section 5.5)."""
         around, known = part.parent, list[str]()
         while around is not None and element.dictionary not in around.dictionaries:
             known += around.dictionaries

@@ -222,7 +222,7 @@ class Document:
         return file, None, None
 
     def _embedded(self, element: etree._Element, name: str) -> System | None:
-        """The system of this document with the given id (section 5.5, "source")."""
+        """The system of this document with the given id (section 5.4, "source")."""
         systems = {item.get("id"): item for item in self.root.iter(SSD + "System") if item.get("id") is not None}
         found = systems.get(name)
         if found is None:
@@ -307,7 +307,7 @@ class Document:
             self.reader.problem(
                 element, f'connector kind "{element.get("kind")}" is of SSP 2.0; valid: {", ".join(KINDS)}'
             )
-            kind = "input"
+            kind = element.get("kind", "")
         else:
             kind = self.reader.choice(element, "kind", kinds, "input")
         return read_connector(self.reader, element, self._held(element), kind, self.defined)

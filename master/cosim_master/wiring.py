@@ -12,14 +12,20 @@ from dataclasses import dataclass, field
 from cosim_master.document import near
 from cosim_master.errors import Problem, Where
 from cosim_master.parts import Part, Port, element_name, indices_of
-from cosim_master.system import Connection, LinearTransformation, MappingTransformation, SignalDictionaryReference
+from cosim_master.system import (
+    Connection,
+    LinearTransformation,
+    MappingTransformation,
+    SignalDictionaryReference,
+    System,
+)
 from cosim_master.transformation import MappedEnd, compatible, listed, mapping_entries, mime_types_differ
 from cosim_master.units import Unit, UnitError, conversion
 
 __all__ = ["SENDING", "Route", "Wiring"]
 
 # Which connectors may be joined: owner and kind of the source, owner and kind of the destination
-# (SSP 2.0, section 5.4.2.1 "Allowed Connections"; what SSP 1.0 allows is a part of it).
+# (SSP 2.0, section 5.3.2.1 "Allowed Connections"; what SSP 1.0 allows is a part of it).
 _ROWS = """
 system structuralParameter system calculatedParameter output local
 system parameter system calculatedParameter output local
@@ -88,6 +94,8 @@ class Wiring:
                 for connection in part.system.connections:
                     self._connect(part, connection)
         self._share_signals()
+        for target in tuple(self.incoming):
+            self.route(target)
 
     def _share_signals(self) -> None:
         """Let the signals of dictionaries flow: from the one reference that is written to all the others."""
@@ -158,7 +166,8 @@ class Wiring:
     def _flow(self, connection: Connection, source: Port, target: Port) -> None:
         if target in self.incoming:
             first = self.incoming[target][0].where
-            what = f'signal "{target.name}" of a dictionary' if target.part.element is target.part.system else ""
+            holder = target.part.system is None and isinstance(target.part.element, System)
+            what = f'signal "{target.name}" of a dictionary' if holder else ""
             self._problem(
                 connection.where, f"{what or f'{target.kind} {target}'} has two writers; the other is at {first}"
             )

@@ -31,7 +31,8 @@ def compiled(source: Path, folder: Path) -> bytes:
     return library.read_bytes()
 
 
-def _binary(folder: Path) -> bytes:
+def probe_library(folder: Path) -> bytes:
+    """The probe, compiled once."""
     return compiled(Path(__file__).with_name("probe.c"), folder)
 
 
@@ -77,7 +78,7 @@ class Probes:
         path = self.root / name
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("modelDescription.xml", text.replace('guid="{0}"', f'guid="{guid}"'))
-            library = _binary(self._folder) if binary is None else binary
+            library = probe_library(self._folder) if binary is None else binary
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", library)
         return path
 
