@@ -161,6 +161,14 @@ def run(
     threads: Annotated[
         int | None, typer.Option(help="Threads that step native FMUs; default: all cores for large systems.")
     ] = None,
+    gcs: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ADDRESS", help="A ground station, e.g. udpout:127.0.0.1:14550; may be repeated."),
+    ] = None,
+    ports: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Serial ports of the autopilots, e.g. tcp:5760+10 for 5760, 5770, ..."),
+    ] = None,
 ) -> None:
     """Run a system."""
     from cosim_master.simulation import simulate
@@ -185,13 +193,20 @@ def run(
             threads=threads,
             on_start=_print_notes,
             on_progress=show,
+            gcs=gcs or (),
+            ports=ports,
+            on_gateway=_note,
         )
     _report(result, folder)
 
 
+def _note(text: str) -> None:
+    err.print(f"note: {text}", markup=False)
+
+
 def _print_notes(ready: Prepared) -> None:
     for note in ready.notes:
-        err.print(f"note: {note}", markup=False)
+        _note(note)
 
 
 @contextmanager
@@ -228,6 +243,9 @@ def _report(result: RunResult, folder: Path) -> None:
             f"({result.real_time_factor:.1f} times real time), packets {counts}; {folder}",
             markup=False,
         )
+    for gateway, crossed in result.gateways.items():
+        text = ", ".join(f"{n} {what}" for what, n in crossed.items() if what != "address")
+        _note(f"{gateway} ({crossed['address']}): {text or 'nothing has crossed'}")
     if result.overruns[0]:
         err.print(f"note: the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
     if result.outcome == "failed":

@@ -28,8 +28,20 @@ from cosim_master.fmi2 import Instance as Living
 from cosim_master.fmu import Variable
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.network import Network
-from cosim_master.plan import KINDS, Layout, Timing, grown, make_plan, make_radio
-from cosim_master.radio import DEFERRED, DELIVERED, IN_FLIGHT, OUTCOMES, USED_EVENTS, USED_LOG
+from cosim_master.plan import GATEWAY_BYTES, KINDS, Layout, Timing, grown, make_plan, make_radio
+from cosim_master.radio import (
+    DEFERRED,
+    DELIVERED,
+    FREE_PLACES,
+    IN_FLIGHT,
+    OUTCOMES,
+    SLOT,
+    USED_EVENTS,
+    USED_LOG,
+    admit,
+    arrived,
+    deliver,
+)
 from cosim_master.recorder import Recorder
 from cosim_master.repetition import Grid, Snapshot, cannot_be_repeated
 from cosim_master.startup import initialize, instantiate
@@ -144,6 +156,7 @@ class Execution:
         self._workers: list[threading.Thread] = []
         self._changes = list(changes)
         self._snapshot: Snapshot | None = None
+        self._crossing = np.zeros(GATEWAY_BYTES, dtype=np.uint8)
         try:
             check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
             instantiate(checked, self._libraries, self.living)
@@ -161,10 +174,13 @@ class Execution:
             self._text_links, self._text_outputs = self._strings()
             self._grid = Grid(self.plan, clock.periods)
             # What this project compiled never discards a step, so that swarms of it need no copies of their states.
-            self._unrepeatable = cannot_be_repeated(self.living)
+            passed = "what has passed a gateway cannot be taken back" if network.gateways else ""
+            self._unrepeatable = cannot_be_repeated(self.living) or passed
             if not self._unrepeatable and not all(one.library.thread_safe for one in self.living):
                 self._snapshot = Snapshot(self.living)
                 self._save()
+            if network.gateways:
+                self._compile_gateways()
             self._start_workers()
             self.advance(0)
         except FmuError as error:
@@ -303,6 +319,58 @@ class Execution:
             raise RunFailed(failures)
         raise _Discarded(failures, shrink)
 
+    # ---- gateways ----------------------------------------------------------------------------------------------------
+
+    def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
+        """Bring packets into the network by a gateway, at the present time: complete ones whose CRC is not wrong."""
+        step = 64
+        for first in range(0, len(packets), step):
+            some = packets[first : first + step]
+            block = np.frombuffer(b"".join(some), dtype=np.uint8)
+            need = len(some) * (self.radio.endpoints.size + 1)
+            if need > self.radio.counters[FREE_PLACES]:
+                self.radio = grown(self.radio, need)
+            self._make_room(need, 2 * block.size + 64 * len(some))
+            admit(self.radio, self._now, gateway, block, block.size)
+
+    def take(self, gateway: int) -> bytes:
+        """The packets that have arrived at a gateway by now."""
+        e = int(self.radio.gateways[gateway]["endpoint"])
+        taken = []
+        while arrived(self.radio.endpoints, self.radio.places, self._now, e):
+            self._make_room(0, int(self.radio.counters[IN_FLIGHT]) * (SLOT + 16))
+            taken.append(self._crossing[: deliver(self.radio, self._now, e, self._crossing)].tobytes())
+        return b"".join(taken)
+
+    def _compile_gateways(self) -> None:
+        """Now, since later a real program would wait for it."""
+        admit(self.radio, self._now, 0, np.frombuffer(b"-", dtype=np.uint8), 0)
+        e = int(self.radio.gateways[0]["endpoint"])
+        arrived(self.radio.endpoints, self.radio.places, self._now, e)
+        deliver(self.radio, self._now, e, self._crossing)
+
+    def waiting(self, gateway: int) -> int:
+        """Packets that have come in by a gateway and that nobody has read yet, one for each reader."""
+        return int(self.radio.gateways[gateway]["waiting"])
+
+    @property
+    def _now(self) -> int:
+        clock = self.plan.clock
+        return int(clock[START] + max(clock[K], 0) * clock[BASE])
+
+    def _make_room(self, events: int, log: int) -> None:
+        """At least so many free rows of events and bytes of log."""
+        if not self.radio.settings[0]["keep"]:
+            return
+        used = self.radio.counters
+        if used[USED_EVENTS] + events <= self.radio.events.size and used[USED_LOG] + log <= self.radio.log.size:
+            return
+        self._write_packets()
+        if events > self.radio.events.size:
+            self.radio = self.radio._replace(events=np.zeros(2 * events, dtype=self.radio.events.dtype))
+        if log > self.radio.log.size:
+            self.radio = self.radio._replace(log=np.zeros(2 * log, dtype=np.uint8))
+
     def _start_workers(self) -> None:
         for thread in range(1, self.threads):
             worker = threading.Thread(target=work, args=(self.plan, thread), name=f"uav-cosim-{thread}", daemon=True)
@@ -346,15 +414,15 @@ class Execution:
 
     def _flush_packets(self) -> None:
         """Write the packet blocks out, and make them large enough for what comes next."""
+        self._write_packets()
+        sending = 3 * int(sent_bytes(self.plan))
+        delivering = (int(self.radio.counters[IN_FLIGHT]) + 64) * (SLOT + 16)
+        self._make_room(int(places_needed(self.plan, self.radio)), max(sending, delivering))
+
+    def _write_packets(self) -> None:
         if self._recorder is not None:
             self._recorder.packets(self.radio)
         self.radio.counters[[USED_EVENTS, USED_LOG]] = 0
-        events = int(places_needed(self.plan, self.radio))
-        size = max(3 * int(sent_bytes(self.plan)), (int(self.radio.counters[IN_FLIGHT]) + 64) * 300)
-        if events > self.radio.events.size:
-            self.radio = self.radio._replace(events=np.zeros(2 * events, dtype=self.radio.events.dtype))
-        if size > self.radio.log.size:
-            self.radio = self.radio._replace(log=np.zeros(2 * size, dtype=np.uint8))
 
     def _strings(self) -> tuple[list[_TextLink], dict[tuple[int, str], str]]:
         """Connections of Strings, and the value of every String output that is connected or recorded."""

@@ -28,7 +28,7 @@ from cosim_master.errors import Problem, SystemDescriptionError
 from cosim_master.fmu import Variable
 from cosim_master.radio import SLOT
 
-__all__ = ["ANNOTATION", "Endpoint", "Network", "Node", "network_of"]
+__all__ = ["ANNOTATION", "Endpoint", "Gateway", "Network", "Node", "network_of"]
 
 ANNOTATION = "org.uav-cosim.network"
 
@@ -55,10 +55,25 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
+class Gateway:
+    """A node behind which real programs are, and the link to it; times in s.
+
+    `wired`: the instance it is wired to; None: it is on the air and reaches every node, whatever the topology.
+    """
+
+    name: str
+    wired: str | None = None
+    latency: float = 0.0
+    jitter: float = 0.0
+    loss: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Network:
     """Nodes by name, and the radio between them. Times in s, lengths in m."""
 
     nodes: tuple[Node, ...] = ()
+    gateways: tuple[Gateway, ...] = ()
     topology: str = "broadcast"
     neighbours: int = 1
     axis: tuple[float, float, float] | None = None

@@ -27,6 +27,7 @@ from cosim_master.radio import (
     EVENT,
     FREE_PLACE,
     FREE_PLACES,
+    GATEWAY,
     NODE,
     PLACE,
     SETTINGS,
@@ -35,11 +36,13 @@ from cosim_master.radio import (
 )
 from cosim_master.stepping import CALL, COPY, GET_STRING, INSTANCE, PORTS, SEND, SET_STRING, WIRE, Plan
 
-__all__ = ["KINDS", "Layout", "Timing", "grown", "layout", "make_plan", "make_radio", "timing"]
+__all__ = ["GATEWAY_BYTES", "KINDS", "Layout", "Timing", "grown", "layout", "make_plan", "make_radio", "timing"]
 
 KINDS = ("Real", "Integer", "Boolean")
 _NANO = 1_000_000_000
 _BLOCK_BYTES = 8 << 20
+GATEWAY_BYTES = 1 << 16
+"""What can be taken out of a gateway at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -453,6 +456,18 @@ def _nanoseconds(seconds: float) -> int:
     return 2**62 if seconds > 9e9 else round(seconds * _NANO)
 
 
+def _gateways(network: Network) -> np.ndarray[Any, Any]:
+    """The GATEWAY table; their endpoints are the last ones."""
+    instances = [e.instance for node in network.nodes for e in node.endpoints]
+    table = np.zeros(len(network.gateways), dtype=GATEWAY)
+    for g, gateway in enumerate(network.gateways):
+        table[g]["endpoint"] = len(instances) + g
+        table[g]["wired"] = -1 if gateway.wired is None else instances.index(gateway.wired)
+        table[g]["latency"], table[g]["jitter"] = _nanoseconds(gateway.latency), _nanoseconds(gateway.jitter)
+        table[g]["loss"] = gateway.loss
+    return table
+
+
 def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
     """The radio's memory. `keep`: write packet events and logs."""
     nodes = network.nodes
@@ -470,13 +485,17 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
     listed = np.cumsum([0, *(len(row) for row in hearers)])
     members = np.cumsum([0, *(len(node.endpoints) for node in nodes)])
     reals = places.ports["Real"].index
-    node_table = np.zeros(len(nodes), dtype=NODE)
+    node_table = np.zeros(len(nodes) + len(network.gateways), dtype=NODE)
     for n, node in enumerate(nodes):
         place = [reals[instance, variable.name] for instance, variable in node.position] or [-1, -1, -1]
         node_table[n] = (place, _hash(node.name), members[n], members[n + 1], listed[n], listed[n + 1])
-    endpoints = np.zeros(int(members[-1]), dtype=ENDPOINT)
+    endpoints = np.zeros(int(members[-1]) + len(network.gateways), dtype=ENDPOINT)
     for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
         endpoints[i] = (n, _hash(e.instance), 0, e.rx.packet_capacity if e.rx else 0, 0, -1, -1)
+    for g, gateway in enumerate(network.gateways):
+        behind = int(members[-1]) + g
+        node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0)
+        endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
         settings=settings,
@@ -492,6 +511,7 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
         counters=np.zeros(COUNTERS, dtype=np.int64),
         events=np.zeros(4096, dtype=EVENT),
         log=np.zeros(1 << 20, dtype=np.uint8),
+        gateways=_gateways(network),
     )
     empty.counters[FREE_PLACE] = -1
     return grown(empty, 256)

@@ -4,6 +4,10 @@ An *endpoint* is a pair of packet ports of one instance (an autopilot, an agent,
 shares an antenna: the endpoints of one vehicle. Endpoints of a node are wired on board, without loss or delay. Over
 the radio a packet goes to the nodes the topology names; MAVLink addresses decide which endpoints there get it.
 
+A *gateway* is a node of its own behind all others: packets cross there between the simulated network and a socket.
+It is heard by, and hears, every node whatever the topology, or, wired, one endpoint alone; by a link of its own. The
+other nodes notice nothing of a gateway but the packets that come from it.
+
 Every chance is a function of (seed, sending endpoint, receiving node, number of the packet at its sender) and of
 nothing else, so results depend neither on the step size nor on the order in which instances step.
 
@@ -40,6 +44,7 @@ __all__ = [
     "EVENT",
     "FREE_PLACE",
     "FREE_PLACES",
+    "GATEWAY",
     "IN_FLIGHT",
     "LISTED",
     "NEAREST",
@@ -52,6 +57,7 @@ __all__ = [
     "USED_EVENTS",
     "USED_LOG",
     "Radio",
+    "admit",
     "arrived",
     "copies",
     "deliver",
@@ -123,11 +129,29 @@ PLACE = np.dtype(
     [
         ("arrival", "i8"),
         ("length", "i8"),
-        ("logged", "i8"),  # this copy is the one that goes into the receiving node's log
+        ("logged", "i8"),  # this copy goes into the receiving node's log; COUNTED: and is the one that is counted
         ("following", "i8"),  # linked lists: the next place
+        ("gateway", "i8"),  # by which it came in, -1: by none
     ]
 )
 """One packet in flight; its bytes are the same row of `Radio.data`."""
+
+COUNTED, LOGGED = 1, 2
+"""Values of PLACE.logged besides 0: a packet by radio counts as delivered, one by wire is logged only."""
+
+GATEWAY = np.dtype(
+    [
+        ("endpoint", "i8"),  # its own
+        ("wired", "i8"),  # the endpoint it is wired to, -1: it is on the air and reaches every node
+        ("latency", "i8"),  # of its link, as in SETTINGS
+        ("jitter", "i8"),
+        ("loss", "f8"),
+        ("number", "i8"),  # packets that have gone by its link, either way
+        ("waiting", "i8"),  # places in flight that came in by it
+        ("systems", "u1", (256,)),  # 1: this system has been heard behind it
+    ]
+)
+"""A node behind which real programs are."""
 
 
 class Radio(NamedTuple):
@@ -143,6 +167,7 @@ class Radio(NamedTuple):
     order: NDArray[np.int64]  # nodes along the axis, kept sorted
     along: NDArray[np.float64]
     hearers: NDArray[np.int64]  # scratch
+    gateways: NDArray[Any]  # GATEWAY
     counters: NDArray[np.int64]  # per outcome, then as named below
     events: NDArray[Any]  # EVENT
     log: NDArray[np.uint8]
@@ -261,7 +286,9 @@ def _out(r: Radio, n: int, t: int) -> bool:
 
 
 @kernel
-def _put(r: Radio, endpoint: int, arrival: int, buf: NDArray[np.uint8], start: int, stop: int, logged: bool) -> None:
+def _put(
+    r: Radio, endpoint: int, arrival: int, buf: NDArray[np.uint8], start: int, stop: int, logged: int, gateway: int
+) -> None:
     """Into the queue of `endpoint`, behind everything that arrives no later."""
     place = r.counters[FREE_PLACE]
     r.counters[FREE_PLACE] = r.places[place].following
@@ -272,6 +299,7 @@ def _put(r: Radio, endpoint: int, arrival: int, buf: NDArray[np.uint8], start: i
     r.places[place].length = stop - start
     r.places[place].arrival = arrival
     r.places[place].logged = logged
+    r.places[place].gateway = gateway
     last = r.endpoints[endpoint].last
     if last >= 0 and r.places[last].arrival <= arrival:
         r.places[place].following = -1
@@ -344,7 +372,7 @@ def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], 
             and r.endpoints[other].capacity > 0
             and (_addressed(r, other, to_system) or r.endpoints[other].heard == 0)
         ):
-            _put(r, other, t, buf, start, stop, False)
+            _put(r, other, t, buf, start, stop, 0, -1)
             taken = True
     if taken:
         _event(r, t, t, e, n, buf, start, stop, ON_BOARD)
@@ -388,13 +416,103 @@ def _by_radio(
         elif s.loss > 0.0 and chance(s.seed, identity, r.nodes[other].identity, number, 0) < s.loss:
             _event(r, t, -1, e, other, buf, start, stop, LOST_CHANNEL)
         else:
-            first = True
+            logged = COUNTED
             for j in range(r.nodes[other].first, r.nodes[other].last):
                 if r.endpoints[j].capacity > 0 and _addressed(r, j, to_system):
-                    _put(r, j, arrival, buf, start, stop, first)
-                    first = False
+                    _put(r, j, arrival, buf, start, stop, logged, -1)
+                    logged = 0
             _event(r, t, arrival, e, other, buf, start, stop, BY_RADIO)
     return taken
+
+
+@kernel
+def _over_link(r: Radio, t: int, g: int, source: int, sink: int, n: int) -> tuple[int, int]:
+    """When a packet that leaves endpoint `source` at t reaches node `sink` by the link of gateway g, and the outcome.
+
+    `n` is the node at the far end of the link, whose outages count unless a wire leads to it.
+    """
+    w = r.gateways[g]
+    number = w.number
+    w.number = number + 1
+    seed, identity, hearer = r.settings[0].seed, r.endpoints[source].identity, r.nodes[sink].identity
+    arrival = t + w.latency
+    if w.jitter > 0:
+        arrival += int(np.int64(w.jitter * chance(seed, identity, hearer, number, 1)))
+    if w.wired < 0 and _out(r, n, t if sink != n else arrival):
+        return -1, LOST_OUTAGE
+    if w.loss > 0.0 and chance(seed, identity, hearer, number, 0) < w.loss:
+        return -1, LOST_CHANNEL
+    return arrival, ON_BOARD if w.wired >= 0 else BY_RADIO
+
+
+@kernel
+def _to_gateways(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int) -> bool:
+    """From endpoint e to the gateways that hear it, of an addressed packet to those behind which its system is."""
+    taken = False
+    for g in range(r.gateways.size):
+        w = r.gateways[g]
+        if (w.wired >= 0 and w.wired != e) or (to_system != 0 and w.systems[to_system] == 0):
+            continue
+        taken = True
+        sink = r.endpoints[w.endpoint].node
+        arrival, outcome = _over_link(r, t, g, e, sink, r.endpoints[e].node)
+        if arrival >= 0:
+            _put(r, w.endpoint, arrival, buf, start, stop, LOGGED if outcome == ON_BOARD else COUNTED, -1)
+        _event(r, t, arrival, e, sink, buf, start, stop, outcome)
+    return taken
+
+
+@kernel
+def _from_gateway(
+    r: Radio, t: int, g: int, n: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int
+) -> bool:
+    """To the endpoints of node n that its address means, or to the one that gateway g is wired to."""
+    w = r.gateways[g]
+    wanted = False
+    for j in range(r.nodes[n].first, r.nodes[n].last):
+        wanted = wanted or _wants(r, g, j, to_system)
+    if not wanted:
+        return False
+    arrival, outcome = _over_link(r, t, g, w.endpoint, n, n)
+    _event(r, t, arrival, w.endpoint, n, buf, start, stop, outcome)
+    logged = 0 if outcome == ON_BOARD else COUNTED
+    for j in range(r.nodes[n].first, r.nodes[n].last):
+        if arrival >= 0 and _wants(r, g, j, to_system):
+            _put(r, j, arrival, buf, start, stop, logged, g)
+            w.waiting += 1
+            logged = 0
+    return True
+
+
+@kernel
+def _wants(r: Radio, g: int, endpoint: int, to_system: int) -> bool:
+    wired = r.gateways[g].wired
+    if r.endpoints[endpoint].capacity == 0 or (wired >= 0 and wired != endpoint):
+        return False
+    return bool(_addressed(r, endpoint, to_system) or (wired >= 0 and r.endpoints[endpoint].heard == 0))
+
+
+@kernel
+def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
+    """Route what has come in by gateway g: the packets in buf[:n], complete and with a right CRC, at time t [ns]."""
+    w = r.gateways[g]
+    e = w.endpoint
+    p = 0
+    while p < n:
+        start, stop, _ = find(buf, p, n)
+        p = stop
+        r.endpoints[e].heard = system(buf, start)
+        w.systems[system(buf, start)] = 1
+        _log_packet(r, t, r.endpoints[e].node, 1, buf, start, stop)
+        to_system, _ = target(buf, start)
+        taken = False
+        if w.wired >= 0:
+            taken = _from_gateway(r, t, g, r.endpoints[w.wired].node, to_system, buf, start, stop)
+        else:
+            for other in range(r.along.size):
+                taken = _from_gateway(r, t, g, other, to_system, buf, start, stop) or taken
+        if not taken and to_system != 0:
+            _event(r, t, -1, e, -1, buf, start, stop, NO_ROUTE)
 
 
 @kernel
@@ -418,6 +536,8 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
         taken = _on_board(r, t, e, to_system, buf, start, stop)
         if to_system == 0 or to_system != r.endpoints[e].heard:
             taken = _by_radio(r, reals, t, e, to_system, buf, start, stop) or taken
+        if r.gateways.size > 0:
+            taken = _to_gateways(r, t, e, to_system, buf, start, stop) or taken
         if not taken and to_system != 0:
             _event(r, t, -1, e, -1, buf, start, stop, NO_ROUTE)
 
@@ -434,9 +554,12 @@ def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
             break
         for i in range(length):
             buf[n + i] = r.data[place, i]
-        if r.places[place].logged:
+        if r.places[place].logged != 0:
             _log_packet(r, t, r.endpoints[e].node, 0, buf, n, n + length)
-            r.counters[DELIVERED] += 1
+            if r.places[place].logged == COUNTED:
+                r.counters[DELIVERED] += 1
+        if r.places[place].gateway >= 0:
+            r.gateways[r.places[place].gateway].waiting -= 1
         n += length
         r.endpoints[e].first = r.places[place].following
         if r.endpoints[e].first < 0:
@@ -459,16 +582,16 @@ def arrived(endpoints: NDArray[Any], places: NDArray[Any], t: int, e: int) -> bo
 def copies(r: Radio) -> int:
     """No packet takes more places in flight than this, or makes more events together with the garbage before it."""
     topology, per_side = r.settings[0].topology, r.settings[0].per_side
-    reach = r.nodes.size
+    reach = r.along.size
     if topology == NEAREST:
         reach = min(reach, per_side)
     elif topology == NEAREST_ON_AXIS:
         reach = min(reach, 2 * per_side)
     elif topology == LISTED:
         reach = 0
-        for n in range(r.nodes.size):
+        for n in range(r.along.size):
             reach = max(reach, r.nodes[n].unlisted - r.nodes[n].listed)
     widest = 1
     for n in range(r.nodes.size):
         widest = max(widest, r.nodes[n].last - r.nodes[n].first)
-    return int((max(reach, 1) + 1) * widest)
+    return int((max(reach, 1) + 1) * widest + r.gateways.size)

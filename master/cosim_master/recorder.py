@@ -4,7 +4,7 @@
     OUT/signals.parquet   column `time` [s], then `component.variable`; units and descriptions in the field metadata
     OUT/packets.parquet   every packet on its way to every node: sent, arrival, addresses, outcome
     OUT/packets.tlog      all packets sent, in the order of time, as ground stations replay them
-    OUT/packets/NODE.tlog what one node sent and received over the radio
+    OUT/packets/NODE.tlog what one node sent and received over the radio, or a gateway by its link
 
 A .tlog is a sequence of 8-byte big-endian microseconds and one packet. Its clock begins at `EPOCH`, since tools
 read it as a date.
@@ -70,11 +70,9 @@ class Recorder:
             column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
         )
         self._keep = keep and bool(network.nodes)
-        self._nodes = [node.name for node in network.nodes]
-        self._endpoints = [e.instance for node in network.nodes for e in node.endpoints]
-        self._senders: np.ndarray[Any, Any] = np.array(
-            [n for n, node in enumerate(network.nodes) for _ in node.endpoints], dtype=np.int64
-        )
+        gateways = [gateway.name for gateway in network.gateways]
+        self._nodes = [node.name for node in network.nodes] + gateways
+        self._endpoints = [e.instance for node in network.nodes for e in node.endpoints] + gateways
         self._events: Any = None
         self._tlogs: dict[int, Any] = {}
         if self._keep:

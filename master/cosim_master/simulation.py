@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -22,6 +22,7 @@ from cosim_master.check import CheckedSystem, check
 from cosim_master.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution, RunTerminated
 from cosim_master.fmu import Start
+from cosim_master.gateways import Gateways, gateways_of
 from cosim_master.network import Network, network_of
 from cosim_master.plan import Timing, layout, timing
 from cosim_master.recorder import Recorder
@@ -33,6 +34,8 @@ __all__ = ["RECORDING", "Progress", "Prepared", "Recording", "RunResult", "prepa
 RECORDING = "org.uav-cosim.recording"
 _SLICE = 0.05
 """Wall-clock seconds between looks at progress and pacing."""
+_SHORT_SLICE = 0.02
+"""The same where something has to be exchanged with real programs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,7 @@ class RunResult:
         packets: see `Execution.packet_counts`.
         notes: what was assumed.
         overruns: paced runs: how often and by how much (s, at worst) the pace could not be held.
+        gateways: see `Gateways.counts`.
     """
 
     outcome: str
@@ -78,6 +82,7 @@ class RunResult:
     packets: Mapping[str, int]
     notes: tuple[str, ...]
     overruns: tuple[int, float] = (0, 0.0)
+    gateways: Mapping[str, Mapping[str, int | str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +170,9 @@ def simulate(
     threads: int | None = None,
     on_start: Callable[[Prepared], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
+    gcs: Sequence[str] = (),
+    ports: str | None = None,
+    on_gateway: Callable[[str], None] | None = None,
 ) -> RunResult:
     """Run a system from its file to its results.
 
@@ -181,10 +189,13 @@ def simulate(
         at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set while it runs.
         threads: how many step native instances; None chooses.
         on_start: called when everything is checked and nothing loaded yet.
-        on_progress: called about twenty times a second.
+        on_progress: called about twenty times a second, with gateways fifty times.
+        gcs: addresses of ground stations, each on the air to all vehicles: see `gateways`.
+        ports: address of the first vehicle's serial port, and by how much the others differ.
+        on_gateway: is told, in words, what happens to sockets.
 
     Raises:
-        SystemDescriptionError: the description is wrong, or `out` cannot be written to.
+        SystemDescriptionError: the description is wrong, `out` cannot be written to, or a socket not be opened.
 
     Returns:
         How it ended; a failing FMU is an outcome, and what was recorded until then is kept.
@@ -192,6 +203,8 @@ def simulate(
     with read_system(system, variant) as structure:
         checked = check(structure, overrides)
         ready = prepare(checked, until=until, step=step, seed=seed, record=record, at=at)
+        asked = gateways_of(ready.network, gcs, ports)
+        ready = replace(ready, network=replace(ready.network, gateways=tuple(gateway for gateway, _ in asked)))
         places = layout(checked, ready.network, ready.recording.signals)
         if on_start is not None:
             on_start(ready)
@@ -202,28 +215,29 @@ def simulate(
 
         if out is not None:
             _make_folder(out)
-        began = time.perf_counter()
-        try:
-            execution = Execution(
-                checked,
-                ready.clock,
-                places,
-                ready.network,
-                recorder_for=None if out is None else recorder,
-                every=ready.every,
-                keep_packets=ready.recording.packets,
-                threads=threads,
-                changes=ready.changes,
-            )
-        except SystemDescriptionError:
-            raise
-        except CosimError as error:
-            return RunResult("failed", error, 0.0, 0.0, 0.0, {}, ready.notes)
-        start_up = time.perf_counter() - began
-        with execution, _interrupts() as interrupted:
-            result = _run(execution, ready, pace, on_progress, interrupted)
-            execution.finish(lambda: _manifest(ready, result, start_up))
-        return result
+        with Gateways(asked, on_gateway or (lambda _: None)) as gateways:
+            began = time.perf_counter()
+            try:
+                execution = Execution(
+                    checked,
+                    ready.clock,
+                    places,
+                    ready.network,
+                    recorder_for=None if out is None else recorder,
+                    every=ready.every,
+                    keep_packets=ready.recording.packets,
+                    threads=threads,
+                    changes=ready.changes,
+                )
+            except SystemDescriptionError:
+                raise
+            except CosimError as error:
+                return RunResult("failed", error, 0.0, 0.0, 0.0, {}, ready.notes)
+            start_up = time.perf_counter() - began
+            with execution, _interrupts() as interrupted:
+                result = _run(execution, ready, pace, on_progress, interrupted, gateways)
+                execution.finish(lambda: _manifest(ready, result, start_up))
+            return result
 
 
 def _make_folder(out: Path) -> None:
@@ -265,6 +279,7 @@ def _run(
     pace: float | None,
     on_progress: Callable[[Progress], None] | None,
     interrupted: Callable[[], bool],
+    gateways: Gateways,
 ) -> RunResult:
     clock = ready.clock
     start = clock.start / 1e9
@@ -273,6 +288,7 @@ def _run(
     failure: CosimError | None = None
     began = time.perf_counter()
     chunk, overruns, worst = 1, 0, 0.0
+    slice_ = _SHORT_SLICE if gateways else _SLICE
     try:
         while execution.k < clock.steps:
             before = time.perf_counter()
@@ -286,6 +302,8 @@ def _run(
             if interrupted():
                 outcome = "interrupted"
                 break
+            if gateways:
+                gateways.exchange(execution)
             execution.advance(execution.k + chunk)
             if on_progress is not None:
                 on_progress(Progress(execution.time, start, stop, time.perf_counter() - began))
@@ -293,7 +311,9 @@ def _run(
             if pace is not None:
                 chunk = max(1, min(int(_SLICE * 0.4 * pace * 1e9 / clock.base), clock.steps))
             else:
-                chunk = max(1, min(4 * chunk, int(chunk * _SLICE / spent) or 1))
+                chunk = max(1, min(4 * chunk, int(chunk * slice_ / spent) or 1))
+        if gateways:
+            gateways.exchange(execution)
     except KeyboardInterrupt:
         outcome = "interrupted"
     except RunTerminated as error:
@@ -304,14 +324,24 @@ def _run(
     simulated = execution.time - start
     factor = simulated / wall if wall > 0 else 0.0
     return RunResult(
-        outcome, failure, simulated, wall, factor, execution.packet_counts(), ready.notes, (overruns, worst)
+        outcome,
+        failure,
+        simulated,
+        wall,
+        factor,
+        execution.packet_counts(),
+        ready.notes,
+        (overruns, worst),
+        gateways.counts(),
     )
 
 
 def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, Any]:
     checked = ready.checked
     network = {
-        f.name: getattr(ready.network, f.name) for f in fields(ready.network) if f.name not in ("nodes", "notes")
+        f.name: getattr(ready.network, f.name)
+        for f in fields(ready.network)
+        if f.name not in ("nodes", "gateways", "notes")
     }
     if math.isinf(ready.network.range):
         network["range"] = "INF"
@@ -343,6 +373,7 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
         "seed": ready.network.seed,
         "network": network,
         "packets": dict(result.packets),
+        "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
         "instances": {
             instance.name: {
                 "fmu": str(instance.fmu.path),

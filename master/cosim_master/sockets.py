@@ -1,0 +1,249 @@
+"""Sockets of gateways: bytes in and out without ever waiting, peers that come and go, and a word about each of that.
+
+`TcpServer` serves one client at a time, as a serial port does; a stream has no borders. `Udp` exchanges datagrams
+with one given peer (udpout) or with whoever has sent some within the last minute (udpin). What a packet is, is not
+known here.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias
+
+__all__ = ["KINDS", "Report", "Socket", "TcpServer", "Udp", "open_socket"]
+
+KINDS = ("tcp", "udpin", "udpout")
+
+Report: TypeAlias = Callable[[str], None]
+"""Is told what happens to a socket, in words."""
+
+_PIECE = 65536
+_BACKLOG = 1 << 20
+"""Bytes that may wait for a TCP client that does not read."""
+_SILENCE = 60.0
+"""Seconds after which a UDP peer that has said nothing is forgotten."""
+_FAREWELL = 0.5
+"""Seconds for which closing waits for a TCP client to take what is left."""
+
+
+class Socket(Protocol):
+    """One end of a link to real programs."""
+
+    stream: bool
+    """Whether packets may be cut and joined: TCP."""
+    port: int
+    """That it is bound to."""
+
+    def receive(self) -> list[bytes]:
+        """What has come in since the last call; b"" between the streams of two clients."""
+
+    def send(self, packets: Sequence[bytes]) -> int:
+        """Send packets to those who listen; returns how many somebody has taken."""
+
+    def close(self) -> None:
+        """Give the rest to those who listen, and hang up."""
+
+
+class TcpServer:
+    """Listens; one client at a time. Further ones are turned away.
+
+    Raises:
+        OSError: the address cannot be bound.
+    """
+
+    stream = True
+
+    def __init__(self, host: str, port: int, report: Report) -> None:
+        self._report = report
+        self._client: socket.socket | None = None
+        self._peer = ""
+        self._unsent = bytearray()
+        self._listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listening.bind((host, port))
+            self._listening.listen(4)
+        except OSError:
+            self._listening.close()
+            raise
+        self._listening.setblocking(False)
+        self.port = int(self._listening.getsockname()[1])
+        report(f"listens on {host}:{self.port}")
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                client, (host, port, *_) = self._listening.accept()
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self._report(f"a client cannot be accepted: {error.strerror}")
+                return
+            if self._client is not None:
+                self._report(f"client {host}:{port} is turned away: {self._peer} is connected")
+                client.close()
+                continue
+            client.setblocking(False)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._client, self._peer = client, f"{host}:{port}"
+            self._report(f"client {self._peer} has connected")
+
+    def receive(self) -> list[bytes]:
+        pieces: list[bytes] = []
+        if self._client is not None:
+            try:
+                while len(pieces) < 16:
+                    piece = self._client.recv(_PIECE)
+                    if not piece:
+                        pieces.append(b"")
+                        self._hang_up("has disconnected")
+                        break
+                    pieces.append(piece)
+            except BlockingIOError:
+                pass
+            except OSError as error:
+                pieces.append(b"")
+                self._hang_up(f"is gone: {error.strerror}")
+        self._accept()
+        return pieces
+
+    def _hang_up(self, what: str) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+            lost = f", {len(self._unsent)} bytes for it are lost" if self._unsent else ""
+            self._unsent.clear()
+            self._report(f"client {self._peer} {what}{lost}")
+
+    def send(self, packets: Sequence[bytes]) -> int:
+        if self._client is None:
+            return 0
+        taken = 0
+        for packet in packets:
+            if len(self._unsent) + len(packet) <= _BACKLOG:
+                self._unsent += packet
+                taken += 1
+        self._flush()
+        return taken
+
+    def _flush(self) -> None:
+        try:
+            while self._client is not None and self._unsent:
+                del self._unsent[: self._client.send(self._unsent)]
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            self._hang_up(f"is gone: {error.strerror}")
+
+    def close(self) -> None:
+        self._listening.close()
+        if self._client is not None and self._unsent:
+            self._client.settimeout(_FAREWELL)
+            self._flush_all()
+        self._hang_up("is hung up on: the run is over")
+
+    def _flush_all(self) -> None:
+        try:
+            if self._client is not None:
+                self._client.sendall(self._unsent)
+                self._unsent.clear()
+        except OSError:
+            pass  # what is left is reported by _hang_up
+
+
+class Udp:
+    """Datagrams to and from one peer, or all peers that are heard.
+
+    Args:
+        host, port: of the peer if `outward`, else to bind to.
+
+    Raises:
+        OSError: the address cannot be bound, or is no address.
+    """
+
+    stream = False
+
+    def __init__(self, host: str, port: int, report: Report, *, outward: bool) -> None:
+        self._report = report
+        self._peers: dict[tuple[str, int], float] = {}
+        self._deaf: set[tuple[str, int]] = set()
+        self._fixed: tuple[str, int] | None = None
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BACKLOG)
+            self._socket.setblocking(False)
+            if outward:
+                self._socket.connect((host, port))
+                self._fixed = self._socket.getpeername()[:2]
+            else:
+                self._socket.bind((host, port))
+        except OSError:
+            self._socket.close()
+            raise
+        self.port = int(self._socket.getsockname()[1])
+        report(f"sends to {host}:{port}" if outward else f"listens on {host}:{self.port}")
+
+    def receive(self) -> list[bytes]:
+        pieces = []
+        for _ in range(1024):
+            try:
+                datagram, peer = self._socket.recvfrom(_PIECE)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if self._fixed is not None:
+                    self._cannot_reach(self._fixed, error)
+                continue
+            if datagram:
+                self._heard((peer[0], peer[1]))
+                pieces.append(datagram)
+        return pieces
+
+    def _heard(self, peer: tuple[str, int]) -> None:
+        if peer not in self._peers:
+            self._report(f"{peer[0]}:{peer[1]} is heard")
+        self._peers[peer] = time.monotonic()
+        self._deaf.discard(peer)
+
+    def send(self, packets: Sequence[bytes]) -> int:
+        oldest = time.monotonic() - _SILENCE
+        for peer in [peer for peer, heard in self._peers.items() if heard < oldest]:
+            del self._peers[peer]
+            self._report(f"{peer[0]}:{peer[1]} has been silent for {_SILENCE:g} s")
+        peers = [self._fixed] if self._fixed is not None else list(self._peers)
+        return sum(max([self._send(packet, peer) for peer in peers], default=False) for packet in packets)
+
+    def _send(self, packet: bytes, peer: tuple[str, int]) -> bool:
+        try:
+            if self._fixed is not None:
+                self._socket.send(packet)
+            else:
+                self._socket.sendto(packet, peer)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            self._cannot_reach(peer, error)
+            return False
+        return True
+
+    def _cannot_reach(self, peer: tuple[str, int], error: OSError) -> None:
+        self._peers.pop(peer, None)
+        if peer not in self._deaf:
+            self._deaf.add(peer)
+            self._report(f"{peer[0]}:{peer[1]} cannot be reached: {error.strerror}")
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def open_socket(kind: str, host: str, port: int, report: Report) -> Socket:
+    """A socket of one of `KINDS`.
+
+    Raises:
+        OSError: the address cannot be bound, or is no address.
+    """
+    if kind == "tcp":
+        return TcpServer(host, port, report)
+    return Udp(host, port, report, outward=kind == "udpout")
