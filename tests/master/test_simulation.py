@@ -17,6 +17,7 @@ import pytest
 
 from cosim_master import simulation
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.gateways import Gateways
 from cosim_master.simulation import Prepared, Progress, RunResult, simulate
 from tests.master.probe import model, slave
 
@@ -511,7 +512,7 @@ def paced(monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None) -> t
 
     ready: Any = SimpleNamespace(clock=SimpleNamespace(start=0, base=10_000_000, steps=1000), notes=())
     execution: Any = Execution()
-    return clock, simulation._run(execution, ready, pace, None, lambda: False), reached
+    return clock, simulation._run(execution, ready, pace, None, lambda: False, Gateways([], lambda _: None)), reached
 
 
 @pytest.mark.parametrize("pace", [0.5, 1.0, 4.0])
