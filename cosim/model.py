@@ -37,6 +37,7 @@ __all__ = [
     "State",
     "Variable",
     "flat_variables",
+    "busy_part",
     "record_layout",
 ]
 
@@ -272,37 +273,59 @@ def flat_variables(variables: Sequence[Variable]) -> tuple[FlatVariable, ...]:
     return tuple(flat)
 
 
+def _is_buffer(variable: Variable) -> bool:
+    """Bytes of packets: large, and most steps do not touch them."""
+    return variable.kind == "Packets" or variable.dtype in ("u1", "uint8")
+
+
 @cache
 def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], int]:
     """The aligned record of a declaration, and the size of its head.
 
     The head holds what the environment sets (parameters, inputs, packets received); everything behind it is
-    reset before each run of `start`. Strings are not in the record: only models without kernels have them. Arrays of
-    bool are arrays of uint8, 0 or 1.
+    reset before each run of `start`. Buffers of bytes stand at both ends of the record, so that what every step
+    touches lies together (`busy_part`). Strings are not in the record: only models without kernels have them. Arrays
+    of bool are arrays of uint8, 0 or 1.
     """
+    present = [v for v in variables if v.kind != "String"]
+    head = sorted((v for v in present if v.role in _KEPT), key=lambda v: not _is_buffer(v))
+    rest = sorted((v for v in present if v.role not in _KEPT), key=_is_buffer)
     fields: list[tuple[Any, ...]] = []
-    boundary = ""
-    for kept in (True, False):
-        for variable in variables:
-            if (variable.role in _KEPT) != kept or variable.kind == "String":
-                continue
-            if not kept and not boundary:
-                boundary = variable.name
-            if variable.kind == "Packets":
-                fields += [(variable.name, "u1", (variable.capacity,)), (f"{variable.name}_len", "i4")]
-            else:
-                field_type = variable.dtype or _FIELD_TYPE[variable.kind]
-                if field_type == "?" and variable.shape:
-                    field_type = "u1"  # numba has no arrays of bool within a record
-                fields.append(
-                    (variable.name, field_type, variable.shape) if variable.shape else (variable.name, field_type)
-                )
+    for part in (head, rest):
+        bulk = [_field(v) for v in part if _is_buffer(v)]
+        others = [_field(v) for v in part if not _is_buffer(v)]
+        lengths = [(f"{v.name}_len", "i4") for v in part if v.kind == "Packets"]
+        fields += [*bulk, *lengths, *others] if part is head else [*lengths, *others, *bulk]
     if not fields:
         fields.append(("_", "u1"))  # numpy cannot view memory as a record without fields
     dtype = np.dtype((np.record, np.dtype(fields, align=True)))
     assert dtype.fields is not None
-    head = dtype.fields[boundary][1] if boundary else dtype.itemsize
-    return dtype, head
+    first = next((name for name, *_ in fields[_count(head) :]), None)
+    return dtype, dtype.fields[first][1] if rest and first is not None else dtype.itemsize
+
+
+def _count(part: list[Variable]) -> int:
+    """Fields of the record that these variables take."""
+    return len(part) + sum(v.kind == "Packets" for v in part)
+
+
+def _field(variable: Variable) -> tuple[Any, ...]:
+    if variable.kind == "Packets":
+        return variable.name, "u1", (variable.capacity,)
+    field_type = variable.dtype or _FIELD_TYPE[variable.kind]
+    if field_type == "?" and variable.shape:
+        field_type = "u1"  # numba has no arrays of bool within a record
+    return (variable.name, field_type, variable.shape) if variable.shape else (variable.name, field_type)
+
+
+def busy_part(variables: tuple[Variable, ...]) -> tuple[int, int]:
+    """Where in the record what every step may touch begins and ends: all of it but the buffers."""
+    dtype, _ = record_layout(variables)
+    assert dtype.fields is not None
+    buffers = {v.name for v in variables if _is_buffer(v)}
+    assert dtype.names is not None
+    busy = [dtype.fields[name] for name in dtype.names if name not in buffers]
+    return (busy[0][1], busy[-1][1] + busy[-1][0].itemsize) if busy else (0, 0)
 
 
 class Model(Fmi2Slave):

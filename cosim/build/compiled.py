@@ -25,7 +25,7 @@ import numpy as np
 
 from cosim.build.description import as_text, model_description
 from cosim.build.sources import Sources
-from cosim.model import Model, flat_variables, record_layout
+from cosim.model import Model, busy_part, flat_variables, record_layout
 
 __all__ = ["HOST", "TARGETS", "CannotCompile", "build_compiled"]
 
@@ -252,6 +252,7 @@ def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) 
             f"#define RECORD_SIZE {dtype.itemsize}",
             f"#define HEAD_SIZE {head}",
             f"#define TEXT_SIZE {text}",
+            "#define BUSY_FROM {}\n#define BUSY_TO {}".format(*busy_part(model.variables)),
             f"#define N_VARIABLES {len(rows)}",
             "static const Variable VARIABLES[] = {",
             *rows,

@@ -27,6 +27,8 @@ _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 _OURS = "https://uav-cosim.org/ns/1"
+_RECORDED_EVERY = "0.1"
+"""s; every base step of thousands of drones would be a flood."""
 _IDS = 250
 _MODELS = {"vehicle": "Quadrotor", "autopilot": "Autopilot", "agent": "LineAgent"}
 
@@ -214,5 +216,7 @@ def _root(name: str, drones: int, rows: Sequence[_Drone], until: float) -> bytes
     for row in rows:
         if row.right:
             etree.SubElement(network, f"{{{_OURS}}}link", between=f"drone{row.number} drone{row.right}")
+    annotation = etree.SubElement(annotations, f"{{{_SSC}}}Annotation", type="org.uav-cosim.recording")
+    etree.SubElement(annotation, f"{{{_OURS}}}recording", nsmap=ours, interval=_RECORDED_EVERY)
     etree.SubElement(root, f"{{{_SSD}}}DefaultExperiment", startTime="0", stopTime=repr(until))
     return _document(root)

@@ -14,7 +14,7 @@ import pytest
 from pythonfmu.enums import Fmi2Status
 
 from cosim import Input, Memory, Model, Output, PacketInput, PacketOutput, Parameter, State, kernel
-from cosim.model import flat_variables, record_layout
+from cosim.model import busy_part, flat_variables, record_layout
 
 
 class Colour(IntEnum):
@@ -138,32 +138,37 @@ def test_flat_variables_number_arrays_from_one() -> None:
 
 
 def test_the_head_of_a_record_is_what_the_environment_sets() -> None:
-    dtype, head = record_layout(
-        (
-            Output("late", type=bool),
-            Parameter("p"),
-            State("x", shape=2),
-            PacketInput("rx", capacity=5),
-            Memory("table", dtype="i2", shape=(2, 3)),
-            Input("flag", type=bool),
-            Input("marks", type=bool, shape=3),
-            Input("number", type=int),
-        )
+    variables = (
+        Output("late", type=bool),
+        Parameter("p"),
+        State("x", shape=2),
+        PacketInput("rx", capacity=5),
+        Memory("table", dtype="i2", shape=(2, 3)),
+        Memory("bytes", dtype="u1", shape=7),
+        Input("flag", type=bool),
+        Input("marks", type=bool, shape=3),
+        Input("number", type=int),
+        PacketOutput("tx", capacity=3),
     )
+    dtype, head = record_layout(variables)
     assert dtype.fields is not None
     offsets = {name: (str(field[0]), field[1]) for name, field in dtype.fields.items()}
     assert offsets == {
-        "p": ("float64", 0),
-        "rx": ("('u1', (5,))", 8),
-        "rx_len": ("int32", 16),
-        "flag": ("bool", 20),
-        "marks": ("('u1', (3,))", 21),
-        "number": ("int32", 24),
-        "late": ("bool", 28),
-        "x": ("('<f8', (2,))", 32),
-        "table": ("('<i2', (2, 3))", 48),
+        "rx": ("('u1', (5,))", 0),
+        "rx_len": ("int32", 8),
+        "p": ("float64", 16),
+        "flag": ("bool", 24),
+        "marks": ("('u1', (3,))", 25),
+        "number": ("int32", 28),
+        "tx_len": ("int32", 32),
+        "late": ("bool", 36),
+        "x": ("('<f8', (2,))", 40),
+        "table": ("('<i2', (2, 3))", 56),
+        "bytes": ("('u1', (7,))", 68),
+        "tx": ("('u1', (3,))", 75),
     }
-    assert (head, dtype.itemsize) == (28, 64)
+    assert (head, dtype.itemsize) == (32, 80)
+    assert busy_part(variables) == (8, 68)
 
 
 def test_a_record_that_is_all_head_and_one_without_fields() -> None:
@@ -433,4 +438,4 @@ def test_description_comes_with_the_build(slave: Any) -> None:
 
 def test_packet_output_is_in_the_record() -> None:
     dtype, _ = record_layout((PacketOutput("tx", capacity=3),))
-    assert dtype.names == ("tx", "tx_len")
+    assert dtype.names == ("tx_len", "tx")
