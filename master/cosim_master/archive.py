@@ -91,14 +91,21 @@ def read_member(path: Path, name: str, shown: str, *, limit: int) -> bytes | Non
         return data
 
 
-def unpack(path: Path, directory: Path, shown: str) -> None:
+def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None) -> int:
     """Write every file of the archive into `directory`, which may exist.
+
+    Args:
+        limit: bytes that it may unpack to; `MAX_BYTES` if there is no other.
 
     Raises:
         SystemDescriptionError: not a ZIP archive, or one that is refused; nothing useful is left in `directory`.
+
+    Returns:
+        How many bytes have been written.
     """
+    limit = MAX_BYTES if limit is None else limit
     with _opened(path, shown) as archive:
-        left = MAX_BYTES
+        left = limit
         for entry in archive.infolist():
             target = directory.joinpath(*PurePosixPath(entry.filename).parts)
             if entry.is_dir():
@@ -110,10 +117,11 @@ def unpack(path: Path, directory: Path, shown: str) -> None:
                 while chunk := source.read(min(1 << 20, left + 1)):
                     left -= len(chunk)
                     if left < 0:
-                        raise _refuse(shown, f"unpacks to more than {MAX_BYTES} bytes")
+                        raise _refuse(shown, f"unpacks to more than {limit} bytes")
                     sink.write(chunk)
             if entry.external_attr >> 16 & stat.S_IXUSR:
                 target.chmod(0o755)
+        return limit - left
 
 
 def pack(files: Mapping[str, Path], path: Path) -> None:

@@ -20,7 +20,7 @@ from cosim_master.document import line_of, near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import Stage, exchange_order
-from cosim_master.parts import Part, assemble
+from cosim_master.parts import Part, assemble, measure
 from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
 from cosim_master.units import Unit
 from cosim_master.wiring import Wiring
@@ -164,6 +164,8 @@ class _Check:
         self.notes: list[str] = list(structure.notes)
 
     def checked(self) -> CheckedSystem:
+        if not measure(self.structure.system, self.problems):
+            raise SystemDescriptionError(dict.fromkeys(self.problems))
         fmus = self._described()
         root = assemble(self.structure.system, fmus, self.problems, self.notes)
         parts = [part for part in root.walk() if isinstance(part.element, Component) and part.system is None]

@@ -20,7 +20,10 @@ from cosim_master.system import Connector, Element, Kind, SignalDictionaryRefere
 from cosim_master.transformation import listed
 from cosim_master.units import Unit, UnitError, conversion
 
-__all__ = ["Part", "Port", "assemble", "element_name", "indices_of"]
+__all__ = ["MAX_DEPTH", "MAX_PARTS", "Part", "Port", "assemble", "element_name", "indices_of", "measure"]
+
+MAX_DEPTH = 100
+MAX_PARTS = 200_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +81,36 @@ class Part:
         yield self
         for child in self.children.values():
             yield from child.walk()
+
+
+def measure(root: System, problems: list[Problem]) -> bool:
+    """Whether a system is small enough to be taken apart; a few lines of "#id" can stand for billions of parts.
+
+    Args:
+        root: the root system.
+        problems: appended to.
+    """
+    sizes: dict[int, tuple[int, int]] = {}
+
+    def extent(system: System, level: int) -> tuple[int, int]:
+        """Parts in a system, and how deep they are nested."""
+        if level > MAX_DEPTH:
+            return 1, MAX_DEPTH + 1
+        if id(system) not in sizes:
+            parts, depth = 1, 1
+            for element in system.elements:
+                inner = element if isinstance(element, System) else getattr(element, "content", None)
+                size, height = (1, 1) if inner is None else extent(inner, level + 1)
+                parts, depth = parts + size, max(depth, height + 1)
+            sizes[id(system)] = parts, depth
+        return sizes[id(system)]
+
+    parts, depth = extent(root, 1)
+    if depth > MAX_DEPTH:
+        problems.append(Problem(root.where, f"systems are nested more than {MAX_DEPTH} deep"))
+    elif parts > MAX_PARTS:
+        problems.append(Problem(root.where, f"the system has {parts} parts; at most {MAX_PARTS} are possible"))
+    return depth <= MAX_DEPTH and parts <= MAX_PARTS
 
 
 def assemble(

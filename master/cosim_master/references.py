@@ -66,6 +66,9 @@ class Files:
     archives: list[ExtractedArchive] = field(default_factory=list)
     folders: dict[Path, File] = field(default_factory=dict)
     read: dict[Any, Any] = field(default_factory=dict)
+    unpacked_bytes: int = 0
+    depth: int = 0
+    """Of the system that is being read."""
 
     def unpacked(self, file: File) -> File:
         """The folder with the members of an archive, unpacked on first use.
@@ -77,7 +80,8 @@ class Files:
         if key not in self.folders:
             opened = ExtractedArchive(Path(tempfile.mkdtemp(prefix="ssp-")).resolve())
             self.archives.append(opened)
-            archive.unpack(file.path, opened.directory, file.shown)
+            left = archive.MAX_BYTES - self.unpacked_bytes
+            self.unpacked_bytes += archive.unpack(file.path, opened.directory, file.shown, limit=left)
             self.folders[key] = File(opened.directory, file.shown, opened.directory)
         return self.folders[key]
 

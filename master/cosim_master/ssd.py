@@ -45,6 +45,7 @@ COMPONENT_TYPES = (FMU_TYPE, SSD_TYPE, SSP_TYPE)
 _SET, _MAPPING, _DICTIONARY = (
     f"application/x-ssp-{kind}" for kind in ("parameter-set", "parameter-mapping", "signal-dictionary")
 )
+_MAX_DEPTH = 60
 _T = TypeVar("_T")
 
 
@@ -122,6 +123,16 @@ class Document:
     # ---- elements ----------------------------------------------------------------------------------------------------
 
     def _system(self, element: etree._Element) -> System:
+        if self.files.depth >= _MAX_DEPTH:
+            self.reader.problem(element, f"systems are nested more than {_MAX_DEPTH} deep")
+            return System(element.get("name", ""), (), (), (), (), (), self.path, self.reader.where(element))
+        self.files.depth += 1
+        try:
+            return self._read_system(element)
+        finally:
+            self.files.depth -= 1
+
+    def _read_system(self, element: etree._Element) -> System:
         self._held(element)
         check_meta_data(element, self.reader, self.files.notes)
         elements: list[Element] = []

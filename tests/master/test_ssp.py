@@ -18,8 +18,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
+from cosim_master import archive
+from cosim_master.check import check
 from cosim_master.errors import Problem, SystemDescriptionError
-from cosim_master.ssp import read_system
+from cosim_master.ssp import SSD_TYPE, SSP_TYPE, read_system
 from cosim_master.system import Component, LinearTransformation, System, SystemStructure
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
@@ -570,3 +572,41 @@ class TestNothingElseIsRaised:
         (tmp_path / "deep.ssd").write_text(opened * depth + "</a:System></a:Elements>" * depth)
         with pytest.raises(SystemDescriptionError, match="not well-formed XML"):
             read_system(tmp_path / "deep.ssd")
+
+
+class TestBombs:
+    def test_references_that_multiply(self, workshop: Any) -> None:
+        """Thirty lines that stand for 10^12 components."""
+        systems = workshop.system(name="s0").replace("<ssd:System ", '<ssd:System id="s0" ')
+        for i in range(1, 13):
+            parts = "".join(workshop.component(f"c{k}", f"#s{i - 1}", type=SSD_TYPE) for k in range(10))
+            systems += workshop.system(parts, name=f"s{i}").replace("<ssd:System ", f'<ssd:System id="s{i}" ')
+        with pytest.raises(SystemDescriptionError, match=r"has \d+ parts; at most 200000 are possible"):
+            check(read_system(workshop.ssd("s.ssd", workshop.system(systems))))
+
+    def test_references_that_nest(self, workshop: Any) -> None:
+        systems = workshop.system(name="s0").replace("<ssd:System ", '<ssd:System id="s0" ')
+        for i in range(1, 400):
+            part = workshop.component("c", f"#s{i - 1}", type=SSD_TYPE)
+            systems += workshop.system(part, name=f"s{i}").replace("<ssd:System ", f'<ssd:System id="s{i}" ')
+        with pytest.raises(SystemDescriptionError, match="nested more than"):
+            check(read_system(workshop.ssd("s.ssd", workshop.system(systems))))
+
+    def test_files_that_nest(self, workshop: Any) -> None:
+        for i in range(300):
+            part = workshop.component("c", f"f{i + 1}.ssd", type=SSD_TYPE)
+            workshop.ssd(f"f{i}.ssd", workshop.system(part if i < 299 else ""))
+        (problem,) = read_system(workshop.root / "f0.ssd").problems
+        assert problem.message == "systems are nested more than 60 deep"
+
+    def test_archives_that_unpack_to_much_together(self, workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(archive, "MAX_BYTES", 22_000)
+        parts = {}
+        for i in range(5):
+            root = workshop.ssd("inner.ssd", workshop.system())
+            parts[f"resources/p{i}.ssp"] = workshop.ssp("p.ssp", {"SystemStructure.ssd": root, "fill": bytes(3000)})
+            parts[f"resources/p{i}.ssp"] = parts[f"resources/p{i}.ssp"].read_bytes()
+        used = "".join(workshop.component(f"c{i}", f"resources/p{i}.ssp", type=SSP_TYPE) for i in range(5))
+        outer = workshop.ssp("all.ssp", {"SystemStructure.ssd": workshop.ssd("o.ssd", workshop.system(used)), **parts})
+        found = [str(problem) for problem in read_system(outer).problems]
+        assert found and all("unpacks to more than" in text for text in found)
