@@ -17,3 +17,12 @@ def fmus() -> Path:
     for model in models_of_package("cosim_models"):
         build(model, FMUS)
     return FMUS
+
+
+@pytest.fixture(scope="session")
+def fmi3_fmus() -> Path:
+    """The same folder, with every model that has kernels also built as FMI 3.0: NAME.fmi3.fmu."""
+    for model in models_of_package("cosim_models"):
+        if model.kernels is not None:
+            build(model, FMUS, fmi=3)
+    return FMUS

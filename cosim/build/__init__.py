@@ -22,7 +22,7 @@ from cosim.build.interpreted import build_interpreted
 from cosim.build.sources import sources_of
 from cosim.model import Model
 
-__all__ = ["HOST", "TARGETS", "Built", "build", "load_models", "models_of_package"]
+__all__ = ["HOST", "TARGETS", "Built", "CannotCompile", "build", "load_models", "models_of_package"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +89,27 @@ def _defined_in(module: ModuleType) -> list[type[Model]]:
     return [c for c in classes if issubclass(c, Model) and c.__module__ == module.__name__]
 
 
-def build(model: type[Model], folder: Path, *, interpreted: bool = False, targets: Sequence[str] = (HOST,)) -> Built:
-    """Write ``folder/<Model>.fmu`` unless it is there and up to date.
+def build(
+    model: type[Model], folder: Path, *, interpreted: bool = False, targets: Sequence[str] = (HOST,), fmi: int = 2
+) -> Built:
+    """Write ``folder/<Model>.fmu`` (FMI 2) or ``folder/<Model>.fmi3.fmu`` (FMI 3) unless it is there and up to date.
 
     Raises:
-        ValueError: the declaration is wrong, or a target is unknown.
+        ValueError: the declaration is wrong, a target or the FMI version is unknown, or an FMI 3 FMU was to be
+            interpreted: pythonfmu packs FMI 2 only.
+        CannotCompile: an FMI 3 FMU was asked for, and the model has no kernels or they cannot be compiled.
         RuntimeError: the C compiler failed.
     """
     if unknown := set(targets) - set(TARGETS):
         raise ValueError(f"target {', '.join(sorted(unknown))}: there are {', '.join(TARGETS)}")
+    if fmi not in (2, 3):
+        raise ValueError(f"FMI {fmi}: there are 2 and 3")
+    if fmi == 3 and interpreted:
+        raise ValueError(f"{model.__name__}: interpreted FMUs are FMI 2 only (pythonfmu makes them); leave out one")
+    if fmi == 3 and model.kernels is None:
+        raise CannotCompile(f"{model.__name__} has no kernels, so it is interpreted, and that is FMI 2 only")
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{model.__name__}.fmu"
+    file = folder / (f"{model.__name__}.fmi3.fmu" if fmi == 3 else f"{model.__name__}.fmu")
     sources = sources_of(model)
     compile_it = model.kernels is not None and not interpreted
     stamp: dict[str, object] = {
@@ -114,9 +124,11 @@ def build(model: type[Model], folder: Path, *, interpreted: bool = False, target
     note = ""
     if compile_it:
         try:
-            build_compiled(model, sources, {**stamp, "compiled": True}, file, targets)
+            build_compiled(model, sources, {**stamp, "compiled": True}, file, targets, fmi)
             return Built(file, compiled=True, fresh=False)
         except CannotCompile as reason:
+            if fmi == 3:
+                raise
             note = f"interpreted: {reason}"
     build_interpreted(model, sources, {**stamp, "compiled": False, "note": note}, file)
     return Built(file, compiled=False, fresh=False, note=note)

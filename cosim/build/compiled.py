@@ -1,4 +1,4 @@
-"""The compiled build: numba lowers the kernels to machine code, one C file makes them an FMI 2 binary.
+"""The compiled build: numba lowers the kernels to machine code, one C file makes them an FMI 2 or FMI 3 binary.
 
 No Python is left in the binary. The kernels are compiled for the plain instruction set of each target, so that a
 binary runs on every machine of its platform and gives the same bits there.
@@ -24,8 +24,9 @@ from typing import Any
 import numpy as np
 
 from cosim.build.description import as_text, model_description
+from cosim.build.description3 import TIME, exported, model_description3, terminals
 from cosim.build.sources import Sources
-from cosim.model import Model, busy_part, flat_variables, record_layout
+from cosim.model import Model, Variable, busy_part, flat_variables, record_layout
 
 __all__ = ["HOST", "TARGETS", "CannotCompile", "build_compiled"]
 
@@ -36,20 +37,23 @@ class CannotCompile(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A platform: its folder in an FMU, its LLVM triple and zig's name for it, the suffix of its libraries."""
+    """A platform: its folder in an FMU of FMI 2 and FMI 3, its LLVM triple, zig's name, the suffix of its libraries."""
 
     folder: str
+    folder3: str
     triple: str
     zig: str
     suffix: str
 
 
 TARGETS = {
-    "linux-x86_64": Target("linux64", "x86_64-unknown-linux-gnu", "x86_64-linux-gnu.2.17", ".so"),
-    "linux-aarch64": Target("aarch64-linux", "aarch64-unknown-linux-gnu", "aarch64-linux-gnu.2.17", ".so"),
-    "windows-x86_64": Target("win64", "x86_64-pc-windows-gnu", "x86_64-windows-gnu", ".dll"),
-    "macos-aarch64": Target("aarch64-darwin", "arm64-apple-macosx11.0.0", "aarch64-macos", ".dylib"),
-    "macos-x86_64": Target("darwin64", "x86_64-apple-macosx11.0.0", "x86_64-macos", ".dylib"),
+    "linux-x86_64": Target("linux64", "x86_64-linux", "x86_64-unknown-linux-gnu", "x86_64-linux-gnu.2.17", ".so"),
+    "linux-aarch64": Target(
+        "aarch64-linux", "aarch64-linux", "aarch64-unknown-linux-gnu", "aarch64-linux-gnu.2.17", ".so"
+    ),
+    "windows-x86_64": Target("win64", "x86_64-windows", "x86_64-pc-windows-gnu", "x86_64-windows-gnu", ".dll"),
+    "macos-aarch64": Target("aarch64-darwin", "aarch64-darwin", "arm64-apple-macosx11.0.0", "aarch64-macos", ".dylib"),
+    "macos-x86_64": Target("darwin64", "x86_64-darwin", "x86_64-apple-macosx11.0.0", "x86_64-macos", ".dylib"),
 }
 
 
@@ -62,34 +66,38 @@ HOST = _host()
 
 
 def build_compiled(
-    model: type[Model], sources: Sources, stamp: dict[str, object], file: Path, targets: Sequence[str]
+    model: type[Model], sources: Sources, stamp: dict[str, object], file: Path, targets: Sequence[str], fmi: int = 2
 ) -> None:
-    """Write the FMU `file` with a binary for each of `targets` (keys of `TARGETS`).
+    """Write the FMU `file` with a binary for each of `targets` (keys of `TARGETS`); `fmi`: 2 or 3.
 
     Raises:
         CannotCompile: numba cannot lower a kernel, or it needs more than the C library.
         RuntimeError: the C compiler failed; the message has its output.
     """
     guid = sources.guid(model.__name__)
-    description = as_text(model_description(model, guid, compiled=True)).encode()
+    described = model_description3(model, guid) if fmi == 3 else model_description(model, guid, compiled=True)
+    description = as_text(described).encode()
     dtype, head = record_layout(model.variables)
     ir = _lower(model, dtype)
     binaries: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
         folder = Path(temporary)
-        (folder / "model.h").write_text(_header(model, guid, dtype, head), encoding="utf-8")
+        (folder / "model.h").write_text((_header3 if fmi == 3 else _header)(model, guid, dtype, head), encoding="utf-8")
         for name in targets:
             target = TARGETS[name]
             code = folder / f"{name}.o"
             code.write_bytes(_emit(ir, target, model))
             library = folder / f"{model.__name__}{target.suffix}"
-            _link(code, library, name, model.__name__)
-            binaries[f"binaries/{target.folder}/{library.name}"] = library.read_bytes()
+            _link(code, library, name, model.__name__, fmi)
+            folder_in_fmu = target.folder3 if fmi == 3 else target.folder
+            binaries[f"binaries/{folder_in_fmu}/{library.name}"] = library.read_bytes()
     entries = {
         "modelDescription.xml": description,
         "resources/build.json": json.dumps(stamp, indent=1, sort_keys=True).encode(),
         **binaries,
     }
+    if fmi == 3 and (grouped := terminals(model)) is not None:
+        entries["terminalsAndIcons/terminalsAndIcons.xml"] = as_text(grouped).encode()
     part = file.with_suffix(f".{os.getpid()}.part")
     with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
         for entry, content in sorted(entries.items()):
@@ -201,13 +209,13 @@ def _for_target(ir: str, target: Target, machine: Any) -> str:
     return re.sub(r'^target datalayout = ".*"$', f'target datalayout = "{machine.target_data}"', ir, flags=re.MULTILINE)
 
 
-def _link(code: Path, library: Path, target: str, model: str) -> None:
-    """Compile fmi2.c with model.h and link it with `code` to a shared library that needs libc and libm only."""
+def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
+    """Compile fmi2.c or fmi3.c with model.h and link it with `code` to a library that needs libc and libm only."""
     if os.environ.get("CC") and target == HOST:
         compiler = shlex.split(os.environ["CC"])
     else:
         compiler = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target].zig]
-    source = Path(__file__).with_name("fmi2.c")
+    source = Path(__file__).with_name(f"fmi{fmi}.c")
     flags = ["-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-shared", f"-I{library.parent}"]
     if not target.startswith("windows"):
         flags.append("-fPIC")
@@ -234,14 +242,41 @@ def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) 
         if one.index is not None:
             offset += one.index * {"REAL": 8, "INTEGER": 4, "BOOLEAN": 1}[kind]
         length = dtype.fields[f"{v.name}_len"][1] if v.kind == "Packets" else 0
-        low, high = (repr(float(x)).replace("inf", "INFINITY") for x in v.limits())
-        role = {"parameter": "TUNABLE" if v.tunable else "FIXED", "input": "INPUT", "packet input": "INPUT"}
         rows.append(
-            f'    {{"{one.name}", {kind}, {role.get(v.role, "CALCULATED")}, {offset}, {length}, {v.capacity}, {text}, '
-            f"{low}, {high}}},"
+            f'    {{"{one.name}", {kind}, {_role(v)}, {offset}, {length}, {v.capacity}, {text}, {_limits(v)}}},'
         )
         if v.kind == "Packets":
             text += 4 * ((v.capacity + 2) // 3) + 1
+    return _model_h(model, guid, dtype, head, rows, [f"#define TEXT_SIZE {text}"])
+
+
+def _header3(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:
+    """model.h: what fmi3.c has to know of one model."""
+    rows: list[str] = []
+    assert dtype.fields is not None
+    kinds = {"Real": "FLOAT64", "Integer": "INT32", "Boolean": "BOOLEAN", "Packets": "BINARY"}
+    for v in exported(model):
+        kind = kinds.get(v.kind, "ENUMERATION")
+        length = dtype.fields[f"{v.name}_len"][1] if v.kind == "Packets" else 0
+        count = v.capacity if v.kind == "Packets" else v.shape[0] if v.shape else 1
+        offset = dtype.fields[v.name][1]
+        rows.append(f'    {{"{v.name}", {kind}, {_role(v)}, {offset}, {length}, {count}, {_limits(v)}}},')
+    rows.append(f'    {{"{TIME}", TIME, INPUT, 0, 0, 1, 0, 0}},')
+    return _model_h(model, guid, dtype, head, rows, [])
+
+
+def _role(v: Variable) -> str:
+    role = {"parameter": "TUNABLE" if v.tunable else "FIXED", "input": "INPUT", "packet input": "INPUT"}
+    return role.get(v.role, "CALCULATED")
+
+
+def _limits(v: Variable) -> str:
+    return ", ".join(repr(float(x)).replace("inf", "INFINITY") for x in v.limits())
+
+
+def _model_h(
+    model: type[Model], guid: str, dtype: np.dtype[np.void], head: int, rows: list[str], more: list[str]
+) -> str:
     errors = [f"    {{{code}, {json.dumps(message)}}}," for code, message in sorted(model.errors.items())]
     defaults = ",".join(map(str, model.record().tobytes()))
     return "\n".join(
@@ -251,8 +286,8 @@ def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) 
             f'#define GUID "{guid}"',
             f"#define RECORD_SIZE {dtype.itemsize}",
             f"#define HEAD_SIZE {head}",
-            f"#define TEXT_SIZE {text}",
             "#define BUSY_FROM {}\n#define BUSY_TO {}".format(*busy_part(model.variables)),
+            *more,
             f"#define N_VARIABLES {len(rows)}",
             "static const Variable VARIABLES[] = {",
             *rows,

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from cosim.build.units import BASE, base_unit
 from cosim.model import FlatVariable, Model, Variable, flat_variables
 
-__all__ = ["PACKET_TOOL", "as_text", "model_description"]
+__all__ = ["PACKET_TOOL", "as_text", "model_description", "type_definitions", "unit_definitions"]
 
 PACKET_TOOL = "uav-cosim"
 """The tool name of our vendor annotation, which marks String variables that carry MAVLink packets."""
@@ -44,8 +44,8 @@ def model_description(model: type[Model], guid: str, *, compiled: bool) -> Eleme
         canSerializeFMUstate=keeps_state,
         canNotUseMemoryManagementFunctions="true",
     )
-    _unit_definitions(root, model.variables)
-    _type_definitions(root, model.variables)
+    unit_definitions(root, model.variables)
+    type_definitions(root, model.variables)
     categories = SubElement(root, "LogCategories")
     SubElement(categories, "Category", name="logStatusError", description="why a call failed")
     SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(model.step_size))
@@ -69,7 +69,12 @@ def as_text(root: Element) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
 
 
-def _unit_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
+def unit_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
+    """Add UnitDefinitions, the same in FMI 2 and 3.
+
+    Raises:
+        ValueError: a unit is not known.
+    """
     units = sorted({v.unit for v in variables if v.unit not in (None, "1")} - {None})
     if not units:
         return
@@ -85,13 +90,17 @@ def _unit_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
         SubElement(SubElement(definitions, "Unit", name=name), "BaseUnit", attributes)
 
 
-def _type_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
+def type_definitions(root: Element, variables: tuple[Variable, ...], *, fmi: int = 2) -> None:
+    """Add TypeDefinitions with the enumerations of `variables`."""
     enumerations: dict[str, type[IntEnum]] = {v.enumeration.__name__: v.enumeration for v in variables if v.enumeration}
     if not enumerations:
         return
     definitions = SubElement(root, "TypeDefinitions")
     for name, enumeration in sorted(enumerations.items()):
-        items = SubElement(SubElement(definitions, "SimpleType", name=name), "Enumeration")
+        if fmi == 3:
+            items = SubElement(definitions, "EnumerationType", name=name)
+        else:
+            items = SubElement(SubElement(definitions, "SimpleType", name=name), "Enumeration")
         for item in enumeration:
             SubElement(items, "Item", name=item.name, value=str(int(item)))
 

@@ -106,9 +106,10 @@ def build(
     target: Annotated[
         list[str] | None, typer.Option(help="Platform to build for; may be repeated. Default: this one.")
     ] = None,
+    fmi: Annotated[int, typer.Option(help="2 writes NAME.fmu, 3 writes NAME.fmi3.fmu; both may be in one system.")] = 2,
 ) -> None:
     """Build FMUs from models, only those that changed."""
-    from cosim.build import HOST, build, load_models, models_of_package
+    from cosim.build import HOST, CannotCompile, build, load_models, models_of_package
 
     try:
         chosen = []
@@ -123,12 +124,12 @@ def build(
                 raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
             chosen += matching
         for model in chosen:
-            built = build(model, folder, interpreted=interpreted, targets=target or [HOST])
+            built = build(model, folder, interpreted=interpreted, targets=target or [HOST], fmi=fmi)
             state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
             out.print(f"{built.file}: {state}", markup=False)
             if built.note:
                 out.print(f"  {built.note}", markup=False)
-    except (ValueError, ImportError, SyntaxError) as error:
+    except (ValueError, ImportError, SyntaxError, CannotCompile) as error:
         raise _usage(str(error)) from None
     except RuntimeError as error:
         err.print(f"error: {error}", markup=False)
