@@ -59,8 +59,9 @@ typedef struct {
     double min, max; /* of numbers and enumerations */
 } Variable;
 typedef struct { int code; const char *text; } KernelError;
+#define LINE 64 /* bytes of a cache line */
 
-#include "model.h" /* MODEL, GUID, RECORD_SIZE, HEAD_SIZE, VARIABLES, N_VARIABLES, DEFAULTS, ERRORS, N_ERRORS */
+#include "model.h" /* MODEL, GUID, RECORD_SIZE, HEAD_SIZE, BUSY_FROM, BUSY_TO, VARIABLES, N_VARIABLES, DEFAULTS, ERRORS, N_ERRORS */
 
 /* 0, or not if the kernel has raised an exception, of which no more is known here; `code` is what it returned. */
 extern int model_start(int *code, void **exception, void *record);
@@ -413,6 +414,7 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3B
                              fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last) {
     (void)no_set_prior;
     CALL("fmi3DoStep", STEP);
+    for (size_t at = BUSY_FROM / LINE * LINE; at < BUSY_TO; at += LINE) __builtin_prefetch(s->record + at, 1);
     NEEDS("fmi3DoStep", event, 1);
     NEEDS("fmi3DoStep", terminate, 1);
     NEEDS("fmi3DoStep", early, 1);
