@@ -18,7 +18,17 @@ from numba import config as _numba_config
 from numba import types
 from numba.extending import intrinsic as _numba_intrinsic
 
-__all__ = ["atomic_add", "atomic_load", "byte_at", "do_step2", "exchange_if", "get_or_set", "rest"]
+__all__ = [
+    "PLAIN",
+    "atomic_add",
+    "atomic_load",
+    "byte_at",
+    "do_step2",
+    "exchange_if",
+    "get_or_set",
+    "nanoseconds",
+    "rest",
+]
 
 intrinsic: Any = _numba_intrinsic
 _config: Any = _numba_config
@@ -71,6 +81,21 @@ def _exchange_if(typing: Any, address: Any, expected: Any, value: Any) -> Any:
     return types.boolean(types.uintp, types.int64, types.int64), codegen
 
 
+def _nanoseconds(typing: Any) -> Any:
+    """The monotonic clock of POSIX."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(_I32, [_I32, _I64.as_pointer()])
+        function = builder.module.globals.get("clock_gettime") or ir.Function(builder.module, kind, "clock_gettime")
+        place = builder.alloca(_I64, 2)
+        builder.call(function, [ir.Constant(_I32, 1), place])
+        seconds = builder.load(place)
+        rest = builder.load(builder.gep(place, [ir.Constant(_I32, 1)]))
+        return builder.add(builder.mul(seconds, ir.Constant(_I64, 1_000_000_000)), rest)
+
+    return types.int64(), codegen
+
+
 _sched_yield: Any = types.ExternalFunction("sched_yield", types.int32())
 _usleep: Any = types.ExternalFunction("usleep", types.int32(types.uint32))
 
@@ -101,18 +126,21 @@ def _no_threads(*_: int) -> int:
     raise RuntimeError("threads need compiled kernels; NUMBA_DISABLE_JIT is set")
 
 
-_PLAIN = bool(_config.DISABLE_JIT)
-get_or_set: Any = _plain_get_or_set if _PLAIN else intrinsic(_get_or_set)
+PLAIN = bool(_config.DISABLE_JIT)
+"""Whether kernels run as plain Python."""
+get_or_set: Any = _plain_get_or_set if PLAIN else intrinsic(_get_or_set)
 """fmi2GetXXX or fmi2SetXXX(instance, references, n, values) -> status"""
-do_step2: Any = _plain_do_step2 if _PLAIN else intrinsic(_do_step2)
+do_step2: Any = _plain_do_step2 if PLAIN else intrinsic(_do_step2)
 """fmi2DoStep(instance, t, h, fmi2True) -> status; t and h in s"""
-byte_at: Any = _plain_byte_at if _PLAIN else intrinsic(_byte_at)
+byte_at: Any = _plain_byte_at if PLAIN else intrinsic(_byte_at)
 """The byte at an address."""
-atomic_load: Any = _no_threads if _PLAIN else intrinsic(_load)
+atomic_load: Any = _no_threads if PLAIN else intrinsic(_load)
 """The int64 at an address, as every thread sees it."""
-atomic_add: Any = _no_threads if _PLAIN else intrinsic(_add)
+atomic_add: Any = _no_threads if PLAIN else intrinsic(_add)
 """Add to the int64 at an address; returns what it was."""
-exchange_if: Any = _no_threads if _PLAIN else intrinsic(_exchange_if)
+exchange_if: Any = _no_threads if PLAIN else intrinsic(_exchange_if)
 """exchange_if(address, expected, value): replace the int64 if it is still `expected`; returns whether it was."""
-rest: Any = _no_threads if _PLAIN else numba.njit(_rest)
+nanoseconds: Any = _no_threads if PLAIN else intrinsic(_nanoseconds)
+"""Monotonic time."""
+rest: Any = _no_threads if PLAIN else numba.njit(_rest)
 """Wait for other threads, the longer the more `spins` have passed."""

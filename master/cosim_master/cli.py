@@ -170,10 +170,14 @@ def run(
         str | None,
         typer.Option(metavar="ADDRESS", help="Serial ports of the autopilots, e.g. tcp:5760+10 for 5760, 5770, ..."),
     ] = None,
+    profile: Annotated[bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.")] = False,
 ) -> None:
     """Run a system."""
+    from cosim_master.calls import PLAIN
     from cosim_master.simulation import simulate
 
+    if profile and PLAIN:
+        raise _usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
     if threads is not None and threads < 1:
         raise _usage(f"--threads {threads}: give a positive number")
     if pace is not None and not 0 < pace < math.inf:
@@ -192,6 +196,7 @@ def run(
             record=record or (),
             at=_changes(at),
             threads=threads,
+            profile=profile,
             on_start=_print_notes,
             on_progress=show,
             gcs=gcs or (),
@@ -247,6 +252,10 @@ def _report(result: RunResult, folder: Path) -> None:
     for gateway, crossed in result.gateways.items():
         text = ", ".join(f"{n} {what}" for what, n in crossed.items() if what != "address")
         _note(f"{gateway} ({crossed['address']}): {text or 'nothing has crossed'}")
+    if result.profile is not None:
+        from cosim_master.inspection import profile_tables
+
+        _print_tables(profile_tables(result.profile))
     if result.overruns[0]:
         err.print(f"note: the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
     if result.outcome == "failed":

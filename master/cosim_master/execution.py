@@ -14,7 +14,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import TracebackType
 from typing import Any, Self, TypeAlias
 
@@ -29,6 +29,7 @@ from cosim_master.fmu import Variable
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.network import Network
 from cosim_master.plan import GATEWAY_BYTES, KINDS, Layout, Timing, grown, make_plan, make_radio
+from cosim_master.profiling import Profiler
 from cosim_master.radio import (
     DEFERRED,
     DELIVERED,
@@ -130,6 +131,7 @@ class Execution:
         threads: how many step native instances; None chooses. Only FMUs built by this project are stepped by
             other threads than the main one: many others keep state in globals, whatever they declare.
         changes: values to be set while it runs, in the order of time.
+        profiler: measures where the time goes.
 
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.
@@ -148,6 +150,7 @@ class Execution:
         keep_packets: bool = True,
         threads: int | None = None,
         changes: Sequence[Change] = (),
+        profiler: Profiler | None = None,
     ) -> None:
         self.checked, self.clock, self.places, self.network = checked, clock, places, network
         self.living: list[Living] = []
@@ -157,13 +160,18 @@ class Execution:
         self._changes = list(changes)
         self._snapshot: Snapshot | None = None
         self._crossing = np.zeros(GATEWAY_BYTES, dtype=np.uint8)
+        self._phase: Callable[[str], AbstractContextManager[Any]] = profiler.phase if profiler else nullcontext
         try:
             check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
-            instantiate(checked, self._libraries, self.living)
-            initialize(checked, self.living, clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
+            with self._phase("load and instantiate"):
+                instantiate(checked, self._libraries, self.living)
+            with self._phase("initialize"):
+                initialize(checked, self.living, clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
             free = [i for i, living in enumerate(self.living) if living.library.thread_safe]
             self.threads = _threads(threads, len(free))
             self.plan = make_plan(places, clock, network, self.living, every, free=free, threads=self.threads)
+            if profiler is not None:
+                profiler.attach(self.plan, self.living)
             keep = recorder_for is not None and keep_packets
             self.radio = make_radio(network, places, keep=keep)
             collect_all(self.plan)
@@ -409,7 +417,8 @@ class Execution:
 
     def _flush_rows(self) -> None:
         if self._recorder is not None:
-            self._recorder.rows(self.plan)
+            with self._phase("write results"):
+                self._recorder.rows(self.plan)
         self.plan.clock[ROWS] = 0
 
     def _flush_packets(self) -> None:
@@ -421,7 +430,8 @@ class Execution:
 
     def _write_packets(self) -> None:
         if self._recorder is not None:
-            self._recorder.packets(self.radio)
+            with self._phase("write results"):
+                self._recorder.packets(self.radio)
         self.radio.counters[[USED_EVENTS, USED_LOG]] = 0
 
     def _strings(self) -> tuple[list[_TextLink], dict[tuple[int, str], str]]:

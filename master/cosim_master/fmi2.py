@@ -117,6 +117,7 @@ class Instance:
         self.name = name
         self.alive = False
         self.stepping = False
+        self.canceled = False
         self.time: float | None = None
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
         # ctypes objects that the FMU points to must live as long as the instance.
@@ -220,13 +221,14 @@ class Instance:
         self.call("fmi2SetFMUstate", state)
 
     def free_state(self, state: ctypes.c_void_p) -> None:
-        """fmi2FreeFMUstate where it is legal."""
-        if self.alive and state and not self.library.corrupted:
-            self.call("fmi2FreeFMUstate", ctypes.byref(state))
+        """fmi2FreeFMUstate where it is legal: not after a step was cancelled."""
+        if self.alive and state and not self.canceled and not self.library.corrupted:
+            with contextlib.suppress(FmuError):
+                self.call("fmi2FreeFMUstate", ctypes.byref(state))
 
     def cancel_step(self) -> None:
         """Stop a step that is pending; only `free` may follow."""
-        self.stepping = False
+        self.stepping, self.canceled = False, True
         with contextlib.suppress(FmuError):
             self.call("fmi2CancelStep")
 

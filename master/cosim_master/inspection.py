@@ -14,9 +14,10 @@ from rich.text import Text
 from cosim_master.check import check
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import describe
+from cosim_master.profiling import Profile
 from cosim_master.ssp import read_system
 
-__all__ = ["fmu_tables", "run_tables", "system_tables"]
+__all__ = ["fmu_tables", "profile_tables", "run_tables", "system_tables"]
 
 
 def _table(*columns: str) -> Table:
@@ -74,6 +75,22 @@ def system_tables(path: str) -> Iterator[Table | str]:
         yield table
         for note in checked.notes:
             yield f"note: {note}"
+
+
+def profile_tables(profile: Profile) -> Iterator[Table | str]:
+    """Where the time of a run went."""
+    whole = sum(one.total for one in profile.fmus) or 1.0
+    table = _table("FMU", "instances", "steps", "set [s]", "doStep [s]", "get [s]", "us per step", "share")
+    for one in profile.fmus:
+        spent = (f"{seconds:.4f}" for seconds in (one.set, one.do_step, one.get))
+        each = f"{1e6 * one.total / one.steps:.2f}" if one.steps else ""
+        _row(table, one.fmu, str(one.instances), str(one.steps), *spent, each, f"{100 * one.total / whole:.1f} %")
+    yield table
+    table = _table("phase", "time [s]")
+    for name, seconds in profile.phases.items():
+        _row(table, name, f"{seconds:.4f}")
+    _row(table, "of stepping: in FMUs, over all threads", f"{sum(one.total for one in profile.fmus):.4f}")
+    yield table
 
 
 def run_tables(folder: Path) -> Iterator[Table | str]:

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -25,6 +25,7 @@ from cosim_master.fmu import Start
 from cosim_master.gateways import Gateways, gateways_of
 from cosim_master.network import Network, network_of
 from cosim_master.plan import Timing, layout, timing
+from cosim_master.profiling import Profile, Profiler
 from cosim_master.recorder import Recorder
 from cosim_master.ssp import read_system
 from cosim_master.system import Component, System
@@ -72,6 +73,7 @@ class RunResult:
         notes: what was assumed.
         overruns: paced runs: how often and by how much (s, at worst) the pace could not be held.
         gateways: see `Gateways.counts`.
+        profile: where the time went, if that was asked for.
     """
 
     outcome: str
@@ -83,6 +85,7 @@ class RunResult:
     notes: tuple[str, ...]
     overruns: tuple[int, float] = (0, 0.0)
     gateways: Mapping[str, Mapping[str, int | str]] = field(default_factory=dict)
+    profile: Profile | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +171,7 @@ def simulate(
     record: Sequence[str] = (),
     at: Sequence[tuple[float, str, str]] = (),
     threads: int | None = None,
+    profile: bool = False,
     on_start: Callable[[Prepared], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     gcs: Sequence[str] = (),
@@ -188,6 +192,7 @@ def simulate(
         record: patterns of signals to record; the system's, else all outputs.
         at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set while it runs.
         threads: how many step native instances; None chooses.
+        profile: measure where the time goes.
         on_start: called when everything is checked and nothing loaded yet.
         on_progress: called about twenty times a second, with gateways fifty times.
         gcs: addresses of ground stations, each on the air to all vehicles: see `gateways`.
@@ -215,6 +220,7 @@ def simulate(
 
         if out is not None:
             _make_folder(out)
+        profiler = Profiler() if profile else None
         with Gateways(asked, on_gateway or (lambda _: None)) as gateways:
             began = time.perf_counter()
             try:
@@ -228,6 +234,7 @@ def simulate(
                     keep_packets=ready.recording.packets,
                     threads=threads,
                     changes=ready.changes,
+                    profiler=profiler,
                 )
             except SystemDescriptionError:
                 raise
@@ -236,6 +243,9 @@ def simulate(
             start_up = time.perf_counter() - began
             with execution, _interrupts() as interrupted:
                 result = _run(execution, ready, pace, on_progress, interrupted, gateways)
+                if profiler is not None:
+                    profiler.phases["stepping"] = result.wall_s
+                    result = replace(result, profile=profiler.profile())
                 execution.finish(lambda: _manifest(ready, result, start_up))
             return result
 
@@ -395,6 +405,7 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
             **{name: version(name) for name in ("uav-cosim", "numba", "numpy", "pyarrow", "fmpy")},
         },
         "notes": list(ready.notes),
+        **({} if result.profile is None else {"profile": asdict(result.profile)}),
     }
 
 

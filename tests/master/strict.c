@@ -104,7 +104,7 @@ EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const
 
 EXPORT void fmi2FreeInstance(Strict *p) {
     if (!entered(p, "fmi2FreeInstance", ~PENDING)) return;
-    if (p->states) line("STRICT_LOG", p->name, "fmi2FreeInstance", " before fmi2FreeFMUstate");
+    if (p->states && p->state != CANCELED) line("STRICT_LOG", p->name, "fmi2FreeInstance", " before fmi2FreeFMUstate");
     free(p->text);
     free(p);
 }

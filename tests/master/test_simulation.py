@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -268,6 +269,26 @@ def test_ctrl_c_ends_a_run_after_a_complete_step(probes: Any, tmp_path: Path) ->
     assert times == [k / 2 for k in range(len(times))]
     assert times[-1] == result.simulated_s >= 1.0
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "interrupted"
+    assert probes.calls[-2:] == ["a: terminate", "a: free"]
+
+
+def test_ctrl_c_from_a_terminal(probes: Any, tmp_path: Path) -> None:
+    """A signal from outside, at whatever moment: the recording is complete up to a step, the exit code is 130."""
+    probes.fmu(step=0.001)
+    system = probes.ssd(probes.component("a"), stop=1e6)
+    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(system), "-o", "out"]
+    running = subprocess.Popen([*command, "--pace", "1"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    log = tmp_path / "calls.txt"
+    while running.poll() is None and not (log.exists() and "step 0.05 " in log.read_text()):
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode == 130, errors
+    assert "Traceback" not in errors
+    times = signals(tmp_path / "out")["time"]
+    assert times == [k / 1000 for k in range(len(times))] and len(times) > 50
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert (manifest["outcome"], manifest["simulated_s"]) == ("interrupted", times[-1])
     assert probes.calls[-2:] == ["a: terminate", "a: free"]
 
 
