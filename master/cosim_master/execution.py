@@ -10,6 +10,7 @@ completed before anything is freed, since some FMUs take the process with them w
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
@@ -159,6 +160,7 @@ class Execution:
         self._workers: list[threading.Thread] = []
         self._changes = list(changes)
         self._snapshot: Snapshot | None = None
+        self._saved_at = -math.inf
         self._crossing = np.zeros(GATEWAY_BYTES, dtype=np.uint8)
         self._phase: Callable[[str], AbstractContextManager[Any]] = profiler.phase if profiler else nullcontext
         try:
@@ -340,6 +342,7 @@ class Execution:
                 self.radio = grown(self.radio, need)
             self._make_room(need, 2 * block.size + 64 * len(some))
             admit(self.radio, self._now, gateway, block, block.size)
+        self._saved_at = -math.inf  # what came from outside does not come again
 
     def take(self, gateway: int) -> bytes:
         """The packets that have arrived at a gateway by now."""
@@ -348,6 +351,7 @@ class Execution:
         while arrived(self.radio.endpoints, self.radio.places, self._now, e):
             self._make_room(0, int(self.radio.counters[IN_FLIGHT]) * (SLOT + 16))
             taken.append(self._crossing[: deliver(self.radio, self._now, e, self._crossing)].tobytes())
+        self._saved_at = -math.inf
         return b"".join(taken)
 
     def _compile_gateways(self) -> None:
