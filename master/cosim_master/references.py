@@ -21,7 +21,7 @@ from cosim_master.document import parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.system import ExtractedArchive
 
-__all__ = ["File", "Files", "Target", "parsed", "read_reference"]
+__all__ = ["File", "Files", "Target", "is_file", "parsed", "read_reference"]
 
 _MAX_DOCUMENT_BYTES = 256 << 20
 _T = TypeVar("_T")
@@ -103,9 +103,17 @@ class Files:
         found = File(path, shown, base.boundary)
         if base.boundary is not None and not path.is_relative_to(base.boundary):
             return "leads out of the .ssp archive", found
-        if not path.is_file():
+        if not is_file(path):
             return f'does not exist: no file "{shown}"', found
         return None, found
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that the system cannot even look for is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def read_reference(uri: str) -> tuple[str | None, Target]:

@@ -16,7 +16,7 @@ from lxml import etree
 
 from cosim_master.document import Reader, line_of, local_name, near, whole
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.references import File, Files, parsed, read_reference
+from cosim_master.references import File, Files, is_file, parsed, read_reference
 from cosim_master.schema import validate
 from cosim_master.ssc import Definitions, check_meta_data, read_connector, read_transformation, read_version
 from cosim_master.ssp_grammar import ANNOTATIONS, GRAMMAR, KINDS, KINDS_2, SSB, SSC, SSD, SSM, SSV
@@ -282,7 +282,7 @@ class Document:
         """The .ssd at the root of an unpacked archive: the default one, or the one that the fragment names."""
         name = ROOT_DOCUMENT if variant is None else variant
         file = File(folder.path / name, f"{folder.shown}/{name}", folder.path)
-        if variant is not None and (PurePosixPath(name).name != name or not file.path.is_file()):
+        if variant is not None and (PurePosixPath(name).name != name or not is_file(file.path)):
             known = sorted(path.name for path in folder.path.glob("*.ssd"))
             text = f'source: "{folder.shown}" has no variant "{variant}"; {near(variant, known)}'
             raise SystemDescriptionError([Problem(self.reader.where(element), text)])
