@@ -248,6 +248,11 @@ class Gateways:
     def __bool__(self) -> bool:
         return bool(self._open)
 
+    def start(self) -> None:
+        """Let real programs connect."""
+        for one in self._open:
+            one.socket.start()
+
     def exchange(self, execution: Execution) -> None:
         """Bring in what the sockets have received, and out what has arrived at the gateways."""
         for g, crossing in enumerate(self._open):

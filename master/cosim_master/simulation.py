@@ -241,6 +241,7 @@ def simulate(
             except CosimError as error:
                 return RunResult("failed", error, 0.0, 0.0, 0.0, {}, ready.notes)
             start_up = time.perf_counter() - began
+            gateways.start()
             with execution, _interrupts() as interrupted:
                 result = _run(execution, ready, pace, on_progress, interrupted, gateways)
                 if profiler is not None:

@@ -36,6 +36,9 @@ class Socket(Protocol):
     port: int
     """That it is bound to."""
 
+    def start(self) -> None:
+        """Let others connect, from now on. Before, they are refused: who connects wants an answer."""
+
     def receive(self) -> list[bytes]:
         """What has come in since the last call; b"" between the streams of two clients."""
 
@@ -64,13 +67,15 @@ class TcpServer:
         try:
             self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._listening.bind((host, port))
-            self._listening.listen(4)
         except OSError:
             self._listening.close()
             raise
         self._listening.setblocking(False)
-        self.port = int(self._listening.getsockname()[1])
-        report(f"listens on {host}:{self.port}")
+        self._host, self.port = self._listening.getsockname()[:2]
+
+    def start(self) -> None:
+        self._listening.listen(4)
+        self._report(f"listens on {self._host}:{self.port}")
 
     def _accept(self) -> None:
         while True:
@@ -182,8 +187,13 @@ class Udp:
         except OSError:
             self._socket.close()
             raise
-        self.port = int(self._socket.getsockname()[1])
-        report(f"sends to {host}:{port}" if outward else f"listens on {host}:{self.port}")
+        self._host, self.port = self._socket.getsockname()[:2]
+
+    def start(self) -> None:
+        if self._fixed is not None:
+            self._report(f"sends to {self._fixed[0]}:{self._fixed[1]}")
+        else:
+            self._report(f"listens on {self._host}:{self.port}")
 
     def receive(self) -> list[bytes]:
         pieces = []

@@ -396,6 +396,7 @@ def opened() -> Iterator[Callable[..., tuple[Socket, list[str]]]]:
     def open_one(kind: str, port: int = 0) -> tuple[Socket, list[str]]:
         told: list[str] = []
         made.append(open_socket(kind, "127.0.0.1", port, told.append))
+        made[-1].start()
         return made[-1], told
 
     yield open_one
@@ -473,9 +474,12 @@ def test_what_a_client_does_not_read_is_kept_up_to_a_bound_and_then_refused(open
         assert bytes(read) == b"".join(sent[:taken])
 
 
-def test_closing_gives_a_client_the_rest(opened: Any) -> None:
+def test_a_server_refuses_before_it_starts_and_gives_the_rest_when_it_closes() -> None:
     told: list[str] = []
     server = TcpServer("127.0.0.1", 0, told.append)
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", server.port))
+    server.start()
     with socket.create_connection(("127.0.0.1", server.port)) as client:
         until(lambda: server.receive() == [] and len(told) == 2)
         server.send([b"rest"])

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.slow
 ARM, TAKEOFF, MODE, STREAMS = 400, 22, 176, 4
 ACCEPTED, GUIDED, ARMED = 0, 4, 128
 PACE = 4.0
+KEY = bytes(range(32))
 
 
 class Client:
@@ -83,6 +84,25 @@ def test_a_client_flies_a_vehicle_at_its_port(tmp_path: Path, fmus: Path) -> Non
     assert "malformed" not in counts
     assert manifest["gateways"]["@drone1"]["not taken"] > 0  # nobody has been there
     assert _crossed(tmp_path / "out" / "packets" / "@drone3.tlog") == (counts["received"], {3, 255})
+
+
+def test_a_port_with_a_key_obeys_who_signs(tmp_path: Path, fmus: Path) -> None:
+    (tmp_path / "key").write_text(KEY.hex())
+    with running(tmp_path / "out", "--ports", f"tcp:0,sign={tmp_path / 'key'}", pace=PACE) as swarm:
+        address = f"tcp:127.0.0.1:{swarm.port('@drone1')}"
+        stranger: Any = mavutil.mavlink_connection(address, source_system=255)
+        assert stranger.wait_heartbeat(timeout=10) is not None  # it can listen
+        stranger.mav.command_long_send(1, 1, MODE, 0, 1, GUIDED, 0, 0, 0, 0, 0)
+        assert stranger.recv_match(type="COMMAND_ACK", blocking=True, timeout=2) is None
+        stranger.close()
+        friend: Any = mavutil.mavlink_connection(address, source_system=255)
+        friend.setup_signing(KEY)
+        assert friend.wait_heartbeat(timeout=10).get_signed()
+        friend.mav.command_long_send(1, 1, MODE, 0, 1, GUIDED, 0, 0, 0, 0, 0)
+        assert friend.recv_match(type="COMMAND_ACK", blocking=True, timeout=5).result == ACCEPTED
+        friend.close()
+        counts = swarm.stop()["gateways"]["@drone1"]
+    assert (counts["received"], counts["unsigned"], counts["connections"]) == (1, 1, 2)
 
 
 def test_a_ground_station_flies_two_vehicles_by_radio(tmp_path: Path, fmus: Path) -> None:
