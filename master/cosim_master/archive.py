@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.limitations import ARCHIVE
 
 __all__ = ["MAX_BYTES", "MAX_ENTRIES", "member_names", "pack", "read_member", "unpack"]
 
@@ -57,7 +58,7 @@ def _opened(path: Path, shown: str) -> Iterator[zipfile.ZipFile]:
             if len(entries) > MAX_ENTRIES:
                 problems.append(Problem(Where(shown), f"more than {MAX_ENTRIES} entries"))
             if sum(entry.file_size for entry in entries) > MAX_BYTES:
-                problems.append(Problem(Where(shown), f"unpacks to more than {MAX_BYTES} bytes"))
+                problems.append(Problem(Where(shown), ARCHIVE.text(MAX_BYTES)))
             if problems:
                 raise SystemDescriptionError(problems)
             yield archive
@@ -117,7 +118,7 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
                 while chunk := source.read(min(1 << 20, left + 1)):
                     left -= len(chunk)
                     if left < 0:
-                        raise _refuse(shown, f"unpacks to more than {limit} bytes")
+                        raise _refuse(shown, ARCHIVE.text(limit))
                     sink.write(chunk)
             if entry.external_attr >> 16 & stat.S_IXUSR:
                 target.chmod(0o755)

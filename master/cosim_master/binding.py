@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from cosim_master.document import near
 from cosim_master.errors import Problem, Where
 from cosim_master.fmu import Variable
+from cosim_master.limitations import MAPPED_BACK, SIGNAL_START
 from cosim_master.parts import Part, Port, element_name, indices_of
 from cosim_master.ssp_grammar import SAME_TYPE
 from cosim_master.system import (
@@ -205,7 +206,7 @@ class Bindings:
             self._store(part, target, parameter)
             return
         if target.entry is not None:
-            self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: a signal has no start value')
+            self._notes.append(f"{parameter.where}: {SIGNAL_START.text(parameter.name)}")
             return
         unit = target.unit or parameter.unit
         kind = target.type or SAME_TYPE.get(parameter.type, parameter.type)
@@ -236,7 +237,7 @@ class Bindings:
             self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: nothing drives {port}')
             return
         if route.mapping:
-            text = f'"{parameter.name}" cannot be set: a mapping transformation leads to {port}'
+            text = MAPPED_BACK.text(parameter.name, port)
             self._problems.append(Problem(parameter.where, text))
             return
         if start.type in _FLOATS and not isinstance(value, str | bool):

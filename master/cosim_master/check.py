@@ -20,6 +20,7 @@ from cosim_master.document import line_of, near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import Stage, exchange_order
+from cosim_master.limitations import ANNOTATION, LOCAL, UNIT_GAP
 from cosim_master.parts import Part, assemble, measure
 from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
 from cosim_master.units import Unit
@@ -205,9 +206,7 @@ class _Check:
             instance, name = link.source
             fmu = fmus.get(instance)
             if fmu is not None and fmu.variables[name].causality == "local" and name not in fmu.initial_unknowns:
-                self.notes.append(
-                    f"{link.where}: {instance}.{name} is local: it is exchanged from the first step on only"
-                )
+                self.notes.append(f"{link.where}: {LOCAL.text(instance, name)}")
             else:
                 readable.append(index)
         stages = exchange_order(
@@ -317,7 +316,7 @@ class _Check:
                 hint = near(annotation.type, ANNOTATION_TYPES)
                 self.problems.append(Problem(annotation.where, f'there is no annotation "{annotation.type}"; {hint}'))
             else:
-                self.notes.append(f'{annotation.where}: annotation "{annotation.type}" is ignored')
+                self.notes.append(f"{annotation.where}: {ANNOTATION.text(annotation.type)}")
         return tuple(owned)
 
     def _instances(self, parts: list[Part], bindings: Bindings) -> tuple[Instance, ...]:
@@ -395,4 +394,4 @@ class _Check:
         if wiring.unit_gaps:
             where = wiring.unit_gaps[0].where
             count = len(wiring.unit_gaps)
-            self.notes.append(f"{count} connections join a unit to a port without one, unconverted; the first: {where}")
+            self.notes.append(UNIT_GAP.text(count, where))

@@ -15,6 +15,7 @@ from typing import Any, cast
 from cosim_master.document import near
 from cosim_master.errors import Problem, Where
 from cosim_master.fmu import FmuDescription, Variable
+from cosim_master.limitations import DEEP, LARGE, OPEN_SIZE
 from cosim_master.ssp_grammar import SAME_TYPE
 from cosim_master.system import Connector, Element, Kind, SignalDictionaryReference, System
 from cosim_master.transformation import listed
@@ -107,9 +108,9 @@ def measure(root: System, problems: list[Problem]) -> bool:
 
     parts, depth = extent(root, 1)
     if depth > MAX_DEPTH:
-        problems.append(Problem(root.where, f"systems are nested more than {MAX_DEPTH} deep"))
+        problems.append(Problem(root.where, DEEP.text(MAX_DEPTH)))
     elif parts > MAX_PARTS:
-        problems.append(Problem(root.where, f"the system has {parts} parts; at most {MAX_PARTS} are possible"))
+        problems.append(Problem(root.where, LARGE.text(parts, MAX_PARTS)))
     return depth <= MAX_DEPTH and parts <= MAX_PARTS
 
 
@@ -219,7 +220,7 @@ class _Assembly:
         for dimension in connector.dimensions:
             if dimension.size is None:
                 reason = f'its size is that of "{dimension.connector}"' if dimension.connector else "it has no size"
-                text = f'connector "{connector.name}": {reason}; only arrays with fixed sizes are supported here'
+                text = f'connector "{connector.name}": {reason}; {OPEN_SIZE.text()}'
                 self.problems.append(Problem(connector.where, text))
             sizes.append(dimension.size or 1)
         part.shapes[connector.name] = tuple(sizes)

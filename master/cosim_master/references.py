@@ -19,6 +19,7 @@ from lxml import etree
 from cosim_master import archive
 from cosim_master.document import parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.limitations import ABSOLUTE_URI
 from cosim_master.system import ExtractedArchive
 
 __all__ = ["File", "Files", "Target", "is_file", "parsed", "read_reference"]
@@ -125,7 +126,7 @@ def read_reference(uri: str) -> tuple[str | None, Target]:
     except (ValueError, UnicodeDecodeError):
         return "is not a URI reference; write a relative path with / and %-escapes", nowhere
     if parts.scheme or parts.netloc or path.startswith("/"):
-        return "is an absolute URI; only paths relative to the .ssd are supported", nowhere
+        return ABSOLUTE_URI.text(), nowhere
     if parts.query or any("\\" in text or any(ord(c) < 32 for c in text) for text in (path, fragment)):
         return "is not a relative path; write / between folders and escape ? as %3F", nowhere
     if not path and not fragment:

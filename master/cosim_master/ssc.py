@@ -13,6 +13,7 @@ from typing import cast
 from lxml import etree
 
 from cosim_master.document import Reader, double, local_name, whole
+from cosim_master.limitations import CLOCK, LONG_ARRAY, META_DATA
 from cosim_master.ssp_grammar import ANY_TYPE, GRAMMAR, META, SAME_TYPE, SSC, TRANSFORMATIONS
 from cosim_master.system import (
     INTEGER_RANGES,
@@ -52,7 +53,7 @@ def read_version(reader: Reader, root: etree._Element) -> None:
 def check_meta_data(element: etree._Element, reader: Reader, notes: list[str]) -> None:
     """Note meta data and signatures: they are legal, and nothing is done with them."""
     for child in element.iterchildren(*META):
-        notes.append(f"{reader.where(child)}: <{local_name(child)}> is ignored")
+        notes.append(f"{reader.where(child)}: {META_DATA.text(local_name(child))}")
 
 
 class Definitions:
@@ -129,7 +130,7 @@ def read_connector(
             elif type_name == "Binary":
                 mime_type = child.get("mime-type", "application/octet-stream")
         elif name == "Clock":
-            reader.problem(child, f'clocks of connector "{element.get("name", "")}" are not supported')
+            reader.problem(child, CLOCK.text(element.get("name", "")))
     dimensions = read_dimensions(reader, children, sizes_only=kind == "inout" and element.get("kind") is None)
     return Connector(
         name=reader.name(element),
@@ -163,7 +164,7 @@ def read_dimensions(
         total *= 1 if number is None else number
         found.append(Dimension(number, connector))
     if total > _MAX_ELEMENTS:
-        reader.problem(children[0], f"an array of {total} elements is more than can be handled ({_MAX_ELEMENTS})")
+        reader.problem(children[0], LONG_ARRAY.text(total, _MAX_ELEMENTS))
         return ()
     return tuple(found)
 

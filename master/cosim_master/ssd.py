@@ -16,6 +16,7 @@ from lxml import etree
 
 from cosim_master.document import Reader, line_of, local_name, near, whole
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.limitations import DEEP, IMPLEMENTATION, MODELICA, NO_SOURCE, OTHER_SSD
 from cosim_master.references import File, Files, is_file, parsed, read_reference
 from cosim_master.schema import validate
 from cosim_master.ssc import Definitions, check_meta_data, read_connector, read_transformation, read_version
@@ -124,7 +125,7 @@ class Document:
 
     def _system(self, element: etree._Element) -> System:
         if self.files.depth >= _MAX_DEPTH:
-            self.reader.problem(element, f"systems are nested more than {_MAX_DEPTH} deep")
+            self.reader.problem(element, DEEP.text(_MAX_DEPTH))
             return System(element.get("name", ""), (), (), (), (), (), self.path, self.reader.where(element))
         self.files.depth += 1
         try:
@@ -174,9 +175,7 @@ class Document:
         valid = ("any", "CoSimulation", "ModelExchange", "ScheduledExecution")
         implementation = self.reader.choice(element, "implementation", valid, "any")
         if implementation not in ("any", "CoSimulation"):
-            self.reader.problem(
-                element, f'implementation="{implementation}" is not supported; valid: any, CoSimulation'
-            )
+            self.reader.problem(element, IMPLEMENTATION.text(implementation))
         connectors = self._connectors(element)
         source, content, fragment = self._source(element, kind, connectors)
         return Component(
@@ -196,7 +195,7 @@ class Document:
         kind = element.get("type", FMU_TYPE)
         if kind.split(";")[0].strip() == "text/x-modelica":
             listed = ", ".join(f'"{item}"' for item in COMPONENT_TYPES)
-            self.reader.problem(element, f'type "{kind}" (Modelica) is not supported; valid: {listed}')
+            self.reader.problem(element, f"{MODELICA.text(kind)}; valid: {listed}")
             return FMU_TYPE
         return self.reader.choice(element, "type", COMPONENT_TYPES, FMU_TYPE)
 
@@ -209,14 +208,14 @@ class Document:
             if self.reader.version < 2:
                 self.reader.problem(element, '<Component> needs the attribute "source" (SSP 2.0 can do without)')
             name = element.get("name", "")
-            self.files.notes.append(f'{where}: component "{name}" has no source: it is taken for an empty system')
+            self.files.notes.append(f"{where}: {NO_SOURCE.text(name)}")
             return None, System(name, connectors, (), (), (), (), self.path, where), None
         trouble, target = read_reference(uri)
         if trouble is None and target.fragment is not None and (target.path == "") != (kind == SSD_TYPE):
             needed = SSD_TYPE if target.path == "" else SSP_TYPE
             trouble = f'selects a part of its target; that is only for type="{needed}"'
             if kind == SSD_TYPE:
-                trouble += "; a system of another .ssd cannot be selected"
+                trouble += f"; {OTHER_SSD.text()}"
         if trouble is None and target.path == "" and target.fragment is not None:
             return self.file, self._embedded(element, target.fragment), target.fragment
         if trouble is None:

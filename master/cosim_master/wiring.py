@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from cosim_master.document import near
 from cosim_master.errors import Problem, Where
+from cosim_master.limitations import DIRECTION, NARROWING
 from cosim_master.parts import Part, Port, element_name, indices_of
 from cosim_master.system import (
     Connection,
@@ -151,7 +152,7 @@ class Wiring:
             for port, owner in zip(ports, owners, strict=True)
         ]
         if forward:
-            self._problem(connection.where, f"which of {shown[0]} and {shown[1]} drives the other is not said")
+            self._problem(connection.where, DIRECTION.text(*shown))
             return None
         valid = sorted(
             f"{owner} {kind} -> {to_owner} {to_kind}"
@@ -235,8 +236,7 @@ class Wiring:
         """A route extended by one connection: unit conversion first, then the transformation (SSP 2.0, 4.5.2)."""
         if not compatible(route.type, target.type):
             source = self.incoming[target][1]
-            text = f"{source} is {route.type} and {target} is {target.type}; types must be equal (or Integer to Real)"
-            self._problem(connection.where, text)
+            self._problem(connection.where, NARROWING.text(source, route.type, target, target.type))
             return Route(route.source, 1.0, 0.0, target.unit, target.type, target.items)
         kind = target.type or route.type
         table = connection.transformation
