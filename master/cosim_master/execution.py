@@ -67,6 +67,7 @@ from cosim_master.stepping import (
     TOO_LONG,
     K,
     collect_all,
+    end_here,
     places_needed,
     run,
     sent_bytes,
@@ -307,27 +308,38 @@ class Execution:
         if any(tuple(rows["failed"][i][:2]) != (DO_STEP, STATUS.index("fmi2Discard")) for i in failed):
             return
         failures, shrink = [], 2.0
+        ends: list[tuple[int, float]] = []
         for i in failed:
             living, h = self.living[i], float(rows["h"][i])
             living.time = self.time
             last = living.last_successful_time()
             if living.ended():
-                end = self.time if last is None else last
-                if not (living.library.python and self.plan.clock[K] == 0):
-                    raise RunTerminated(living.name, end, hint=_FORGETFUL if living.library.python else "")
-                text = f"fmi2Discard: it wants the run to end in its first step {_FORGETFUL}"
-            else:
-                reached = "" if last is None else f", only to {last:.9g} s"
-                reason = self._unrepeatable or f"shorter steps down to {h:.9g} s did not help"
-                text = (
-                    f"fmi2Discard: it could not step from {self.time:.9g} s to {self.time + h:.9g} s{reached}; {reason}"
-                )
-                if last is not None and last > self.time:
-                    shrink = max(shrink, h / (last - self.time))
+                ends.append((i, self.time if last is None else last))
+                continue
+            reached = "" if last is None else f", only to {last:.9g} s"
+            reason = self._unrepeatable or f"shorter steps down to {h:.9g} s did not help"
+            text = f"fmi2Discard: it could not step from {self.time:.9g} s to {self.time + h:.9g} s{reached}; {reason}"
+            if last is not None and last > self.time:
+                shrink = max(shrink, h / (last - self.time))
             failures.append(living.failure("fmi2DoStep", STATUS.index("fmi2Discard"), text))
+        if ends:
+            self._terminate(ends, complete=len(ends) == len(failed))
         if self._unrepeatable or self._snapshot is None:
             raise RunFailed(failures)
         raise _Discarded(failures, shrink)
+
+    def _terminate(self, ends: Sequence[tuple[int, float]], *, complete: bool) -> None:
+        """Instances (number, until when) want the run to end. If they did this step, it is the last one."""
+        name, python = self.living[ends[0][0]].name, any(self.living[i].library.python for i, _ in ends)
+        rows, clock = self.plan.instances, self.plan.clock
+        if python and clock[K] == 0:
+            text = f"fmi2Discard: it wants the run to end in its first step {_FORGETFUL}"
+            raise RunFailed([self.living[ends[0][0]].failure("fmi2DoStep", STATUS.index("fmi2Discard"), text)])
+        end = (clock[START] + (clock[K] + 1) * clock[BASE]) / 1e9
+        stepped = all(rows[i]["length"] == 1 and time >= end - 1e-9 for i, time in ends)
+        if complete and stepped and not self._text_outputs and clock[K] + 1 <= clock[LAST] and self._grid.factor == 1:
+            end_here(self.plan, np.array([i for i, _ in ends]))
+        raise RunTerminated(name, min(time for _, time in ends), hint=_FORGETFUL if python else "")
 
     # ---- gateways ----------------------------------------------------------------------------------------------------
 

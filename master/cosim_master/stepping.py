@@ -57,6 +57,7 @@ __all__ = [
     "WIRE",
     "Plan",
     "collect_all",
+    "end_here",
     "places_needed",
     "run",
     "sent_bytes",
@@ -474,6 +475,19 @@ def collect_all(p: Plan) -> None:
             _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)
         if m.failed[0] != 0:
             p.clock[FAILURES] += 1
+
+
+@kernel
+def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
+    """Complete a macro step that is the last one, since the instances `chosen` want to end with it: a row for it."""
+    clock = p.clock
+    for i in chosen:
+        p.instances[i].failed[0] = 0
+        _collect(p.instances, p.calls, p.real_out, i)
+    clock[FAILURES] = 0
+    clock[K] += 1
+    clock[PHASE] = DELIVER
+    _record(p, clock[K])
 
 
 @kernel

@@ -7,7 +7,8 @@
 
    mode, from t = `when` on: 1 steps longer than `longest` are discarded, without a last successful time; 2 with one;
    3 the step is discarded and the FMU wants to end, at `when`; 4 pending; 5 error; 6 fatal; 7 every step is discarded;
-   9 fmi2Terminate fails; 10 fmi2SetFMUstate forgets y; 11 warnings everywhere.
+   9 fmi2Terminate fails; 10 fmi2SetFMUstate forgets y; 11 warnings everywhere;
+   12 the step is done, and discarded since the FMU wants to end with it.
    At any time: 8 fmi2SetReal discards values above 100. */
 
 #include <math.h>
@@ -160,6 +161,13 @@ EXPORT int fmi2DoStep(Strict *p, double t, double h, int no_return) {
     if (mode == 7 || ((mode == 1 || mode == 2) && h > p->v.real[LONGEST] * (1 + 1e-9)) || mode == 3) {
         if (mode == 2) p->last = t + p->v.real[LONGEST];
         if (mode == 3) p->terminated = 1, p->last = p->v.real[WHEN];
+        p->state = FAILED;
+        return 2;
+    }
+    if (mode == 12) { /* it can do this step, and no other */
+        p->v.real[Y] += h * p->v.real[P] * p->v.real[U];
+        p->v.n++;
+        p->terminated = 1, p->last = t + h;
         p->state = FAILED;
         return 2;
     }

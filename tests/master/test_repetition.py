@@ -161,6 +161,15 @@ def test_an_fmu_that_wants_to_end(stricts: Any, tmp_path: Path) -> None:
     ]
 
 
+def test_an_fmu_that_wants_to_end_with_its_step(stricts: Any, tmp_path: Path) -> None:
+    """All have done the step, so it is recorded."""
+    stricts.fmu()
+    parts = stricts.component("a", mode=12, when=0.75, u=1.0) + stricts.component("b", u=2.0)
+    result = simulate(stricts.ssd(parts), out=tmp_path / "out", record=["*.y"])
+    assert (result.outcome, result.simulated_s, stricts.complaints) == ("terminated", 1.0, [])
+    assert signals(tmp_path / "out") == {"time": [0.0, 0.5, 1.0], "a.y": [0.0, 0.5, 1.0], "b.y": [0.0, 1.0, 2.0]}
+
+
 def test_a_pending_step_is_cancelled_and_refused(stricts: Any, tmp_path: Path) -> None:
     stricts.fmu(flags='canRunAsynchronuously="true"')
     parts = stricts.component("a", mode=4, when=1.0) + stricts.component("b")
