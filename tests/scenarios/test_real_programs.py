@@ -1,0 +1,87 @@
+"""Programs of the package index against a running swarm: MAVProxy, MAVSDK, DroneKit; each in a process of its own."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.scenarios.swarm import running
+
+CLIENTS = Path(__file__).with_name("clients")
+PACE = 4.0
+
+pytestmark = pytest.mark.slow
+
+
+def needs(*modules: str) -> pytest.MarkDecorator:
+    missing = [name for name in modules if importlib.util.find_spec(name) is None]
+    return pytest.mark.skipif(bool(missing), reason=f"pip install -e '.[clients]': no {', '.join(missing)}")
+
+
+def run(arguments: list[str], seconds: float, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A program to its end; it is killed when it takes too long."""
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env={**os.environ, **environment},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=seconds,
+        check=False,
+    )
+
+
+@needs("mavsdk")
+def test_mavsdk_flies(tmp_path: Path, fmus: Path) -> None:
+    """MAVSDK: connect, health, arm, takeoff, goto, land."""
+    with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE) as swarm:
+        url = f"tcpout://127.0.0.1:{swarm.port('@drone2')}"
+        done = run([str(CLIENTS / "mavsdk_flight.py"), url], 90)
+        assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+        swarm.stop()
+    last: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    assert last["system"] == 2
+    assert abs(last["height"] - 12.0) < 0.3
+
+
+MAVPROXY = """\
+60 flags & 512 and fix >= 3 | mode guided
+10 mode == 'GUIDED' | arm throttle
+10 armed | takeoff 10
+30 height > 9.5 | guided -35.36320 149.16530 10
+30 abs(lat + 35.36320) < 5e-6 and abs(lon - 149.16530) < 5e-6 | rtl
+10 mode == 'RTL' | mode land
+10 mode == 'LAND' | status HEARTBEAT
+60 not armed | end
+"""
+
+
+@needs("MAVProxy")
+def test_mavproxy_flies(tmp_path: Path, fmus: Path) -> None:
+    """MAVProxy: mode guided, arm throttle, takeoff 10, guided, rtl, mode land."""
+    (tmp_path / "script").write_text(MAVPROXY)
+    with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE) as swarm:
+        _mavproxy(tmp_path, f"tcp:127.0.0.1:{swarm.port('@drone1')}")
+        swarm.stop()
+    done = (tmp_path / "log").read_text().splitlines()
+    assert [line.partition(" ")[0] for line in done] == ["done:"] * 8, done
+
+
+def _mavproxy(folder: Path, master: str) -> None:
+    options = ["--master", master, "--daemon", "--non-interactive", "--state-basedir", str(folder)]
+    options += ["--load-module", "mavproxy_script"]
+    run(
+        ["-m", "MAVProxy.mavproxy", *options],
+        120,
+        HOME=str(folder),
+        PYTHONPATH=f"{CLIENTS}:{os.environ.get('PYTHONPATH', '')}",
+        MAVPROXY_SCRIPT=str(folder / "script"),
+        MAVPROXY_LOG=str(folder / "log"),
+    )
