@@ -27,6 +27,7 @@ from cosim_master.system import Component, Element, System, SystemStructure
 __all__ = ["swap"]
 
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription "
+_REFERRING = {_SSD + name for name in ("Component", "ParameterBinding", "ParameterMapping", "SignalDictionary")}
 _TAG = re.compile(rb"<[^\s/>]+")
 _ATTRIBUTE = re.compile(rb"\s+([^\s=/>]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 
@@ -98,6 +99,11 @@ def _chain(structure: SystemStructure, component: str) -> tuple[Element, ...]:
     if not (isinstance(chain[-1], Component) and _is_fmu(chain[-1])):
         inner = [name for name in fmus if name.startswith(component + ".")]
         raise _refusal(str(structure.path), f'"{component}" is a system, not an FMU; {near(component, inner)}')
+    shared = [element for element in chain if isinstance(element, Component) and element.type != SSP_TYPE]
+    for element in shared:
+        if element.fragment is not None:
+            text = f'"{component}" is inside "#{element.fragment}", which other components share'
+            raise SystemDescriptionError([Problem(element.where, text)])
     packed = [element for element in chain if isinstance(element, Component) and element.type == SSP_TYPE]
     if packed:
         text = f'"{component}" is inside the archive of "{packed[0].name}"; unpack it to a folder to change it'
@@ -146,12 +152,14 @@ class _Reference:
         elements: names from the root system (excluded) to the component; empty for other references.
         start, stop: where its value is in the bytes of the file.
         target: the file it leads to, absolute; None if its value is no relative path.
+        fragment: what comes after "#" in it.
     """
 
     elements: tuple[str, ...]
     start: int
     stop: int
     target: Path | None
+    fragment: str = ""
 
 
 def _references(data: bytes, document: Path, shown: str) -> list[_Reference]:
@@ -166,11 +174,11 @@ def _references(data: bytes, document: Path, shown: str) -> list[_Reference]:
         named = tag in (_SSD + "System", _SSD + "Component")
         names.append(attributes.get("name", "") if named else None)
         uri = attributes.get("source")
-        if uri is None or tag not in (_SSD + "Component", _SSD + "ParameterBinding"):
+        if uri is None or tag not in _REFERRING or attributes.get("sourceBase") == "component":
             return
         elements = tuple(name for name in names if name is not None)[1:] if named else ()
         start, stop = _span(data, parser.CurrentByteIndex, shown)
-        found.append(_Reference(elements, start, stop, _target(document, uri)))
+        found.append(_Reference(elements, start, stop, _target(document, uri), unquote(urlsplit(uri).fragment)))
 
     def ended(_: str) -> None:
         names.pop()
@@ -362,6 +370,8 @@ class _Edition:
             if old is not None and location == Path(os.path.normpath(folder / os.path.relpath(old, document.parent))):
                 continue
             uri = quote(Path(os.path.relpath(location, folder)).as_posix())
+            if reference.fragment and wanted not in redirected.values():
+                uri += f"#{quote(reference.fragment)}"
             pieces += [data[at : reference.start], uri.encode("ascii")]
             at = reference.stop
         self.files[place] = b"".join([*pieces, data[at:]]) if pieces else document

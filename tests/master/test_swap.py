@@ -353,3 +353,38 @@ def test_a_swap_and_back_is_the_same_system(system: Path, workshop: Any, data: s
         assert sources(current) == expected
     with read_system(current) as structure:
         assert shape(check(structure)) == before
+
+
+def test_mappings_dictionaries_and_fragments_are_rebased(system: Path, workshop: Any) -> None:
+    inside = workshop.ssd("inside.ssd", workshop.system(name="in"))
+    packed = workshop.ssp("packed.ssp", {"SystemStructure.ssd": inside, "B.ssd": inside})
+    (system.parent / "bus.ssb").write_text(
+        '<b:SignalDictionary xmlns:b="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" version="1.0"/>'
+    )
+    (system.parent / "map.ssm").write_text(
+        '<m:ParameterMapping xmlns:m="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="1.0"/>'
+    )
+    file = system / "SystemStructure.ssd"
+    text = file.read_text().replace(
+        '<ssd:ParameterBinding source="values.ssv"/>',
+        '<ssd:ParameterBinding source="values.ssv"><ssd:ParameterMapping source="../map.ssm"/></ssd:ParameterBinding>',
+    )
+    more = workshop.component("packed", "../packed.ssp#B.ssd", type="application/x-ssp-package")
+    text = text.replace("</ssd:Elements>", more + "</ssd:Elements>")
+    bus = '<ssd:SignalDictionaries><ssd:SignalDictionary name="bus" source="../bus.ssb"/></ssd:SignalDictionaries>'
+    file.write_text(text.replace("</ssd:System>", bus + "</ssd:System>"))
+    written = swap(system, "spare", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "far/away/out")
+    assert sources(written)["spare"] == "Hexarotor.fmu" and packed.is_file()
+    found = (written / "SystemStructure.ssd").read_text()
+    for source in ("../../../map.ssm", "../../../bus.ssb", "../../../packed.ssp#B.ssd", "values.ssv"):
+        assert f'source="{source}"' in found
+
+
+def test_a_system_that_components_share_by_its_id(workshop: Any, variable: Any) -> None:
+    workshop.fmu("a.fmu", variable("u"))
+    inner = workshop.system(workshop.component("part", "a.fmu"), name="one").replace(
+        "<ssd:System ", '<ssd:System id="x" '
+    )
+    path = workshop.ssd("s.ssd", workshop.system(inner + workshop.component("two", "#x", type=SSD_TYPE)))
+    with pytest.raises(SystemDescriptionError, match=r'"two\.part" is inside "#x", which other components share'):
+        swap(path, "two.part", workshop.root / "a.fmu")
