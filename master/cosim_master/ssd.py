@@ -423,7 +423,7 @@ class Document:
             _validate(root, file, self.files, probe.version)
             return found
 
-        return self.files.once((file.path.resolve(), file.member), load, None)
+        return self.files.once((file.path.resolve(), file.member, tag), load, None)
 
     def _file(self, element: etree._Element, uri: str, component: File | None) -> File | None:
         """The file that `source` of a binding, mapping or dictionary names, by its `sourceBase`."""
