@@ -38,7 +38,9 @@ app = typer.Typer(
 out = Console(highlight=False, soft_wrap=True)
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
-System = Annotated[str, typer.Argument(help="An .ssd or .ssp file, or a folder with a SystemStructure.ssd.")]
+System = Annotated[
+    str, typer.Argument(help="An .ssd, .ssp, multi-model (.json), or folder with a SystemStructure.ssd.")
+]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="COMPONENT.PARAMETER=VALUE", help="Override a start value; may be repeated."),
@@ -357,6 +359,20 @@ def new(
     with _errors():
         written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until)
         out.print(f"{written}: {shape} of {drones} drones; uav-cosim run {written}", markup=False)
+
+
+@app.command()
+def convert(
+    multimodel: Annotated[
+        Path, typer.Argument(help="A multi-model of INTO-CPS or the configuration of a run (.json).")
+    ],
+    folder: Annotated[Path, typer.Option("-o", "--out", help="Folder of the new system; must not exist.")],
+) -> None:
+    """Write a multi-model as an SSP."""
+    from cosim_master.conversion import convert as convert_multimodel
+
+    with _errors():
+        out.print(f"{convert_multimodel(multimodel, folder)}: uav-cosim run {folder}", markup=False)
 
 
 @app.command()

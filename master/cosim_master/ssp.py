@@ -11,6 +11,7 @@ from pathlib import Path
 
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.multimodel import read_multimodel
 from cosim_master.references import File, Files, parsed
 from cosim_master.ssd import COMPONENT_TYPES, FMU_TYPE, ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, Document
 from cosim_master.system import SystemStructure
@@ -22,7 +23,7 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
     """Read a system structure and everything it refers to, except the inside of FMUs.
 
     Args:
-        path: an .ssd file, an .ssp archive, or a folder with a SystemStructure.ssd.
+        path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, or a multi-model (.json).
         variant: which .ssd at the root of the archive or folder: the name of the description in it, or of its file.
             None: SystemStructure.ssd.
 
@@ -39,6 +40,11 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
     if not given.exists():
         message = f"no such file or folder; give an .ssd, an .ssp or a folder with {ROOT_DOCUMENT}"
         raise SystemDescriptionError([Problem(Where(str(given)), message)])
+    if given.suffix.lower() == ".json":
+        if variant is not None:
+            message = f'a multi-model has no variants; give it without --variant "{variant}"'
+            raise SystemDescriptionError([Problem(Where(str(given)), message)])
+        return read_multimodel(given)
     try:
         if given.is_dir():
             root = _chosen(File(place, str(given)), variant, files)
@@ -50,7 +56,7 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
                 raise SystemDescriptionError([Problem(Where(str(given)), message)])
             root = File(place, str(given))
         else:
-            message = f"is neither an .ssd, an .ssp nor a folder with {ROOT_DOCUMENT}"
+            message = f"is neither an .ssd, an .ssp, a multi-model (.json) nor a folder with {ROOT_DOCUMENT}"
             raise SystemDescriptionError([Problem(Where(str(given)), message)])
         return _structure(given, root, files)
     except BaseException:

@@ -53,7 +53,6 @@ class Machine(RuleBasedStateMachine):
         self.kinds = {n: data.draw(st.sampled_from(["able", "able", "able", "fixed", "variable"])) for n in names}
         self.modes = {n: data.draw(st.sampled_from(list(MODES)), label="mode") for n in names}
         self.when = {n: BASE * data.draw(st.integers(0, 8), label="when") for n in names}
-        self.steps = 12
         inputs = data.draw(st.dictionaries(st.sampled_from(names), st.sampled_from(names)))
         self.wires = {target: source for target, source in inputs.items() if target != source}
         texts = data.draw(st.booleans(), label="texts")
@@ -63,9 +62,10 @@ class Machine(RuleBasedStateMachine):
             parts += self.stricts.component(n, f"{self.kinds[n]}.fmu", step=BASE * self.periods[n], **values)
         links = [f"{source}/y {target}/u" for target, source in self.wires.items()]
         links += [f"{source}/r {target}/s" for target, source in self.wires.items() if texts]
-        path = self.stricts.ssd(parts, *links, stop=BASE * self.steps)
+        path = self.stricts.ssd(parts, *links, stop=BASE * 12)
         checked = check(read_system(path))
         clock, network = timing(checked), network_of(checked, None)
+        self.steps = clock.steps
         self.change_at = data.draw(st.integers(0, self.steps - 1), label="change")
         first = checked.instances[0]
         changes = ()
