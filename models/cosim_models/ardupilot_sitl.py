@@ -1,0 +1,315 @@
+"""ArduCopter itself as the autopilot FMU: starts or attaches to a simulated ArduPilot over its JSON interface.
+
+A step: reply to the servo outputs that wait with the motion at t, so that ArduPilot's clock moves on to t and no
+further; wait for the servo outputs that this brings: the motor commands at t + h. Instances that the same master steps
+therefore share its clock exactly. MAVLink is what comes and goes by ArduPilot's first serial port.
+
+ArduPilot is the user's: nothing of it is here. Its answers by MAVLink depend on the threads of its process, so runs
+repeat only nearly. Not here: its sensor models (they are its own), and other vehicles than multirotors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import shlex
+import socket
+import subprocess
+import tempfile
+import time
+import weakref
+from pathlib import Path
+
+import numpy as np
+
+from cosim import Model, Output, PacketInput, PacketOutput, Parameter
+from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, payload_start
+from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS, Airframe
+from cosim_models.ardupilot_json import PORT, Link, Servos, encode_motion
+
+__all__ = ["ArduPilotSITL"]
+
+_SERIAL = 5760
+"""TCP port of the first serial port of instance 0; instance n has _SERIAL + 10 n."""
+_FRAMES = {Airframe.quad_x: 1, Airframe.hexa_x: 2, Airframe.octa_x: 3}
+"""FRAME_CLASS of each airframe; its FRAME_TYPE is 1 (X)."""
+_HEARTBEAT, _ARMED, _STANDBY, _AUTOPILOT = 0, 128, 3, 1
+_SLOWEST = 1.0 / 720.0
+"""Steps [s] above which ArduCopter, its loop at 400 Hz, refuses to arm: its gyro must be 1.8 times faster."""
+_NO_BINARY = (
+    "there is no ArduPilot to start: set the environment variable ARDUPILOT_SITL or the parameter `executable` to the "
+    "path of an `arducopter` built for SITL. To build one: git clone --recurse-submodules "
+    "https://github.com/ArduPilot/ardupilot; cd ardupilot; ./waf configure --board sitl; ./waf copter; it is then "
+    "build/sitl/bin/arducopter. Or set `attach` to true and start it yourself"
+)
+
+
+class _Serial:
+    """Bytes to and from ArduPilot's first serial port, cut into packets.
+
+    By TCP to an ArduPilot that listens; by UDP from one that we start, which then listens nowhere.
+    """
+
+    def __init__(self) -> None:
+        self._socket: socket.socket | None = None
+        self._out = bytearray()
+        self._in = b""
+        self._datagrams = False
+        self._peer: tuple[str, int] | None = None
+
+    def listen(self) -> int:
+        """Wait for datagrams on loopback; returns the port."""
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self._datagrams = True
+        return int(self._socket.getsockname()[1])
+
+    def connect(self, port: int, seconds: float) -> None:
+        """Connect to an ArduPilot that has been started.
+
+        Raises:
+            TimeoutError: nobody has answered.
+        """
+        end = time.monotonic() + seconds
+        while self._socket is None:
+            try:
+                self._socket = socket.create_connection(("127.0.0.1", port), timeout=1.0)
+            except OSError as error:
+                if time.monotonic() > end:
+                    text = f"no ArduPilot at tcp:127.0.0.1:{port} within {seconds:g} s ({error.strerror or error})"
+                    raise TimeoutError(text) from None
+                time.sleep(0.05)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setblocking(False)
+
+    def write(self, packets: bytes) -> None:
+        """Send packets, and what could not be sent before; never waits."""
+        self._out += packets
+        if self._socket is None or (self._datagrams and self._peer is None):
+            return
+        with contextlib.suppress(BlockingIOError, ConnectionError):  # it is kept; `read` says if nobody is there
+            while self._out:
+                if self._peer is not None:
+                    del self._out[: self._socket.sendto(self._out[:1024], self._peer)]
+                else:
+                    del self._out[: self._socket.send(self._out)]
+
+    def read(self, limit: int) -> bytes:
+        """Whole packets that have come, at most `limit` bytes of them; the rest comes next time.
+
+        Raises:
+            ConnectionError: ArduPilot has hung up.
+        """
+        while self._socket is not None and len(self._in) < limit:
+            try:
+                if self._datagrams:
+                    piece, self._peer = self._socket.recvfrom(65536)
+                else:
+                    piece = self._socket.recv(65536)
+                    if not piece:
+                        raise ConnectionError("ArduPilot has closed its serial port")
+            except BlockingIOError:
+                break
+            except ConnectionRefusedError:  # of an earlier datagram
+                continue
+            self._in += piece
+        used = _whole(self._in, limit)
+        packets, self._in = self._in[:used], self._in[used:]
+        return packets
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+def _whole(data: bytes, limit: int) -> int:
+    """Bytes up to the end of the last packet that is complete and within `limit`, with the garbage before it."""
+    buffer = np.frombuffer(data, np.uint8)
+    used = 0
+    while used < len(data):
+        start, stop, status = find(buffer, used, len(data))
+        if status == NOTHING or start > limit:
+            return min(start, limit)
+        if status == TRUNCATED or stop > limit:
+            break
+        used = stop
+    return used
+
+
+class ArduPilotSITL(Model):
+    """ArduCopter as it is, over its JSON interface: an autopilot on the ports of Autopilot. Steps of 1 ms."""
+
+    step_size = 0.001
+    _end: weakref.finalize[..., ArduPilotSITL] | None = None
+    variables = (
+        *MOTION_INPUTS,
+        PacketInput("mavlink_rx", capacity=2048, description="packets received"),
+        Parameter("SYSID_THISMAV", type=int, start=1, minimum=1, maximum=250, description="MAVLink system id"),
+        Parameter("instance", type=int, start=-1, minimum=-1, maximum=5000, description="-1: SYSID_THISMAV - 1"),
+        Parameter("attach", type=bool, start=False, description="to an ArduPilot that somebody else starts"),
+        Parameter("executable", type=str, start="", description="to be started; default: the variable ARDUPILOT_SITL"),
+        Parameter("defaults", type=str, start="", description="parameter files, separated by commas"),
+        Parameter("folder", type=str, start="", description="it runs in, and keeps its parameters; default: a new one"),
+        Parameter("speedup", unit="1", start=100.0, minimum=1.0, description="times real time it may reach at most"),
+        Parameter("start_timeout", unit="s", start=60.0, minimum=0.0, description="of its start, wall-clock time"),
+        Parameter("step_timeout", unit="s", start=20.0, minimum=0.0, description="of a step, wall-clock time"),
+        Parameter("origin_latitude", unit="rad", start=math.radians(-35.363262), description="of the local origin"),
+        Parameter("origin_longitude", unit="rad", start=math.radians(149.165237), description="of the local origin"),
+        Parameter("origin_altitude", unit="m", start=584.0, description="of the origin, above mean sea level"),
+        Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
+        Output("armed", type=bool, start=False, description="whether the motors may turn, by its last heartbeat"),
+        Output("mode", type=int, start=0, description="flight mode, by ArduCopter's number"),
+        Output("on_ground", type=bool, start=True, description="whether it takes itself to be on the ground"),
+        Output("clock", unit="s", start=0.0, description="of ArduPilot: the time of the last reply"),
+        Output("repeated", type=int, start=0, description="servo packets that came again"),
+        Output("lost", type=int, start=0, description="servo packets that never came"),
+        Output("restarts", type=int, start=0, description="how often ArduPilot has begun anew"),
+        PacketOutput("mavlink_tx", capacity=4096, description="packets sent"),
+    )
+
+    def initialize(self) -> None:
+        """Nothing is started before all inputs are known."""
+        if int(self.m.airframe) not in _FRAMES:
+            frames = ", ".join(frame.name for frame in _FRAMES)
+            raise ValueError(f"airframe {int(self.m.airframe)}: ArduCopter has frames for {frames}")
+
+    def exit_initialization_mode(self) -> None:
+        """Start ArduPilot, or find it, and wait for its first servo outputs."""
+        super().exit_initialization_mode()
+        with self._logged():
+            self._begin()
+
+    def _begin(self) -> None:
+        m = self.m
+        number = int(m.instance) if m.instance >= 0 else int(m.SYSID_THISMAV) - 1
+        self._process: subprocess.Popen[bytes] | None = None
+        self._serial = _Serial()
+        try:
+            self._link = Link(PORT + 10 * number)
+        except OSError as error:
+            text = f"UDP port {PORT + 10 * number} of instance {number} cannot be opened: {error.strerror}"
+            raise RuntimeError(text) from None
+        processes: list[subprocess.Popen[bytes]] = []
+        self._end = weakref.finalize(self, _end, self._link, self._serial, processes)
+        try:
+            if m.attach:
+                self._serial.connect(_SERIAL + 10 * number, float(m.start_timeout))
+            else:
+                processes.append(self._start(number))
+            self._set_motors(self._link.first(float(m.start_timeout), self._alive))
+        except BaseException:
+            self._end()
+            raise
+
+    def _start(self, number: int) -> subprocess.Popen[bytes]:
+        m, strings = self.m, self.strings
+        executable = strings["executable"] or os.environ.get("ARDUPILOT_SITL", "")
+        if not executable:
+            raise RuntimeError(_NO_BINARY)
+        path = Path(executable).resolve()
+        if not os.access(path, os.X_OK) or not path.is_file():
+            raise RuntimeError(f"{path} is no program that can be started; {_NO_BINARY}")
+        folder = Path(strings["folder"] or tempfile.mkdtemp(prefix=f"ardupilot-{number}-")).resolve()
+        folder.mkdir(parents=True, exist_ok=True)
+        frame = folder / "frame.parm"
+        frame.write_text(f"FRAME_CLASS {_FRAMES[Airframe(int(m.airframe))]}\nFRAME_TYPE 1\n")
+        self._log_file = folder / "ardupilot.log"
+        arguments = self._arguments(number, [*_defaults(strings["defaults"], path), frame])
+        with self._log_file.open("wb") as log:
+            self._process = subprocess.Popen(
+                [str(path), *arguments], cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT
+            )
+        self.log(f"started: {shlex.join([str(path), *arguments])} in {folder}")
+        return self._process
+
+    def _arguments(self, number: int, defaults: list[Path]) -> list[str]:
+        m = self.m
+        home = (math.degrees(m.origin_latitude), math.degrees(m.origin_longitude), float(m.origin_altitude), 0)
+        return [
+            f"-I{number}",
+            *("--model", "JSON:127.0.0.1"),
+            *("--defaults", ",".join(map(str, defaults))),
+            *("--sysid", str(int(m.SYSID_THISMAV))),
+            *("--home", ",".join(f"{x:.9g}" for x in home)),
+            *("--speedup", f"{float(m.speedup):g}"),
+            *("--serial0", f"udpclient:127.0.0.1:{self._serial.listen()}", "--serial1", "none", "--serial2", "none"),
+        ]
+
+    def _alive(self) -> None:
+        if self._process is not None and self._process.poll() is not None:
+            last = self._log_file.read_text(errors="replace").splitlines()[-5:]
+            text = f"ArduPilot has ended with code {self._process.returncode}; its last words: {' / '.join(last)}"
+            raise RuntimeError(text)
+
+    def do_step(self, t: float, h: float) -> bool:
+        """Let ArduPilot's clock come to t and take the servo outputs that it then sends."""
+        m = self.m
+        if h > _SLOWEST and m.clock == 0.0:
+            self.log(f"steps of {h:g} s are too long for ArduCopter's loop of 400 Hz: it will not arm above 1.38 ms")
+        self._serial.write(m.mavlink_rx[: int(m.mavlink_rx_len)].tobytes())
+        reply = encode_motion(
+            t,
+            angular_velocity=m.angular_velocity.tolist(),
+            specific_force=m.specific_force.tolist(),
+            position=m.position.tolist(),
+            velocity=m.velocity.tolist(),
+            attitude=m.attitude.tolist(),
+        )
+        servos = self._link.exchange(reply, float(m.step_timeout), self._alive)
+        m.clock = t
+        m.repeated, m.lost, m.restarts = self._link.repeated, self._link.lost, self._link.restarts
+        self._set_motors(servos)
+        self._hear()
+        return True
+
+    def _set_motors(self, servos: Servos) -> None:
+        for i in range(MAX_MOTORS):
+            self.m.motor[i] = min(max((servos.pwm[i] - 1000) / 1000.0, 0.0), 1.0)
+
+    def _hear(self) -> None:
+        """Packets of the serial port go to the output; its heartbeat says how ArduPilot is."""
+        m = self.m
+        packets = self._serial.read(m.mavlink_tx.size)
+        buffer = np.frombuffer(packets, np.uint8)
+        m.mavlink_tx[: len(packets)] = buffer
+        m.mavlink_tx_len = len(packets)
+        p = 0
+        while p < len(packets):
+            start, p, status = find(buffer, p, len(packets))
+            if status not in (GOOD, SIGNED) or message_id(buffer, start) != _HEARTBEAT:
+                continue
+            if component(buffer, start) != _AUTOPILOT:
+                continue
+            first = payload_start(buffer, start)
+            payload = packets[first : first + 9].ljust(9, b"\0")
+            m.mode = int.from_bytes(payload[:4], "little", signed=True)
+            m.armed = bool(payload[6] & _ARMED)
+            m.on_ground = payload[7] <= _STANDBY
+
+    def terminate(self) -> None:
+        """End ArduPilot if it was started here."""
+        if self._end is not None:
+            self._end()
+
+
+def _end(link: Link, serial: _Serial, processes: list[subprocess.Popen[bytes]]) -> None:
+    link.close()
+    serial.close()
+    for process in processes:
+        process.kill()  # without replies it hears no milder signal
+        process.wait(10)
+
+
+def _defaults(given: str, executable: Path) -> list[Path]:
+    """Parameter files: those that are given, else ArduPilot's own for a copter, if the program lies in its tree."""
+    files = [Path(name.strip()).resolve() for name in given.split(",") if name.strip()]
+    for file in files:
+        if not file.is_file():
+            raise RuntimeError(f"defaults: there is no file {file}")
+    if not files and len(executable.parents) > 3:
+        own = executable.parents[3] / "Tools" / "autotest" / "default_params" / "copter.parm"
+        files = [own] if own.is_file() else []
+    return files

@@ -1,0 +1,163 @@
+"""A stand-in for ArduPilot's simulator: its end of the JSON interface and of a serial port, without any flying.
+
+It takes ArduPilot's arguments. Channel 1 says how high it is told to be (1000 + 10 per metre), channel 2 how far north,
+channels 3 and 4 stand still, all others are 0, as unused channels are. It writes every reply it has taken down, a line
+of JSON each, and sends a HEARTBEAT at once and at every hundredth frame; it answers COMMAND_LONG, which arms it.
+
+STAND_IN is JSON: "log" (a folder), and how it misbehaves: "channels" 32; "repeat" n: every n-th servo packet goes out
+twice; "skip" n: every n-th number is left out; "drop" n: the reply to frame n is lost once; "restart" n: begins anew at
+frame n; "die" n: ends at frame n; "silent" n: sends nothing from frame n on; "mute": never sends anything.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import getopt
+import json
+import os
+import re
+import socket
+import struct
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+HOW: dict[str, Any] = json.loads(os.environ["STAND_IN"])
+
+
+def number(text: bytes, section: str, key: str) -> list[float]:
+    """As ArduPilot reads it: search for the section, then for `"key":`, then read numbers that follow at once."""
+    at = text.index(section.encode()) if section else 0
+    at = text.index(b'"' + key.encode() + b'":', at) + len(key) + 3
+    found = re.compile(rb"\[?(-?[\d.]+(?:e[-+]?\d+)?(?:, ?-?[\d.]+(?:e[-+]?\d+)?)*)").match(text, at)
+    assert found is not None, text
+    return [float(part) for part in found[1].split(b",")]
+
+
+class Serial:
+    """udpclient:HOST:PORT sends first; tcp:0:wait waits for a client."""
+
+    def __init__(self, how: str, instance: int) -> None:
+        kind, *rest = how.split(":")
+        if kind == "udpclient":
+            self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            self.socket.connect((rest[0], int(rest[1])))
+        else:
+            with socket.socket() as server:
+                server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                server.bind(("127.0.0.1", 5760 + 10 * instance))
+                server.listen(1)
+                self.socket, _ = server.accept()
+        self.socket.setblocking(False)
+
+    def read(self) -> bytes:
+        try:
+            return self.socket.recv(65536)
+        except (BlockingIOError, ConnectionError):
+            return b""
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(BlockingIOError, ConnectionError):
+            self.socket.send(data)
+
+
+class Vehicle:
+    """The loop of one simulated autopilot."""
+
+    def __init__(self) -> None:
+        self.given = given = {"I": 0, "sysid": 1, "serial0": "tcp:0:wait"}
+        names = ("model", "defaults", "home", "speedup", "sysid", "serial0", "serial1", "serial2")
+        options, _ = getopt.getopt(sys.argv[1:], "I:", [f"{name}=" for name in names])
+        for option, value in options:
+            name = option.lstrip("-")
+            given[name] = int(value) if name in ("I", "sysid") else value
+        self.instance = int(given["I"])
+        self.log = (Path(HOW["log"]) / f"{self.instance}.jsonl").open("a")
+        print(json.dumps(given), file=self.log, flush=True)
+        self.mavlink = mavlink.MAVLink(None, srcSystem=int(given["sysid"]), srcComponent=1)
+        self.armed = False
+        self.serial = Serial(str(given["serial0"]), self.instance)
+        self.physics = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.physics.settimeout(0.2)
+        self.pwm = [1000, 1000, 1000, 1000]
+        self.frame = 0
+
+    def servos(self) -> bytes:
+        channels = HOW.get("channels", 16)
+        pwm = [*self.pwm, *([0] * (channels - 4))]
+        return struct.pack(f"<HHI{channels}H", 29569 if channels == 32 else 18458, 1200, self.frame, *pwm)
+
+    def send(self) -> None:
+        to = ("127.0.0.1", 9002 + 10 * self.instance)
+        self.physics.sendto(self.servos(), to)
+        if self.frame and HOW.get("repeat") and self.frame % HOW["repeat"] == 0:
+            self.physics.sendto(self.servos(), to)
+
+    def reply(self) -> bytes:
+        while True:
+            try:
+                text = self.physics.recv(65536)
+                if self.frame != HOW.get("drop"):
+                    return text
+                del HOW["drop"]
+            except (TimeoutError, ConnectionError):
+                time.sleep(0.02)
+                self.send()
+
+    def take(self, text: bytes) -> None:
+        assert text.startswith(b"\n") and text.endswith(b"\n"), text
+        north, east, down = number(text, "", "position")
+        taken = {
+            "frame": self.frame,
+            "timestamp": number(text, "", "timestamp")[0],
+            "gyro": number(text, '"imu"', "gyro"),
+            "accel_body": number(text, '"imu"', "accel_body"),
+            "position": [north, east, down],
+            "quaternion": number(text, "", "quaternion"),
+            "velocity": number(text, "", "velocity"),
+        }
+        print(json.dumps(taken), file=self.log, flush=True)
+        self.pwm = [1000 + round(-10 * down), 1000 + round(10 * north), 1000, 1000]
+
+    def speak(self) -> None:
+        for message in self.mavlink.parse_buffer(self.serial.read()) or []:
+            if message.get_type() == "COMMAND_LONG":
+                self.armed = message.command == 400
+                ack = self.mavlink.command_ack_encode(message.command, 0, 0, 0, message.get_srcSystem(), 0)
+                self.serial.write(ack.pack(self.mavlink))
+                self.heartbeat()
+        if self.frame % 100 == 0:
+            self.heartbeat()
+
+    def heartbeat(self) -> None:
+        message = self.mavlink.heartbeat_encode(2, 3, 217 if self.armed else 89, 4, 4 if self.armed else 3)
+        packet = message.pack(self.mavlink)
+        self.serial.write(packet[:5])  # in two pieces: a serial port knows no packets
+        self.serial.write(packet[5:])
+
+    def run(self) -> None:
+        self.heartbeat()
+        while True:
+            if self.frame == HOW.get("die"):
+                print("it is over", flush=True)
+                sys.exit(3)
+            if "mute" in HOW or self.frame == HOW.get("silent"):
+                time.sleep(60)
+            if self.frame == HOW.get("restart"):
+                del HOW["restart"]
+                self.frame = 0
+                self.physics = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                self.physics.settimeout(0.2)
+            self.send()
+            self.take(self.reply())
+            self.speak()
+            self.frame += 1
+            if HOW.get("skip") and self.frame % HOW["skip"] == 0:
+                self.frame += 1
+
+
+if __name__ == "__main__":
+    Vehicle().run()
