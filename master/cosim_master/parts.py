@@ -258,8 +258,10 @@ class _Assembly:
 
     def _fmu_port(self, part: Part, connector: Connector) -> None:
         variable = None if part.fmu is None else part.fmu.variables.get(connector.name)
-        port = Port(part, connector.name, connector.kind, connector.where, *_described(connector))
-        part.ports[connector.name] = port
+        if part.fmu is None or variable is None:
+            part.ports[connector.name] = Port(
+                part, connector.name, connector.kind, connector.where, *_described(connector)
+            )
         if part.fmu is None:
             return
         file = part.fmu.path.name
@@ -283,13 +285,16 @@ class _Assembly:
         self._same_unit(connector, variable.unit, f"in {part.fmu.path.name}")
         if connector.type == "Enumeration" and variable.type == "Enumeration":
             self._same_items(connector, variable, part.fmu)
-        part.ports[connector.name] = replace(
-            port,
-            kind=kind,
+        part.ports[connector.name] = Port(
+            part,
+            connector.name,
+            kind,
+            connector.where,
             type=SAME_TYPE.get(variable.type, variable.type),
             unit=connector.unit or variable.unit,
             items=variable.items or connector.items,
             variable=variable,
+            mime_type=connector.mime_type,
         )
 
     def _same_unit(self, connector: Connector, other: Unit | None, place: str) -> None:

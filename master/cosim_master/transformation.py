@@ -36,10 +36,12 @@ def compatible(source: str | None, target: str | None) -> bool:
 def mime_types_differ(source: str | None, target: str | None) -> bool:
     """Whether two MIME types name different formats; what says nothing in particular goes with everything."""
 
-    def plain(text: str | None) -> tuple[str, ...]:
-        main, *rest = (text or "").lower().split(";")
+    def plain(text: str) -> tuple[str, ...]:
+        main, *rest = text.lower().split(";")
         return (main.strip(), *sorted(part.replace(" ", "").replace('"', "") for part in rest))
 
+    if source is None or target is None:
+        return False
     unknown = ("", "application/octet-stream")
     a, b = plain(source), plain(target)
     return a[0] not in unknown and b[0] not in unknown and a != b
