@@ -1,8 +1,8 @@
 """ZIP archives from strangers (.ssp, .fmu): read a member, unpack all, pack a folder.
 
-Refused, each with its own message: names that lead out of the folder (zip slip), absolute names, backslashes,
-links, encrypted entries, compression other than stored and deflated (SSP 2.0, section 3), and archives that
-unpack to more than `MAX_BYTES` or `MAX_ENTRIES`. It knows nothing of what the members mean.
+Refused, each with its own message: names that lead out of the folder (zip slip), absolute names, backslashes, links,
+encrypted entries, one name for several files, compression other than stored and deflated (SSP 2.0, section 3), and
+archives that unpack to more than `MAX_BYTES` or `MAX_ENTRIES`. It knows nothing of what the members mean.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import shutil
 import stat
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
@@ -47,6 +47,15 @@ def _entry_problem(entry: zipfile.ZipInfo) -> str | None:
     return None
 
 
+def _ambiguous(entries: Sequence[zipfile.ZipInfo]) -> list[str]:
+    """Names that stand for several files: which one counts would depend on who reads the archive."""
+    first: dict[str, zipfile.ZipInfo] = {}
+    for entry in entries:
+        first.setdefault(entry.filename, entry)
+    different = {entry.filename for entry in entries if entry.CRC != first[entry.filename].CRC}
+    return [f'entry "{name}" is there twice, with different contents' for name in sorted(different)]
+
+
 @contextmanager
 def _opened(path: Path, shown: str) -> Iterator[zipfile.ZipFile]:
     if not path.is_file():
@@ -57,6 +66,7 @@ def _opened(path: Path, shown: str) -> Iterator[zipfile.ZipFile]:
             problems = [Problem(Where(shown), text) for text in map(_entry_problem, entries) if text is not None]
             if len(entries) > MAX_ENTRIES:
                 problems.append(Problem(Where(shown), f"more than {MAX_ENTRIES} entries"))
+            problems += [Problem(Where(shown), text) for text in _ambiguous(entries)]
             if sum(entry.file_size for entry in entries) > MAX_BYTES:
                 problems.append(Problem(Where(shown), ARCHIVE.text(MAX_BYTES)))
             if problems:

@@ -24,7 +24,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.ssp import FMU_TYPE, ROOT_DOCUMENT, SSP_TYPE, read_system
 from cosim_master.system import Component, Element, System, SystemStructure
 
-__all__ = ["swap"]
+__all__ = ["documents", "rebased", "swap"]
 
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription "
 _REFERRING = {_SSD + name for name in ("Component", "ParameterBinding", "ParameterMapping", "SignalDictionary")}
@@ -210,7 +210,7 @@ def _span(data: bytes, index: int, shown: str) -> tuple[int, int]:
     raise _refusal(shown, "has a start tag that cannot be changed; save it as UTF-8")
 
 
-def _documents(structure: SystemStructure) -> Iterator[Path]:
+def documents(structure: SystemStructure) -> Iterator[Path]:
     """The .ssd files of a system: its root, those of components, and the variants beside the root."""
     yield structure.document
     if structure.path.suffix.lower() != ".ssd":
@@ -220,6 +220,21 @@ def _documents(structure: SystemStructure) -> Iterator[Path]:
         packed = any(isinstance(outer, Component) and outer.type == SSP_TYPE for outer in chain)
         if not packed and isinstance(element, Component) and element.content is not None:
             yield element.content.document
+
+
+def rebased(data: bytes, old: Path, new: Path, base: Path) -> bytes:
+    """The bytes of a document that moves from `old` to `new`: sources that lead out of the folder `base`, which moves
+    with it, are rewritten to lead to the same files."""
+    pieces, at = [], 0
+    for reference in _references(data, old, str(old)):
+        if reference.target is None or reference.target.is_relative_to(base):
+            continue
+        uri = quote(Path(os.path.relpath(reference.target, new.parent)).as_posix())
+        if reference.fragment:
+            uri += f"#{quote(reference.fragment)}"
+        pieces += [data[at : reference.start], uri.encode("ascii")]
+        at = reference.stop
+    return b"".join([*pieces, data[at:]])
 
 
 class _Edition:
@@ -239,7 +254,7 @@ class _Edition:
         """Content by path in the new system: a file to copy, or the bytes themselves."""
         self.places: dict[Path, PurePosixPath] = {}
         """Where files of the old system are in the new one."""
-        self.documents = set(_documents(structure))
+        self.documents = set(documents(structure))
         """The documents that may have to change; those in archives of their own never do."""
         self.done: set[tuple[Path, tuple[str, ...]]] = set()
         """The components whose source has been written, by document and names."""

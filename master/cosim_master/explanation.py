@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cosim_master.binding import Assignment
-from cosim_master.check import CheckedSystem, Instance, Link
+from cosim_master.check import Alias, CheckedSystem, Instance, Link
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError
 from cosim_master.fmu import Variable
@@ -18,7 +18,7 @@ def explain(checked: CheckedSystem, name: str) -> list[str]:
 
     Args:
         checked: the system.
-        name: hierarchical name ("drone3.agent.epsilon").
+        name: hierarchical name ("drone3.agent.epsilon"), or that of a system's connector.
 
     Raises:
         SystemDescriptionError: there is no such variable.
@@ -29,6 +29,8 @@ def explain(checked: CheckedSystem, name: str) -> list[str]:
         if name.startswith(instance.name + ".")
         and (variable := instance.fmu.variables.get(name[len(instance.name) + 1 :])) is not None
     ]
+    if not found and (alias := next((one for one in checked.aliases if one.name == name), None)) is not None:
+        return list(_connector(alias))
     if not found:
         inside = [one for one in checked.instances if name.startswith(one.name + ".")]
         known = [f"{one.name}.{variable}" for one in inside or checked.instances for variable in one.fmu.variables]
@@ -60,6 +62,20 @@ def _lines(checked: CheckedSystem, instance: Instance, variable: Variable) -> It
             yield f"  ignored nearby: {item.where}: {item.name}; {item.hint}"
 
 
+def _connector(alias: Alias) -> Iterator[str]:
+    unit = "" if alias.unit is None else f", {alias.unit.name}"
+    yield f"{alias.name}: connector of a system{unit}"
+    yield f"  driven by {'.'.join(alias.source)}"
+    yield from (f"  {line}" for line in _conversion(alias))
+
+
+def _conversion(one: Alias | Link) -> Iterator[str]:
+    if (one.factor, one.offset) != (1.0, 0.0):
+        yield f"  value = {one.factor:g} * source + {one.offset:g}"
+    if one.mapping:
+        yield "  mapped: " + ", ".join(f"{key} -> {value}" for key, value in one.mapping)
+
+
 def _value(variable: Variable, value: object) -> str:
     items = [name for name, number in (variable.items or {}).items() if number == value]
     if items:
@@ -78,7 +94,4 @@ def _by(one: Assignment) -> str:
 def _driven(link: Link) -> Iterator[str]:
     until = "while initializing" if link.initial_only else "from the start on"
     yield f"driven {until} by {'.'.join(link.source)}, at {link.where}"
-    if (link.factor, link.offset) != (1.0, 0.0):
-        yield f"  value = {link.factor:g} * source + {link.offset:g}"
-    if link.mapping:
-        yield "  mapped: " + ", ".join(f"{key} -> {value}" for key, value in link.mapping)
+    yield from _conversion(link)

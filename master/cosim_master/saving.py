@@ -24,6 +24,7 @@ from lxml import etree
 
 from cosim_master import archive
 from cosim_master.check import check
+from cosim_master.edit import documents, rebased
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.ssp import FMU_TYPE, read_system
 from cosim_master.ssp_grammar import ANNOTATIONS, ANY_TYPE, GRAMMAR, SSC, SSD, SSV, TRANSFORMATIONS, VALUE_TYPES
@@ -57,7 +58,8 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
         structure: what `read_system` returned, without problems, still open.
         system: what its root system is to be, made from `structure.system` with `dataclasses.replace`.
         out: where to; what is there must not exist yet. A folder for a folder, an .ssp for an .ssp, and for an .ssd
-            another one in the same folder. None: `structure.path` itself.
+            another one in the same folder. None: `structure.path` itself. Sources that lead out of a folder are
+            rewritten to lead to the same files from the new one.
 
     Raises:
         SystemDescriptionError: `check` refuses the new system, or it holds something that cannot be written;
@@ -80,7 +82,11 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
         shutil.copytree(given, target)
         try:
             base = structure.document.parent
-            moved = {target.resolve() / os.path.relpath(path, base): text for path, text in changed.items()}
+            place = target.resolve()
+            moved = {place / os.path.relpath(path, base): text for path, text in changed.items()}
+            for document in {path for path in documents(structure) if path.is_relative_to(base)}:
+                new = place / document.relative_to(base)
+                moved[new] = rebased(moved.get(new, document.read_bytes()), document, new, base)
             _replace(moved, structure, system, target / structure.document.name)
         except BaseException:
             shutil.rmtree(target)

@@ -89,6 +89,20 @@ def test_a_size_that_is_a_lie_is_found_while_unpacking(tmp_path: Path, monkeypat
     assert (tmp_path / "out/x").stat().st_size <= 1000
 
 
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_one_name_for_two_files_is_refused(tmp_path: Path) -> None:
+    """Readers differ in which of the two they take, so that one may have checked another file than we run."""
+    for content, fine in ((b"one", True), (b"two", False)):
+        with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
+            file.writestr("a.txt", b"one")
+            file.writestr("a.txt", content)
+        if fine:
+            assert archive.read_member(tmp_path / "a.zip", "a.txt", "a.zip", limit=10) == b"one"
+            continue
+        with pytest.raises(SystemDescriptionError, match=r'entry "a\.txt" is there twice, with different contents'):
+            archive.unpack(tmp_path / "a.zip", tmp_path / "out", "a.zip")
+
+
 def test_folders_and_programs(tmp_path: Path) -> None:
     program = zipfile.ZipInfo("bin/tool")
     program.external_attr = (stat.S_IFREG | 0o755) << 16

@@ -73,6 +73,14 @@ def test_what_the_fmu_computes(explained: Any) -> None:
     assert explained("b.y") == ["b.y: output of unit.fmu, Real, m", "  no start value: the FMU computes it"]
 
 
+def test_the_connector_of_a_system(explained: Any) -> None:
+    assert explained("in.deep") == [
+        "in.deep: connector of a system, m",
+        "  driven by b.y",
+        "    value = 2 * source + 1",
+    ]
+
+
 def test_a_name_that_is_none(explained: Any) -> None:
     with pytest.raises(SystemDescriptionError, match=r'there is no variable "b\.x"; did you mean "b\.y"'):
         explained("b.x")

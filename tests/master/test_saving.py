@@ -245,6 +245,16 @@ def test_annotations(folder: Path) -> None:
     assert [one.step_size for one in check(read_system(folder)).instances] == [0.5, 0.25]
 
 
+def test_sources_that_lead_out_are_rebased(folder: Path, tmp_path: Path) -> None:
+    (folder / "unit.fmu").rename(folder.parent / "unit.fmu")
+    file = folder / "SystemStructure.ssd"
+    file.write_bytes(file.read_bytes().replace(b'"unit.fmu"', b'"../unit.fmu"'))
+    target = tmp_path / "far/away/copy"
+    saved(folder, connectors_and_wire, target)
+    assert b'source="../../../unit.fmu"' in (target / "SystemStructure.ssd").read_bytes()
+    assert len(check(read_system(target)).links) == 1
+
+
 def test_elsewhere(folder: Path, workshop: Any, tmp_path: Path) -> None:
     before = (folder / "SystemStructure.ssd").read_bytes()
     assert saved(folder, connectors_and_wire, tmp_path / "copy") != []
