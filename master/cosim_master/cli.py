@@ -323,7 +323,9 @@ def explain(
 
 
 @app.command()
-def info(path: Annotated[str, typer.Argument(help="An FMU, a system, or the results of a run.")]) -> None:
+def info(
+    path: Annotated[str, typer.Argument(help="An FMU, a system, or the results of a run.")], variant: Variant = None
+) -> None:
     """Show what an FMU, a system or a run consists of."""
     from cosim_master import inspection
 
@@ -334,7 +336,7 @@ def info(path: Annotated[str, typer.Argument(help="An FMU, a system, or the resu
         elif (target / "manifest.json").is_file():
             _print_tables(inspection.run_tables(target))
         else:
-            _print_tables(inspection.system_tables(path))
+            _print_tables(inspection.system_tables(path, variant))
 
 
 def _print_tables(tables: Iterator[Table | str]) -> None:

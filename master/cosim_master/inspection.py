@@ -55,9 +55,9 @@ def fmu_tables(path: Path) -> Iterator[Table | str]:
         yield f"note: {note}"
 
 
-def system_tables(path: str) -> Iterator[Table | str]:
+def system_tables(path: str, variant: str | None = None) -> Iterator[Table | str]:
     """Instances and connections of a system."""
-    with read_system(path) as structure:
+    with read_system(path, variant) as structure:
         checked = check(structure)
         yield f"{structure.name}: SSP {structure.version}, {len(checked.instances)} instances"
         table = _table("instance", "FMU", "step [s]", "set by the system")

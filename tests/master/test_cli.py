@@ -191,6 +191,30 @@ def test_check(run: Any, system: Path, probes: Any) -> None:
     assert probes.calls == []
 
 
+def test_variants(run: Any, probes: Any, tmp_path: Path) -> None:
+    probes.fmu()
+    for name, value in (("SystemStructure", 1.0), ("hot", 9.0)):
+        path = probes.ssd(probes.component("a", p=value), name=f"{name}.ssd")
+        path.write_text(path.read_text().replace('name="test"', f'name="{name.lower()}"'))
+    assert run("run", str(probes.root), "--variant", "hot", "-o", "results")[0] == 0
+    assert pq.read_table(tmp_path / "results/signals.parquet")["a.y"][-1].as_py() == 9.0
+    assert run("check", str(probes.root), "--variant", "hot")[0] == 0
+    assert "set by the system" in run("info", str(probes.root), "--variant", "hot")[1]
+    code, _, stderr = run("check", str(probes.root), "--variant", "cold")
+    assert (code, 'there is no variant "cold"; valid: "hot", "systemstructure"' in stderr) == (2, True)
+
+
+def test_explain(run: Any, system: Path) -> None:
+    code, stdout, _ = run("explain", str(system), "b.u", "--set", "b.u=3")
+    assert (
+        code == 0
+        and "start value 3.0 m, set by --set b.u=3.0" in stdout
+        and "driven from the start on by a.y" in stdout
+    )
+    code, _, stderr = run("explain", str(system), "b.x")
+    assert code == 2 and 'there is no variable "b.x"' in stderr
+
+
 def test_notes_are_shown(run: Any, probes: Any) -> None:
     probes.fmu()
     system = probes.workshop.ssd("s.ssd", probes.workshop.system(probes.component("a")))

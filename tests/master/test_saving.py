@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +30,7 @@ from cosim_master.system import (
     System,
 )
 from cosim_master.units import BaseUnit, Unit
+from cosim_master.xml_bytes import Document, Node, applied
 
 NEW = Where("")
 SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
@@ -328,3 +330,71 @@ def test_there_and_back_is_the_same_system(folder: Path, data: st.DataObject) ->
         less = replace(written, parameter_bindings=written.parameter_bindings[:2])
         save(structure, element(less, "a", connectors=written.elements[0].connectors[:1]))
     assert file.read_bytes() == TEXT.encode("latin-1")
+
+
+CORPUS = sorted(Path(__file__).parents[1].glob("data/ssp/*/**/*.ss[dvmb]"))
+
+
+def test_positions_of_every_element_of_the_corpus() -> None:
+    """The bytes of an element are the element; an attribute that is set, set again and removed leaves no trace."""
+    assert len(CORPUS) > 100
+    for path in CORPUS:
+        document = Document(path.read_bytes())
+        nodes, expected = [document.root], list(etree.fromstring(document.data).iter(tag=etree.Element))
+        for node, element in zip(_in_order(nodes[0]), expected, strict=True):
+            assert node.tag == element.tag
+            spaces = "".join(f' xmlns{":" * bool(p)}{p}="{uri}"' for p, uri in node.scope.items()).encode()
+            part = document.data[node.start : node.end]
+            name = re.match(rb"<[^\s/>]+", part)
+            assert name is not None
+            declared = [p for p in node.scope if f"xmlns{':' * bool(p)}{p}=".encode() in part[: node.head - node.start]]
+            if not declared:
+                part = name.group() + spaces + part[name.end() :]
+                again = etree.fromstring(part)
+                assert etree.tostring(again, method="c14n", exclusive=True) == _exclusive(element)
+        last = nodes[0]
+        text = applied(document.data, document.attribute(last, "description", 'a "b" <c>\n'))
+        assert etree.fromstring(text).get("description") == 'a "b" <c>\n'
+        more = Document(text)
+        assert applied(text, more.attribute(more.root, "description", None)) == document.data
+
+
+def _in_order(node: Node) -> list[Node]:
+    return [node, *(item for child in node.children for item in _in_order(child))]
+
+
+def _exclusive(element: etree._Element) -> bytes:
+    return etree.tostring(element, method="c14n", exclusive=True, with_tail=False)
+
+
+def test_another_instance_of_a_system_of_the_same_file(folder: Path) -> None:
+    file = folder / "SystemStructure.ssd"
+    inner = (
+        '<s:System name="part" id="part"><s:Elements><s:Component name="x" source="unit.fmu"/></s:Elements></s:System>'
+    )
+    file.write_bytes(file.read_bytes().replace(b"</s:Elements>", inner.encode() + b"</s:Elements>"))
+
+    def change(system: System) -> System:
+        content, document = system.elements[2], system.document
+        assert isinstance(content, System)
+        kind = "application/x-ssp-definition"
+        more = Component("more", kind, document, "any", (), (), (), NEW, content, "part")
+        return replace(system, elements=(*system.elements, more))
+
+    written = '+<s:Component name="more" type="application/x-ssp-definition" source="#part"/>'
+    assert any(line.startswith(written) for line in saved(folder, change))
+    assert [one.name for one in check(read_system(folder)).instances] == ["a", "b", "more.x", "part.x"]
+
+
+def test_what_is_inside_of_another_file_is_changed_there(folder: Path, workshop: Any) -> None:
+    part = workshop.ssd("system/part.ssd", workshop.system(workshop.component("x", "unit.fmu"), name="inside"))
+    use = '<s:Component name="part" source="part.ssd" type="application/x-ssp-definition"/>'
+    file = folder / "SystemStructure.ssd"
+    file.write_bytes(file.read_bytes().replace(b"</s:Elements>", use.encode() + b"</s:Elements>"))
+    before = file.read_bytes(), part.read_bytes()
+    with read_system(folder) as structure:
+        content = structure.system.elements[2].content  # type: ignore[union-attr]
+        assert content is not None
+        with pytest.raises(SystemDescriptionError, match='what is inside of "part" is a file of its own'):
+            save(structure, element(structure.system, "part", content=replace(content, elements=())))
+    assert before == (file.read_bytes(), part.read_bytes())
