@@ -193,6 +193,9 @@ class _Assembly:
                 text = f'the signal dictionary "{element.dictionary}" has no "{connector.name}"; {hint}'
                 self.problems.append(Problem(connector.where, text))
                 continue
+            if connector.dimensions and tuple(one.size for one in connector.dimensions) != (shape or ()):
+                text = f'connector "{connector.name}" has other dimensions than its signal'
+                self.problems.append(Problem(connector.where, text))
             for indices in indices_of(shape or ()):
                 entry = holder.ports[element_name(connector.name, indices)]
                 if None not in (connector.type, entry.type) and connector.type != entry.type:

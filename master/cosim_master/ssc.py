@@ -13,8 +13,8 @@ from typing import cast
 from lxml import etree
 
 from cosim_master.document import Reader, double, local_name, whole
-from cosim_master.limitations import CLOCK, LONG_ARRAY, META_DATA
-from cosim_master.ssp_grammar import ANY_TYPE, GRAMMAR, META, SAME_TYPE, SSC, TRANSFORMATIONS
+from cosim_master.limitations import ANNOTATION, CLOCK, LONG_ARRAY, META_DATA
+from cosim_master.ssp_grammar import ANY_TYPE, GRAMMAR, META, SAME_TYPE, SSC, SSD, TRANSFORMATIONS
 from cosim_master.system import (
     INTEGER_RANGES,
     Connector,
@@ -30,7 +30,7 @@ from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
 __all__ = [
     "Definitions",
-    "check_meta_data",
+    "note_ignored",
     "read_connector",
     "read_dimensions",
     "read_transformation",
@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 _MAX_ELEMENTS = 1 << 16
+_ANNOTATED = tuple(SSD + name for name in ("SystemStructureDescription", "System", "Component"))
 
 
 def read_version(reader: Reader, root: etree._Element) -> None:
@@ -50,10 +51,26 @@ def read_version(reader: Reader, root: etree._Element) -> None:
     reader.version = int(version[0])
 
 
-def check_meta_data(element: etree._Element, reader: Reader, notes: list[str]) -> None:
-    """Note meta data and signatures: they are legal, and nothing is done with them."""
-    for child in element.iterchildren(*META):
-        notes.append(f"{reader.where(child)}: {META_DATA.text(local_name(child))}")
+def note_ignored(root: etree._Element, reader: Reader, notes: list[str]) -> None:
+    """Note what is legal in a file and has no effect: meta data, signatures, and annotations where nobody reads them.
+
+    Annotations of systems, components and the file itself are looked at later, by `check`.
+    """
+    for element in root.iter(SSC + "Annotation", *META):
+        if element.tag in META:
+            notes.append(f"{reader.where(element)}: {META_DATA.text(local_name(element))}")
+            continue
+        holder = element.getparent()
+        owner = None if holder is None else holder.getparent()
+        if owner is None or owner.tag in _ANNOTATED:
+            continue
+        kind = element.get("type", "")
+        if kind.startswith("org.uav-cosim"):
+            reader.problem(
+                element, f'annotation "{kind}" belongs to a system or component, not to a {local_name(owner)}'
+            )
+        else:
+            notes.append(f"{reader.where(element)}: {ANNOTATION.text(kind)}")
 
 
 class Definitions:

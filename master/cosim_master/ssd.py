@@ -19,7 +19,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.limitations import DEEP, IMPLEMENTATION, MODELICA, NO_SOURCE, OTHER_SSD
 from cosim_master.references import File, Files, is_file, parsed, read_reference
 from cosim_master.schema import validate
-from cosim_master.ssc import Definitions, check_meta_data, read_connector, read_transformation, read_version
+from cosim_master.ssc import Definitions, note_ignored, read_connector, read_transformation, read_version
 from cosim_master.ssp_grammar import ANNOTATIONS, GRAMMAR, KINDS, KINDS_2, SSB, SSC, SSD, SSM, SSV
 from cosim_master.ssv import read_parameter_mapping, read_parameter_set, read_signal_dictionary
 from cosim_master.system import (
@@ -70,7 +70,7 @@ class Document:
         self.reader = Reader(file.shown, files.problems)
         self.root = _rooted(file, SSD + "SystemStructureDescription")
         read_version(self.reader, self.root)
-        check_meta_data(self.root, self.reader, files.notes)
+        note_ignored(self.root, self.reader, files.notes)
         self._held(self.root)
         self.defined = Definitions(self.reader, self.root, SSD)
 
@@ -135,7 +135,6 @@ class Document:
 
     def _read_system(self, element: etree._Element) -> System:
         self._held(element)
-        check_meta_data(element, self.reader, self.files.notes)
         elements: list[Element] = []
         for child in self._grandchildren(element, "Elements"):
             if child.tag == SSD + "System":
@@ -170,7 +169,6 @@ class Document:
 
     def _component(self, element: etree._Element) -> Component:
         self._held(element)
-        check_meta_data(element, self.reader, self.files.notes)
         kind = self._component_type(element)
         valid = ("any", "CoSimulation", "ModelExchange", "ScheduledExecution")
         implementation = self.reader.choice(element, "implementation", valid, "any")
@@ -363,7 +361,6 @@ class Document:
 
     def _binding(self, element: etree._Element, component: File | None) -> ParameterBinding:
         held = self._held(element)
-        check_meta_data(element, self.reader, self.files.notes)
         self.reader.choice(element, "type", (_SET,), _SET)
         values = [child for child in held if child.tag == SSD + "ParameterValues"]
         inline = [child for item in values for child in self._held(item)]
@@ -377,8 +374,8 @@ class Document:
             parameters = ()
         else:
 
-            def read(reader: Reader, root: etree._Element, notes: list[str]) -> tuple[Parameter, ...]:
-                return read_parameter_set(reader, root, notes, self.defined if root in inline else None)
+            def read(reader: Reader, root: etree._Element) -> tuple[Parameter, ...]:
+                return read_parameter_set(reader, root, self.defined if root in inline else None)
 
             parameters = self._loaded(element, inline, SSV + "ParameterSet", component, read) or ()
         mapping: tuple[MappingEntry, ...] | None = None
@@ -398,7 +395,7 @@ class Document:
         inline: Sequence[etree._Element],
         tag: str,
         component: File | None,
-        read: Callable[[Reader, etree._Element, list[str]], _T],
+        read: Callable[[Reader, etree._Element], _T],
     ) -> _T | None:
         """What the `source` of an element, or its only child, holds; None after a problem."""
         uri = element.get("source")
@@ -410,7 +407,7 @@ class Document:
             )
             return None
         if uri is None:
-            return read(self.reader, inline[0], self.files.notes)
+            return read(self.reader, inline[0])
         file = self._file(element, uri, component)
         if file is None:
             return None
@@ -418,8 +415,9 @@ class Document:
         def load() -> _T:
             root = _rooted(file, tag)
             reader = Reader(file.shown, self.files.problems)
-            found = read(reader, root, self.files.notes)
+            found = read(reader, root)
             read_version(probe := Reader(file.shown, []), root)
+            note_ignored(root, reader, self.files.notes)
             _validate(root, file, self.files, probe.version)
             return found
 

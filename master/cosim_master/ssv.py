@@ -13,7 +13,6 @@ from lxml import etree
 from cosim_master.document import Reader, local_name, near
 from cosim_master.ssc import (
     Definitions,
-    check_meta_data,
     read_connector,
     read_dimensions,
     read_transformation,
@@ -36,13 +35,10 @@ def _within(reader: Reader, root: etree._Element) -> Reader:
     return inner
 
 
-def read_parameter_set(
-    reader: Reader, root: etree._Element, notes: list[str], outer: Definitions | None = None
-) -> tuple[Parameter, ...]:
+def read_parameter_set(reader: Reader, root: etree._Element, outer: Definitions | None = None) -> tuple[Parameter, ...]:
     """The parameters of an ssv:ParameterSet; `outer` is what the .ssd around an inline one defines."""
     reader = _within(reader, root)
     reader.children(root, GRAMMAR[SSV + "ParameterSet"])
-    check_meta_data(root, reader, notes)
     defined = Definitions(reader, root, SSV, outer)
     parameters: dict[str, Parameter] = {}
     for holder in root.iterfind(SSV + "Parameters"):
@@ -105,12 +101,11 @@ def _values(reader: Reader, element: etree._Element, kind: str, shape: tuple[int
     return [typed_value(reader, child, kind, part) for child, part in texts]
 
 
-def read_parameter_mapping(reader: Reader, root: etree._Element, notes: list[str]) -> tuple[MappingEntry, ...]:
+def read_parameter_mapping(reader: Reader, root: etree._Element) -> tuple[MappingEntry, ...]:
     """The entries of an ssm:ParameterMapping."""
     reader = _within(reader, root)
     entries: dict[str, MappingEntry] = {}
     held = reader.children(root, GRAMMAR[SSM + "ParameterMapping"])
-    check_meta_data(root, reader, notes)
     for element in held:
         if element.tag != SSM + "MappingEntry":
             continue
@@ -129,11 +124,10 @@ def read_parameter_mapping(reader: Reader, root: etree._Element, notes: list[str
     return tuple(entries.values())
 
 
-def read_signal_dictionary(reader: Reader, root: etree._Element, notes: list[str]) -> dict[str, Connector]:
+def read_signal_dictionary(reader: Reader, root: etree._Element) -> dict[str, Connector]:
     """The entries of an ssb:SignalDictionary, by name."""
     reader = _within(reader, root)
     held: Sequence[etree._Element] = reader.children(root, GRAMMAR[SSB + "SignalDictionary"])
-    check_meta_data(root, reader, notes)
     defined = Definitions(reader, root, SSB)
     entries: dict[str, Connector] = {}
     for element in held:

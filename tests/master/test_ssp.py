@@ -610,3 +610,28 @@ class TestBombs:
         outer = workshop.ssp("all.ssp", {"SystemStructure.ssd": workshop.ssd("o.ssd", workshop.system(used)), **parts})
         found = [str(problem) for problem in read_system(outer).problems]
         assert found and all("unpacks to more than" in text for text in found)
+
+
+class TestWhatIsIgnored:
+    def test_annotations_everywhere_are_noted_once(self, workshop: Any) -> None:
+        workshop.fmu("unit.fmu")
+        note = workshop.annotation("com.example", "<x/>")
+        text = workshop.parameter_set({"a.p": 1.0}).replace("</ssv:ParameterSet>", f"{note}</ssv:ParameterSet>")
+        (workshop.root / "p.ssv").write_text(text.replace("ssd:Annotations", "ssv:Annotations"))
+        binding = f'<ssd:ParameterBindings><ssd:ParameterBinding source="p.ssv">{note}</ssd:ParameterBinding>'
+        system = workshop.system(workshop.component("a", "unit.fmu"), bindings=binding + "</ssd:ParameterBindings>")
+        experiment = f"<ssd:DefaultExperiment>{note}</ssd:DefaultExperiment>"
+        structure = read_system(workshop.ssd("s.ssd", system, experiment))
+        assert structure.problems == ()
+        found = [one.removeprefix(f"{workshop.root}/") for one in structure.notes if "is ignored" in one]
+        assert found == [
+            's.ssd:4: annotation "com.example" is ignored',
+            's.ssd:10: annotation "com.example" is ignored',
+            'p.ssv:2: annotation "com.example" is ignored',
+        ]
+
+    def test_ours_in_the_wrong_place(self, workshop: Any) -> None:
+        note = workshop.annotation("org.uav-cosim.stepping", "<x/>")
+        experiment = f"<ssd:DefaultExperiment>{note}</ssd:DefaultExperiment>"
+        (problem,) = read_system(workshop.ssd("s.ssd", workshop.system(), experiment)).problems
+        assert problem.message.endswith("belongs to a system or component, not to a DefaultExperiment")

@@ -59,7 +59,7 @@ def test_trees_of_known_words_in_any_order(kind: str, data: st.DataObject) -> No
     root = etree.Element(own + tag, data.draw(attributes))
     grow(root, 0)
     problems: list[Problem] = []
-    read(Reader("x", problems), root, [])
+    read(Reader("x", problems), root)
     assert all(problem.message and problem.where.path == "x" for problem in problems)
 
 
