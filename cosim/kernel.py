@@ -22,7 +22,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-__all__ = ["cache_folder", "kernel"]
+import numpy as np
+
+__all__ = ["cache_folder", "get_real", "get_whole", "kernel", "set_real", "set_whole"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -92,3 +94,79 @@ def _forget_unused(kernels: Path) -> None:
     for old in kernels.iterdir():
         if time.time() - old.stat().st_mtime > _UNUSED_AFTER:
             shutil.rmtree(old, ignore_errors=True)
+
+
+# ---- fields of a record by offset ----------------------------------------------------------------------------------
+# A kernel names a record's fields in its source. Tables of fields (parameters that a ground station names) need them
+# by their place in memory, which `cosim.model.record_layout` tells.
+
+
+def _get_real(record: Any, offset: int) -> float:
+    return float(record.getfield(np.float64, int(offset)))
+
+
+def _set_real(record: Any, offset: int, value: float) -> None:
+    record.setfield(value, np.float64, int(offset))
+
+
+def _get_whole(record: Any, offset: int) -> int:
+    return int(record.getfield(np.int32, int(offset)))
+
+
+def _set_whole(record: Any, offset: int, value: int) -> None:
+    record.setfield(value, np.int32, int(offset))
+
+
+if numba is not None and not numba.config.DISABLE_JIT:
+    from numba.core import cgutils
+    from numba.extending import intrinsic
+
+    def _reader(kind: Any) -> Any:
+        def read(typing: Any, record: Any, offset: Any) -> Any:  # noqa: ARG001 (numba prescribes the arguments)
+            def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+                address = builder.bitcast(arguments[0], cgutils.voidptr_t)
+                place = builder.gep(address, [arguments[1]])
+                return builder.load(builder.bitcast(place, context.get_value_type(kind).as_pointer()))
+
+            return kind(record, numba.types.int64), lower
+
+        return intrinsic(read)
+
+    def _writer(kind: Any) -> Any:
+        def write(typing: Any, record: Any, offset: Any, value: Any) -> Any:  # noqa: ARG001
+            def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+                address = builder.bitcast(arguments[0], cgutils.voidptr_t)
+                place = builder.gep(address, [arguments[1]])
+                builder.store(arguments[2], builder.bitcast(place, context.get_value_type(kind).as_pointer()))
+                return context.get_dummy_value()
+
+            return numba.types.void(record, numba.types.int64, kind), lower
+
+        return intrinsic(write)
+
+    _get_real, _set_real = _reader(numba.types.float64), _writer(numba.types.float64)
+    _get_whole, _set_whole = _reader(numba.types.int32), _writer(numba.types.int32)
+
+
+@kernel
+def get_real(record: Any, offset: int) -> float:
+    """The float64 that lies `offset` bytes behind the begin of a record; the offset is not checked."""
+    return _get_real(record, offset)
+
+
+@kernel
+def set_real(record: Any, offset: int, value: float) -> None:
+    """Write the float64 at `offset`."""
+    _set_real(record, offset, value)
+
+
+@kernel
+def get_whole(record: Any, offset: int) -> int:
+    """The int32 that lies `offset` bytes behind the begin of a record; the offset is not checked."""
+    return _get_whole(record, offset)
+
+
+@kernel
+def set_whole(record: Any, offset: int, value: int) -> None:
+    """Write the int32 at `offset`."""
+    _set_whole(record, offset, value)
