@@ -2,10 +2,11 @@
 
 A step: filter the motion inputs as the inertial sensors would, run the rate controllers and the motors on what the
 last step wanted, hear the packets, run the flight mode, detect landing, speak. The laws are in `shaping`, `pid`,
-`attitude_control`, `position_control`, `mixer` and `motors`, the modes in `flight_modes`, MAVLink in `commands` and
-`copter_messages` and `telemetry`. Parameters (`autopilot_variables`) have ArduPilot's names, units and defaults.
+`attitude_control`, `position_control`, `mixer` and `motors`, the modes in `flight_modes`, MAVLink in `commands`,
+`copter_messages`, `parameters` and `telemetry`. Parameters (`autopilot_variables`) have ArduPilot's names, units and
+defaults.
 
-Not here: missions, the parameter protocol, radio control, fences and fail-safes; batteries (full voltage is assumed);
+Not here: missions, radio control, fences and fail-safes; batteries (full voltage is assumed);
 and sensors with noise and an estimator: the true motion is used, so there is no lag of an estimate.
 """
 
@@ -14,23 +15,16 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
-from cosim import Model, Output, PacketInput, PacketOutput, kernel
+from cosim import Model, kernel
 from cosim.frames import rotate
-from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS
-from cosim_models.arming import GUIDED, POSITION, RTL, Mode, detect_landing, disarm_after_delay
+from cosim_models.arming import GUIDED, POSITION, RTL, detect_landing, disarm_after_delay
 from cosim_models.attitude_control import run_rates
-from cosim_models.autopilot_variables import (
-    ATTITUDE_PARAMETERS,
-    LINK_PARAMETERS,
-    MEMORY,
-    MODE_PARAMETERS,
-    MOTOR_PARAMETERS,
-    POSITION_PARAMETERS,
-)
+from cosim_models.autopilot_variables import VARIABLES
 from cosim_models.commands import receive
 from cosim_models.flight_modes import run_mode
 from cosim_models.mixer import motor_factors
 from cosim_models.motors import air_density_ratio, learn_hover_throttle, run_motors
+from cosim_models.parameters import PARAMETER_COUNT
 from cosim_models.position_control import GRAVITY, initialise_ne, initialise_up, set_limits
 from cosim_models.telemetry import start_streams, telemetry
 
@@ -139,6 +133,7 @@ def start(m: Any) -> int:
     m.throttle_mix = m.ATC_THR_MIX_MIN
     m.air_density = air_density_ratio(m.origin_altitude)
     m.link_version = 2
+    m.parameter_next = PARAMETER_COUNT
     set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
     initialise_ne(m)
     initialise_up(m)
@@ -184,24 +179,7 @@ class Autopilot(Model):
     """Multirotor autopilot that flies and speaks MAVLink as ArduCopter does."""
 
     step_size = _STEP
-    variables = (
-        *MOTION_INPUTS,
-        PacketInput("mavlink_rx", capacity=2048, description="packets received"),
-        *LINK_PARAMETERS,
-        *MODE_PARAMETERS,
-        *POSITION_PARAMETERS,
-        *ATTITUDE_PARAMETERS,
-        *MOTOR_PARAMETERS,
-        Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
-        Output("armed", type=bool, start=False, description="whether the motors may turn"),
-        Output("mode", type=Mode, start=Mode.STABILIZE, description="flight mode, by ArduCopter's number"),
-        Output("on_ground", type=bool, start=True, description="whether the vehicle is taken to be on the ground"),
-        Output("target", shape=3, unit="m", start=0.0, description="position it flies to, NED from the local origin"),
-        Output("desired_position", shape=3, unit="m", start=0.0, description="of the shaped path, NED"),
-        Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="of the shaped path, NED"),
-        PacketOutput("mavlink_tx", capacity=4096, description="packets sent"),
-        *MEMORY,
-    )
+    variables = VARIABLES
     kernels = (start, advance)
     errors: ClassVar = {
         _NO_MIXER: "the vehicle's airframe has no mixer: quad_x (1), hexa_x (2) and octa_x (3) have",

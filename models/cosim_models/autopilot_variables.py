@@ -9,27 +9,26 @@ from __future__ import annotations
 
 import math
 
-from cosim import Memory, Parameter, Variable
-from cosim.vehicle import MAX_MOTORS
+from cosim import Memory, Output, PacketInput, PacketOutput, Parameter, Variable
+from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS
+from cosim_models.arming import Mode
 from cosim_models.copter_messages import STREAM_COUNT
 from cosim_models.pid import PID_STATE, PLANE_STATE
 
-__all__ = [
-    "ATTITUDE_PARAMETERS",
-    "LINK_PARAMETERS",
-    "MEMORY",
-    "MODE_PARAMETERS",
-    "MOTOR_PARAMETERS",
-    "POSITION_PARAMETERS",
-]
+__all__ = ["PARAMETERS", "VARIABLES"]
+
+_POSITIVE = 1e-3  # least value of what the laws divide by
 
 
-def _real(name: str, unit: str, start: float, description: str) -> Variable:
-    return Parameter(name, unit=unit, start=start, description=description)
+def _real(name: str, unit: str, start: float, description: str, minimum: float | None = None) -> Variable:
+    tunable = name.isupper()  # a ground station may set it
+    return Parameter(name, unit=unit, start=start, description=description, minimum=minimum, tunable=tunable)
 
 
-def _whole(name: str, start: int, description: str) -> Variable:
-    return Parameter(name, type=int, start=start, description=description)
+def _whole(name: str, start: int, description: str, minimum: int | None = None, maximum: int | None = None) -> Variable:
+    return Parameter(
+        name, type=int, start=start, description=description, tunable=True, minimum=minimum, maximum=maximum
+    )
 
 
 def _rate_parameters(axis: str, name: str, p: float, i: float, d: float, error_filter: float) -> tuple[Variable, ...]:
@@ -62,20 +61,28 @@ ATTITUDE_PARAMETERS = (
     _whole("ATC_ANGLE_BOOST", 1, "1: more throttle when leaning"),
     _real("ATC_THR_MIX_MIN", "1", 0.1, "attitude over throttle, landing"),
     _real("ATC_THR_MIX_MAX", "1", 0.5, "attitude over throttle, flying"),
-    Parameter("ANGLE_MAX", unit="cdeg", start=3000.0, minimum=500.0, maximum=8000.0, description="greatest lean"),
+    Parameter(
+        "ANGLE_MAX",
+        unit="cdeg",
+        start=3000.0,
+        minimum=500.0,
+        maximum=8000.0,
+        tunable=True,
+        description="greatest lean",
+    ),
     _real("INS_GYRO_FILTER", "Hz", 20.0, "filter of the angular velocity"),
     _real("INS_ACCEL_FILTER", "Hz", 20.0, "filter of the specific force"),
 )
 
 POSITION_PARAMETERS = (
-    _real("PSC_POSXY_P", "1/s", 1.0, "horizontal position: gain"),
+    _real("PSC_POSXY_P", "1/s", 1.0, "horizontal position: gain", _POSITIVE),
     _real("PSC_VELXY_P", "1/s", 2.0, "horizontal velocity: proportional gain"),
     _real("PSC_VELXY_I", "1/s2", 1.0, "horizontal velocity: integral gain"),
     _real("PSC_VELXY_D", "1", 0.25, "horizontal velocity: derivative gain"),
     _real("PSC_VELXY_IMAX", "cm/s2", 1000.0, "horizontal velocity: limit of the integral"),
     _real("PSC_VELXY_FLTE", "Hz", 5.0, "horizontal velocity: filter of the error"),
     _real("PSC_VELXY_FLTD", "Hz", 5.0, "horizontal velocity: filter of the derivative"),
-    _real("PSC_POSZ_P", "1/s", 1.0, "height: gain"),
+    _real("PSC_POSZ_P", "1/s", 1.0, "height: gain", _POSITIVE),
     _real("PSC_VELZ_P", "1/s", 5.0, "climb rate: proportional gain"),
     _real("PSC_VELZ_I", "1/s2", 0.0, "climb rate: integral gain"),
     _real("PSC_VELZ_D", "1", 0.0, "climb rate: derivative gain"),
@@ -89,13 +96,13 @@ POSITION_PARAMETERS = (
     _real("PSC_ACCZ_FLTT", "Hz", 0.0, "vertical acceleration: filter of the target"),
     _real("PSC_ACCZ_FLTE", "Hz", 20.0, "vertical acceleration: filter of the error"),
     _real("PSC_ACCZ_FLTD", "Hz", 0.0, "vertical acceleration: filter of the derivative"),
-    _real("PSC_JERK_XY", "m/s3", 5.0, "greatest horizontal jerk"),
-    _real("PSC_JERK_Z", "m/s3", 5.0, "greatest vertical jerk"),
+    _real("PSC_JERK_XY", "m/s3", 5.0, "greatest horizontal jerk", _POSITIVE),
+    _real("PSC_JERK_Z", "m/s3", 5.0, "greatest vertical jerk", _POSITIVE),
     _real("WPNAV_SPEED", "cm/s", 1000.0, "horizontal speed"),
     _real("WPNAV_SPEED_UP", "cm/s", 250.0, "climb rate"),
     _real("WPNAV_SPEED_DN", "cm/s", 150.0, "descent rate"),
-    _real("WPNAV_ACCEL", "cm/s2", 250.0, "greatest horizontal acceleration"),
-    _real("WPNAV_ACCEL_Z", "cm/s2", 100.0, "greatest vertical acceleration"),
+    _real("WPNAV_ACCEL", "cm/s2", 250.0, "greatest horizontal acceleration", _POSITIVE),
+    _real("WPNAV_ACCEL_Z", "cm/s2", 100.0, "greatest vertical acceleration", _POSITIVE),
     _real("WPNAV_RADIUS", "cm", 200.0, "distance at which a waypoint is reached"),
 )
 
@@ -151,6 +158,13 @@ LINK_PARAMETERS = (
     _real("origin_longitude", "rad", math.radians(149.165237), "of the local origin"),
     _real("origin_altitude", "m", 584.0, "of the local origin, above mean sea level"),
 )
+
+PARAMETERS = tuple(
+    variable
+    for group in (LINK_PARAMETERS, MODE_PARAMETERS, POSITION_PARAMETERS, ATTITUDE_PARAMETERS, MOTOR_PARAMETERS)
+    for variable in group
+)
+"""All parameters. Those with ArduPilot's names, in capitals, can be set by ground stations."""
 
 MEMORY = (
     # what is sensed: north, east, up and FRD
@@ -250,4 +264,22 @@ MEMORY = (
     Memory("told_armed", dtype="?"),
     Memory("told_mode", dtype="i4"),
     Memory("told_home", dtype="?"),
+    Memory("parameter_next", dtype="i4"),  # of the list being sent
+    Memory("parameter_due"),
 )
+
+VARIABLES = (
+    *MOTION_INPUTS,
+    PacketInput("mavlink_rx", capacity=2048, description="packets received"),
+    *PARAMETERS,
+    Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
+    Output("armed", type=bool, start=False, description="whether the motors may turn"),
+    Output("mode", type=Mode, start=Mode.STABILIZE, description="flight mode, by ArduCopter's number"),
+    Output("on_ground", type=bool, start=True, description="whether the vehicle is taken to be on the ground"),
+    Output("target", shape=3, unit="m", start=0.0, description="position it flies to, NED from the local origin"),
+    Output("desired_position", shape=3, unit="m", start=0.0, description="of the shaped path, NED"),
+    Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="of the shaped path, NED"),
+    PacketOutput("mavlink_tx", capacity=4096, description="packets sent"),
+    *MEMORY,
+)
+"""All that an Autopilot declares."""

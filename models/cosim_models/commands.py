@@ -19,6 +19,9 @@ from cosim.messages import (
     COMMAND_INT,
     COMMAND_LONG,
     HOME_POSITION,
+    PARAM_REQUEST_LIST,
+    PARAM_REQUEST_READ,
+    PARAM_SET,
     REQUEST_DATA_STREAM,
     SET_MODE,
     SET_POSITION_TARGET_GLOBAL_INT,
@@ -82,6 +85,7 @@ from cosim_models.flight_modes import (
     take_off,
     turn_to,
 )
+from cosim_models.parameters import list_parameters, read_parameter, set_parameter
 from cosim_models.shaping import wrap_pi
 from cosim_models.telemetry import default_interval, set_interval, stream_group
 
@@ -431,6 +435,12 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _global_target(m, t)
     elif message == REQUEST_DATA_STREAM:
         _request_stream(m, t)
+    elif message == PARAM_REQUEST_READ:
+        read_parameter(m)
+    elif message == PARAM_SET:
+        set_parameter(m)
+    elif message == PARAM_REQUEST_LIST:
+        list_parameters(m, t)
 
 
 @kernel

@@ -89,6 +89,7 @@ __all__ = [
     "home_ready",
     "prearm_ready",
     "say",
+    "send",
     "send_heartbeat",
     "send_home",
     "send_message",
@@ -225,7 +226,7 @@ def prearm_ready(m: Any, t: float) -> bool:
 
 
 @kernel
-def _send(m: Any, message: int) -> bool:
+def send(m: Any, message: int) -> bool:
     """Append m.payload as a packet; False if it does not fit or the version in use cannot carry it."""
     n = pack(
         m.mavlink_tx, m.mavlink_tx_len, m.payload, message, m.sequence, m.SYSID_THISMAV, _COMPONENT, m.link_version
@@ -247,7 +248,7 @@ def can_answer(m: Any) -> bool:
 def acknowledge(m: Any, command: int, result: int, system: int, component: int) -> None:
     """COMMAND_ACK to the requester."""
     encode_command_ack(m.payload, command, result, 0, 0, system, component)
-    _send(m, _COMMAND_ACK)
+    send(m, _COMMAND_ACK)
 
 
 @kernel
@@ -292,7 +293,7 @@ def _send_text(m: Any, severity: int, text: int, number: int) -> bool:
             rest //= 10
         if text == NO_SUCH_MESSAGE:
             put_statustext_text(m.payload, n + digits, 41)  # ")"
-    return _send(m, _STATUSTEXT)
+    return send(m, _STATUSTEXT)
 
 
 # ---- what can be streamed ------------------------------------------------------------------------------------------
@@ -319,7 +320,7 @@ def send_heartbeat(m: Any, t: float) -> bool:
     state = 4 if not m.on_ground else 3 if _reached(m, t, _HEARD) else 1
     kind = 2 if m.motor_count == 4 else 13 if m.motor_count == 6 else 14
     encode_heartbeat(m.payload, kind, 3, base_mode, mode, state, 3)
-    return _send(m, _HEARTBEAT)
+    return send(m, _HEARTBEAT)
 
 
 @kernel
@@ -339,7 +340,7 @@ def _send_sys_status(m: Any, t: float) -> bool:
     if m.armed or prearm_ready(m, t):
         health += _PREARM
     encode_sys_status(m.payload, present, enabled, health, 0, 12600, 0, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-    return _send(m, _SYS_STATUS)
+    return send(m, _SYS_STATUS)
 
 
 @kernel
@@ -355,7 +356,7 @@ def _place(m: Any) -> tuple[int, int, float]:
 def _send_gps_raw(m: Any, t: float) -> bool:
     if not _reached(m, t, _GPS_AT):
         encode_gps_raw_int(m.payload, 0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-        return _send(m, _GPS_RAW_INT)
+        return send(m, _GPS_RAW_INT)
     lat, lon, alt = _place(m)
     vn, ve = m.vel[0], m.vel[1]
     course = math.degrees(math.atan2(ve, vn)) % 360.0
@@ -381,14 +382,14 @@ def _send_gps_raw(m: Any, t: float) -> bool:
         0,
         0,
     )
-    return _send(m, _GPS_RAW_INT)
+    return send(m, _GPS_RAW_INT)
 
 
 @kernel
 def _send_attitude(m: Any, t: float) -> bool:
     roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     encode_attitude(m.payload, _milliseconds(t), roll, pitch, yaw, m.gyro[0], m.gyro[1], m.gyro[2])
-    return _send(m, _ATTITUDE)
+    return send(m, _ATTITUDE)
 
 
 @kernel
@@ -397,7 +398,7 @@ def _send_local_position(m: Any, t: float) -> bool:
         return True
     p, v = m.pos, m.vel
     encode_local_position_ned(m.payload, _milliseconds(t), p[0], p[1], -p[2], v[0], v[1], -v[2])
-    return _send(m, _LOCAL_POSITION_NED)
+    return send(m, _LOCAL_POSITION_NED)
 
 
 @kernel
@@ -418,7 +419,7 @@ def _send_global_position(m: Any, t: float) -> bool:
         int(-m.vel[2] * 100.0),
         int(heading * 100.0) % 36000,
     )
-    return _send(m, _GLOBAL_POSITION_INT)
+    return send(m, _GLOBAL_POSITION_INT)
 
 
 @kernel
@@ -427,7 +428,7 @@ def _send_vfr_hud(m: Any) -> bool:
     heading = int(math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0)
     throttle = 0 if m.spool_state <= GROUND_IDLE else int(m.throttle_out * 100.0)
     encode_vfr_hud(m.payload, speed, speed, heading, throttle, m.origin_altitude + m.pos[2], m.vel[2])
-    return _send(m, _VFR_HUD)
+    return send(m, _VFR_HUD)
 
 
 @kernel
@@ -438,7 +439,7 @@ def _send_ekf_status(m: Any, t: float) -> bool:
     elif attitude_ready(m, t):
         flags = _EKF_CONSTANT
     encode_ekf_status_report(m.payload, flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return _send(m, _EKF_STATUS_REPORT)
+    return send(m, _EKF_STATUS_REPORT)
 
 
 @kernel
@@ -455,7 +456,7 @@ def send_home(m: Any, t: float) -> bool:
     )
     for i in range(4):
         put_home_position_q(m.payload, i, math.nan)
-    return _send(m, _HOME_POSITION)
+    return send(m, _HOME_POSITION)
 
 
 @kernel
@@ -465,14 +466,14 @@ def send_origin(m: Any, t: float) -> bool:
     height = int(np.int64(math.floor(m.origin_altitude * 1e3 + 0.5)))
     micros = _microseconds(t)
     encode_gps_global_origin(m.payload, deg_e7(m.origin_latitude), deg_e7(m.origin_longitude), height, micros)
-    return _send(m, _GPS_GLOBAL_ORIGIN)
+    return send(m, _GPS_GLOBAL_ORIGIN)
 
 
 @kernel
 def _send_version(m: Any) -> bool:
     clear(m.payload, 0, 78)
     encode_autopilot_version(m.payload, _CAPABILITIES, 0, 0, 0, 0, 0, 0, m.SYSID_THISMAV)
-    return _send(m, _AUTOPILOT_VERSION)
+    return send(m, _AUTOPILOT_VERSION)
 
 
 @kernel
@@ -481,7 +482,7 @@ def _send_servos(m: Any, t: float) -> bool:
     put_u32(m.payload, SERVO_OUTPUT_RAW_TIME_USEC, _microseconds(t) % 4294967296)
     for i in range(m.motor_count):
         put_u16(m.payload, SERVO_OUTPUT_RAW_SERVO1_RAW + 2 * i, 1000 + int(m.motor[i] * 1000.0 + 0.5))
-    return _send(m, _SERVO_OUTPUT_RAW)
+    return send(m, _SERVO_OUTPUT_RAW)
 
 
 @kernel
@@ -504,12 +505,12 @@ def send_message(m: Any, row: int, t: float) -> bool:
         return _send_ekf_status(m, t)
     if message == SYSTEM_TIME:
         encode_system_time(m.payload, 0, _milliseconds(t))
-        return _send(m, _SYSTEM_TIME)
+        return send(m, _SYSTEM_TIME)
     if message == SERVO_OUTPUT_RAW:
         return _send_servos(m, t)
     if message == EXTENDED_SYS_STATE:
         encode_extended_sys_state(m.payload, _MULTICOPTER, landed_state(m))
-        return _send(m, _EXTENDED_SYS_STATE)
+        return send(m, _EXTENDED_SYS_STATE)
     if message == HOME_POSITION:
         return send_home(m, t)
     if message == GPS_GLOBAL_ORIGIN:

@@ -27,6 +27,7 @@ from cosim_models.copter_messages import (
     send_origin,
     send_texts,
 )
+from cosim_models.parameters import PARAMETER_COUNT, send_list
 
 __all__ = ["default_interval", "set_interval", "start_streams", "stream_group", "telemetry"]
 
@@ -99,6 +100,8 @@ def telemetry(m: Any, t: float) -> None:
         send_heartbeat(m, t)
         m.told_armed = m.armed
         m.told_mode = m.mode
+    if m.parameter_next < PARAMETER_COUNT:
+        send_list(m, t)
     if t < m.next_due - _SLACK:
         return
     soonest = t + 1.0

@@ -1,0 +1,118 @@
+"""The parameter protocol: lists, reading and setting, with pymavlink as the ground station."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from cosim_models.parameters import PARAMETER_COUNT, PARAMETER_NAMES
+from tests.models.copter import GUIDED, RECORDED_AUTOPILOT, RECORDINGS, Copter
+
+RENAMED = ("SYSID_THISMAV", "SR0_")
+"""ArduCopter 4.6's names, MAV_SYSID and MAV1_ in 4.7."""
+
+
+def values(copter: Copter) -> list[Any]:
+    found = copter.messages("PARAM_VALUE")
+    copter.heard.clear()
+    return found
+
+
+def read(copter: Copter, name: str, index: int = -1) -> list[Any]:
+    copter.send(mavlink.MAVLink_param_request_read_message(1, 1, name.encode(), index))
+    copter.tick()
+    return values(copter)
+
+
+def write(copter: Copter, name: str, value: float, kind: int = 9) -> list[Any]:
+    copter.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
+    copter.tick()
+    return values(copter)
+
+
+@pytest.fixture
+def copter() -> Copter:
+    copter = Copter()
+    copter.run(0.1)
+    copter.heard.clear()
+    return copter
+
+
+def test_the_list_is_complete_and_comes_at_a_limited_rate(copter: Copter) -> None:
+    copter.send(mavlink.MAVLink_param_request_list_message(1, 0))
+    copter.run(0.1)
+    assert 15 <= len(copter.messages("PARAM_VALUE")) <= 21
+    copter.run(PARAMETER_COUNT * 0.005)
+    found = values(copter)
+    assert [v.param_id for v in found] == list(PARAMETER_NAMES)
+    assert [v.param_index for v in found] == list(range(PARAMETER_COUNT))
+    assert {v.param_count for v in found} == {PARAMETER_COUNT}
+    copter.run(0.5)
+    assert values(copter) == []
+
+
+def test_a_list_asked_for_again_starts_again(copter: Copter) -> None:
+    for _ in range(2):
+        copter.send(mavlink.MAVLink_param_request_list_message(1, 0))
+        copter.run(0.05)
+    assert [v.param_index for v in values(copter)].count(0) == 2
+
+
+def test_values_are_arducopters() -> None:
+    lines = (RECORDINGS / "parameters.parm").read_text().split("\n")
+    real = {name: float(value) for name, value in (line.split() for line in lines if line.strip())}
+    copter = Copter(autopilot=RECORDED_AUTOPILOT)
+    copter.send(mavlink.MAVLink_param_request_list_message(1, 0))
+    copter.run(0.1 + PARAMETER_COUNT * 0.005)
+    for v in values(copter):
+        if not v.param_id.startswith(RENAMED):
+            assert v.param_value == pytest.approx(real[v.param_id], rel=1e-6), v.param_id
+
+
+def test_reading_by_name_and_by_index(copter: Copter) -> None:
+    (by_name,) = read(copter, "WPNAV_SPEED")
+    assert (by_name.param_id, by_name.param_value, by_name.param_type) == ("WPNAV_SPEED", 1000.0, 9)
+    assert PARAMETER_NAMES[by_name.param_index] == "WPNAV_SPEED"
+    (by_index,) = read(copter, "", by_name.param_index)
+    assert by_index.param_id == "WPNAV_SPEED"
+    for name, index in (("NO_SUCH_NAME", -1), ("WPNAV_SPEE", -1), ("", PARAMETER_COUNT), ("", 32767)):
+        assert read(copter, name, index) == []
+
+
+@pytest.mark.parametrize(("name", "value", "kept"), [("RTL_ALT", 2000.4, 2000.0), ("ATC_ANG_RLL_P", 5.5, 5.5)])
+def test_setting_is_told(copter: Copter, name: str, value: float, kept: float) -> None:
+    (told,) = write(copter, name, value)
+    assert (told.param_id, told.param_value, told.param_index) == (name, kept, 65535)
+    assert copter.m[name] == kept
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_what_is_no_number_or_no_name_is_not_answered(copter: Copter, value: float) -> None:
+    before = copter.m["WPNAV_SPEED"]
+    assert write(copter, "WPNAV_SPEED", value) == []
+    assert copter.m["WPNAV_SPEED"] == before
+    assert write(copter, "NOT_KNOWN", 1.0) == []
+
+
+@pytest.mark.parametrize(("name", "value"), [("PSC_POSXY_P", 0.0), ("ANGLE_MAX", 1e5), ("SYSID_THISMAV", 0.0)])
+def test_values_the_laws_cannot_work_with_are_denied(copter: Copter, name: str, value: float) -> None:
+    before = copter.m[name]
+    copter.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+    copter.tick()
+    assert copter.m[name] == before
+    (text,) = copter.messages("STATUSTEXT")
+    assert (text.severity, text.text) == (4, f"Param write denied ({name})")
+    assert values(copter)[0].param_value == before
+
+
+def test_a_parameter_that_is_set_acts() -> None:
+    copter = Copter().in_the_air(5.0, 10.0)
+    write(copter, "WPNAV_SPEED", 200.0)
+    copter.command(176, 1, 5)
+    copter.run(0.1)
+    copter.command(176, 1, GUIDED)
+    copter.go(30.0, 0.0, -5.0)
+    assert copter.run(6.0)[:, 4].max() < 2.2
