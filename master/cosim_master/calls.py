@@ -24,10 +24,28 @@ __all__ = [
     "atomic_load",
     "byte_at",
     "do_step2",
+    "do_step3",
     "exchange_if",
     "get_or_set",
+    "get_or_set3",
+    "get_or_set_binary",
+    "load_f4",
+    "load_f8",
+    "load_i1",
+    "load_i2",
+    "load_i4",
+    "load_i8",
+    "load_u1",
+    "load_u2",
+    "load_u4",
     "nanoseconds",
     "rest",
+    "store_f4",
+    "store_f8",
+    "store_i1",
+    "store_i2",
+    "store_i4",
+    "store_i8",
 ]
 
 intrinsic: Any = _numba_intrinsic
@@ -49,6 +67,71 @@ def _do_step2(typing: Any, function: Any, instance: Any, t: Any, h: Any) -> Any:
         return builder.call(builder.inttoptr(arguments[0], kind), [*arguments[1:], ir.Constant(_I32, 1)])
 
     return types.int32(types.uintp, types.uintp, types.double, types.double), codegen
+
+
+def _get_or_set3(typing: Any, function: Any, instance: Any, references: Any, n: Any, values: Any, n_values: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(_I32, [_I64] * 5).as_pointer()
+        return builder.call(builder.inttoptr(arguments[0], kind), arguments[1:])
+
+    return types.int32(*[types.uintp] * 6), codegen
+
+
+def _get_or_set_binary(
+    typing: Any, function: Any, instance: Any, references: Any, n: Any, sizes: Any, values: Any, n_values: Any
+) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(_I32, [_I64] * 6).as_pointer()
+        return builder.call(builder.inttoptr(arguments[0], kind), arguments[1:])
+
+    return types.int32(*[types.uintp] * 7), codegen
+
+
+def _do_step3(typing: Any, function: Any, instance: Any, t: Any, h: Any, answers: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(_I32, [_I64, _F64, _F64, _I32, *[_I64] * 4]).as_pointer()
+        answers = [builder.add(arguments[4], ir.Constant(_I64, offset)) for offset in (0, 1, 2, 8)]
+        given = [*arguments[1:4], ir.Constant(_I32, 1), *answers]
+        return builder.call(builder.inttoptr(arguments[0], kind), given)
+
+    return types.int32(types.uintp, types.uintp, types.double, types.double, types.uintp), codegen
+
+
+def _load_number(stored: ir.Type, *, signed: bool = True) -> Any:
+    """An intrinsic that loads a number from an address, as a double or an int64."""
+
+    def load(typing: Any, address: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            value = builder.load(builder.inttoptr(arguments[0], stored.as_pointer()))
+            if isinstance(stored, ir.DoubleType) or stored == _I64:
+                return value
+            if isinstance(stored, ir.FloatType):
+                return builder.fpext(value, _F64)
+            return builder.sext(value, _I64) if signed else builder.zext(value, _I64)
+
+        floating = isinstance(stored, ir.DoubleType | ir.FloatType)
+        return (types.double if floating else types.int64)(types.uintp), codegen
+
+    return load
+
+
+def _store_number(stored: ir.Type) -> Any:
+    """An intrinsic that stores a double or an int64 to an address; of an integer the low bits."""
+
+    def store(typing: Any, address: Any, value: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            value = arguments[1]
+            if isinstance(stored, ir.FloatType):
+                value = builder.fptrunc(value, stored)
+            elif isinstance(stored, ir.IntType) and stored != _I64:
+                value = builder.trunc(value, stored)
+            builder.store(value, builder.inttoptr(arguments[0], stored.as_pointer()))
+            return context.get_dummy_value()
+
+        floating = isinstance(stored, ir.DoubleType | ir.FloatType)
+        return types.void(types.uintp, types.double if floating else types.int64), codegen
+
+    return store
 
 
 def _byte_at(typing: Any, address: Any) -> Any:
@@ -118,6 +201,36 @@ def _plain_do_step2(function: int, instance: int, t: float, h: float) -> int:
     return int(call(int(function))(int(instance), t, h, 1))
 
 
+def _plain_get_or_set3(function: int, *arguments: int) -> int:
+    pointer, size = ctypes.c_void_p, ctypes.c_size_t
+    call = ctypes.CFUNCTYPE(ctypes.c_int, pointer, pointer, size, pointer, size)
+    return int(call(int(function))(*map(int, arguments)))
+
+
+def _plain_get_or_set_binary(function: int, *arguments: int) -> int:
+    pointer, size = ctypes.c_void_p, ctypes.c_size_t
+    call = ctypes.CFUNCTYPE(ctypes.c_int, pointer, pointer, size, pointer, pointer, size)
+    return int(call(int(function))(*map(int, arguments)))
+
+
+def _plain_do_step3(function: int, instance: int, t: float, h: float, answers: int) -> int:
+    pointer, real = ctypes.c_void_p, ctypes.c_double
+    call = ctypes.CFUNCTYPE(ctypes.c_int, pointer, real, real, ctypes.c_bool, *[pointer] * 4)
+    places = [int(answers) + offset for offset in (0, 1, 2, 8)]
+    return int(call(int(function))(int(instance), t, h, True, *places))
+
+
+def _plain_load(kind: Any) -> Any:
+    return lambda address: kind.from_address(int(address)).value
+
+
+def _plain_store(kind: Any) -> Any:
+    def store(address: int, value: float) -> None:
+        kind.from_address(int(address)).value = value
+
+    return store
+
+
 def _plain_byte_at(address: int) -> int:
     return ctypes.c_ubyte.from_address(int(address)).value
 
@@ -132,6 +245,28 @@ get_or_set: Any = _plain_get_or_set if PLAIN else intrinsic(_get_or_set)
 """fmi2GetXXX or fmi2SetXXX(instance, references, n, values) -> status"""
 do_step2: Any = _plain_do_step2 if PLAIN else intrinsic(_do_step2)
 """fmi2DoStep(instance, t, h, fmi2True) -> status; t and h in s"""
+get_or_set3: Any = _plain_get_or_set3 if PLAIN else intrinsic(_get_or_set3)
+"""fmi3GetXXX or fmi3SetXXX(instance, references, n, values, n_values) -> status"""
+get_or_set_binary: Any = _plain_get_or_set_binary if PLAIN else intrinsic(_get_or_set_binary)
+"""fmi3GetBinary or fmi3SetBinary(instance, references, n, sizes, values, n_values) -> status"""
+do_step3: Any = _plain_do_step3 if PLAIN else intrinsic(_do_step3)
+"""fmi3DoStep(instance, t, h, true, answers...) -> status; 16 bytes of answers: event handling needed, terminate
+simulation, early return (a byte each), at 8 the last successful time"""
+load_f4: Any = _plain_load(ctypes.c_float) if PLAIN else intrinsic(_load_number(ir.FloatType()))
+load_f8: Any = _plain_load(ctypes.c_double) if PLAIN else intrinsic(_load_number(_F64))
+load_i1: Any = _plain_load(ctypes.c_int8) if PLAIN else intrinsic(_load_number(ir.IntType(8)))
+load_u1: Any = _plain_load(ctypes.c_uint8) if PLAIN else intrinsic(_load_number(ir.IntType(8), signed=False))
+load_i2: Any = _plain_load(ctypes.c_int16) if PLAIN else intrinsic(_load_number(ir.IntType(16)))
+load_u2: Any = _plain_load(ctypes.c_uint16) if PLAIN else intrinsic(_load_number(ir.IntType(16), signed=False))
+load_i4: Any = _plain_load(ctypes.c_int32) if PLAIN else intrinsic(_load_number(_I32))
+load_u4: Any = _plain_load(ctypes.c_uint32) if PLAIN else intrinsic(_load_number(_I32, signed=False))
+load_i8: Any = _plain_load(ctypes.c_int64) if PLAIN else intrinsic(_load_number(_I64))
+store_f4: Any = _plain_store(ctypes.c_float) if PLAIN else intrinsic(_store_number(ir.FloatType()))
+store_f8: Any = _plain_store(ctypes.c_double) if PLAIN else intrinsic(_store_number(_F64))
+store_i1: Any = _plain_store(ctypes.c_int8) if PLAIN else intrinsic(_store_number(ir.IntType(8)))
+store_i2: Any = _plain_store(ctypes.c_int16) if PLAIN else intrinsic(_store_number(ir.IntType(16)))
+store_i4: Any = _plain_store(ctypes.c_int32) if PLAIN else intrinsic(_store_number(_I32))
+store_i8: Any = _plain_store(ctypes.c_int64) if PLAIN else intrinsic(_store_number(_I64))
 byte_at: Any = _plain_byte_at if PLAIN else intrinsic(_byte_at)
 """The byte at an address."""
 atomic_load: Any = _no_threads if PLAIN else intrinsic(_load)

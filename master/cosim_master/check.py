@@ -268,12 +268,12 @@ class _Check:
     def _links(self, parts: list[Part], wiring: Wiring) -> tuple[Link, ...]:
         links: list[Link] = []
         for part in parts:
-            written: dict[tuple[str, int], str] = {}
+            written: dict[tuple[str, int, int | None], str] = {}
             for port in part.ports.values():
                 if port not in wiring.incoming or port.variable is None:
                     continue
                 connection = wiring.incoming[port][0]
-                key = (port.variable.type, port.variable.value_reference)
+                key = (port.variable.type, port.variable.value_reference, port.variable.element)
                 if key in written:
                     text = f'"{port}" and "{written[key]}" are the same variable of the FMU, and both are written'
                     self.problems.append(Problem(connection.where, text))

@@ -25,8 +25,8 @@ from cosim_master.changes import Change
 from cosim_master.check import CheckedSystem
 from cosim_master.errors import CosimError, FmuError
 from cosim_master.fmi2 import STATUS, set_kind
-from cosim_master.fmi2 import Instance as Living
 from cosim_master.fmu import Variable
+from cosim_master.living import Living
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.network import Network
 from cosim_master.plan import GATEWAY_BYTES, KINDS, Layout, Timing, grown, make_plan, make_radio
@@ -52,6 +52,8 @@ from cosim_master.stepping import (
     BLOCK_FULL,
     DO_STEP,
     DONE,
+    EARLY,
+    ENDED,
     FAILED,
     FAILURES,
     FUNCTIONS,
@@ -73,8 +75,12 @@ from cosim_master.stepping import (
     sent_bytes,
     work,
 )
+from cosim_master.typed_calls import OUT_OF_RANGE
 
 __all__ = ["Execution", "RunFailed", "RunTerminated"]
+
+_OF_FMI3 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2GetString": "fmi3GetBinary"}
+"""What the loop's own numbers of functions mean for an FMI 3 instance."""
 
 _TextLink: TypeAlias = tuple[tuple[int, str], int, Variable]
 """From which output (instance, name) a String goes to which instance's input."""
@@ -106,10 +112,10 @@ class RunTerminated(CosimError):
         time: until when it has something to simulate, s.
     """
 
-    def __init__(self, instance: str, time: float, *, hint: str = "") -> None:
+    def __init__(self, instance: str, time: float, *, said: str = "fmi2Terminated", hint: str = "") -> None:
         self.instance, self.time = instance, time
         more = f" {hint}" if hint else ""
-        super().__init__(f"{instance}: it wants the run to end at t = {time:.9g} s (fmi2Terminated){more}")
+        super().__init__(f"{instance}: it wants the run to end at t = {time:.9g} s ({said}){more}")
 
 
 class _Discarded(Exception):
@@ -305,10 +311,14 @@ class Execution:
         """If all that failed are steps that were discarded: ask what that means, and raise it."""
         rows = self.plan.instances
         failed = [int(i) for i in np.flatnonzero(rows["failed"][:, 0])]
+        ends: list[tuple[int, float]]
+        if all(rows["failed"][i][1] == ENDED for i in failed):
+            ends = [(i, self.time + float(rows["h"][i])) for i in failed]
+            self._terminate(ends, complete=True, said="terminateSimulation")
         if any(tuple(rows["failed"][i][:2]) != (DO_STEP, STATUS.index("fmi2Discard")) for i in failed):
             return
         failures, shrink = [], 2.0
-        ends: list[tuple[int, float]] = []
+        ends = []
         for i in failed:
             living, h = self.living[i], float(rows["h"][i])
             living.time = self.time
@@ -318,17 +328,18 @@ class Execution:
                 continue
             reached = "" if last is None else f", only to {last:.9g} s"
             reason = self._unrepeatable or f"shorter steps down to {h:.9g} s did not help"
-            text = f"fmi2Discard: it could not step from {self.time:.9g} s to {self.time + h:.9g} s{reached}; {reason}"
+            span = f"from {self.time:.9g} s to {self.time + h:.9g} s"
+            text = f"fmi{living.fmi}Discard: it could not step {span}{reached}; {reason}"
             if last is not None and last > self.time:
                 shrink = max(shrink, h / (last - self.time))
-            failures.append(living.failure("fmi2DoStep", STATUS.index("fmi2Discard"), text))
+            failures.append(living.failure(f"fmi{living.fmi}DoStep", STATUS.index("fmi2Discard"), text))
         if ends:
             self._terminate(ends, complete=len(ends) == len(failed))
         if self._unrepeatable or self._snapshot is None:
             raise RunFailed(failures)
         raise _Discarded(failures, shrink)
 
-    def _terminate(self, ends: Sequence[tuple[int, float]], *, complete: bool) -> None:
+    def _terminate(self, ends: Sequence[tuple[int, float]], *, complete: bool, said: str = "fmi2Terminated") -> None:
         """Instances (number, until when) want the run to end. If they did this step, it is the last one."""
         name, python = self.living[ends[0][0]].name, any(self.living[i].library.python for i, _ in ends)
         rows, clock = self.plan.instances, self.plan.clock
@@ -339,7 +350,7 @@ class Execution:
         stepped = all(rows[i]["length"] == 1 and time >= end - 1e-9 for i, time in ends)
         if complete and stepped and not self._text_outputs and clock[K] + 1 <= clock[LAST] and self._grid.factor == 1:
             end_here(self.plan, np.array([i for i, _ in ends]))
-        raise RunTerminated(name, min(time for _, time in ends), hint=_FORGETFUL if python else "")
+        raise RunTerminated(name, min(time for _, time in ends), said=said, hint=_FORGETFUL if python else "")
 
     # ---- gateways ----------------------------------------------------------------------------------------------------
 
@@ -515,10 +526,16 @@ class Execution:
                 text, code = f"its packet output {wrong}", 0
             elif status == STATUS.index("fmi2Discard") and function in (1, 2, 3):
                 text = f"fmi2Discard: it takes one of these values for wrong: {self._inputs(int(i), function - 1)}"
+            elif status == OUT_OF_RANGE:
+                text, code = "an integer does not fit: the master carries 32 bits, and the variable may have fewer", 0
+            elif status == EARLY:
+                text, code = "it has not simulated all of the step, though early return is not allowed", 0
+            elif status == ENDED:
+                text, code = "it wants the run to end (terminateSimulation)", 0
             elif status == STATUS.index("fmi2Pending"):
                 text = "fmi2Pending: it goes on in the background, which is not supported"
                 living.cancel_step()
-            failures.append(living.failure(FUNCTIONS[function], code, text))
+            failures.append(living.failure(_named(function, living), code, text))
         raise RunFailed(failures)
 
     def _inputs(self, i: int, kind: int) -> str:
@@ -590,3 +607,9 @@ def _threads(wanted: int | None, free: int) -> int:
     if wanted is None:
         wanted = (os.cpu_count() or 1) if free >= _WORTH_THREADS else 1
     return max(1, min(wanted, free))
+
+
+def _named(function: int, living: Living) -> str:
+    """The name of an FMI function by its number in FUNCTIONS."""
+    name = FUNCTIONS[function]
+    return _OF_FMI3.get(name, name) if living.fmi == 3 else name

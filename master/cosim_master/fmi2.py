@@ -112,6 +112,8 @@ class Library:
 class Instance:
     """One living instance. Not to be used from two threads at once."""
 
+    fmi = 2
+
     def __init__(self, library: Library, name: str, allocate: Any, free: Any) -> None:
         self.library = library
         self.name = name

@@ -2,7 +2,7 @@
 
 FMPy parses; this module decides what is fatal (we could not run the FMU, or not run it right) and what is a note
 (the description breaks a rule that does not matter for a run; many exporters do). The only module that imports FMPy.
-Supported: FMI 2.0 for Co-Simulation. FMI 1 and 3 are refused by name.
+Supported: FMI 2.0 and 3.0 for Co-Simulation (`fmu3` has what differs). FMI 1 is refused by name.
 """
 
 from __future__ import annotations
@@ -14,115 +14,32 @@ import struct
 import sys
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeAlias, cast
+from platform import machine as machine_name
+from typing import Any, cast
 
 from fmpy.model_description import ModelDescription, ValidationError, read_model_description
 from lxml import etree
 
 from cosim_master import archive
+from cosim_master.description import Capabilities, FmuDescription, Start, Variable
 from cosim_master.document import line_of, near, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmu3 import Reading3, dependencies3
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
-__all__ = ["Capabilities", "FmuDescription", "Variable", "describe", "extract", "platform"]
+__all__ = ["Capabilities", "FmuDescription", "Start", "Variable", "describe", "extract", "platform"]
 
 _MAX_DESCRIPTION_BYTES = 128 << 20
 _LIBRARY_SUFFIX = {"linux": ".so", "win": ".dll", "darwin": ".dylib"}
 _SHOWN_NOTES = 5
 
-Start: TypeAlias = float | int | bool | str
 
-
-@dataclass(frozen=True, slots=True)
-class Variable:
-    """A variable of an FMU, with FMI's defaults filled in.
-
-    Attributes:
-        type: "Real", "Integer", "Boolean", "String" or "Enumeration".
-        causality, variability, initial: the standard's words; `initial` is None for inputs and time.
-        unit: of a Real, with its definition; without offset if the variable is a relative quantity.
-        items: of an Enumeration, item name -> value.
-        packet_capacity: bytes of MAVLink packets it can carry per step (base64 text in a String), None for others.
-    """
-
-    name: str
-    value_reference: int
-    type: str
-    causality: str
-    variability: str
-    initial: str | None
-    unit: Unit | None = None
-    start: Start | None = None
-    minimum: float | None = None
-    maximum: float | None = None
-    items: Mapping[str, int] | None = None
-    packet_capacity: int | None = None
-    description: str = ""
-
-    @property
-    def settable(self) -> bool:
-        """Whether a start value may be set before initialization (FMI 2.0.5, section 2.2.7)."""
-        if self.variability == "constant":
-            return False
-        return self.causality == "input" or self.initial in ("exact", "approx")
-
-
-@dataclass(frozen=True, slots=True)
-class Capabilities:
-    """Capability flags of the CoSimulation element, in the standard's spelling (FMI 2.0.5, section 4.3.1)."""
-
-    needsExecutionTool: bool = False
-    canHandleVariableCommunicationStepSize: bool = False
-    canInterpolateInputs: bool = False
-    maxOutputDerivativeOrder: int = 0
-    canRunAsynchronuously: bool = False
-    canBeInstantiatedOnlyOncePerProcess: bool = False
-    canNotUseMemoryManagementFunctions: bool = False
-    canGetAndSetFMUstate: bool = False
-    canSerializeFMUstate: bool = False
-    providesDirectionalDerivative: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class FmuDescription:
-    """What a co-simulation needs to know about one FMU file.
-
-    Attributes:
-        path: the .fmu, absolute.
-        digest: SHA-256 of the file, hexadecimal.
-        library: member of the archive that is loaded on this platform.
-        variables: by name, in the order of the file.
-        units: its unit definitions, by name.
-        step_size: stepSize of the DefaultExperiment in s.
-        outputs: direct feed-through: output -> the inputs it depends on; None means on all of them.
-        initial_unknowns: what each unknown depends on in initialization mode; None means on all knowns.
-            A variable that is an unknown but is missing here is one of an FMU that does not say (see `notes`).
-        notes: what is not as the standard wants it but does not stop us.
-        generation_tool: what wrote it, as it says.
-    """
-
-    path: Path
-    digest: str
-    fmi_version: str
-    model_name: str
-    model_identifier: str
-    guid: str
-    description: str
-    library: str
-    variables: Mapping[str, Variable]
-    units: Mapping[str, Unit]
-    step_size: float | None
-    capabilities: Capabilities
-    outputs: Mapping[str, tuple[str, ...] | None]
-    initial_unknowns: Mapping[str, tuple[str, ...] | None]
-    notes: tuple[str, ...] = ()
-    generation_tool: str = ""
-
-
-def platform() -> str:
-    """The name of this machine's folder in `binaries/` of an FMI 2 FMU: "linux64", "win64", "darwin64", ..."""
+def platform(fmi: int = 2) -> str:
+    """The name of this machine's folder in `binaries/`: "linux64", ... (FMI 2) or "x86_64-linux", ... (FMI 3)."""
+    if fmi == 3:
+        machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(machine_name(), machine_name())
+        return f"{machine}-{'windows' if sys.platform == 'win32' else sys.platform}"
     system = "win" if sys.platform == "win32" else "darwin" if sys.platform == "darwin" else "linux"
     return f"{system}{struct.calcsize('P') * 8}"
 
@@ -146,7 +63,8 @@ def describe(path: str | Path) -> FmuDescription:
     library = None if reading.identifier is None else _library(names, reading.identifier, Where(shown), reading)
     if reading.problems:
         raise SystemDescriptionError(reading.problems)
-    return reading.description(Path(path), cast(str, library))
+    terminals = _terminals(Path(path), shown, reading) if reading.fmi == 3 else {}
+    return reading.description(Path(path), cast(str, library), terminals)
 
 
 def extract(description: FmuDescription, directory: Path) -> Path:
@@ -169,14 +87,34 @@ def extract(description: FmuDescription, directory: Path) -> Path:
     return directory.joinpath(*PurePosixPath(description.library).parts)
 
 
+def _terminals(path: Path, shown: str, reading: _Reading) -> dict[str, tuple[str, ...]]:
+    """Names of terminals, those inside others as "outer.inner", and of their member variables."""
+    member = "terminalsAndIcons/terminalsAndIcons.xml"
+    data = archive.read_member(path, member, shown, limit=_MAX_DESCRIPTION_BYTES)
+    found: dict[str, tuple[str, ...]] = {}
+
+    def visit(element: etree._Element, prefix: str) -> None:
+        for terminal in element.iterfind("Terminal"):
+            name = prefix + terminal.get("name", "")
+            found[name] = tuple(one.get("variableName", "") for one in terminal.iterfind("TerminalMemberVariable"))
+            for unknown in sorted({*found[name]} - {*reading.variables, *reading.shapes, *reading.clocks}):
+                reading.notes.append(f'its terminal "{name}" has the member "{unknown}", which is no variable')
+            visit(terminal, f"{name}.")
+
+    if data is not None:
+        for terminals in parse(data, f"{shown}/{member}").iterfind("Terminals"):
+            visit(terminals, "")
+    return found
+
+
 def _digest(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _library(names: Sequence[str], identifier: str, where: Where, reading: _Reading) -> str | None:
-    folder = platform()
-    suffix = next(suffix for system, suffix in _LIBRARY_SUFFIX.items() if folder.startswith(system))
+    folder = platform(reading.fmi)
+    suffix = next(suffix for system, suffix in _LIBRARY_SUFFIX.items() if platform().startswith(system))
     expected = f"binaries/{folder}/{identifier}{suffix}"
     if expected in names:
         return expected
@@ -200,6 +138,9 @@ class _Reading:
         self.problems: list[Problem] = []
         self.notes: list[str] = []
         self.identifier: str | None = None
+        self.fmi = 2
+        self.shapes: dict[str, tuple[int, ...]] = {}
+        self.clocks: tuple[str, ...] = ()
         self.root = parse(data, shown)
         self._interface()
         if self.problems:
@@ -207,11 +148,15 @@ class _Reading:
         self._structure()
         if self.problems:
             raise SystemDescriptionError(self.problems)
-        self._repair()
+        if self.fmi == 2:
+            self._repair()
         self.model = self._parsed()
         self.units = {unit.name: self._unit(unit) for unit in self.model.unitDefinitions}
         self.variables: dict[str, Variable] = {}
-        self._variables()
+        if self.fmi == 3:
+            self._variables3()
+        else:
+            self._variables()
         self.step_size = self._step_size()
 
     def _problem(self, element: etree._Element, message: str) -> None:
@@ -222,9 +167,8 @@ class _Reading:
         version = root.get("fmiVersion", "")
         if root.tag != "fmiModelDescription":
             self._problem(root, f"the root element is <{root.tag}>; it must be <fmiModelDescription>")
-        elif version != "2.0":
-            kind = "FMI 3.0 is not supported yet" if version.startswith("3.") else f'FMI "{version}" is not supported'
-            self._problem(root, f'{kind}; valid: fmiVersion="2.0"')
+        elif version != "2.0" and not version.startswith("3.0"):
+            self._problem(root, f'FMI "{version}" is not supported; valid: fmiVersion="2.0" and "3.0"')
         elif (interface := root.find("CoSimulation")) is None:
             has = "it is for Model Exchange only" if root.find("ModelExchange") is not None else "it has no interface"
             self._problem(root, f"is not an FMU for Co-Simulation: {has}")
@@ -232,9 +176,11 @@ class _Reading:
             self.identifier = interface.get("modelIdentifier")
             if not self.identifier or "/" in self.identifier:
                 self._problem(interface, "<CoSimulation> needs the attribute modelIdentifier, a C identifier")
+        self.fmi = 3 if version.startswith("3.") else 2
         if not self.problems:
-            if not root.get("guid"):
-                self._problem(root, "<fmiModelDescription> needs the attribute guid")
+            token = "instantiationToken" if self.fmi == 3 else "guid"
+            if not root.get(token):
+                self._problem(root, f"<fmiModelDescription> needs the attribute {token}")
             if root.find("ModelVariables") is None:
                 self._problem(root, "<fmiModelDescription> needs <ModelVariables>")
 
@@ -336,6 +282,21 @@ class _Reading:
         ):
             self.notes.append("has no InitialUnknowns: what its outputs depend on while initializing is not known")
 
+    def _variables3(self) -> None:
+        listed = self.root.find("ModelVariables")
+        elements = {e.get("name", ""): e for e in (listed if listed is not None else ()) if isinstance(e.tag, str)}
+        for element in list(elements.values()):
+            elements |= {alias.get("name", ""): element for alias in element.iterfind("Alias")}
+        reading = Reading3(self.model, self.units, elements, lambda text: self._problem(self.root, text))
+        self.variables, self.shapes = reading.variables, reading.shapes
+        self.clocks = tuple(clock.name for clock in reading.clocks)
+        self.notes += reading.notes
+        if self.clocks:
+            text = f'has Clocks ("{self.clocks[0]}"), which need Event Mode; that is not supported yet'
+            self._problem(self.root, text)
+        elif self.model.coSimulation.hasEventMode:
+            self.notes.append("its Event Mode is not used (eventModeUsed is false): it handles its events by itself")
+
     def _variable(self, read: Any, element: etree._Element, capacity: int | None) -> Variable | None:
         declared, value = read.declaredType, element.find(read.type)
         if value is None:
@@ -406,9 +367,16 @@ class _Reading:
                 capacities[name] = int(size)
         return capacities
 
-    def description(self, path: Path, library: str) -> FmuDescription:
+    def description(self, path: Path, library: str, terminals: Mapping[str, tuple[str, ...]]) -> FmuDescription:
         model = self.model
-        flags = {name: getattr(model.coSimulation, name) for name in Capabilities.__slots__}
+        outputs = {unknown.variable.name: _dependencies(unknown) for unknown in model.outputs}
+        initial = {unknown.variable.name: _dependencies(unknown) for unknown in model.initialUnknowns}
+        if self.fmi == 3:
+            outputs, initial = (
+                dependencies3(model.outputs, self.shapes),
+                dependencies3(model.initialUnknowns, self.shapes),
+            )
+        flags = {name: getattr(model.coSimulation, name, False) for name in Capabilities.__slots__}
         return FmuDescription(
             path=path.resolve(),
             digest=_digest(path),
@@ -422,10 +390,12 @@ class _Reading:
             units=self.units,
             step_size=self.step_size,
             capabilities=Capabilities(**flags),
-            outputs={unknown.variable.name: _dependencies(unknown) for unknown in model.outputs},
-            initial_unknowns={unknown.variable.name: _dependencies(unknown) for unknown in model.initialUnknowns},
+            outputs=outputs,
+            initial_unknowns=initial,
             notes=tuple(self.notes),
             generation_tool=model.generationTool or "",
+            shapes=self.shapes,
+            terminals=terminals,
         )
 
 

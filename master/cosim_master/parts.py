@@ -261,6 +261,9 @@ class _Assembly:
 
     def _fmu_port(self, part: Part, connector: Connector) -> None:
         variable = None if part.fmu is None else part.fmu.variables.get(connector.name)
+        if part.fmu is not None and connector.name in part.fmu.shapes:
+            self._fmu_array(part, connector, part.fmu)
+            return
         if part.fmu is None or variable is None:
             part.ports[connector.name] = Port(
                 part, connector.name, connector.kind, connector.where, *_described(connector)
@@ -282,7 +285,7 @@ class _Assembly:
         elif variable.causality != kind:
             text = f'connector "{connector.name}" is {kind}, but {file} has it as {variable.causality}'
             self.problems.append(Problem(connector.where, text))
-        if connector.type is not None and connector.type != SAME_TYPE.get(variable.type, variable.type):
+        if connector.type is not None and connector.type not in _types(variable):
             text = f'connector "{connector.name}" is {connector.type}, but {file} has it as {variable.type}'
             self.problems.append(Problem(connector.where, text))
         self._same_unit(connector, variable.unit, f"in {part.fmu.path.name}")
@@ -297,8 +300,21 @@ class _Assembly:
             unit=connector.unit or variable.unit,
             items=variable.items or connector.items,
             variable=variable,
-            mime_type=connector.mime_type,
+            mime_type=connector.mime_type or variable.mime_type,
         )
+
+    def _fmu_array(self, part: Part, connector: Connector, fmu: FmuDescription) -> None:
+        """An array of FMI 3 as one connector: a port for each of its elements."""
+        shape = fmu.shapes[connector.name]
+        sizes = tuple(dimension.size for dimension in connector.dimensions)
+        if (connector.dimensions and any(s not in (None, n) for s, n in zip(sizes, shape, strict=False))) or (
+            sizes and len(sizes) != len(shape)
+        ):
+            text = f'connector "{connector.name}" has other dimensions than in {fmu.path.name}: {_by(shape)}'
+            self.problems.append(Problem(connector.where, text))
+        for indices in indices_of(shape):
+            self._fmu_port(part, replace(connector, name=element_name(connector.name, indices), dimensions=()))
+        part.shapes[connector.name] = shape
 
     def _same_unit(self, connector: Connector, other: Unit | None, place: str) -> None:
         if connector.unit is None or other is None:
@@ -338,3 +354,14 @@ def indices_of(shape: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
 def element_name(name: str, indices: tuple[int, ...]) -> str:
     """The name of an element of an array connector: "A[1,2]"; of a scalar, its own."""
     return f"{name}[{','.join(map(str, indices))}]" if indices else name
+
+
+def _by(shape: tuple[int, ...]) -> str:
+    return "x".join(map(str, shape))
+
+
+def _types(variable: Variable) -> set[str]:
+    """What a connector of a variable may call its type."""
+    own = variable.fmi_type if variable.type in ("Real", "Integer") else variable.type
+    names = {variable.type, SAME_TYPE.get(own, own)}
+    return names | {"String", "Binary"} if variable.packet_capacity is not None else names

@@ -17,9 +17,9 @@ import numpy as np
 from cosim_master import radio as radio_kernels
 from cosim_master.check import CheckedSystem, Instance, Link
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.fmi2 import Instance as Living
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmu import Variable
+from cosim_master.living import Living
 from cosim_master.network import Network
 from cosim_master.radio import (
     COUNTERS,
@@ -34,7 +34,8 @@ from cosim_master.radio import (
     SLOT,
     Radio,
 )
-from cosim_master.stepping import CALL, COPY, GET_STRING, INSTANCE, PORTS, SEND, SET_STRING, WIRE, Plan
+from cosim_master.stepping import CALL, COPY, FUNCTIONS, GET_STRING, INSTANCE, PORTS, SEND, SET_STRING, WIRE, Plan
+from cosim_master.typed_calls import WIDTHS
 
 __all__ = ["GATEWAY_BYTES", "KINDS", "Layout", "Timing", "grown", "layout", "make_plan", "make_radio", "timing"]
 
@@ -130,6 +131,7 @@ class _Ports:
 
     first_in: list[int] = field(default_factory=lambda: [0])
     in_reference: list[int] = field(default_factory=list)
+    inputs: list[Variable] = field(default_factory=list)
     source: list[int] = field(default_factory=list)
     factor: list[float] = field(default_factory=list)
     offset: list[float] = field(default_factory=list)
@@ -150,6 +152,9 @@ class Layout:
     """Rows of `Plan.mapped`."""
     signals: Mapping[str, tuple[tuple[str, Variable], ...]]
     """Per kind the recorded columns (name, variable), sorted as the instances are."""
+    constants: tuple[tuple[float, ...], tuple[int, ...]]
+    """Reals and integers, behind all outputs: values of the elements of an array that nothing is connected to, while
+    others are; source -1 of an input is the first of them."""
     strings: tuple[Link, ...]
     string_signals: tuple[tuple[str, Instance, Variable], ...]
 
@@ -176,14 +181,14 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
     needed |= {(instance, v.name) for node in network.nodes for instance, v in node.position}
     chosen = _chosen(checked, record)
     for i, instance in enumerate(checked.instances):
-        for name, variable in instance.fmu.variables.items():
+        for name, variable in _fetched(instance, needed | chosen):
             kind = set_kind(variable)
-            if kind in KINDS and ((instance.name, name) in needed or (instance.name, name) in chosen):
+            if kind in KINDS:
                 ports[kind].index[instance.name, name] = len(ports[kind].outputs)
                 ports[kind].outputs.append((i, variable))
         for kind in KINDS:
             ports[kind].first_out.append(len(ports[kind].outputs))
-    mirrors, mapped = _inputs(checked, numeric, ports)
+    mirrors, mapped, constants = _inputs(checked, numeric, ports)
     signals: dict[str, tuple[tuple[str, Variable], ...]] = {}
     for kind in KINDS:
         columns = []
@@ -192,14 +197,35 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
                 ports[kind].recorded.append(index)
                 columns.append((f"{key[0]}.{key[1]}", ports[kind].outputs[index][1]))
         signals[kind] = tuple(columns)
-    strings = tuple(link for link in links if kinds[link.target] == "String")
+    strings = tuple(link for link in links if kinds[link.target] in ("String", "Binary"))
     texts = tuple(
         (f"{instance.name}.{name}", instance, v)
         for instance in checked.instances
         for name, v in instance.fmu.variables.items()
-        if v.type == "String" and (instance.name, name) in chosen
+        if v.type in ("String", "Binary") and (instance.name, name) in chosen
     )
-    return Layout(checked.instances, ports, mirrors, mapped, signals, strings, texts)
+    return Layout(checked.instances, ports, mirrors, mapped, signals, constants, strings, texts)
+
+
+def _by_type(instance: Instance) -> list[tuple[str, Variable]]:
+    """The variables of an instance, those of one FMI 3 type together: they are got and set in one call."""
+    return sorted(instance.fmu.variables.items(), key=lambda item: item[1].fmi_type)
+
+
+def _array(v: Variable) -> tuple[str, int] | None:
+    """What the elements of one array have in common; aliases of it are other arrays."""
+    return None if v.element is None else (v.name.rpartition("[")[0], v.value_reference)
+
+
+def _fetched(instance: Instance, wanted: set[tuple[str, str]]) -> list[tuple[str, Variable]]:
+    """The variables of an instance that are in `wanted`, and all elements of an array of which one is."""
+    variables = instance.fmu.variables
+    arrays = {_array(v) for name, v in variables.items() if (instance.name, name) in wanted} - {None}
+    return [
+        (name, v)
+        for name, v in _by_type(instance)
+        if (instance.name, name) in wanted or (arrays and _array(v) in arrays)
+    ]
 
 
 def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str]]:
@@ -230,41 +256,57 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
 
 def _inputs(
     checked: CheckedSystem, links: Sequence[Link], ports: Mapping[str, _Ports]
-) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int, int, int], ...]]:
+) -> tuple[
+    tuple[tuple[int, int], ...], tuple[tuple[int, int, int, int], ...], tuple[tuple[float, ...], tuple[int, ...]]
+]:
     """Fill in what feeds every input.
 
     Integers and booleans that are mapped on the way get a place behind all outputs of `int_out`, integer sources of
-    real inputs get a mirror among the reals; returns the rows (from, to) of the mirrors, and those of `Plan.mapped`.
+    real inputs get a mirror among the reals; returns the rows (from, to) of the mirrors, those of `Plan.mapped`, and
+    `Layout.constants`.
     """
-    by_instance: dict[str, list[Link]] = {}
-    for link in links:
-        by_instance.setdefault(link.target[0], []).append(link)
+    by_instance: dict[str, dict[str, Link]] = {}
+    for one in links:
+        by_instance.setdefault(one.target[0], {})[one.target[1]] = one
     mirrors: dict[int, int] = {}
     reals, integers, booleans = (len(ports[kind].outputs) for kind in KINDS)
     places: dict[tuple[int, tuple[tuple[int, int], ...]], int] = {}
     mapped: list[tuple[int, int, int, int]] = []
+    constants: tuple[list[float], list[int]] = ([], [])
+
+    def source_of(link: Link, kind: str) -> int:
+        source_kind = next(k for k in KINDS if link.source in ports[k].index)
+        source = ports[source_kind].index[link.source]
+        if link.mapping:
+            first = integers if source_kind == "Boolean" else 0
+            if (key := (first + source, link.mapping)) not in places:
+                places[key] = integers + booleans + len(places)
+                mapped.append((first + source, places[key], COPY, 0))
+                mapped.extend((first + source, places[key], *entry) for entry in link.mapping)
+            source = places[key] - first
+        if kind == "Real" and source_kind == "Integer":
+            source = mirrors.setdefault(source, reals + len(mirrors))
+        return source
+
     for instance in checked.instances:
-        for link in by_instance.get(instance.name, ()):
-            target = instance.fmu.variables[link.target[1]]
+        own = by_instance.get(instance.name, {})
+        starts = instance.effective_values() if own else {}
+        for name, target in _fetched(instance, {(instance.name, name) for name in own}):
             kind = set_kind(target)
-            source_kind = next(k for k in KINDS if link.source in ports[k].index)
-            source = ports[source_kind].index[link.source]
-            if link.mapping:
-                first = integers if source_kind == "Boolean" else 0
-                if (key := (first + source, link.mapping)) not in places:
-                    places[key] = integers + booleans + len(places)
-                    mapped.append((first + source, places[key], COPY, 0))
-                    mapped += [(first + source, places[key], *entry) for entry in link.mapping]
-                source = places[key] - first
-            if kind == "Real" and source_kind == "Integer":
-                source = mirrors.setdefault(source, reals + len(mirrors))
+            if (link := own.get(name)) is not None:
+                source, factor, offset = source_of(link, kind), link.factor, link.offset
+            else:
+                held = constants[0] if kind == "Real" else constants[1]
+                held.append(starts.get(name, 0))  # type: ignore[arg-type]
+                source, factor, offset = -len(held), 1.0, 0.0
             ports[kind].in_reference.append(target.value_reference)
+            ports[kind].inputs.append(target)
             ports[kind].source.append(source)
-            ports[kind].factor.append(link.factor)
-            ports[kind].offset.append(link.offset)
+            ports[kind].factor.append(factor)
+            ports[kind].offset.append(offset)
         for kind in KINDS:
             ports[kind].first_in.append(len(ports[kind].in_reference))
-    return tuple(mirrors.items()), tuple(mapped)
+    return tuple(mirrors.items()), tuple(mapped), (tuple(constants[0]), tuple(constants[1]))
 
 
 def make_plan(
@@ -292,12 +334,15 @@ def make_plan(
     ]
     rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(int_recorded) + 8), 65536))
     wires = np.zeros(sum(len(ports.source) for ports in kinds), dtype=WIRE)
+    integers = sum(len(ports.outputs) for ports in kinds[1:])
+    own = (reals_out + len(places.mirrors), integers + len({row[1] for row in places.mapped}))
     wires["source"] = [
-        i + (len(kinds[1].outputs) if n == 2 else 0) for n, ports in enumerate(kinds) for i in ports.source
+        i + (len(kinds[1].outputs) if n == 2 else 0) if i >= 0 else own[min(n, 1)] - 1 - i
+        for n, ports in enumerate(kinds)
+        for i in ports.source
     ]
     wires["factor"] = [x for ports in kinds for x in ports.factor]
     wires["offset"] = [x for ports in kinds for x in ports.offset]
-    integers = sum(len(ports.outputs) for ports in kinds[1:])
     ports, text, capacity = _packet_ports(places, network)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     values = _Values(
@@ -305,13 +350,14 @@ def make_plan(
         real_in=np.zeros(reals_in),
         int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
         out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
-        real_out=np.zeros(reals_out + len(places.mirrors)),
-        int_out=np.zeros(integers + len({row[1] for row in places.mapped}), dtype=np.int32),
+        real_out=np.concatenate([np.zeros(own[0]), places.constants[0]]),
+        int_out=np.concatenate([np.zeros(own[1], np.int32), np.array(places.constants[1], np.int32)]),
     )
-    instances = _instance_table(places, clock, network, living)
+    native = _Native(len(living), kinds)
+    instances = _instance_table(places, clock, network, living, native)
     return Plan(
         instances=instances,
-        calls=_calls(instances, values, ports, living, (reals_in, reals_out)),
+        calls=_calls(instances, values, ports, living, kinds, native),
         wires=wires,
         in_reference=values.in_reference,
         real_in=values.real_in,
@@ -334,13 +380,40 @@ def make_plan(
         confined=np.array(sorted(set(range(len(living))) - set(free)), dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
         shared=np.zeros(40, dtype=np.int64),
+        native=native.memory,
     )
 
 
-def _instance_table(places: Layout, clock: Timing, network: Network, living: Sequence[Living]) -> np.ndarray[Any, Any]:
+class _Native:
+    """Memory that FMI 3 calls point to, handed out piece by piece."""
+
+    def __init__(self, instances: int, kinds: Sequence[_Ports]) -> None:
+        values = sum(len(ports.inputs) + len(ports.outputs) for ports in kinds)
+        self.memory = np.zeros(16 * (instances + 1) + 32 * values + 256, dtype=np.uint8)
+        self._used = -self.memory.ctypes.data % 16
+
+    def take(self, size: int) -> int:
+        """The address of `size` bytes, a multiple of 8."""
+        first = self._used
+        self._used += -(-size // 8) * 8
+        assert self._used <= self.memory.size
+        return int(self.memory.ctypes.data) + first
+
+    def put(self, numbers: Sequence[int]) -> int:
+        """The address of value references."""
+        address = self.take(4 * len(numbers))
+        first = address - self.memory.ctypes.data
+        self.memory[first : first + 4 * len(numbers)] = np.array(numbers, np.uint32).view(np.uint8)
+        return address
+
+
+def _instance_table(
+    places: Layout, clock: Timing, network: Network, living: Sequence[Living], native: _Native
+) -> np.ndarray[Any, Any]:
     table = np.zeros(len(living), dtype=INSTANCE)
     table["handle"] = [one.handle for one in living]
-    table["do_step"] = [one.library.address("fmi2DoStep") for one in living]
+    table["do_step"] = [one.library.address(f"fmi{_version(one)}DoStep") for one in living]
+    table["answers"] = [native.take(16) if _version(one) == 3 else 0 for one in living]
     libraries = {id(one.library): i for i, one in enumerate(living)}
     table["library"] = [libraries[id(one.library)] for one in living]
     table["period"] = table["length"] = clock.periods
@@ -371,15 +444,21 @@ class _Values:
     int_out: np.ndarray[Any, Any]
 
 
+def _version(one: Living) -> int:
+    return int(one.library.fmu.fmi_version[0])
+
+
 def _calls(
     instances: np.ndarray[Any, Any],
     values: _Values,
     ports: np.ndarray[Any, Any],
     living: Sequence[Living],
-    reals: tuple[int, int],
+    kinds: Sequence[_Ports],
+    native: _Native,
 ) -> np.ndarray[Any, Any]:
-    """The CALL table; notes in `instances` which calls are whose. `reals`: how many inputs and outputs are real."""
-    rows: list[tuple[int, int, int, int, int, int]] = []
+    """The CALL table; notes in `instances` which calls are whose."""
+    rows: list[tuple[int, ...]] = []
+    reals = (len(kinds[0].inputs), len(kinds[0].outputs))
     sides = (
         ("Set", "in", values.in_reference.ctypes.data, values.real_in.ctypes.data, values.int_in.ctypes.data, reals[0]),
         (
@@ -391,35 +470,71 @@ def _calls(
             reals[1],
         ),
     )
-    port_fields = PORTS.fields
-    assert port_fields is not None
-    packets = {"Set": ("has_rx", "rx", "text", SET_STRING), "Get": ("has_tx", "tx", "got", GET_STRING)}
-
-    def string(verb: str, one: Living, endpoint: int) -> None:
-        has, reference, text, number = packets[verb]
-        if endpoint >= 0 and ports[endpoint][has]:
-            row = ports.ctypes.data + PORTS.itemsize * endpoint
-            address = one.library.address(f"fmi2{verb}String")
-            rows.append((address, one.handle, row + port_fields[reference][1], 1, row + port_fields[text][1], number))
-
+    variables = {"in": [v for p in kinds for v in p.inputs], "out": [v for p in kinds for _, v in p.outputs]}
     for i, one in enumerate(living):
         row = instances[i]
         for verb, side, references, real_values, int_values, n_reals in sides:
             row["first_set" if verb == "Set" else "first_get"] = len(rows)
             if verb == "Set":
-                string(verb, one, row["endpoint"])
+                rows += _packet_call(verb, one, ports, row["endpoint"])
                 row["first_set_value"] = len(rows)
             for kind, name in enumerate(KINDS):
                 first, last = int(row[f"first_{side}"][kind]), int(row[f"last_{side}"][kind])
                 if last > first:
                     at = real_values + 8 * first if kind == 0 else int_values + 4 * (first - n_reals)
+                    if _version(one) == 3:
+                        rows += _typed(verb, one, variables[side][first:last], at, 8 if kind == 0 else 4, native)
+                        continue
                     address = one.library.address(f"fmi2{verb}{name}")
                     number = (1 if verb == "Set" else 6) + kind
-                    rows.append((address, one.handle, references + 4 * first, last - first, at, number))
+                    call = (address, one.handle, references + 4 * first, last - first, at, number)
+                    rows.append((*call, 0, 0, 0, 0, 0))
             if verb == "Get":
-                string(verb, one, row["endpoint"])
+                rows += _packet_call(verb, one, ports, row["endpoint"])
         row["last_get"] = len(rows)
     return np.array(rows, dtype=CALL)
+
+
+def _packet_call(verb: str, one: Living, ports: np.ndarray[Any, Any], endpoint: int) -> list[tuple[int, ...]]:
+    """The call that sets or gets the packets of an instance, if it has such a port."""
+    has, reference, text, size = (
+        ("has_rx", "rx", "text", "rx_size") if verb == "Set" else ("has_tx", "tx", "got", "got_size")
+    )
+    if endpoint < 0 or not ports[endpoint][has]:
+        return []
+    fields = PORTS.fields
+    assert fields is not None
+    row = ports.ctypes.data + PORTS.itemsize * int(endpoint)
+    places = [row + fields[name][1] for name in (reference, text, size)]
+    number = SET_STRING if verb == "Set" else GET_STRING
+    if _version(one) == 3:
+        address, number = one.library.address(f"fmi3{verb}Binary"), FUNCTIONS.index(f"fmi3{verb}Binary")
+        sets = int(verb == "Set")
+        return [(address, one.handle, places[0], 1, places[1], number, WIDTHS["Binary"], 1, 0, places[2], sets)]
+    return [(one.library.address(f"fmi2{verb}String"), one.handle, places[0], 1, places[1], number, 0, 0, 0, 0, 0)]
+
+
+def _typed(
+    verb: str, one: Living, variables: Sequence[Variable], plain: int, size: int, native: _Native
+) -> list[tuple[int, ...]]:
+    """FMI 3 calls for variables whose values lie at `plain`, `size` bytes each: one for each type."""
+    rows: list[tuple[int, ...]] = []
+    first = 0
+    while first < len(variables):
+        fmi_type = variables[first].fmi_type
+        last = first
+        references: list[int] = []
+        while last < len(variables) and variables[last].fmi_type == fmi_type:
+            if not variables[last].element:  # a scalar, or where an array begins
+                references.append(variables[last].value_reference)
+            last += 1
+        n, at = last - first, plain + size * first
+        buffer = at if fmi_type in ("Float64", "Int32") else native.take(8 * n)
+        address, number = one.library.address(f"fmi3{verb}{fmi_type}"), FUNCTIONS.index(f"fmi3{verb}{fmi_type}")
+        call = (address, one.handle, native.put(references), len(references), buffer, number)
+        rows.append((*call, WIDTHS[fmi_type], n, at, 0, int(verb == "Set")))
+        first = last
+    return rows
 
 
 def _packet_ports(places: Layout, network: Network) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
@@ -434,6 +549,8 @@ def _packet_ports(places: Layout, network: Network) -> tuple[np.ndarray[Any, Any
     table["has_tx"] = [e.tx is not None for e in endpoints]
     table["rx"] = [e.rx.value_reference if e.rx else 0 for e in endpoints]
     table["tx"] = [e.tx.value_reference if e.tx else 0 for e in endpoints]
+    of_fmi3 = {i.name for i in places.instances if i.fmu.fmi_version.startswith("3.")}
+    table["binary"] = [e.instance in of_fmi3 for e in endpoints]
     table["text"] = text.ctypes.data + text.shape[1] * np.arange(len(endpoints), dtype=np.uint64)
     return table, text, capacity
 

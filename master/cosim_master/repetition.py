@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.fmi2 import Instance
+from cosim_master.living import Living
 from cosim_master.radio import Radio
 from cosim_master.stepping import BASE, EVERY, FAULTS, LAST, K, Plan
 
@@ -32,7 +32,7 @@ _UNCHANGED = {"real_block", "int_block", "ticks", "shared", "scratch", "calls", 
 """Arrays of the plan that a run does not change, or that are empty when a snapshot is made."""
 
 
-def cannot_be_repeated(living: Sequence[Instance]) -> str:
+def cannot_be_repeated(living: Sequence[Living]) -> str:
     """Why discarded steps of a system cannot be repeated; empty if they can."""
     lacking = {}
     for one in living:
@@ -54,7 +54,7 @@ class Snapshot:
     states; call it before the instances are freed.
     """
 
-    def __init__(self, living: Sequence[Instance]) -> None:
+    def __init__(self, living: Sequence[Living]) -> None:
         self._living = living
         self._states = [ctypes.c_void_p() for _ in living]
         self._arrays: dict[str, np.ndarray[Any, Any]] = {}

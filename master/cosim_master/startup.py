@@ -1,4 +1,5 @@
-"""From a checked system to initialized instances, in the order of calls of FMI 2.0.5, section 4.2.4.
+"""From a checked system to initialized instances, in the order of calls of FMI 2.0.5, section 4.2.4,
+and FMI 3.0.2, section 4.2.
 
     instantiate(checked, libraries, living)     one after the other
     initialize(checked, living, start, stop)    start values, experiment, initialization mode with its exchange, and out
@@ -16,14 +17,16 @@ from functools import partial
 from typing import Any
 
 from cosim_master.check import CheckedSystem, Link
-from cosim_master.fmi2 import Instance, set_kind
+from cosim_master.fmi2 import set_kind
 from cosim_master.fmu import Variable
+from cosim_master.living import Living
+from cosim_master.living import instantiate as make
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.loops import settle
 
 __all__ = ["SettledLoop", "initialize", "instantiate", "try_out"]
 
-_KINDS = ("Real", "Integer", "Boolean", "String")
+_KINDS = ("Real", "Integer", "Boolean", "String", "Binary")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,19 +37,17 @@ class SettledLoop:
     rounds: int
 
 
-def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Instance]) -> None:
+def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Living]) -> None:
     """Append an instance to `living` for each of the system's.
 
     Raises:
         FmuError: an FMU refused; those in `living` are to be freed.
     """
     for instance in checked.instances:
-        living.append(libraries.load(instance.fmu).instantiate(instance.name))
+        living.append(make(libraries.load(instance.fmu), instance.name))
 
 
-def initialize(
-    checked: CheckedSystem, living: Sequence[Instance], start: float, stop: float
-) -> tuple[SettledLoop, ...]:
+def initialize(checked: CheckedSystem, living: Sequence[Living], start: float, stop: float) -> tuple[SettledLoop, ...]:
     """Initialize all instances.
 
     Args:
@@ -80,7 +81,7 @@ def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledL
         SystemDescriptionError, FmuError, LoopError: as a run would.
     """
     check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
-    living: list[Instance] = []
+    living: list[Living] = []
     with Libraries() as libraries:
         try:
             instantiate(checked, libraries, living)
@@ -93,7 +94,7 @@ def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledL
     return loops
 
 
-def _exchange(checked: CheckedSystem, living: Mapping[str, Instance]) -> tuple[SettledLoop, ...]:
+def _exchange(checked: CheckedSystem, living: Mapping[str, Living]) -> tuple[SettledLoop, ...]:
     """Stage by stage: get all sources of a stage at once, then set its targets."""
     loops = []
     for stage in checked.init_order:
@@ -110,14 +111,14 @@ def _exchange(checked: CheckedSystem, living: Mapping[str, Instance]) -> tuple[S
 
 
 def _go_round(
-    living: Mapping[str, Instance], links: Sequence[Link], ends: Sequence[tuple[str, str]], values: list[Any]
+    living: Mapping[str, Living], links: Sequence[Link], ends: Sequence[tuple[str, str]], values: list[Any]
 ) -> list[Any]:
     _set(living, links, dict(zip(ends, values, strict=True)))
     got = _get(living, ends)
     return [got[end] for end in ends]
 
 
-def _get(living: Mapping[str, Instance], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
+def _get(living: Mapping[str, Living], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
     """Values of outputs, by instance and variable; one call per instance and type."""
     wanted: dict[str, list[Variable]] = {}
     for name, variable in ends:
@@ -130,7 +131,7 @@ def _get(living: Mapping[str, Instance], ends: Sequence[tuple[str, str]]) -> dic
     return got
 
 
-def _set(living: Mapping[str, Instance], links: Sequence[Link], got: Mapping[tuple[str, str], Any]) -> None:
+def _set(living: Mapping[str, Living], links: Sequence[Link], got: Mapping[tuple[str, str], Any]) -> None:
     """Set the targets of links from the values of their sources."""
     targets: dict[str, dict[str, Any]] = {}
     for link in links:
@@ -144,7 +145,7 @@ def _kinds(variables: Sequence[Variable]) -> list[str]:
     return [kind for kind in _KINDS if any(set_kind(v) == kind for v in variables)]
 
 
-def _set_all(one: Instance, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
+def _set_all(one: Living, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
     """Set the variables that are inputs, those that are not, or (None) all; one call per type."""
     chosen = [v for v in variables if inputs is None or (v.causality == "input") == inputs]
     for kind in _kinds(chosen):

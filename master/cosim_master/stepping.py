@@ -25,7 +25,18 @@ from numpy.typing import NDArray
 
 from cosim.kernel import kernel
 from cosim.packets import decode_base64, encode_base64
-from cosim_master.calls import atomic_add, atomic_load, byte_at, do_step2, exchange_if, get_or_set, rest
+from cosim_master.calls import (
+    atomic_add,
+    atomic_load,
+    byte_at,
+    do_step2,
+    do_step3,
+    exchange_if,
+    get_or_set,
+    load_f8,
+    load_u1,
+    rest,
+)
 from cosim_master.radio import (
     FREE_PLACES,
     IN_FLIGHT,
@@ -40,11 +51,15 @@ from cosim_master.radio import (
     send,
     sort_along,
 )
+from cosim_master.typed_calls import WIDTHS, call3
 
 __all__ = [
     "BLOCK_FULL",
     "CALL",
     "COPY",
+    "DO_STEP",
+    "EARLY",
+    "ENDED",
     "DONE",
     "FAILED",
     "FUNCTIONS",
@@ -81,12 +96,15 @@ FUNCTIONS = (
     "fmi2GetInteger",
     "fmi2GetBoolean",
     "fmi2GetString",
+    *(f"fmi3{verb}{fmi_type}" for verb in ("Set", "Get") for fmi_type in WIDTHS),
 )
 """What `failed[0]` of an instance counts through."""
 SET_STRING, DO_STEP, GET_STRING = 4, 5, 9
 NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
 """In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped since
 another instance of its FMU answered fmi2Fatal."""
+ENDED, EARLY = -6, -7
+"""In place of a status: an FMI 3 FMU wants the simulation to end; it has not simulated all of the step."""
 FATAL = 4
 
 
@@ -94,6 +112,7 @@ INSTANCE = np.dtype(
     [
         ("handle", "u8"),
         ("do_step", "u8"),
+        ("answers", "u8"),  # of FMI 3: address of what fmi3DoStep answers, 16 bytes; 0 is FMI 2
         ("library", "i8"),  # instances with the same number are of the same FMU
         ("period", "i8"),  # base steps per step of the instance
         ("length", "i8"),  # base steps of its present step: the period, less at the end of the run
@@ -118,9 +137,14 @@ CALL = np.dtype(
         ("n", "u8"),
         ("values", "u8"),
         ("number", "i8"),  # in FUNCTIONS
+        ("width", "i8"),  # 0 is FMI 2; the rest is for FMI 3, see `typed_calls`
+        ("n_values", "u8"),
+        ("plain", "u8"),  # where the plan has the values, if `values` is a buffer of the call
+        ("sizes", "u8"),  # of a Binary
+        ("sets", "i8"),
     ]
 )
-"""A call of fmi2SetXXX or fmi2GetXXX with all its arguments: addresses into the arrays of the plan."""
+"""A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan."""
 WIRE = np.dtype([("source", "i8"), ("factor", "f8"), ("offset", "f8")])
 """input = factor * output[source] + offset; integers and booleans have factor 1 and offset 0."""
 PORTS = np.dtype(
@@ -134,6 +158,9 @@ PORTS = np.dtype(
         ("sent", "i8"),  # bytes in `tx`
         ("rx", "u4"),  # value references
         ("tx", "u4"),
+        ("binary", "i8"),  # of FMI 3: bytes instead of base64 text
+        ("rx_size", "u8"),
+        ("got_size", "u8"),
     ],
     align=True,
 )
@@ -184,6 +211,7 @@ class Plan(NamedTuple):
     confined: NDArray[np.int64]  # instances that only the main thread steps
     free: NDArray[np.int64]  # instances that any thread may step
     shared: NDArray[np.int64]
+    native: NDArray[np.uint8]  # of FMI 3: value references, buffers and answers that `calls` and `instances` point to
 
 
 @kernel
@@ -234,8 +262,11 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
     """Make calls of instance `i`, until one fails."""
     for c in range(first, last):
         call = calls[c]
-        status = get_or_set(call.function, call.handle, call.references, call.n, call.values)
-        if status > 1:
+        if call.width == 0:
+            status = get_or_set(call.function, call.handle, call.references, call.n, call.values)
+        else:
+            status = call3(call)
+        if status > 1 or status < 0:
             _fail(instances, i, call.number, status, 0)
             return
 
@@ -264,6 +295,14 @@ def _collect_packets(
     if port.has_tx == 0 or port.got == np.uintp(0):
         return
     n = 0
+    if port.binary != 0:
+        if port.got_size > np.uintp(tx.shape[1]):
+            _fail(instances, i, GET_STRING, TOO_LONG, 0)
+            return
+        for j in range(np.int64(port.got_size)):
+            tx[e, j] = byte_at(np.uintp(port.got + np.uintp(j)))
+        port.sent = np.int64(port.got_size)
+        return
     character = byte_at(port.got)
     while character != 0 and n < scratch.size:
         scratch[n] = character
@@ -288,6 +327,20 @@ def _corrupted(instances: NDArray[Any], library: int) -> bool:
         if m.library == library and m.failed[0] != 0 and m.failed[1] == FATAL:
             return True
     return False
+
+
+@kernel
+def _do_step3(m: Any, t: float, h: float) -> Any:
+    """fmi3DoStep: a status, ENDED or EARLY. Without Event Mode it does not matter whether there was an event."""
+    status = do_step3(m.do_step, m.handle, t, h, m.answers)
+    if status > 1:
+        return status
+    if load_u1(np.uintp(m.answers + np.uintp(1))) != 0:
+        return ENDED
+    reached = load_f8(np.uintp(m.answers + np.uintp(8)))
+    if load_u1(np.uintp(m.answers + np.uintp(2))) != 0 or not abs(reached - (t + h)) <= 1e-9 * max(h, abs(t)):
+        return EARLY
+    return status
 
 
 @kernel
@@ -320,8 +373,11 @@ def _step_some(
                 if m.length != min(m.period, clock[LAST] - k):
                     m.length = min(m.period, clock[LAST] - k)
                     m.h = m.length * base / 1e9
-                status = do_step2(m.do_step, m.handle, t, m.h)
-                if status > 1:
+                if m.answers == np.uintp(0):
+                    status = do_step2(m.do_step, m.handle, t, m.h)
+                else:
+                    status = _do_step3(m, t, m.h)
+                if status > 1 or status < 0:
                     _fail(instances, i, DO_STEP, status, 0)
         if since + 1 == m.length and m.failed[0] == 0:
             _collect(instances, calls, real_out, i)
@@ -344,10 +400,16 @@ def _deliver_all(p: Plan, r: Radio, k: int) -> None:
             continue
         if arrived(endpoints, places, t, e):
             n = deliver(r, t, e, p.tx[e])
-            text[e, encode_base64(p.tx[e], n, text[e])] = 0
+            if port.binary != 0:
+                for j in range(n):
+                    text[e, j] = p.tx[e, j]
+                port.rx_size = n
+            else:
+                text[e, encode_base64(p.tx[e], n, text[e])] = 0
             port.filled = 2
         elif port.filled > 0:
             port.filled -= 1
+            port.rx_size = 0
             text[e, 0] = 0
 
 

@@ -1,0 +1,115 @@
+"""What an FMU says about itself, as plain data: the same for FMI 2 and FMI 3. `fmu` reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+from cosim_master.units import Unit
+
+__all__ = ["Capabilities", "FmuDescription", "Start", "Variable"]
+
+Start: TypeAlias = float | int | bool | str
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A variable of an FMU, with FMI's defaults filled in.
+
+    Attributes:
+        type: "Real", "Integer", "Boolean", "String", "Enumeration" or (in FMI 3) "Binary".
+        causality, variability, initial: the standard's words; `initial` is None for inputs and time.
+        unit: of a Real, with its definition; without offset if the variable is a relative quantity.
+        items: of an Enumeration, item name -> value.
+        packet_capacity: bytes of MAVLink packets it can carry per step (base64 text in a String of FMI 2, bytes in a
+            Binary of FMI 3), None for others.
+        fmi_type: of FMI 3, the type of its functions ("Float32", "UInt8", ...); an Enumeration's is "Int64".
+        element: its place in an array of FMI 3, counted from 0 in row-major order; None for scalars. All elements have
+            the array's value reference.
+        mime_type: of a Binary.
+    """
+
+    name: str
+    value_reference: int
+    type: str
+    causality: str
+    variability: str
+    initial: str | None
+    unit: Unit | None = None
+    start: Start | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    items: Mapping[str, int] | None = None
+    packet_capacity: int | None = None
+    description: str = ""
+    fmi_type: str = ""
+    element: int | None = None
+    mime_type: str | None = None
+
+    @property
+    def settable(self) -> bool:
+        """Whether a start value may be set before initialization (FMI 2.0.5, section 2.2.7)."""
+        if self.variability == "constant":
+            return False
+        return self.causality == "input" or self.initial in ("exact", "approx")
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """Capability flags of the CoSimulation element, in the standard's spelling (FMI 2.0.5, 4.3.1; FMI 3.0.2, 4.4)."""
+
+    needsExecutionTool: bool = False
+    canHandleVariableCommunicationStepSize: bool = False
+    canInterpolateInputs: bool = False
+    maxOutputDerivativeOrder: int = 0
+    canRunAsynchronuously: bool = False
+    canBeInstantiatedOnlyOncePerProcess: bool = False
+    canNotUseMemoryManagementFunctions: bool = False
+    canGetAndSetFMUstate: bool = False
+    canSerializeFMUstate: bool = False
+    providesDirectionalDerivative: bool = False
+    hasEventMode: bool = False
+    mightReturnEarlyFromDoStep: bool = False
+    providesIntermediateUpdate: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FmuDescription:
+    """What a co-simulation needs to know about one FMU file.
+
+    Attributes:
+        path: the .fmu, absolute.
+        digest: SHA-256 of the file, hexadecimal.
+        library: member of the archive that is loaded on this platform.
+        variables: by name, in the order of the file.
+        units: its unit definitions, by name.
+        step_size: stepSize of the DefaultExperiment in s.
+        outputs: direct feed-through: output -> the inputs it depends on; None means on all of them.
+        initial_unknowns: what each unknown depends on in initialization mode; None means on all knowns.
+            A variable that is an unknown but is missing here is one of an FMU that does not say (see `notes`).
+        notes: what is not as the standard wants it but does not stop us.
+        generation_tool: what wrote it, as it says.
+        shapes: arrays of FMI 3 and their sizes; their elements are variables, "position[1]", "matrix[2,3]".
+        terminals: of FMI 3, with the names of their member variables.
+    """
+
+    path: Path
+    digest: str
+    fmi_version: str
+    model_name: str
+    model_identifier: str
+    guid: str
+    description: str
+    library: str
+    variables: Mapping[str, Variable]
+    units: Mapping[str, Unit]
+    step_size: float | None
+    capabilities: Capabilities
+    outputs: Mapping[str, tuple[str, ...] | None]
+    initial_unknowns: Mapping[str, tuple[str, ...] | None]
+    notes: tuple[str, ...] = ()
+    generation_tool: str = ""
+    shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    terminals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

@@ -1,0 +1,253 @@
+"""Living FMI 3.0 instances: what `fmi2` is for FMI 2, with the same interface.
+
+    instance = Instance(library, "drone1.vehicle")
+    instance.set(...), setup_experiment, enter_initialization_mode, set, get, exit_initialization_mode
+    ... steps ...
+    instance.terminate(), instance.free()
+
+Instances are made without Event Mode, early return and intermediate update. A Binary is hexadecimal text here, as in
+the files of SSP. An array is set as a whole: elements that are not given keep what they were set to last.
+
+After fmi3Error only `free` is legal, after fmi3Fatal nothing is, for any instance of that FMU.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import ctypes
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+from cosim_master.errors import FmuError
+from cosim_master.fmi2 import Library
+from cosim_master.fmu import Variable
+
+__all__ = ["STATUS3", "Instance3"]
+
+log = logging.getLogger(__name__)
+
+STATUS3 = ("fmi3OK", "fmi3Warning", "fmi3Discard", "fmi3Error", "fmi3Fatal")
+_LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
+_KEPT_LOG_LINES = 40
+_C_TYPES: dict[str, Any] = {
+    "Float32": ctypes.c_float,
+    "Float64": ctypes.c_double,
+    "Int8": ctypes.c_int8,
+    "UInt8": ctypes.c_uint8,
+    "Int16": ctypes.c_int16,
+    "UInt16": ctypes.c_uint16,
+    "Int32": ctypes.c_int32,
+    "UInt32": ctypes.c_uint32,
+    "Int64": ctypes.c_int64,
+    "UInt64": ctypes.c_uint64,
+    "Boolean": ctypes.c_bool,
+    "String": ctypes.c_char_p,
+}
+
+
+class Instance3:
+    """One living instance. Not to be used from two threads at once."""
+
+    fmi = 3
+
+    def __init__(self, library: Library, name: str) -> None:
+        self.library = library
+        self.name = name
+        self.alive = False
+        self.stepping = False
+        self.time: float | None = None
+        self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
+        self._span = (0.0, 0.0)
+        # What it points to must live as long as the instance.
+        self._logger = _LOGGER(self._log)
+        self._arrays: dict[int, list[Variable]] = {}
+        for variable in library.fmu.variables.values():
+            known = self._arrays.setdefault(variable.value_reference, [])
+            if variable.element is not None and variable.element == len(known):
+                known.append(variable)
+        self._given: dict[int, list[Any]] = {}
+        instantiate = library.function("fmi3InstantiateCoSimulation")
+        instantiate.restype = ctypes.c_void_p
+        has_resources = library.resources.is_dir()
+        no, yes = ctypes.c_bool(False), ctypes.c_bool(True)
+        handle = instantiate(
+            ctypes.c_char_p(name.encode()),
+            ctypes.c_char_p(library.fmu.guid.encode()),
+            ctypes.c_char_p(f"{library.resources}/".encode() if has_resources else None),
+            no,  # visible
+            yes if library.python else no,  # logging
+            no,  # event mode used
+            no,  # early return allowed
+            None,
+            ctypes.c_size_t(0),
+            None,
+            self._logger,
+            None,
+        )
+        if not handle:
+            hint = "" if self.lines else "; it logged nothing (is the token of its modelDescription.xml the binary's?)"
+            raise FmuError(name, "fmi3InstantiateCoSimulation", f"it returned NULL{hint}", log=self.lines)
+        self.handle = int(handle)
+        if (other := library.handles.setdefault(self.handle, name)) != name:
+            text = (
+                f"it returned the handle of {other}: the FMU keeps everything in globals, it is good for one instance"
+            )
+            raise FmuError(name, "fmi3InstantiateCoSimulation", text, log=self.lines)
+        self.alive = True
+
+    def _log(self, _environment: Any, status: int, _category: bytes, message: bytes) -> None:
+        text = (message or b"").decode("utf-8", "replace").rstrip()
+        self.lines.extend(text.splitlines())
+        word = STATUS3[status] if 0 <= status < len(STATUS3) else str(status)
+        log.debug("%s: %s: %s", self.name, word, text)
+
+    def call(self, function: str, *arguments: Any) -> None:
+        """Call an FMI function that returns a status.
+
+        Raises:
+            FmuError: the status is worse than fmi3Warning.
+        """
+        status = int(self.library.function(function)(ctypes.c_void_p(self.handle), *arguments))
+        if status > 1:
+            raise self.failure(function, status)
+
+    def failure(self, function: str, status: int, detail: str = "") -> FmuError:
+        """The error for a bad status; from here on only `free` may follow (nothing after fmi3Fatal)."""
+        if status in (3, 4):
+            self.stepping = False
+        if status == 4:
+            self.alive = False
+            self.library.corrupted = True
+        word = STATUS3[status] if 0 <= status < len(STATUS3) else f"unknown status {status}"
+        return FmuError(self.name, function, detail or word, self.time, self.lines)
+
+    # ---- values ------------------------------------------------------------------------------------------------------
+
+    def get(self, variables: Sequence[Variable]) -> list[Any]:
+        """Values of variables, of whatever types; strings and bytes are copied at once."""
+        read: dict[int, list[Any]] = {}
+        for fmi_type in dict.fromkeys(v.fmi_type for v in variables):
+            references = list(dict.fromkeys(v.value_reference for v in variables if v.fmi_type == fmi_type))
+            counts = [max(1, len(self._arrays[reference])) for reference in references]
+            values = self._get(fmi_type, references, sum(counts))
+            for reference, count in zip(references, counts, strict=True):
+                read[reference], values = values[:count], values[count:]
+        return [read[v.value_reference][v.element or 0] for v in variables]
+
+    def _get(self, fmi_type: str, references: Sequence[int], n: int) -> list[Any]:
+        listed = ((ctypes.c_uint32 * len(references))(*references), ctypes.c_size_t(len(references)))
+        if fmi_type == "Binary":
+            sizes, places = (ctypes.c_size_t * n)(), (ctypes.c_void_p * n)()
+            self.call("fmi3GetBinary", *listed, sizes, places, ctypes.c_size_t(n))
+            return [ctypes.string_at(places[i] or 0, sizes[i]).hex() if sizes[i] else "" for i in range(n)]
+        values = (_C_TYPES[fmi_type] * n)()
+        self.call(f"fmi3Get{fmi_type}", *listed, values, ctypes.c_size_t(n))
+        if fmi_type == "String":
+            return [(value or b"").decode("utf-8", "replace") for value in values]
+        return list(values)
+
+    def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
+        """Set variables, of whatever types.
+
+        Raises:
+            FmuError: the FMU refused, or a value does not fit into the variable's type.
+        """
+        for fmi_type in dict.fromkeys(v.fmi_type for v in variables):
+            given: dict[int, list[Any]] = {}
+            for v, value in zip(variables, values, strict=True):
+                if v.fmi_type != fmi_type:
+                    continue
+                self._check(v, value)
+                if v.element is None:
+                    given[v.value_reference] = [value]
+                else:
+                    given[v.value_reference] = self._whole(v.value_reference)
+                    given[v.value_reference][v.element] = value
+            self._set(fmi_type, list(given), [x for whole in given.values() for x in whole])
+
+    def _whole(self, reference: int) -> list[Any]:
+        """What an array was set to last, at first its start values."""
+        if reference not in self._given:
+            missing = {"String": "", "Binary": ""}
+            self._given[reference] = [
+                missing.get(v.fmi_type, 0) if v.start is None else v.start for v in self._arrays[reference]
+            ]
+        return self._given[reference]
+
+    def _check(self, variable: Variable, value: Any) -> None:
+        if variable.type in ("Integer", "Enumeration"):
+            kind = _C_TYPES[variable.fmi_type]
+            if kind(int(value)).value != int(value):
+                text = f"{variable.name} = {value} does not fit into {variable.fmi_type}"
+                raise FmuError(self.name, f"fmi3Set{variable.fmi_type}", text, self.time, self.lines)
+
+    def _set(self, fmi_type: str, references: Sequence[int], values: Sequence[Any]) -> None:
+        n = ctypes.c_size_t(len(values))
+        listed = ((ctypes.c_uint32 * len(references))(*references), ctypes.c_size_t(len(references)))
+        if fmi_type == "Binary":
+            data = [bytes.fromhex(value) for value in values]
+            sizes = (ctypes.c_size_t * len(data))(*map(len, data))
+            self.call("fmi3SetBinary", *listed, sizes, (ctypes.c_char_p * len(data))(*data), n)
+            return
+        convert: Any = {"String": lambda x: str(x).encode(), "Float32": float, "Float64": float, "Boolean": bool}
+        array = (_C_TYPES[fmi_type] * len(values))(*map(convert.get(fmi_type, int), values))
+        self.call(f"fmi3Set{fmi_type}", *listed, array, n)
+
+    # ---- steps and states --------------------------------------------------------------------------------------------
+
+    def ended(self) -> bool:
+        """After a discarded step: in FMI 3 that never means that the FMU wants the simulation to end."""
+        return False
+
+    def last_successful_time(self) -> float | None:
+        """After a discarded step: nothing has changed, and how far it got is not said (FMI 3.0.2, section 4.2.1)."""
+        return None
+
+    def save_state(self, state: ctypes.c_void_p) -> None:
+        """fmi3GetFMUState into `state`, whose memory is used again if it has some."""
+        self.call("fmi3GetFMUState", ctypes.byref(state))
+
+    def restore_state(self, state: ctypes.c_void_p) -> None:
+        self.call("fmi3SetFMUState", state)
+
+    def free_state(self, state: ctypes.c_void_p) -> None:
+        """fmi3FreeFMUState where it is legal."""
+        if self.alive and state and not self.library.corrupted:
+            self.call("fmi3FreeFMUState", ctypes.byref(state))
+
+    def cancel_step(self) -> None:
+        """There are no pending steps in FMI 3; the instance is not stepped any more."""
+        self.stepping = False
+
+    def setup_experiment(self, start: float, stop: float) -> None:
+        """Keep the times for `enter_initialization_mode`, which takes them in FMI 3."""
+        self.time = start
+        self._span = (start, stop)
+
+    def enter_initialization_mode(self) -> None:
+        start, stop = self._span
+        no, yes = ctypes.c_bool(False), ctypes.c_bool(True)
+        arguments = (no, ctypes.c_double(0.0), ctypes.c_double(start), yes, ctypes.c_double(stop))
+        self.call("fmi3EnterInitializationMode", *arguments)
+
+    def exit_initialization_mode(self) -> None:
+        self.call("fmi3ExitInitializationMode")
+        self.stepping = True
+
+    def terminate(self) -> None:
+        """fmi3Terminate where it is legal: after a completed step, once."""
+        if self.alive and self.stepping and not self.library.corrupted:
+            self.stepping = False
+            self.call("fmi3Terminate")
+
+    def free(self) -> None:
+        """fmi3FreeInstance where it is legal: not after fmi3Fatal."""
+        if self.alive and not self.library.corrupted:
+            self.alive = False
+            free = self.library.function("fmi3FreeInstance")
+            free.restype = None
+            with contextlib.suppress(KeyError):
+                del self.library.handles[self.handle]
+            free(ctypes.c_void_p(self.handle))

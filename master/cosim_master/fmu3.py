@@ -1,0 +1,200 @@
+"""modelDescription.xml of FMI 3.0 for Co-Simulation, as FMPy has parsed it, in the terms of `description`.
+
+Arrays become one variable per element. What the master cannot carry is a problem or a note, never left out in silence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
+from typing import Any
+
+from lxml import etree
+
+from cosim_master.description import Start, Variable
+from cosim_master.units import Unit
+
+__all__ = ["FMI3_TYPES", "PACKET_MIME_TYPE", "Reading3", "dependencies3", "element_names"]
+
+PACKET_MIME_TYPE = "application/x-mavlink"
+FMI3_TYPES = {
+    "Float32": "Real",
+    "Float64": "Real",
+    **{f"{sign}Int{width}": "Integer" for sign in ("", "U") for width in (8, 16, 32, 64)},
+    "Boolean": "Boolean",
+    "String": "String",
+    "Enumeration": "Enumeration",
+    "Binary": "Binary",
+}
+"""Types of FMI 3, and what they are to the master."""
+_MAX_ELEMENTS = 1 << 20
+
+
+def element_names(name: str, shape: Sequence[int]) -> Iterator[str]:
+    """Of an array, in row-major order: a[1], a[2]; m[1,1], m[1,2], m[2,1], ..."""
+    for indices in product(*(range(1, size + 1) for size in shape)):
+        yield f"{name}[{','.join(map(str, indices))}]"
+
+
+class Reading3:
+    """The variables of one FMI 3 description.
+
+    Args:
+        model: FMPy's ModelDescription.
+        units: by name.
+        elements: the XML element of every variable, by name, for what FMPy does not keep.
+        problem: called with what is fatal.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        units: Mapping[str, Unit],
+        elements: Mapping[str, etree._Element],
+        problem: Callable[[str], None],
+    ) -> None:
+        self.variables: dict[str, Variable] = {}
+        self.shapes: dict[str, tuple[int, ...]] = {}
+        self.clocks: list[Any] = []
+        self.notes: list[str] = []
+        self._units, self._elements, self._problem = units, elements, problem
+        structural = {v.valueReference: v for v in model.modelVariables if v.causality == "structuralParameter"}
+        for read in model.modelVariables:
+            if read.type == "Clock":
+                self.clocks.append(read)
+            elif read.type not in FMI3_TYPES:
+                problem(f'variable "{read.name}" is of type {read.type}; valid: {", ".join(FMI3_TYPES)}')
+            else:
+                self._add(read, structural)
+
+    def _add(self, read: Any, structural: Mapping[int, Any]) -> None:
+        shape = []
+        for dimension in read.dimensions or ():
+            size = dimension.start
+            if size is None:
+                sizing = structural.get(int(dimension.valueReference or -1))
+                if sizing is None or sizing.start is None:
+                    self._problem(f'a dimension of "{read.name}" has neither a size nor a structural parameter')
+                    return
+                size = sizing.start
+            shape.append(int(size))
+        names = list(element_names(read.name, shape)) if shape else [read.name]
+        if math.prod(shape) > _MAX_ELEMENTS:
+            self._problem(
+                f'variable "{read.name}" has {math.prod(shape)} elements; at most {_MAX_ELEMENTS} are possible'
+            )
+            return
+        if shape:
+            self.shapes[read.name] = tuple(shape)
+        starts = self._starts(read, len(names), is_array=bool(shape))
+        for i, name in enumerate(names):
+            if name in self.variables:
+                self._problem(f'variable "{name}" is declared twice')
+            self.variables[name] = self._variable(read, name, i if shape else None, starts[i])
+
+    def _variable(self, read: Any, name: str, element: int | None, start: Start | None) -> Variable:
+        declared = read.declaredType
+        element_of = self._elements.get(read.name)
+        given: Mapping[str, str] = {} if element_of is None else {str(k): str(x) for k, x in element_of.attrib.items()}
+        unit_name = read.unit or (declared.unit if declared is not None else None)
+        unit = self._units.get(unit_name, Unit(unit_name)) if unit_name else None
+        relative = given.get("relativeQuantity")
+        if relative in ("true", "1") or (relative is None and declared is not None and declared.relativeQuantity):
+            unit = None if unit is None else unit.relative()
+        mime_type = given.get("mimeType", "application/octet-stream") if read.type == "Binary" else None
+        capacity = None
+        if (
+            mime_type is not None
+            and mime_type.partition(";")[0].strip().lower() == PACKET_MIME_TYPE
+            and element is None
+        ):
+            size = given.get("maxSize", "")
+            if size.isdigit() and 0 < int(size) < 2**31:
+                capacity = int(size)
+            else:
+                self.notes.append(
+                    f'"{name}" carries MAVLink packets but has no maxSize: it is not connected to the radio'
+                )
+        bounds = []
+        for bound in ("min", "max"):
+            text = getattr(read, bound) or (getattr(declared, bound, None) if declared is not None else None)
+            bounds.append(None if text is None else self._number(read, bound, text))
+        items = None
+        if read.type == "Enumeration" and declared is not None:
+            items = {item.name: int(item.value) for item in declared.items}
+        causality = read.causality or "local"
+        return Variable(
+            name=name,
+            value_reference=read.valueReference,
+            type=FMI3_TYPES[read.type],
+            causality=causality,
+            variability=read.variability or ("continuous" if FMI3_TYPES[read.type] == "Real" else "discrete"),
+            initial=None if causality in ("input", "independent") else read.initial,
+            unit=unit,
+            start=start,
+            minimum=bounds[0],
+            maximum=bounds[1],
+            items=items,
+            packet_capacity=capacity,
+            description=read.description or "",
+            fmi_type="Int64" if read.type == "Enumeration" else read.type,
+            element=element,
+            mime_type=mime_type,
+        )
+
+    def _number(self, read: Any, attribute: str, text: str) -> float | None:
+        try:
+            return float(text)
+        except ValueError:
+            self._problem(f'{attribute} "{text}" of "{read.name}" is not a number')
+            return None
+
+    def _starts(self, read: Any, count: int, *, is_array: bool) -> list[Start | None]:
+        """Start values, one for each element; a single one is for all of them (FMI 3.0.2, section 2.4.7.6)."""
+        if read.start is None:
+            return [None] * count
+        kind = FMI3_TYPES[read.type]
+        if kind in ("String", "Binary"):
+            element = self._elements.get(read.name)
+            given = [] if element is None else [start.get("value", "") for start in element.iterfind("Start")]
+        else:
+            given = str(read.start).split()
+        if len(given) == 1 and is_array:
+            given = list(given) * count
+        if len(given) != count:
+            self._problem(f'"{read.name}" has {count} elements and {len(given)} start values')
+            return [None] * count
+        return [self._start(read, kind, text) for text in given]
+
+    def _start(self, read: Any, kind: str, text: Any) -> Start | None:
+        try:
+            if kind == "Real":
+                number = float(text)
+                if math.isnan(number):
+                    raise ValueError
+                return number
+            if kind == "Boolean":
+                return {"true": True, "1": True, "false": False, "0": False}[text]
+            if kind == "Binary":
+                return bytes.fromhex(text).hex()
+            return str(text) if kind == "String" else int(text)
+        except (ValueError, KeyError):
+            self._problem(f'start "{text}" of "{read.name}" is not of type {read.type}')
+            return None
+
+
+def dependencies3(unknowns: Sequence[Any], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[str, ...] | None]:
+    """What each element of an unknown depends on: all elements of what the array depends on; None: on everything."""
+
+    def names(name: str) -> list[str]:
+        return list(element_names(name, shapes[name])) if name in shapes else [name]
+
+    found: dict[str, tuple[str, ...] | None] = {}
+    for unknown in unknowns:
+        known = None
+        if unknown.dependencies is not None:
+            known = tuple(n for v in unknown.dependencies if v.type != "Clock" for n in names(v.name))
+        if unknown.variable.type != "Clock":
+            found |= dict.fromkeys(names(unknown.variable.name), known)
+    return found

@@ -1,0 +1,21 @@
+"""Living instances of either version of FMI, which have one interface: `fmi2` and `fmi3` call their functions."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from cosim_master.fmi2 import Instance, Library
+from cosim_master.fmi3 import Instance3
+
+__all__ = ["Living", "instantiate"]
+
+Living: TypeAlias = Instance | Instance3
+
+
+def instantiate(library: Library, name: str) -> Living:
+    """A new instance, in the state "instantiated".
+
+    Raises:
+        FmuError: the FMU refused; its log lines say why.
+    """
+    return Instance3(library, name) if library.fmu.fmi_version.startswith("3.") else library.instantiate(name)

@@ -1,0 +1,133 @@
+"""FMI 3 get and set calls of the stepping loop: as many types as FMI 3 has, where the plan has floats and integers.
+
+A CALL row (see `stepping`) of an FMI 3 instance says in `width` how its values get from the plan to the FMU. Float64
+and Int32 are the plan's own; others are converted in a buffer of the call. An integer that does not fit is an error.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim_master.calls import (
+    get_or_set3,
+    get_or_set_binary,
+    load_f4,
+    load_f8,
+    load_i1,
+    load_i2,
+    load_i4,
+    load_i8,
+    load_u1,
+    load_u2,
+    load_u4,
+    store_f4,
+    store_f8,
+    store_i1,
+    store_i2,
+    store_i4,
+    store_i8,
+)
+
+__all__ = ["OUT_OF_RANGE", "WIDTHS", "call3"]
+
+OUT_OF_RANGE = -5
+"""In place of a status: an integer does not fit into the variable's type, or into 32 bits."""
+
+_PLAIN, _BINARY, _FLOAT32, _INT8, _UINT8, _INT16, _UINT16, _UINT32, _INT64, _UINT64, _BOOLEAN = range(1, 12)
+WIDTHS = {
+    "Float64": _PLAIN,
+    "Int32": _PLAIN,
+    "Binary": _BINARY,
+    "Float32": _FLOAT32,
+    "Int8": _INT8,
+    "UInt8": _UINT8,
+    "Int16": _INT16,
+    "UInt16": _UINT16,
+    "UInt32": _UINT32,
+    "Int64": _INT64,
+    "UInt64": _UINT64,
+    "Boolean": _BOOLEAN,
+}
+"""`width` of a CALL row by FMI 3 type; 0 is FMI 2."""
+
+
+@kernel
+def _at(base: int, size: int, i: int) -> int:
+    return np.uintp(np.uintp(base) + np.uintp(size) * np.uintp(i))  # type: ignore[return-value]
+
+
+@kernel
+def _to_fmu(width: int, plain: int, native: int, n: int) -> bool:
+    """Convert what is to be set; False if an integer does not fit."""
+    for i in range(n):
+        if width == _FLOAT32:
+            store_f4(_at(native, 4, i), load_f8(_at(plain, 8, i)))
+            continue
+        x = load_i4(_at(plain, 4, i))
+        if width in (_INT8, _UINT8):
+            low, high = (-128, 127) if width == _INT8 else (0, 255)
+            store_i1(_at(native, 1, i), x)
+        elif width in (_INT16, _UINT16):
+            low, high = (-32768, 32767) if width == _INT16 else (0, 65535)
+            store_i2(_at(native, 2, i), x)
+        elif width == _UINT32:
+            low, high = 0, 2147483647
+            store_i4(_at(native, 4, i), x)
+        elif width == _BOOLEAN:
+            low, high = -2147483648, 2147483647
+            store_i1(_at(native, 1, i), 1 if x != 0 else 0)
+        else:
+            low, high = (0 if width == _UINT64 else -2147483648), 2147483647
+            store_i8(_at(native, 8, i), x)
+        if x < low or x > high:
+            return False
+    return True
+
+
+@kernel
+def _from_fmu(width: int, native: int, plain: int, n: int) -> bool:
+    """Convert what was got; False if an integer has more than 32 bits."""
+    for i in range(n):
+        if width == _FLOAT32:
+            store_f8(_at(plain, 8, i), load_f4(_at(native, 4, i)))
+            continue
+        if width == _INT8:
+            x = load_i1(_at(native, 1, i))
+        elif width == _UINT8:
+            x = load_u1(_at(native, 1, i))
+        elif width == _INT16:
+            x = load_i2(_at(native, 2, i))
+        elif width == _UINT16:
+            x = load_u2(_at(native, 2, i))
+        elif width == _UINT32:
+            x = load_u4(_at(native, 4, i))
+        elif width == _BOOLEAN:
+            x = load_u1(_at(native, 1, i))
+            x = 1 if x != 0 else 0
+        else:
+            x = load_i8(_at(native, 8, i))
+            if width == _UINT64 and x < 0:
+                return False
+        if x < -2147483648 or x > 2147483647:
+            return False
+        store_i4(_at(plain, 4, i), x)
+    return True
+
+
+@kernel
+def call3(call: Any) -> Any:
+    """Make an FMI 3 call with its conversions; a status, or OUT_OF_RANGE."""
+    width = call.width
+    if width == _BINARY:
+        return get_or_set_binary(
+            call.function, call.handle, call.references, call.n, call.sizes, call.values, call.n_values
+        )
+    if width != _PLAIN and call.sets != 0 and not _to_fmu(width, call.plain, call.values, call.n_values):
+        return OUT_OF_RANGE
+    status = get_or_set3(call.function, call.handle, call.references, call.n, call.values, call.n_values)
+    if status > 1 or width == _PLAIN or call.sets != 0:
+        return status
+    return status if _from_fmu(width, call.values, call.plain, call.n_values) else OUT_OF_RANGE
