@@ -61,7 +61,9 @@ class Reading3:
         self._units, self._elements, self._problem = units, elements, problem
         structural = {v.valueReference: v for v in model.modelVariables if v.causality == "structuralParameter"}
         for read in model.modelVariables:
-            if read.type == "Clock":
+            if not read.name:
+                problem(f"a variable of type {read.type} is without a name")
+            elif read.type == "Clock":
                 self.clocks.append(read)
             elif read.type not in FMI3_TYPES:
                 problem(f'variable "{read.name}" is of type {read.type}; valid: {", ".join(FMI3_TYPES)}')

@@ -230,6 +230,17 @@ def stricts(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkey
 
 
 @pytest.fixture
+def stricts3(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Strict FMI 3 FMUs (see strict3.c) in a workshop; what they complain about and calls are written to files."""
+    from tests.master.strict3 import Stricts3
+
+    log, calls = workshop.root / "complaints3.txt", workshop.root / "strict3_calls.txt"
+    monkeypatch.setenv("STRICT3_LOG", str(log))
+    monkeypatch.setenv("STRICT3_CALLS", str(calls))
+    return Stricts3(workshop, tmp_path_factory.getbasetemp(), log, calls)
+
+
+@pytest.fixture
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     """Python FMUs are unpacked below pytest's folder instead of the user's cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))

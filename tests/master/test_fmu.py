@@ -153,8 +153,8 @@ class TestFatal:
         ("version", "message"),
         [
             ("1.0", 'FMI "1.0" is not supported; valid: fmiVersion="2.0"'),
-            ("3.0", "FMI 3.0 is not supported yet"),
-            ("3.0.2", "FMI 3.0 is not supported yet"),
+            ("3.1", 'FMI "3.1" is not supported; valid: fmiVersion="2.0" and "3.0"'),
+            ("3.0", "needs the attribute instantiationToken"),
             ("", 'FMI "" is not supported'),
         ],
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.build import build, models_of_package
+from cosim_master.fmu import describe
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 
 
@@ -52,3 +53,18 @@ def test_builds_mix(compiled: Flight, fmus: Path, interpreted_fmus: Path, tmp_pa
     for name in flight.signals:
         n = flight[name].size
         assert np.abs(flight[name].astype(float) - compiled[name][:n].astype(float)).max() < 1e-9, name
+
+
+@pytest.mark.slow
+def test_fmi_2_and_3_give_the_same_bits(compiled: Flight, fmi3_fmus: Path, tmp_path: Path) -> None:
+    """All as FMI 3, and vehicles as FMI 3 with the rest as FMI 2."""
+    for name, as_fmi3 in (("all", ("Quadrotor", "Autopilot", "LineAgent")), ("mixed", ("Quadrotor", "LineAgent"))):
+        folder = tmp_path / name / "fmus"
+        folder.mkdir(parents=True)
+        for model in ("Quadrotor", "Autopilot", "LineAgent"):
+            file = f"{model}.fmi3.fmu" if model in as_fmi3 else f"{model}.fmu"
+            (folder / f"{model}.fmu").symlink_to(fmi3_fmus / file)
+            assert describe(folder / f"{model}.fmu").fmi_version[0] == ("3" if model in as_fmi3 else "2")
+        flight = fly(copy_of("line5", tmp_path / name, folder), tmp_path / name / "out", until=60.0)
+        assert max(worst(flight, compiled).values()) == 0.0
+        assert dict(flight.result.packets) == dict(compiled.result.packets)

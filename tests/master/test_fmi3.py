@@ -1,0 +1,228 @@
+"""FMI 3.0 instances in a run: all types, arrays, Binary, and ways to fail. The FMU checks each call (strict3.c)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from cosim_master.errors import SystemDescriptionError
+from cosim_master.fmi3 import Instance3
+from cosim_master.fmu import describe
+from cosim_master.loading import Libraries
+from cosim_master.simulation import RunResult, simulate
+from tests.master.strict3 import SHORT, description
+
+pytestmark = pytest.mark.usefixtures("own_cache")
+ARRAYS = tuple(SHORT.values())
+SCALARS = ("s", "d", "e")
+ALL = " ".join(f"{name}_in:input {name}_out:output" for name in (*ARRAYS, *SCALARS))
+
+
+def signals(out: Path) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = pq.read_table(out / "signals.parquet").to_pydict()
+    return found
+
+
+def ran(stricts3: Any, system: Path, **options: Any) -> RunResult:
+    result = simulate(system, **options)
+    assert stricts3.complaints == []
+    return result
+
+
+def failed(stricts3: Any, parts: str, **options: Any) -> str:
+    result = ran(stricts3, stricts3.ssd(parts), **options)
+    assert result.outcome == "failed"
+    return str(result.error)
+
+
+# ---- types ---------------------------------------------------------------------------------------------------------
+
+
+def test_every_type_flows(stricts3: Any, tmp_path: Path) -> None:
+    """a's inputs are start values; b gets a's outputs, whole arrays by one connection; b adds 1 again."""
+    stricts3.fmu()
+    given: dict[str, Any] = {f"{name}_in[{i}]": 10 * i for name in ARRAYS if name[0] in "iu" for i in (1, 2)}
+    given |= {"f32_in[1]": 0.5, "f32_in[2]": -2.25, "f64_in[1]": 0.1, "f64_in[2]": 1e300}
+    given |= {"b_in[1]": True, "b_in[2]": False, "s_in": "grüß", "e_in": 5}
+    parts = stricts3.component("a", ports=ALL, **given) + stricts3.component("b", ports=ALL)
+    wires = [f"a/{name}_out b/{name}_in" for name in (*ARRAYS, *SCALARS)]
+    result = ran(stricts3, stricts3.ssd(parts, *wires, stop=1.0), out=tmp_path / "out")
+    assert result.outcome == "done", result.error
+    got = signals(tmp_path / "out")
+    for name in ARRAYS:
+        if name[0] in "iu":
+            assert [got[f"b.{name}_out[{i}]"] for i in (1, 2)] == [[12] * 3, [22] * 3], name
+    assert got["b.f32_out[1]"] == [2.5] * 3
+    assert got["b.f32_out[2]"] == [-0.25] * 3
+    assert got["b.f64_out[1]"] == [0.1 + 1 + 1] * 3
+    assert got["b.f64_out[2]"] == [1e300] * 3
+    assert got["b.b_out[1]"] == [True] * 3
+    assert got["b.b_out[2]"] == [False] * 3
+    assert got["b.s_out"] == ["grüß"] * 3
+    assert got["b.e_out"] == [5] * 3
+
+
+def test_single_precision_is_rounded_once(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu()
+    parts = stricts3.component("a", **{"f32_in[1]": 0.1})
+    ran(stricts3, stricts3.ssd(parts, stop=0.5), out=tmp_path / "out")
+    (first, _) = signals(tmp_path / "out")["a.f32_out[1]"]
+    assert first == pytest.approx(1.1, rel=1e-7)
+    assert first != 1.1
+
+
+def test_elements_that_are_not_connected_keep_their_start_value(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu()
+    ports = "f64_in[1]:input f64_in[2]:input i8_in[2]:input f64_out[1]:output i8_out[1]:output"
+    parts = stricts3.component("a", ports=ports, **{"f64_in[1]": 5.0, "i8_in[1]": 3})
+    parts += stricts3.component("b", ports=ports, **{"f64_in[1]": 7.0, "i8_in[1]": 9})
+    system = stricts3.ssd(parts, "a/f64_out[1] b/f64_in[2]", "a/i8_out[1] b/i8_in[2]", stop=1.0)
+    ran(stricts3, system, out=tmp_path / "out")
+    got = signals(tmp_path / "out")
+    assert [got[f"b.f64_out[{i}]"][-1] for i in (1, 2)] == [8.0, 7.0]
+    assert [got[f"b.i8_out[{i}]"][-1] for i in (1, 2)] == [10, 5]
+
+
+def test_binary_is_copied_byte_for_byte(stricts3: Any) -> None:
+    """Zeros and bytes that are no text; zero bytes are no message (pitfall 32)."""
+    with Libraries() as libraries:
+        fmu = describe(stricts3.fmu())
+        one = Instance3(libraries.load(fmu), "one")
+        v = fmu.variables
+        for data in ("", "00ff00fe", "80" * 64):
+            one.set([v["d_in"], v["u64_in[2]"]], [data, 17])
+            if one.time is None:
+                one.setup_experiment(0.0, 1.0)
+                one.enter_initialization_mode()
+            assert one.get([v["d_out"], v["u64_out[2]"], v["u64_out[1]"], v["b_out[1]"]]) == [data, 18, 1, False]
+        one.exit_initialization_mode()
+        one.terminate()
+        one.terminate()
+        one.free()
+        one.free()
+    assert stricts3.complaints == []
+
+
+def test_integers_that_do_not_fit(stricts3: Any) -> None:
+    stricts3.fmu()
+    error = failed(stricts3, stricts3.component("a", **{"u8_in[1]": 256}))
+    assert "u8_in[1] = 256 does not fit into UInt8" in error
+    error = failed(stricts3, stricts3.component("a", mode=7, when=0.5))
+    assert "a: fmi3GetInt64 failed at t = 0 s: an integer does not fit" in error
+
+
+def test_an_integer_that_comes_over_a_connection_and_does_not_fit(stricts3: Any) -> None:
+    stricts3.fmu()
+    ports = "i32_out[1]:output i8_in[1]:input"
+    parts = stricts3.component("a", ports=ports, **{"i32_in[1]": 127}) + stricts3.component("b", ports=ports)
+    result = ran(stricts3, stricts3.ssd(parts, "a/i32_out[1] b/i8_in[1]"))
+    assert result.outcome == "failed"
+    assert "i8_in[1] = 128 does not fit into Int8" in str(result.error)
+
+
+def test_resource_paths(stricts3: Any) -> None:
+    """With a separator at the end (the strict FMU looks), or NULL where there are none."""
+    stricts3.fmu()
+    ran(stricts3, stricts3.ssd(stricts3.component("a"), stop=0.5))
+    assert stricts3.calls[0] == "a: instantiated without resources 0"
+    stricts3.fmu(resources=True)
+    ran(stricts3, stricts3.ssd(stricts3.component("a"), stop=0.5))
+    assert stricts3.calls[0] == "a: instantiated with resources 0"
+
+
+# ---- steps that are not as they should be ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("mode", "word"), [(2, "fmi3Error"), (3, "fmi3Fatal")])
+def test_errors(stricts3: Any, mode: int, word: str) -> None:
+    """Afterwards only what is allowed is called (the strict FMU looks), and its log is in the message."""
+    stricts3.fmu()
+    error = failed(stricts3, stricts3.component("a", mode=mode, when=1.0) + stricts3.component("b"))
+    assert "a: fmi3DoStep" in error and word in error and "it is over" in error
+    assert ("b: terminate 1.5" in stricts3.calls) == (mode == 2)
+
+
+def test_a_discarded_step_is_repeated_shorter(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu()
+    parts = stricts3.component("a", mode=1, when=0.5, longest=0.25)
+    result = ran(stricts3, stricts3.ssd(parts, stop=1.0), out=tmp_path / "out")
+    assert result.outcome == "done", result.error
+    assert [call for call in stricts3.calls if "step" in call][-2:] == ["a: step 0.25"] * 2
+
+
+def test_a_discarded_step_that_cannot_be_repeated(stricts3: Any) -> None:
+    stricts3.fmu(flags="")
+    error = failed(stricts3, stricts3.component("a", mode=1, when=0.5, longest=0.25))
+    assert "fmi3Discard: it could not step from 0.5 s to 1 s; canGetAndSetFMUstate of a is false" in error
+
+
+def test_an_fmu_ends_the_run(stricts3: Any) -> None:
+    stricts3.fmu()
+    result = ran(stricts3, stricts3.ssd(stricts3.component("a", mode=4, when=1.0)))
+    assert result.outcome == "terminated"
+    assert "a: it wants the run to end at t = 1.5 s (terminateSimulation)" in str(result.error)
+
+
+def test_early_return_that_was_not_allowed(stricts3: Any) -> None:
+    stricts3.fmu()
+    error = failed(stricts3, stricts3.component("a", mode=5, when=0.5))
+    assert "it has not simulated all of the step, though early return is not allowed" in error
+
+
+def test_outputs_that_are_no_numbers(stricts3: Any) -> None:
+    stricts3.fmu()
+    error = failed(stricts3, stricts3.component("a", mode=6, when=1.0))
+    assert "a: fmi3GetFloat64 failed at t = 0.5 s: f64_out[2] is not a number" in error
+
+
+@pytest.mark.parametrize("mode", [8, 9])
+def test_warnings_and_times_a_little_short_are_no_failures(stricts3: Any, mode: int) -> None:
+    stricts3.fmu()
+    assert ran(stricts3, stricts3.ssd(stricts3.component("a", mode=mode, when=0.5))).outcome == "done"
+
+
+# ---- descriptions ---------------------------------------------------------------------------------------------------
+
+
+def test_an_array_is_one_variable_per_element(stricts3: Any) -> None:
+    fmu = describe(stricts3.fmu())
+    assert fmu.notes == ()
+    assert fmu.shapes["i16_in"] == (2,)
+    assert [fmu.variables[f"i16_in[{i}]"].element for i in (1, 2)] == [0, 1]
+    assert fmu.outputs["i16_out[2]"] == ("i16_in[1]", "i16_in[2]")
+    assert fmu.variables["e_in"].items == {"low": 1, "high": 5}
+    assert fmu.variables["d_in"].mime_type == "application/x-test"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('<Dimension start="2"/>', '<Dimension valueReference="40"/>', "neither a size nor a structural parameter"),
+        ('<Dimension start="2"/>', '<Dimension start="2000000"/>', "has 2000000 elements; at most 1048576"),
+        ('name="when" valueReference="41" causality="parameter" variability="fixed" start="0"', "", "without a name"),
+        ('start="0"><Dim', 'start="0 1 2"><Dim', "has 2 elements and 3 start values"),
+        ('start="false"', 'start="maybe"', 'start "maybe" of "b_in" is not of type Boolean'),
+        ('<CoSimulation modelIdentifier="Unit"', '<ModelExchange modelIdentifier="Unit"', "is not an FMU for Co-Simul"),
+    ],
+)
+def test_descriptions_that_are_wrong(stricts3: Any, old: str, new: str, message: str) -> None:
+    text = description()
+    assert old in text
+    path = stricts3.workshop.pack("wrong.fmu", text.replace(old, new))
+    with pytest.raises(SystemDescriptionError, match=message):
+        describe(path)
+
+
+def test_array_connectors_must_have_the_dimensions_of_the_fmu(stricts3: Any) -> None:
+    stricts3.fmu()
+    system = stricts3.ssd(stricts3.component("a", ports="i8_in:input"))
+    text = system.read_text().replace(
+        '<ssd:Connector name="i8_in" kind="input">',
+        '<ssd:Connector name="i8_in" kind="input"><ssc:Integer/><ssc:Dimension size="3"/>',
+    )
+    system.write_text(text.replace('version="1.0" name="test"', 'version="2.0" name="test"'))
+    with pytest.raises(SystemDescriptionError, match=r"has other dimensions than in strict3\.fmu: 2"):
+        simulate(system)
