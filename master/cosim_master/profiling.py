@@ -19,9 +19,20 @@ import numba
 import numpy as np
 from numba import types
 
-from cosim_master.calls import PLAIN, atomic_add, atomic_load, do_step2, get_or_set, nanoseconds
-from cosim_master.fmi2 import Instance
+from cosim_master.calls import (
+    PLAIN,
+    atomic_add,
+    atomic_load,
+    do_step2,
+    do_step3,
+    get_or_set,
+    get_or_set3,
+    get_or_set_binary,
+    nanoseconds,
+)
+from cosim_master.living import Living
 from cosim_master.stepping import Plan
+from cosim_master.typed_calls import WIDTHS
 
 __all__ = ["FmuTime", "Profile", "Profiler"]
 
@@ -68,7 +79,7 @@ class Profiler:
         if PLAIN:
             raise RuntimeError("a profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
         self.phases: dict[str, float] = {}
-        self._living: Sequence[Instance] = ()
+        self._living: Sequence[Living] = ()
         self._steps = np.zeros(0, dtype=_TIMED)
         self._calls = np.zeros(0, dtype=_TIMED)
         self._kinds: np.ndarray[Any, Any] = np.zeros(0, dtype=np.int64)
@@ -84,16 +95,19 @@ class Profiler:
         finally:
             self.phases[name] = self.phases.get(name, 0.0) + time.perf_counter() - began
 
-    def attach(self, plan: Plan, living: Sequence[Instance]) -> None:
+    def attach(self, plan: Plan, living: Sequence[Living]) -> None:
         """Put timed calls in place of those of the plan."""
-        step, access = self._functions
+        step, access, step3, access3, binary = (function.address for function in self._functions)
         rows = plan.instances
         self._living = living
         self._steps, self._calls = np.zeros(len(rows), dtype=_TIMED), np.zeros(len(plan.calls), dtype=_TIMED)
         self._steps["function"], self._steps["handle"] = rows["do_step"], rows["handle"]
-        rows["do_step"], rows["handle"] = step.address, self._addresses(self._steps)
+        rows["do_step"] = np.where(rows["answers"] != 0, step3, step)
+        rows["handle"] = self._addresses(self._steps)
         self._calls["function"], self._calls["handle"] = plan.calls["function"], plan.calls["handle"]
-        plan.calls["function"], plan.calls["handle"] = access.address, self._addresses(self._calls)
+        width = plan.calls["width"]
+        plan.calls["function"] = np.where(width == 0, access, np.where(width == WIDTHS["Binary"], binary, access3))
+        plan.calls["handle"] = self._addresses(self._calls)
         self._owners = np.zeros(len(plan.calls), dtype=np.int64)
         self._kinds = np.zeros(len(plan.calls), dtype=np.int64)
         for i, row in enumerate(rows):
@@ -127,8 +141,11 @@ class Profiler:
         return Profile(tuple(sorted(found, key=lambda one: -one.total)), dict(self.phases))
 
 
-def _functions() -> tuple[Any, Any]:
-    """fmi2DoStep, and fmi2GetXXX or fmi2SetXXX, that take the address of a row as their handle."""
+def _functions() -> tuple[Any, ...]:
+    """Functions that take the address of a row as their handle.
+
+    fmi2DoStep, fmi2GetXXX or fmi2SetXXX; fmi3DoStep, fmi3GetXXX or fmi3SetXXX, fmi3GetBinary or fmi3SetBinary.
+    """
 
     @numba.cfunc(types.int32(types.uintp, types.double, types.double, types.int32), nogil=True)
     def step(row: int, t: float, h: float, _: int) -> int:
@@ -148,4 +165,31 @@ def _functions() -> tuple[Any, Any]:
         atomic_add(np.uintp(row + np.uintp(24)), 1)
         return int(status)
 
-    return step, access
+    @numba.cfunc(types.int32(types.uintp, types.double, types.double, types.int32, *[types.uintp] * 4), nogil=True)
+    def step3(row: int, t: float, h: float, _: int, answers: int, _1: int, _2: int, _3: int) -> int:
+        function, handle = np.uintp(atomic_load(row)), np.uintp(atomic_load(np.uintp(row + np.uintp(8))))
+        began = nanoseconds()
+        status = do_step3(function, handle, t, h, answers)
+        atomic_add(np.uintp(row + np.uintp(16)), nanoseconds() - began)
+        atomic_add(np.uintp(row + np.uintp(24)), 1)
+        return int(status)
+
+    @numba.cfunc(types.int32(*[types.uintp] * 5), nogil=True)
+    def access3(row: int, references: int, n: int, values: int, n_values: int) -> int:
+        function, handle = np.uintp(atomic_load(row)), np.uintp(atomic_load(np.uintp(row + np.uintp(8))))
+        began = nanoseconds()
+        status = get_or_set3(function, handle, references, n, values, n_values)
+        atomic_add(np.uintp(row + np.uintp(16)), nanoseconds() - began)
+        atomic_add(np.uintp(row + np.uintp(24)), 1)
+        return int(status)
+
+    @numba.cfunc(types.int32(*[types.uintp] * 6), nogil=True)
+    def binary(row: int, references: int, n: int, sizes: int, values: int, n_values: int) -> int:
+        function, handle = np.uintp(atomic_load(row)), np.uintp(atomic_load(np.uintp(row + np.uintp(8))))
+        began = nanoseconds()
+        status = get_or_set_binary(function, handle, references, n, sizes, values, n_values)
+        atomic_add(np.uintp(row + np.uintp(16)), nanoseconds() - began)
+        atomic_add(np.uintp(row + np.uintp(24)), 1)
+        return int(status)
+
+    return step, access, step3, access3, binary

@@ -30,7 +30,8 @@ def description(flags: str = ABLE, step: float = 0.5, token: str = "strict3", ex
             f'<{kind} name="{name}_in" valueReference="{reference}" causality="input" '
             f"{discrete} {attributes} {given}>"
             f"{children}</{kind}>"
-            f'<{kind} name="{name}_out" valueReference="{of}" causality="output" {discrete} {attributes}>{inner}</{kind}>'
+            f'<{kind} name="{name}_out" valueReference="{of}" causality="output" {discrete} {attributes}>'
+            f"{inner}</{kind}>"
         )
         structure.append((of, reference))
 

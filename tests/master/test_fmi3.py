@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,19 @@ def test_resource_paths(stricts3: Any) -> None:
     assert stricts3.calls[0] == "a: instantiated with resources 0"
 
 
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="profiles need compiled kernels")
+def test_a_profile_counts_the_steps(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu()
+    parts = stricts3.component("a", ports=ALL) + stricts3.component("b", ports=ALL)
+    system = stricts3.ssd(parts, "a/f32_out b/f32_in", "a/i8_out b/i8_in", stop=2.0)
+    profiled = ran(stricts3, system, out=tmp_path / "with", profile=True)
+    assert profiled.profile is not None
+    (spent,) = profiled.profile.fmus
+    assert (spent.instances, spent.steps) == (2, 8)
+    ran(stricts3, system, out=tmp_path / "without")
+    assert signals(tmp_path / "with") == signals(tmp_path / "without")
+
+
 # ---- steps that are not as they should be ---------------------------------------------------------------------------
 
 
@@ -202,7 +216,6 @@ def test_an_array_is_one_variable_per_element(stricts3: Any) -> None:
     [
         ('<Dimension start="2"/>', '<Dimension valueReference="40"/>', "neither a size nor a structural parameter"),
         ('<Dimension start="2"/>', '<Dimension start="2000000"/>', "has 2000000 elements; at most 1048576"),
-        ('name="when" valueReference="41" causality="parameter" variability="fixed" start="0"', "", "without a name"),
         ('start="0"><Dim', 'start="0 1 2"><Dim', "has 2 elements and 3 start values"),
         ('start="false"', 'start="maybe"', 'start "maybe" of "b_in" is not of type Boolean'),
         ('<CoSimulation modelIdentifier="Unit"', '<ModelExchange modelIdentifier="Unit"', "is not an FMU for Co-Simul"),
