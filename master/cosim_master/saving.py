@@ -28,27 +28,35 @@ from cosim_master.edit import documents, rebased
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.ssp import FMU_TYPE, read_system
 from cosim_master.ssp_grammar import ANNOTATIONS, ANY_TYPE, GRAMMAR, SSC, SSD, SSV, TRANSFORMATIONS, VALUE_TYPES
+from cosim_master.ssp_text import (
+    Scope,
+    binding_text,
+    connection_attributes,
+    connection_text,
+    connector_text,
+    listed,
+    parameter_text,
+    transformation_text,
+    type_text,
+    value_text,
+)
 from cosim_master.system import (
     Annotation,
     Component,
     Connection,
     Connector,
     Element,
-    LinearTransformation,
     Parameter,
     ParameterBinding,
     SignalDictionaryReference,
     System,
     SystemStructure,
-    Transformation,
 )
-from cosim_master.units import BASE_UNITS, Unit
 from cosim_master.xml_bytes import Document, Edit, Node, applied, tag_text
 
 __all__ = ["save"]
 
 _T = TypeVar("_T")
-_Scope = Mapping[str, str]
 
 
 def save(structure: SystemStructure, system: System, out: str | Path | None = None) -> Path:
@@ -80,36 +88,38 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
     changed = _Changes(structure, system).texts
     if given.is_dir() and out is not None:
         shutil.copytree(given, target)
-        try:
-            base = structure.document.parent
-            place = target.resolve()
+        _into_copy(structure, system, changed, target)
+    elif given.suffix.lower() == ".ssd" and out is not None:
+        shutil.copyfile(structure.document, target)
+        _into_copy(structure, system, changed, target)
+    else:
+        before = {path: path.read_bytes() for path in changed}
+        _replace(changed, structure, system, structure.document)
+        if given.suffix.lower() == ".ssp":
+            folder = structure.document.parent
+            members = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
+            archive.pack(members, target)
+            if out is not None:
+                _write(before)
+    return target
+
+
+def _into_copy(structure: SystemStructure, system: System, changed: Mapping[Path, bytes], target: Path) -> None:
+    """Change the copy of a folder or document, or remove it again."""
+    base, place = structure.document.parent, target.resolve()
+    try:
+        if target.is_dir():
             moved = {place / os.path.relpath(path, base): text for path, text in changed.items()}
             for document in {path for path in documents(structure) if path.is_relative_to(base)}:
                 new = place / document.relative_to(base)
                 moved[new] = rebased(moved.get(new, document.read_bytes()), document, new, base)
             _replace(moved, structure, system, target / structure.document.name)
-        except BaseException:
-            shutil.rmtree(target)
-            raise
-        return target
-    if given.suffix.lower() == ".ssd" and out is not None:
-        shutil.copyfile(structure.document, target)
-        try:
-            renamed = {target.resolve() if path == structure.document else path: t for path, t in changed.items()}
-            _replace(renamed, structure, system, target)
-        except BaseException:
-            target.unlink()
-            raise
-        return target
-    before = {path: path.read_bytes() for path in changed}
-    _replace(changed, structure, system, structure.document)
-    if given.suffix.lower() == ".ssp":
-        folder = structure.document.parent
-        members = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
-        archive.pack(members, target)
-        if out is not None:
-            _write(before)
-    return target
+        else:
+            moved = {place if path == structure.document else path: text for path, text in changed.items()}
+            _replace(moved, structure, system, target)
+    except BaseException:
+        shutil.rmtree(target) if target.is_dir() else target.unlink()
+        raise
 
 
 def _write(texts: Mapping[Path, bytes]) -> None:
@@ -210,7 +220,7 @@ class _Changes:
         new: Sequence[_T],
         key: Callable[[_T], Any],
         change: Callable[[_File, Node, _T, _T], None],
-        text: Callable[[_Scope, _T], str],
+        text: Callable[[Scope, _T], str],
     ) -> list[tuple[str, str]]:
         """Bring the children of a list such as <Connections> from `old` to `new`.
 
@@ -296,7 +306,7 @@ class _Changes:
             new.connections,
             _connection_key(old.connections),
             self._connection,
-            _connection_text,
+            connection_text,
         )
         self._holders(file, node, made)
 
@@ -311,7 +321,7 @@ class _Changes:
             new.connectors,
             lambda item: item.name,
             self._connector,
-            _connector_text,
+            connector_text,
         )
         made += self._list(
             file,
@@ -322,7 +332,7 @@ class _Changes:
             new.parameter_bindings,
             lambda item: item.where,
             self._binding,
-            _binding_text,
+            binding_text,
         )
         own = tuple(item for item in old.annotations if item.element.getparent() is not None)
         return made + self._list(
@@ -364,7 +374,7 @@ class _Changes:
             path = ""
         return path if component.fragment is None else f"{path}#{quote(component.fragment)}"
 
-    def _element_text(self, scope: _Scope, item: Element) -> str:
+    def _element_text(self, scope: Scope, item: Element) -> str:
         attributes: dict[str, str | None] = {"name": item.name}
         if isinstance(item, Component):
             attributes["type"] = None if item.type == FMU_TYPE else item.type
@@ -372,23 +382,23 @@ class _Changes:
             attributes["implementation"] = None if item.implementation == "any" else item.implementation
         elif isinstance(item, SignalDictionaryReference):
             attributes["dictionary"] = item.dictionary
-        children = _listed(scope, "Connectors", [_connector_text(scope, one) for one in item.connectors])
-        children += _listed(scope, "ParameterBindings", [_binding_text(scope, one) for one in item.parameter_bindings])
+        children = listed(scope, "Connectors", [connector_text(scope, one) for one in item.connectors])
+        children += listed(scope, "ParameterBindings", [binding_text(scope, one) for one in item.parameter_bindings])
         if isinstance(item, System):
-            children += _listed(scope, "Elements", [self._element_text(scope, one) for one in item.elements])
-            children += _listed(scope, "Connections", [_connection_text(scope, one) for one in item.connections])
+            children += listed(scope, "Elements", [self._element_text(scope, one) for one in item.elements])
+            children += listed(scope, "Connections", [connection_text(scope, one) for one in item.connections])
         return tag_text(scope, SSD + type(item).__name__, attributes, children)
 
     def _connector(self, file: _File, node: Node, old: Connector, new: Connector) -> None:
         self._attributes(file, node, {"kind": (old.kind, new.kind)})
-        if _type_text(node.scope, old) != _type_text(node.scope, new):
-            self._child(file, node, tuple(ANY_TYPE), _type_text(node.scope, new))
+        if type_text(node.scope, old) != type_text(node.scope, new):
+            self._child(file, node, tuple(ANY_TYPE), type_text(node.scope, new))
 
     def _connection(self, file: _File, node: Node, old: Connection, new: Connection) -> None:
-        before, after = _connection_attributes(old), _connection_attributes(new)
+        before, after = connection_attributes(old), connection_attributes(new)
         self._attributes(file, node, {name: (before[name], after[name]) for name in before})
         if old.transformation != new.transformation:
-            self._child(file, node, TRANSFORMATIONS, _transformation_text(node.scope, new.transformation))
+            self._child(file, node, TRANSFORMATIONS, transformation_text(node.scope, new.transformation))
 
     # ---- parameters --------------------------------------------------------------------------------------------------
 
@@ -407,7 +417,7 @@ class _Changes:
         parameters = inner.first(SSV + "Parameters")
         assert parameters is not None
         if not parameters.children:
-            texts = [_parameter_text(parameters.scope, one) for one in new.parameters]
+            texts = [parameter_text(parameters.scope, one) for one in new.parameters]
             file.edits += file.document.inserted(parameters, texts, None)
             return
         self._list(
@@ -419,7 +429,7 @@ class _Changes:
             new.parameters,
             lambda item: item.name,
             self._parameter,
-            _parameter_text,
+            parameter_text,
         )
 
     @staticmethod
@@ -430,7 +440,7 @@ class _Changes:
         return unquote(urlsplit(element.get("source", "")).path)
 
     def _parameter(self, file: _File, node: Node, old: Parameter, new: Parameter) -> None:
-        if (text := _value_text(node.scope, new)) != _value_text(node.scope, old):
+        if (text := value_text(node.scope, new)) != value_text(node.scope, old):
             self._child(file, node, VALUE_TYPES, text)
 
 
@@ -459,107 +469,3 @@ def _connection_key(old: Sequence[Connection]) -> Callable[[Connection], Any]:
 def _ends(item: Connection) -> tuple[Any, ...]:
     start = (item.start_element, item.start_connector, item.start_indices)
     return (*start, item.end_element, item.end_connector, item.end_indices)
-
-
-def _listed(scope: _Scope, plural: str, texts: list[str]) -> list[str]:
-    return [tag_text(scope, SSD + plural, {}, texts)] if texts else []
-
-
-def _type_text(scope: _Scope, item: Connector) -> str | None:
-    if item.type is None:
-        return None
-    attributes: dict[str, str | None] = {"unit": None if item.unit is None else item.unit.name}
-    if item.type == "Enumeration":
-        attributes["name"] = item.enumeration
-    elif item.type == "Binary":
-        attributes["mime-type"] = item.mime_type
-    return tag_text(scope, SSC + item.type, attributes)
-
-
-def _connector_text(scope: _Scope, item: Connector) -> str:
-    kind = _type_text(scope, item)
-    sizes = [
-        tag_text(
-            scope, SSC + "Dimension", {"size": None if d.size is None else str(d.size), "sizeConnector": d.connector}
-        )
-        for d in item.dimensions
-    ]
-    children = ([] if kind is None else [kind]) + sizes
-    return tag_text(scope, SSD + "Connector", {"name": item.name, "kind": item.kind}, children)
-
-
-def _connection_attributes(item: Connection) -> dict[str, str | None]:
-    return {
-        "startElement": item.start_element,
-        "startConnector": item.start_connector,
-        "startIndices": " ".join(map(str, item.start_indices)) or None,
-        "endElement": item.end_element,
-        "endConnector": item.end_connector,
-        "endIndices": " ".join(map(str, item.end_indices)) or None,
-        "suppressUnitConversion": "true" if item.suppress_unit_conversion else None,
-    }
-
-
-def _connection_text(scope: _Scope, item: Connection) -> str:
-    inner = _transformation_text(scope, item.transformation)
-    return tag_text(scope, SSD + "Connection", _connection_attributes(item), [] if inner is None else [inner])
-
-
-def _transformation_text(scope: _Scope, item: Transformation | None) -> str | None:
-    if item is None:
-        return None
-    if isinstance(item, LinearTransformation):
-        factor = None if item.factor == 1.0 else _plain(item.factor)
-        offset = None if item.offset == 0.0 else _plain(item.offset)
-        return tag_text(scope, SSC + "LinearTransformation", {"factor": factor, "offset": offset})
-    entries = [
-        tag_text(scope, SSC + "MapEntry", {"source": _plain(source), "target": _plain(target)})
-        for source, target in item.entries
-    ]
-    return tag_text(scope, f"{SSC}{item.type}MappingTransformation", {}, entries)
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return repr(value).replace("inf", "INF").replace("nan", "NaN")
-    return str(value)
-
-
-def _binding_text(scope: _Scope, item: ParameterBinding) -> str:
-    if "" not in scope and SSV[1:-1] not in scope.values():
-        inner: _Scope = {**scope, "": SSV[1:-1]}
-    else:
-        inner = scope
-    parameters = [_parameter_text(inner, one) for one in item.parameters]
-    units = {one.unit.name: one.unit for one in item.parameters if one.unit is not None and one.unit.base is not None}
-    children = [tag_text(inner, SSV + "Parameters", {}, parameters)]
-    if units:
-        children.append(tag_text(inner, SSV + "Units", {}, [_unit_text(inner, unit) for unit in units.values()]))
-    shape = any(one.shape for one in item.parameters)
-    made = tag_text(scope, SSV + "ParameterSet", {"version": "2.0" if shape else "1.0", "name": "values"}, children)
-    values = tag_text(scope, SSD + "ParameterValues", {}, [made])
-    return tag_text(scope, SSD + "ParameterBinding", {"prefix": item.prefix or None}, [values])
-
-
-def _unit_text(scope: _Scope, unit: Unit) -> str:
-    assert unit.base is not None
-    powers = {name: str(power) for name, power in zip(BASE_UNITS, unit.base.exponents, strict=True) if power}
-    numbers = {"factor": (unit.base.factor, 1.0), "offset": (unit.base.offset, 0.0)}
-    more = {name: _plain(value) for name, (value, default) in numbers.items() if value != default}
-    return tag_text(scope, SSC + "Unit", {"name": unit.name}, [tag_text(scope, SSC + "BaseUnit", {**powers, **more})])
-
-
-def _value_text(scope: _Scope, item: Parameter) -> str:
-    unit = None if item.unit is None else item.unit.name
-    if item.shape and item.type in ("String", "Enumeration", "Binary"):
-        values = [tag_text(scope, SSV + "Value", {"value": _plain(one)}) for one in item.elements]
-        return tag_text(scope, SSV + item.type, {}, values)
-    text = " ".join(_plain(one) for one in item.elements) if item.shape else _plain(item.value)
-    return tag_text(scope, SSV + item.type, {"value": text, "unit": unit})
-
-
-def _parameter_text(scope: _Scope, item: Parameter) -> str:
-    sizes = [tag_text(scope, SSC + "Dimension", {"size": str(size)}) for size in item.shape]
-    return tag_text(scope, SSV + "Parameter", {"name": item.name}, [_value_text(scope, item), *sizes])

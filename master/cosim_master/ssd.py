@@ -73,6 +73,7 @@ class Document:
         note_ignored(self.root, self.reader, files.notes)
         self._held(self.root)
         self.defined = Definitions(self.reader, self.root, SSD)
+        self.by_id = {item.get("id", ""): item for item in self.root.iter(SSD + "System") if item.get("id")}
 
     def validate(self) -> None:
         """Hold the document against the schema, after everything else."""
@@ -209,7 +210,8 @@ class Document:
             self.files.notes.append(f"{where}: {NO_SOURCE.text(name)}")
             return None, System(name, connectors, (), (), (), (), self.path, where), None
         trouble, target = read_reference(uri)
-        if trouble is None and target.fragment is not None and (target.path == "") != (kind == SSD_TYPE):
+        fits = kind == (SSD_TYPE if target.path == "" else SSP_TYPE)
+        if trouble is None and target.fragment is not None and not fits:
             needed = SSD_TYPE if target.path == "" else SSP_TYPE
             trouble = f'selects a part of its target; that is only for type="{needed}"'
             if kind == SSD_TYPE:
@@ -231,13 +233,10 @@ class Document:
 
     def _embedded(self, element: etree._Element, name: str) -> System | None:
         """The system of this document with the given id (section 5.4, "source")."""
-        systems = {item.get("id"): item for item in self.root.iter(SSD + "System") if item.get("id") is not None}
-        found = systems.get(name)
+        found = self.by_id.get(name)
         if found is None:
-            known = [str(item) for item in systems]
-            self.reader.problem(
-                element, f'source "#{name}": no system of this file has the id "{name}"; {near(name, known)}'
-            )
+            text = f'source "#{name}": no system of this file has the id "{name}"; {near(name, self.by_id)}'
+            self.reader.problem(element, text)
             return None
         if (self.path, name) in self.stack or found in element.iterancestors():
             self.reader.problem(element, f'"#{name}" contains itself')
