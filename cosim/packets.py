@@ -60,8 +60,10 @@ __all__ = [
     "get_u16",
     "get_u32",
     "get_u64",
+    "has_crc",
     "message_id",
     "pack",
+    "pack_defined",
     "packet_length",
     "payload_length",
     "payload_start",
@@ -472,11 +474,16 @@ def find(buffer: Bytes, p: int, n: int) -> tuple[int, int, int]:
     row = _row(message_id(buffer, start))
     if row < 0:
         return start, stop, UNKNOWN
-    crc_at = payload_start(buffer, start) + payload_length(buffer, start)
-    crc = _x25_step(x25(buffer, start + 1, crc_at), int(np.int64(CRC_EXTRA[row])))
-    if crc != get_u16(buffer, crc_at):
+    if not has_crc(buffer, start, int(np.int64(CRC_EXTRA[row]))):
         return start, stop, BAD_CRC
     return start, stop, SIGNED if signed(buffer, start) else GOOD
+
+
+@kernel
+def has_crc(buffer: Bytes, start: int, crc_extra: int) -> bool:
+    """Whether the complete packet at `start` has the CRC that the CRC_EXTRA of its message asks for."""
+    crc_at = payload_start(buffer, start) + payload_length(buffer, start)
+    return _x25_step(x25(buffer, start + 1, crc_at), int(np.int64(crc_extra))) == get_u16(buffer, crc_at)
 
 
 @kernel
@@ -554,7 +561,39 @@ def _pack(
     mavlink_version: int,
 ) -> int:
     crc_extra, length, full_length, _, _ = definition(message)
-    if crc_extra < 0 or (mavlink_version == 1 and message > 0xFF):
+    if crc_extra < 0:
+        return -1
+    return pack_defined(
+        buffer,
+        n,
+        payload,
+        message,
+        crc_extra,
+        length,
+        full_length,
+        sequence_number,
+        system_id,
+        component_id,
+        mavlink_version,
+    )
+
+
+@kernel
+def pack_defined(
+    buffer: Bytes,
+    n: int,
+    payload: Bytes,
+    message: int,
+    crc_extra: int,
+    length: int,
+    full_length: int,
+    sequence_number: int,
+    system_id: int,
+    component_id: int,
+    mavlink_version: int,
+) -> int:
+    """`pack` for a message of another dialect: its CRC_EXTRA and lengths, without and with extensions, are given."""
+    if mavlink_version == 1 and message > 0xFF:
         return -1
     first = n + _HEADER_V1
     if mavlink_version != 1:

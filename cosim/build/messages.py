@@ -16,7 +16,19 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-__all__ = ["DIALECT", "ENUMS", "MESSAGES", "Field", "Message", "dialect_source", "messages_source", "read_dialect"]
+__all__ = [
+    "DIALECT",
+    "ENUMS",
+    "MESSAGES",
+    "Field",
+    "Message",
+    "dialect_source",
+    "message_lines",
+    "messages_source",
+    "module_head",
+    "read_dialect",
+    "type_size",
+]
 
 DIALECT = "ardupilotmega"
 
@@ -242,11 +254,16 @@ def messages_source() -> str:
     if unknown:
         raise ValueError(f"not in {DIALECT}: {', '.join(unknown)}")
     messages = sorted((dialect[name] for name in MESSAGES), key=lambda message: message.id)
-    body = _join(*(line for message in messages for line in _message_lines(message)), *_enum_lines(enums))
+    body = _join(*(line for message in messages for line in message_lines(message)), *_enum_lines(enums))
     _require_unique(body)
-    access = [name for name in _access_names() if f"{name}(" in body]
+    return module_head(_MESSAGES_DOC, body, ())
+
+
+def module_head(doc: Sequence[str], body: str, also: Sequence[str]) -> str:
+    """A module of message kernels: docstring, imports of what `body` uses of `cosim.packets` and of `also`, body."""
+    access = [name for name in sorted([*_access_names(), *also], key=_as_sorted) if f"{name}(" in body]
     return _join(
-        *_MESSAGES_DOC,
+        *doc,
         "",
         "from __future__ import annotations",
         "",
@@ -259,6 +276,17 @@ def messages_source() -> str:
         ")",
         body.rstrip("\n"),
     )
+
+
+def _as_sorted(name: str) -> tuple[str, int, str]:
+    """As ruff sorts imports: get_f32 comes before get_i8, get_i8 before get_i16."""
+    stem = name.rstrip("0123456789")
+    return stem, int(name[len(stem) :] or 0), name
+
+
+def type_size(name: str) -> int:
+    """Bytes of one element of a MAVLink type, 0 if it is none."""
+    return _TYPES[name][1] if name in _TYPES else 0
 
 
 _MESSAGES_DOC = (
@@ -282,11 +310,12 @@ _MESSAGES_DOC = (
 
 
 def _access_names() -> list[str]:
-    kinds = ("f32", "f64", "i8", "i16", "i32", "i64", "u8", "u16", "u32", "u64")  # as ruff sorts imports
+    kinds = ("f32", "f64", "i8", "i16", "i32", "i64", "u8", "u16", "u32", "u64")
     return ["clear", *(f"{access}_{kind}" for access in ("get", "put") for kind in kinds)]
 
 
-def _message_lines(message: Message) -> list[str]:
+def message_lines(message: Message) -> list[str]:
+    """What a module says of a message: its constants, encode and decode kernels, access to its arrays."""
     name = message.name
     lines = [
         "",

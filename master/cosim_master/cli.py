@@ -423,6 +423,24 @@ def export(
         out.print(str(csv), markup=False)
 
 
+@app.command()
+def dialect(
+    xml: Annotated[Path, typer.Argument(help="A MAVLink XML file with messages of your own.")],
+    module: Annotated[Path, typer.Option("-o", "--out", help="Python module to write.")],
+) -> None:
+    """Write a module with which models read and send messages of your own."""
+    from cosim.build.dialects import module_source, read_xml
+
+    try:
+        messages = read_xml(xml)
+        module.write_text(module_source(messages, xml.name), encoding="utf-8")
+    except ValueError as error:
+        raise _usage(str(error)) from None
+    except OSError as error:
+        raise _usage(f"{error.filename}: {error.strerror}") from None
+    out.print(f"{module}: {', '.join(messages) or 'no messages that ardupilotmega does not have'}", markup=False)
+
+
 @app.callback()
 def options(
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Show what FMUs log.")] = False,

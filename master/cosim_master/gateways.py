@@ -20,16 +20,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, find
+from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution
 from cosim_master.network import Gateway, Network
 from cosim_master.signing import Signing, read_key
 from cosim_master.sockets import KINDS, Socket, open_socket
+
+if TYPE_CHECKING:
+    from cosim.build.messages import Message
 
 __all__ = ["Address", "Gateways", "Parser", "gateways_of"]
 
@@ -152,10 +156,12 @@ class Parser:
 
     Args:
         stream: a packet may be cut and joined; otherwise every piece is a datagram and ends its last packet.
+        dialect: messages that only this system knows.
     """
 
-    def __init__(self, stream: bool) -> None:
+    def __init__(self, stream: bool, dialect: Sequence[Message] = ()) -> None:
         self.malformed = 0
+        self._own = {message.id: message.crc_extra for message in dialect}
         self._stream = stream
         self._rest = b""
 
@@ -174,7 +180,7 @@ class Parser:
                 p = n if over else start
                 break
             if status != NOTHING:
-                if status in (BAD_CRC, INCOMPATIBLE):
+                if status in (BAD_CRC, INCOMPATIBLE) or (status == UNKNOWN and self._is_wrong(buffer, start)):
                     self.malformed += 1
                 else:
                     packets.append(data[start:stop])
@@ -182,15 +188,21 @@ class Parser:
         self._rest = data[p:]
         return packets
 
+    def _is_wrong(self, buffer: NDArray[np.uint8], start: int) -> bool:
+        extra = self._own.get(message_id(buffer, start))
+        return extra is not None and not has_crc(buffer, start, extra)
+
 
 class _Crossing:
     """One open gateway."""
 
-    def __init__(self, gateway: Gateway, address: Address, report: Callable[[str], None]) -> None:
+    def __init__(
+        self, gateway: Gateway, address: Address, report: Callable[[str], None], dialect: Sequence[Message]
+    ) -> None:
         self.gateway, self.address = gateway, address
         self.counts: Counter[str] = Counter()
         self.socket: Socket = open_socket(address.kind, address.host, address.port, self._told(report))
-        self.parser = Parser(self.socket.stream)
+        self.parser = Parser(self.socket.stream, dialect)
         self.signing = Signing(address.key) if address.key is not None else None
 
     def _told(self, report: Callable[[str], None]) -> Callable[[str], None]:
@@ -227,17 +239,23 @@ class Gateways:
     Args:
         asked: what `gateways_of` gave.
         report: is told, in words, what happens to sockets.
+        dialect: messages that only this system knows.
 
     Raises:
         SystemDescriptionError: sockets cannot be opened; all of them at once.
     """
 
-    def __init__(self, asked: Sequence[tuple[Gateway, Address]], report: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        asked: Sequence[tuple[Gateway, Address]],
+        report: Callable[[str], None],
+        dialect: Sequence[Message] = (),
+    ) -> None:
         self._open: list[_Crossing] = []
         problems = []
         for gateway, address in asked:
             try:
-                self._open.append(_Crossing(gateway, address, report))
+                self._open.append(_Crossing(gateway, address, report, dialect))
             except OSError as error:
                 where = Where("--ports" if gateway.wired else "--gcs")
                 problems.append(Problem(where, f"{address} cannot be opened: {error.strerror or error}"))

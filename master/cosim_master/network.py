@@ -13,20 +13,27 @@ vector in NED, that many on each side along it), "listed" (the `link` elements, 
 s: a packet takes latency plus a uniformly distributed part of jitter; `loss`: probability per packet and hearer;
 `range` in m. `outage`: the node neither sends nor hears by radio from start to stop (s, default for ever); a packet on
 its way is lost if its hearer is out when it arrives.
-`position`: where below a node its NED position is, in m. Tools that do not know the annotation ignore it.
+`position`: where below a node its NED position is, in m.
+`dialect`: a MAVLink XML file, found from the system's document, with messages that ardupilotmega does not have: their
+packets are checked and routed as any others. Tools that do not know the annotation ignore it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cosim_master.annotation import Attributes, root_annotation
 from cosim_master.check import CheckedSystem, Instance
 from cosim_master.errors import Problem, SystemDescriptionError
 from cosim_master.fmu import Variable
 from cosim_master.radio import SLOT
+
+if TYPE_CHECKING:
+    from cosim.build.messages import Message
 
 __all__ = ["ANNOTATION", "Endpoint", "Gateway", "Network", "Node", "network_of"]
 
@@ -84,6 +91,7 @@ class Network:
     seed: int = 0
     links: frozenset[tuple[str, str]] = frozenset()
     outages: tuple[tuple[str, float, float], ...] = ()
+    dialect: tuple[Message, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
 
@@ -96,7 +104,8 @@ def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "network", problems)
     nodes = _nodes(checked, reader.text("position", "vehicle.position"), problems)
-    network = _settings(reader, nodes, seed)
+    dialect = _dialect(reader, checked.structure.document.parent)
+    network = replace(_settings(reader, nodes, seed), dialect=dialect)
     if problems:
         raise SystemDescriptionError(problems)
     return network
@@ -174,6 +183,22 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
         if settings.topology != "nearest" and reader.text(name, ""):
             reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"')
     return settings
+
+
+def _dialect(reader: Attributes, folder: Path) -> tuple[Message, ...]:
+    name = reader.text("dialect", "")
+    if not name:
+        return ()
+    from cosim.build.dialects import read_xml  # what else builds FMUs would be loaded by every run
+
+    try:
+        return tuple(read_xml(folder / name).values())
+    except OSError as error:
+        reader.problem(f'dialect="{name}": {folder / name}: {error.strerror}')
+    except ValueError as error:
+        for line in str(error).splitlines():
+            reader.problem(f'dialect="{name}": {line}')
+    return ()
 
 
 def _axis(reader: Attributes) -> tuple[float, float, float] | None:

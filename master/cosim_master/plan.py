@@ -10,7 +10,7 @@ import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from cosim_master.living import Living
 from cosim_master.network import Network
 from cosim_master.radio import (
     COUNTERS,
+    DEFINITION,
     ENDPOINT,
     EVENT,
     FREE_PLACE,
@@ -36,6 +37,9 @@ from cosim_master.radio import (
 )
 from cosim_master.stepping import CALL, COPY, FUNCTIONS, GET_STRING, INSTANCE, PORTS, SEND, SET_STRING, WIRE, Plan
 from cosim_master.typed_calls import WIDTHS
+
+if TYPE_CHECKING:
+    from cosim.build.messages import Message
 
 __all__ = ["GATEWAY_BYTES", "KINDS", "Layout", "Timing", "grown", "layout", "make_plan", "make_radio", "timing"]
 
@@ -585,6 +589,10 @@ def _gateways(network: Network) -> np.ndarray[Any, Any]:
     return table
 
 
+def _definition(message: Message) -> tuple[int, int, int]:
+    return message.id, message.crc_extra, next((f.offset for f in message.fields if f.name == "target_system"), -1)
+
+
 def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
     """The radio's memory. `keep`: write packet events and logs."""
     nodes = network.nodes
@@ -629,6 +637,7 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
         events=np.zeros(4096, dtype=EVENT),
         log=np.zeros(1 << 20, dtype=np.uint8),
         gateways=_gateways(network),
+        dialect=np.array([_definition(message) for message in network.dialect], dtype=DEFINITION),
     )
     empty.counters[FREE_PLACE] = -1
     return grown(empty, 256)

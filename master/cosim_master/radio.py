@@ -24,12 +24,18 @@ from numpy.typing import NDArray
 from cosim.kernel import kernel
 from cosim.packets import (
     BAD_CRC,
+    GOOD,
     INCOMPATIBLE,
     NOTHING,
     TRUNCATED,
+    UNKNOWN,
     component,
     find,
+    get_u8,
+    has_crc,
     message_id,
+    payload_length,
+    payload_start,
     sequence,
     system,
     target,
@@ -39,6 +45,7 @@ __all__ = [
     "BROADCAST",
     "COUNTERS",
     "DEFERRED",
+    "DEFINITION",
     "DELIVERED",
     "ENDPOINT",
     "EVENT",
@@ -139,6 +146,9 @@ PLACE = np.dtype(
 COUNTED, LOGGED = 1, 2
 """Values of PLACE.logged besides 0: a packet by radio counts as delivered, one by wire is logged only."""
 
+DEFINITION = np.dtype([("message", "i8"), ("crc_extra", "i8"), ("target_system", "i8")])
+"""What routing a message of the system's own dialect needs; offset of its target_system in the payload, -1."""
+
 GATEWAY = np.dtype(
     [
         ("endpoint", "i8"),  # its own
@@ -168,6 +178,7 @@ class Radio(NamedTuple):
     along: NDArray[np.float64]
     hearers: NDArray[np.int64]  # scratch
     gateways: NDArray[Any]  # GATEWAY
+    dialect: NDArray[Any]  # DEFINITION, of the messages that only this system knows
     counters: NDArray[np.int64]  # per outcome, then as named below
     events: NDArray[Any]  # EVENT
     log: NDArray[np.uint8]
@@ -493,18 +504,36 @@ def _wants(r: Radio, g: int, endpoint: int, to_system: int) -> bool:
 
 
 @kernel
+def _own_message(r: Radio, buf: NDArray[np.uint8], start: int) -> tuple[int, int]:
+    """Status of a packet that `find` calls UNKNOWN, and whom it is for: known if it is of the system's own dialect."""
+    message = message_id(buf, start)
+    for d in range(r.dialect.size):
+        if r.dialect[d].message != message:
+            continue
+        if not has_crc(buf, start, r.dialect[d].crc_extra):
+            return BAD_CRC, 0
+        offset = r.dialect[d].target_system
+        if 0 <= offset < payload_length(buf, start):
+            return GOOD, get_u8(buf, payload_start(buf, start) + offset)
+        return GOOD, 0
+    return UNKNOWN, 0
+
+
+@kernel
 def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
     """Route what has come in by gateway g: the packets in buf[:n], complete and with a right CRC, at time t [ns]."""
     w = r.gateways[g]
     e = w.endpoint
     p = 0
     while p < n:
-        start, stop, _ = find(buf, p, n)
+        start, stop, status = find(buf, p, n)
         p = stop
+        to_system, _ = target(buf, start)
+        if status == UNKNOWN:
+            _, to_system = _own_message(r, buf, start)
         r.endpoints[e].heard = system(buf, start)
         w.systems[system(buf, start)] = 1
         _log_packet(r, t, r.endpoints[e].node, 1, buf, start, stop)
-        to_system, _ = target(buf, start)
         taken = False
         if w.wired >= 0:
             taken = _from_gateway(r, t, g, r.endpoints[w.wired].node, to_system, buf, start, stop)
@@ -527,12 +556,14 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
             _event(r, t, -1, e, r.endpoints[e].node, buf, p if status == NOTHING else start, n, MALFORMED)
             return
         p = stop
+        to_system, _ = target(buf, start)
+        if status == UNKNOWN and r.dialect.size > 0:
+            status, to_system = _own_message(r, buf, start)
         if status in (BAD_CRC, INCOMPATIBLE):
             _event(r, t, -1, e, r.endpoints[e].node, buf, start, stop, MALFORMED)
             continue
         r.endpoints[e].heard = system(buf, start)
         _log_packet(r, t, r.endpoints[e].node, 1, buf, start, stop)
-        to_system, _ = target(buf, start)
         taken = _on_board(r, t, e, to_system, buf, start, stop)
         if to_system == 0 or to_system != r.endpoints[e].heard:
             taken = _by_radio(r, reals, t, e, to_system, buf, start, stop) or taken

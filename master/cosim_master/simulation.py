@@ -221,7 +221,7 @@ def simulate(
         if out is not None:
             _make_folder(out)
         profiler = Profiler() if profile else None
-        with Gateways(asked, on_gateway or (lambda _: None)) as gateways:
+        with Gateways(asked, on_gateway or (lambda _: None), ready.network.dialect) as gateways:
             began = time.perf_counter()
             try:
                 execution = Execution(
@@ -352,10 +352,11 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
     network = {
         f.name: getattr(ready.network, f.name)
         for f in fields(ready.network)
-        if f.name not in ("nodes", "gateways", "notes")
+        if f.name not in ("nodes", "gateways", "dialect", "notes")
     }
     if math.isinf(ready.network.range):
         network["range"] = "INF"
+    network["dialect"] = [message.name for message in ready.network.dialect]
     network["links"] = sorted(map(list, ready.network.links))
     network["outages"] = [[n, a, b if math.isfinite(b) else "INF"] for n, a, b in ready.network.outages]
     fmus = {str(i.fmu.path): i.fmu for i in checked.instances}

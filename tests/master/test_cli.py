@@ -293,3 +293,16 @@ def test_as_a_process(system: Path, tmp_path: Path) -> None:
     assert bad.stderr.startswith("error: nowhere.ssd: ")
     assert "Traceback" not in bad.stderr
     assert "Usage: uav-cosim" in call().stdout + call().stderr
+
+
+def test_dialect(run: Any, tmp_path: Path) -> None:
+    message = '<message id="42100" name="HELLO"><field type="float" name="x"/></message>'
+    xml = f"<mavlink><messages>{message}</messages></mavlink>"
+    (tmp_path / "swarm.xml").write_text(xml)
+    assert run("dialect", "swarm.xml", "-o", "swarm.py") == (0, "swarm.py: HELLO\n", "")
+    assert "def encode_hello(payload: Bytes, x: float) -> int:" in (tmp_path / "swarm.py").read_text()
+    code, _, stderr = run("dialect", "none.xml", "-o", "swarm.py")
+    assert (code, stderr) == (2, "error: none.xml: No such file or directory\n")
+    (tmp_path / "bad.xml").write_text("<swarm/>")
+    code, _, stderr = run("dialect", "bad.xml", "-o", "swarm.py")
+    assert (code, stderr) == (2, "error: bad.xml: the root of a dialect is <mavlink>, not <swarm>\n")

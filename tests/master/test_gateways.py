@@ -18,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim.build.messages import Field, Message
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.gateways import Address, Gateways, Parser, gateways_of
 from cosim_master.network import Endpoint, Gateway, Network, Node
@@ -126,6 +127,7 @@ def test_ports_need_autopilots() -> None:
 BLOCKS = [packet(1), packet(2, version=1), packet(3, to=9), packet(4, sequence=255, component=191)]
 
 
+@settings(deadline=None)
 @given(st.lists(st.sampled_from(BLOCKS), max_size=8), st.randoms(use_true_random=False))
 def test_a_stream_may_be_cut_anywhere(packets: list[bytes], chance: random.Random) -> None:
     stream = b"".join(packets)
@@ -140,7 +142,7 @@ def test_a_stream_may_be_cut_anywhere(packets: list[bytes], chance: random.Rando
     assert parser.malformed == 0
 
 
-@settings(max_examples=200)
+@settings(max_examples=200, deadline=None)
 @given(st.lists(st.one_of(st.sampled_from(BLOCKS), st.binary(max_size=40)), max_size=8))
 def test_garbage_in_a_stream_is_passed_over_as_pymavlink_does(pieces: list[bytes]) -> None:
     stream = b"".join(pieces)
@@ -612,3 +614,48 @@ def test_nothing_is_read_while_vehicles_have_too_much_to_read(crossing: Any) -> 
     until(lambda: gateways.exchange(loop) or loop.admitted)
     assert loop.admitted == [packet(255)]
     assert gateways.counts()["@gcs"]["held back"] == 20
+
+
+# ---- messages of one's own -------------------------------------------------------------------------------------------
+
+OWN = Message(
+    "SWARM_BID",
+    42101,
+    77,
+    (
+        Field("price", "float", 0, 0, "", False),
+        Field("target_system", "uint8_t", 0, 4, "", False),
+    ),
+)
+
+
+def own_packet(to: int, crc_extra: int = 77) -> bytes:
+    """A SWARM_BID of system 1."""
+    body = bytes((5, 0, 0, 0, 1, 1)) + (42101).to_bytes(3, "little") + b"\0\0\x80\x3f" + bytes([to])
+    return b"\xfd" + body + int(mavlink.x25crc(body + bytes([crc_extra])).crc).to_bytes(2, "little")
+
+
+def test_messages_of_the_systems_dialect_are_checked_and_routed_as_any_others() -> None:
+    air = Air(GCS, dialect=(OWN,), links=frozenset({("d1", "d2"), ("d1", "d3")}))
+    introduce(air)
+    air.send("d1.autopilot", own_packet(2))
+    assert sorted(air.got()) == ["d2.agent", "d2.autopilot"]
+    air.send("d1.autopilot", own_packet(0, crc_extra=78))
+    assert air.got() == {}
+    assert air.outcomes()["malformed"] == 1
+    air.admit("@gcs", own_packet(3))
+    assert sorted(air.got()) == ["d3.agent", "d3.autopilot"]
+
+
+def test_without_the_dialect_they_are_for_everybody() -> None:
+    air = Air(GCS, links=frozenset({("d1", "d2"), ("d1", "d3")}))
+    introduce(air)
+    air.send("d1.autopilot", own_packet(2))
+    assert sorted(air.got()) == ["@gcs", "d1.agent", "d2.agent", "d2.autopilot", "d3.agent", "d3.autopilot"]
+
+
+def test_a_gateway_checks_them_too() -> None:
+    good, bad = own_packet(2), own_packet(2, crc_extra=78)
+    knowing, ignorant = Parser(True, (OWN,)), Parser(True)
+    assert (knowing.feed(bad + good), knowing.malformed) == ([good], 1)
+    assert (ignorant.feed(bad + good), ignorant.malformed) == ([bad, good], 0)

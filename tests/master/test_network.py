@@ -128,7 +128,7 @@ def test_links_go_both_ways(swarm: Any) -> None:
         (
             'delay="1"',
             "",
-            "attribute delay: valid are axis, jitter, latency, loss, neighbours, position, range, s",
+            "attribute delay: valid are axis, dialect, jitter, latency, loss, neighbours, position, range, s",
         ),
         ("", '<link between="d1 d2"/>', '<link> is for topology="listed", this is "broadcast"'),
         ('topology="listed"', '<link between="d1 d9"/>', 'between="d1 d9" must name two of the nodes d1, d2, d3'),
@@ -218,3 +218,21 @@ def test_ports_that_are_wired_are_not_for_the_radio(workshop: Any, variable: Any
     found = network_of(check(read_system(workshop.ssd("s.ssd", workshop.system(parts, wires)))))
     ends = {node.name: [(e.rx and e.rx.name, e.tx and e.tx.name) for e in node.endpoints] for node in found.nodes}
     assert ends == {"a": [("mavlink_rx", None)], "b": [(None, "mavlink_tx")]}
+
+
+def test_a_dialect_of_ones_own(swarm: Any, tmp_path: Path) -> None:
+    message = '<message id="42100" name="HELLO"><field type="float" name="x"/></message>'
+    xml = f"<mavlink><messages>{message}</messages></mavlink>"
+    (tmp_path / "swarm.xml").write_text(xml)
+    found = swarm(network('dialect="swarm.xml"'))
+    assert [(m.name, m.id) for m in found.dialect] == [("HELLO", 42100)]
+    assert swarm(network()).dialect == ()
+
+
+def test_a_dialect_that_is_none(swarm: Any, tmp_path: Path) -> None:
+    (found,) = problems(swarm, network('dialect="none.xml"'))
+    assert found.endswith(f'dialect="none.xml": {tmp_path / "none.xml"}: No such file or directory')
+    assert "s.ssd:" in found
+    (tmp_path / "bad.xml").write_text("<swarm/>")
+    (found,) = problems(swarm, network('dialect="bad.xml"'))
+    assert found.endswith("the root of a dialect is <mavlink>, not <swarm>")
