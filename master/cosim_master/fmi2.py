@@ -28,7 +28,7 @@ from typing import Any
 from cosim_master.errors import FmuError
 from cosim_master.fmu import FmuDescription, Variable
 
-__all__ = ["STATUS", "Instance", "Library", "set_kind"]
+__all__ = ["STATUS", "Instance", "Library", "SharedHandle", "set_kind"]
 
 log = logging.getLogger(__name__)
 
@@ -62,6 +62,10 @@ class _Callbacks(ctypes.Structure):
 def set_kind(variable: Variable) -> str:
     """Which of fmi2SetReal, -Integer, -Boolean, -String a variable is set with."""
     return "Integer" if variable.type == "Enumeration" else variable.type
+
+
+class SharedHandle(FmuError):
+    """An FMU gave the handle of an instance that lives to another one: it keeps everything in globals."""
 
 
 class Library:
@@ -100,10 +104,15 @@ class Library:
             raise FmuError(self.fmu.model_name, name, f"the binary of {self.fmu.path} does not have it") from None
         return function
 
+    def has(self, *functions: str) -> bool:
+        """Whether the binary has all of these; many lack optional ones, whatever they declare."""
+        return all(hasattr(self._dll, name) for name in functions)
+
     def instantiate(self, name: str) -> Instance:
         """A new instance, in the state "instantiated".
 
         Raises:
+            SharedHandle: the FMU is good for one instance only.
             FmuError: the FMU refused (a wrong GUID, a stale interpreted FMU); its log lines say why.
         """
         return Instance(self, name, self._allocate, self._free)
@@ -144,7 +153,7 @@ class Instance:
             text = (
                 f"it returned the handle of {other}: the FMU keeps everything in globals, it is good for one instance"
             )
-            raise FmuError(name, "fmi2Instantiate", text, log=self.lines)
+            raise SharedHandle(name, "fmi2Instantiate", text, log=self.lines)
         self.alive = True
 
     def _log(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
@@ -224,7 +233,8 @@ class Instance:
 
     def free_state(self, state: ctypes.c_void_p) -> None:
         """fmi2FreeFMUstate where it is legal: not after a step was cancelled."""
-        if self.alive and state and not self.canceled and not self.library.corrupted:
+        usable = self.alive and not self.canceled and not self.library.corrupted
+        if usable and state and self.library.has("fmi2FreeFMUstate"):
             with contextlib.suppress(FmuError):
                 self.call("fmi2FreeFMUstate", ctypes.byref(state))
 
@@ -250,7 +260,8 @@ class Instance:
         """fmi2Terminate where it is legal: after a completed step, once."""
         if self.alive and self.stepping and not self.library.corrupted:
             self.stepping = False
-            self.call("fmi2Terminate")
+            if self.library.has("fmi2Terminate"):
+                self.call("fmi2Terminate")
 
     def free(self) -> None:
         """fmi2FreeInstance where it is legal: not after fmi2Fatal."""

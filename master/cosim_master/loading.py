@@ -8,21 +8,26 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import shutil
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path, PurePosixPath
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from cosim.kernel import cache_folder
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.fmi2 import Library
+from cosim_master.fmi2 import Library, SharedHandle
 from cosim_master.fmu import FmuDescription, extract
 
 __all__ = ["Libraries", "check_sources"]
+
+log = logging.getLogger(__name__)
+
+_Made = TypeVar("_Made")
 
 
 def _sources(fmu: FmuDescription) -> dict[str, str]:
@@ -89,6 +94,8 @@ class Libraries:
     def __init__(self) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="uav-cosim-"))
         self._loaded: dict[Path, Library] = {}
+        self._sharing: set[Path] = set()
+        self._copies = 0
 
     def load(self, fmu: FmuDescription) -> Library:
         """The library of an FMU file, loaded now if it is not yet."""
@@ -98,6 +105,29 @@ class Libraries:
             library = Library(fmu, folder.joinpath(*fmu.library.split("/")), folder / "resources")
             self._loaded[fmu.path] = library
         return library
+
+    def instantiate(self, fmu: FmuDescription, name: str, make: Callable[[Library, str], _Made]) -> _Made:
+        """A new instance of an FMU, as `make` makes it of a library.
+
+        An FMU that keeps everything in globals is loaded once more for each further instance, from a copy of its own:
+        the dynamic linker then gives each its globals.
+
+        Raises:
+            FmuError: the FMU refused.
+        """
+        library = self.load(fmu)
+        if fmu.path not in self._sharing:
+            try:
+                return make(library, name)
+            except SharedHandle:
+                self._sharing.add(fmu.path)
+                log.warning(
+                    "note: %s keeps everything in globals: each of its instances gets a copy of it", fmu.path.name
+                )
+        self._copies += 1
+        folder = self._folder / f"copy{self._copies}"
+        extract(fmu, folder)
+        return make(Library(fmu, folder.joinpath(*fmu.library.split("/")), folder / "resources"), name)
 
     def _unpacked(self, fmu: FmuDescription) -> Path:
         if not _sources(fmu):

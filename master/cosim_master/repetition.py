@@ -28,6 +28,7 @@ __all__ = ["FINEST", "Grid", "Snapshot", "cannot_be_repeated"]
 FINEST = 1000
 """A step is divided into at most so many. An FMU that discards even those will never do it."""
 
+_STATE_FUNCTIONS = {"2": ("fmi2GetFMUstate", "fmi2SetFMUstate"), "3": ("fmi3GetFMUState", "fmi3SetFMUState")}
 _UNCHANGED = {"real_block", "int_block", "ticks", "shared", "scratch", "calls", "wires"}
 """Arrays of the plan that a run does not change, or that are empty when a snapshot is made."""
 
@@ -37,7 +38,7 @@ def cannot_be_repeated(living: Sequence[Living]) -> str:
     lacking = {}
     for one in living:
         flags = one.library.fmu.capabilities
-        if not flags.canGetAndSetFMUstate:
+        if not flags.canGetAndSetFMUstate or not one.library.has(*_STATE_FUNCTIONS[one.library.fmu.fmi_version[:1]]):
             lacking[one.name] = "canGetAndSetFMUstate"
         elif not flags.canHandleVariableCommunicationStepSize:
             lacking[one.name] = "canHandleVariableCommunicationStepSize"

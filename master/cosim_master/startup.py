@@ -44,7 +44,7 @@ def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Livin
         FmuError: an FMU refused; those in `living` are to be freed.
     """
     for instance in checked.instances:
-        living.append(make(libraries.load(instance.fmu), instance.name))
+        living.append(libraries.instantiate(instance.fmu, instance.name, make))
 
 
 def initialize(checked: CheckedSystem, living: Sequence[Living], start: float, stop: float) -> tuple[SettledLoop, ...]:

@@ -38,7 +38,9 @@ def test_fields_are_read_and_written_where_the_layout_says() -> None:
 
 
 def test_the_same_without_numba() -> None:
-    code = "from tests.cosim import test_fields_by_offset as t; t.test_fields_are_read_and_written_where_the_layout_says()"
+    code = (
+        "from tests.cosim import test_fields_by_offset as t; t.test_fields_are_read_and_written_where_the_layout_says()"
+    )
     run = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},

@@ -51,6 +51,8 @@ static void say(const Probe *p, const char *format, ...) {
     fclose(file);
 }
 
+static Probe only; /* the one instance of the GUID "global" */
+
 static void compute(Probe *p) {
     p->real[Y] = p->real[U] + p->real[P];
     if (p->integer[MODE] == 5 && p->time >= p->real[WHEN]) p->real[Y] = NAN;
@@ -62,7 +64,6 @@ static void compute(Probe *p) {
 
 EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *callbacks,
                              int visible, int debug) {
-    static Probe only;
     (void)type, (void)visible, (void)debug;
     if (!strcmp(guid, "mute")) return NULL;
     if (!strcmp(guid, "none")) {
@@ -80,7 +81,7 @@ EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const
 EXPORT void fmi2FreeInstance(Probe *p) {
     say(p, "free");
     if (p->integer[MODE] == 11) abort();
-    free(p);
+    if (p != &only) free(p);
 }
 
 EXPORT int fmi2SetupExperiment(Probe *p, int has_tolerance, double tolerance, double start, int has_stop, double stop) {
