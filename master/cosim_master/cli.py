@@ -364,6 +364,29 @@ def new(
 
 
 @app.command()
+def graph(
+    system: System,
+    variant: Variant = None,
+    file: Annotated[
+        Path | None, typer.Option("-o", "--out", help="SVG file to write; default: the system's name.")
+    ] = None,
+) -> None:
+    """Draw a system: components, connectors and connections, as SVG."""
+    from cosim_master.graph import graph as drawing
+    from cosim_master.ssp import read_system
+
+    with _errors(), read_system(system, variant) as structure:
+        target = file or Path(f"{structure.name}.svg".replace("/", "_"))
+        data = drawing(structure)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+        except OSError as error:
+            raise _usage(f"{target}: cannot be written: {error.strerror}") from None
+        out.print(str(target), markup=False)
+
+
+@app.command()
 def convert(
     multimodel: Annotated[
         Path, typer.Argument(help="A multi-model of INTO-CPS or the configuration of a run (.json).")
