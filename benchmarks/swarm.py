@@ -128,7 +128,7 @@ def _timed_steps(
         first = 0
         for n in range(ends.size):
             failed = stepping._step_some(
-                p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, clock, grouped[first : ends[n]]
+                p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, grouped[first : ends[n]]
             )
             if failed > 0:
                 return stepping.FAILED

@@ -98,7 +98,7 @@ FUNCTIONS = (
     *(f"fmi3{verb}{fmi_type}" for verb in ("Set", "Get") for fmi_type in WIDTHS),
 )
 """What `failed[0]` of an instance counts through."""
-SET_STRING, DO_STEP, GET_STRING = 4, 5, 9
+SET_STRING, DO_STEP, GET_REAL, GET_STRING = 4, 5, 6, 9
 NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
 """In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped since
 another instance of its FMU answered fmi2Fatal."""
@@ -112,22 +112,24 @@ INSTANCE = np.dtype(
         ("handle", "u8"),
         ("do_step", "u8"),
         ("answers", "u8"),  # of FMI 3: address of what fmi3DoStep answers, 16 bytes; 0 is FMI 2
-        ("library", "i8"),  # instances with the same number are of the same FMU
+        ("h", "f8"),  # its present step in s
         ("period", "i8"),  # base steps per step of the instance
         ("length", "i8"),  # base steps of its present step: the period, less at the end of the run
-        ("h", "f8"),  # its present step in s
-        ("endpoint", "i8"),  # -1 without packet ports
-        ("first_set", "i8"),  # calls: fmi2SetString of its packets, if it has such a port,
-        ("first_set_value", "i8"),  # fmi2SetXXX of its values,
-        ("first_get", "i8"),  # fmi2GetXXX of its values, fmi2GetString of its packets
-        ("last_get", "i8"),
-        ("failed", "i8", (3,)),  # function (0: has not failed), status, detail
-        ("first_in", "i8", (3,)),  # by kind
-        ("last_in", "i8", (3,)),
-        ("first_out", "i8", (3,)),
-        ("last_out", "i8", (3,)),
-    ]
+        ("library", "i4"),  # instances with the same number are of the same FMU
+        ("endpoint", "i4"),  # -1 without packet ports
+        ("failed", "i4", (3,)),  # function (0: has not failed), status, detail
+        ("first_set", "u4"),  # calls: fmi2SetString of its packets, if it has such a port,
+        ("first_set_value", "u4"),  # fmi2SetXXX of its values,
+        ("first_get", "u4"),  # fmi2GetXXX of its values, fmi2GetString of its packets
+        ("last_get", "u4"),
+        ("first_in", "u4", (3,)),  # by kind
+        ("last_in", "u4", (3,)),
+        ("first_out", "u4", (3,)),
+        ("last_out", "u4", (3,)),
+    ],
+    align=True,
 )
+"""Kept small: with thousands of instances, what the loop must read costs more than what it does."""
 CALL = np.dtype(
     [
         ("function", "u8"),
@@ -144,7 +146,7 @@ CALL = np.dtype(
     ]
 )
 """A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan."""
-WIRE = np.dtype([("source", "i8"), ("factor", "f8"), ("offset", "f8")])
+WIRE = np.dtype([("source", "u8"), ("factor", "f8"), ("offset", "f8")])
 """input = factor * output[source] + offset; integers and booleans have factor 1 and offset 0."""
 PORTS = np.dtype(
     [
@@ -235,7 +237,7 @@ def _exchange(
     k: int,
 ) -> None:
     """Inputs of every instance that is due from the outputs they are connected to: the whole data flow is here."""
-    reals = real_in.size
+    reals = np.uintp(real_in.size)
     for j in range(mapped.shape[0]):
         value = int_out[mapped[j, 0]]
         if mapped[j, 2] == COPY:
@@ -248,18 +250,18 @@ def _exchange(
         m = instances[i]
         if m.period > 1 and k % m.period != 0:
             continue
-        for j in range(m.first_in[0], m.last_in[0]):
+        for j in range(np.uintp(m.first_in[0]), np.uintp(m.last_in[0])):
             w = wires[j]
             real_in[j] = w.factor * real_out[w.source] + w.offset
         for kind in range(1, 3):
-            for j in range(m.first_in[kind], m.last_in[kind]):
+            for j in range(np.uintp(m.first_in[kind]), np.uintp(m.last_in[kind])):
                 int_in[j - reals] = int_out[wires[j].source]
 
 
 @kernel
-def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int) -> None:
-    """Make calls of instance `i`, until one fails."""
-    for c in range(first, last):
+def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int) -> bool:
+    """Make calls of instance `i`, until one fails; returns whether none did."""
+    for c in range(np.uintp(first), np.uintp(last)):
         call = calls[c]
         if call.width == 0:
             status = get_or_set(call.function, call.handle, call.references, call.n, call.values)
@@ -267,20 +269,29 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
             status = call3(call)
         if status > 1 or status < 0:
             _fail(instances, i, call.number, status, 0)
-            return
+            return False
+    return True
 
 
 @kernel
-def _collect(instances: NDArray[Any], calls: NDArray[Any], real_out: NDArray[np.float64], i: int) -> None:
-    """Outputs of instance `i` at the end of its step; of its packets, where their text is."""
-    m = instances[i]
-    _call(instances, calls, i, m.first_get, m.last_get)
-    # An early exit keeps this loop scalar: a vector load behind the FMU's scalar stores would wait for them.
-    j, last = m.first_out[0], m.last_out[0]
-    while j < last and real_out[j] == real_out[j]:
-        j += 1
-    if j < last:
-        _fail(instances, i, 6, NOT_A_NUMBER, j)
+def _blame(instances: NDArray[Any], real_out: NDArray[np.float64]) -> int:
+    """Fail every instance with an output that is NaN; returns how many.
+
+    The first loop is all there is to do as long as there is none, and takes several outputs at a time.
+    """
+    found = 0
+    for j in range(real_out.size):
+        found += real_out[j] != real_out[j]
+    if found == 0:
+        return 0
+    blamed = 0
+    for i in range(instances.size):
+        m = instances[i]
+        for j in range(np.uintp(m.first_out[0]), np.uintp(m.last_out[0])):
+            if real_out[j] != real_out[j] and m.failed[0] == 0:
+                _fail(instances, i, GET_REAL, NOT_A_NUMBER, int(j))
+                blamed += 1
+    return blamed
 
 
 @kernel
@@ -347,7 +358,6 @@ def _step_some(
     instances: NDArray[Any],
     calls: NDArray[Any],
     ports: NDArray[Any],
-    real_out: NDArray[np.float64],
     scratch: NDArray[np.uint8],
     tx: NDArray[np.uint8],
     clock: NDArray[np.int64],
@@ -358,19 +368,23 @@ def _step_some(
     Returns how many have failed.
     """
     k, base = clock[K], clock[BASE]
+    left = clock[LAST] - k
     t = (clock[START] + k * base) / 1e9
     failed = 0
-    for i in chosen:
+    for chosen_one in chosen:
+        i: Any = np.uintp(chosen_one)  # an index that can be negative costs a comparison each time it is used
         m = instances[i]
+        well = True
         since = 0 if m.period == 1 else k % m.period
         if failed > 0 and _corrupted(instances, m.library):
             _fail(instances, i, DO_STEP, NOT_CALLED, 0)
+            well = False
         elif since == 0:
             packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
-            _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get)
-            if m.failed[0] == 0:
-                if m.length != min(m.period, clock[LAST] - k):
-                    m.length = min(m.period, clock[LAST] - k)
+            well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get)
+            if well:
+                if m.length != min(m.period, left):
+                    m.length = min(m.period, left)
                     m.h = m.length * base / 1e9
                 if m.answers == np.uintp(0):
                     status = do_step2(m.do_step, m.handle, t, m.h)
@@ -378,11 +392,13 @@ def _step_some(
                     status = _do_step3(m, t, m.h)
                 if status > 1 or status < 0:
                     _fail(instances, i, DO_STEP, status, 0)
-        if since + 1 == m.length and m.failed[0] == 0:
-            _collect(instances, calls, real_out, i)
-            if m.endpoint >= 0 and m.failed[0] == 0:
+                    well = False
+        if since + 1 == m.length and well:
+            well = _call(instances, calls, i, m.first_get, m.last_get)
+            if m.endpoint >= 0 and well:
                 _collect_packets(instances, ports, i, scratch, tx)
-        if m.failed[0] != 0:
+                well = m.failed[0] == 0
+        if not well:
             failed += 1
     return failed
 
@@ -427,7 +443,7 @@ def _take_blocks(p: Plan, thread: int) -> int:
             continue
         first = ticket % per_step * size
         faults = _step_some(
-            p.instances, p.calls, p.ports, p.real_out, p.scratch[thread], p.tx, p.clock, p.free[first : first + size]
+            p.instances, p.calls, p.ports, p.scratch[thread], p.tx, p.clock, p.free[first : first + size]
         )
         if faults > 0:
             atomic_add(np.uintp(at + 8 * FAULTS), faults)
@@ -531,11 +547,12 @@ def collect_all(p: Plan) -> None:
         m = p.instances[i]
         if p.clock[FAILURES] > 0 and _corrupted(p.instances, m.library):
             continue
-        _collect(p.instances, p.calls, p.real_out, i)
+        _call(p.instances, p.calls, i, m.first_get, m.last_get)
         if m.endpoint >= 0 and m.failed[0] == 0:
             _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)
         if m.failed[0] != 0:
             p.clock[FAILURES] += 1
+    p.clock[FAILURES] += _blame(p.instances, p.real_out)
 
 
 @kernel
@@ -575,15 +592,12 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             if clock[BLOCK] > 0:
                 _hand_out(p)
             if p.confined.size > 0:
-                clock[FAILURES] += _step_some(
-                    p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, clock, p.confined
-                )
+                clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, p.confined)
             if clock[BLOCK] > 0:
                 clock[FAILURES] += _join_in(p)
             elif p.free.size > 0:
-                clock[FAILURES] += _step_some(
-                    p.instances, p.calls, p.ports, p.real_out, p.scratch[0], p.tx, clock, p.free
-                )
+                clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, p.free)
+            clock[FAILURES] += _blame(p.instances, p.real_out)
             if clock[FAILURES] > 0:
                 return FAILED
             clock[PHASE] = SEND
