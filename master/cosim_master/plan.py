@@ -480,7 +480,7 @@ def _calls(
         for verb, side, references, real_values, int_values, n_reals in sides:
             row["first_set" if verb == "Set" else "first_get"] = len(rows)
             if verb == "Set":
-                rows += _packet_call(verb, one, ports, row["endpoint"])
+                rows += _packet_call(verb, one, ports, int(row["endpoint"]))
                 row["first_set_value"] = len(rows)
             for kind, name in enumerate(KINDS):
                 first, last = int(row[f"first_{side}"][kind]), int(row[f"last_{side}"][kind])
@@ -494,7 +494,7 @@ def _calls(
                     call = (address, one.handle, references + 4 * first, last - first, at, number)
                     rows.append((*call, 0, 0, 0, 0, 0))
             if verb == "Get":
-                rows += _packet_call(verb, one, ports, row["endpoint"])
+                rows += _packet_call(verb, one, ports, int(row["endpoint"]))
         row["last_get"] = len(rows)
     return np.array(rows, dtype=CALL)
 

@@ -561,7 +561,7 @@ def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
     clock = p.clock
     for i in chosen:
         p.instances[i].failed[0] = 0
-        _collect(p.instances, p.calls, p.real_out, i)
+        _call(p.instances, p.calls, i, p.instances[i].first_get, p.instances[i].last_get)
     clock[FAILURES] = 0
     clock[K] += 1
     clock[PHASE] = DELIVER
