@@ -19,6 +19,7 @@ from cosim_models.shaping import lowpass_alpha
 
 __all__ = [
     "ACCELERATION",
+    "AUTO",
     "CLIMB",
     "DESCEND",
     "GUIDED",
@@ -47,6 +48,7 @@ class Mode(IntEnum):
     """Flight modes, by ArduCopter's numbers."""
 
     STABILIZE = 0
+    AUTO = 3
     GUIDED = 4
     LOITER = 5
     RTL = 6
@@ -54,8 +56,9 @@ class Mode(IntEnum):
 
 
 # Numpy integers: numba compiles a kernel anew for every Python integer that is passed as a constant.
-STABILIZE, GUIDED, LOITER, RTL, LAND = (
+STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND = (
     cast(int, np.int64(0)),
+    cast(int, np.int64(3)),
     cast(int, np.int64(4)),
     cast(int, np.int64(5)),
     cast(int, np.int64(6)),
@@ -85,7 +88,7 @@ def position_ready(m: Any, t: float) -> bool:
 @kernel
 def needs_position(mode: int) -> bool:
     """Whether a mode cannot be entered, or armed in, without a position estimate."""
-    return mode in (GUIDED, LOITER, RTL)
+    return mode in (AUTO, GUIDED, LOITER, RTL)
 
 
 @kernel
@@ -138,7 +141,7 @@ def detect_landing(m: Any, dt: float) -> None:
         m.on_ground = True
         m.land_time = 0.0
     elif m.on_ground:
-        taking_off = m.mode == GUIDED and m.submode == TAKEOFF
+        taking_off = (m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF
         if not taking_off and m.throttle_out > 0.5 * m.throttle_hover and m.spool_state == THROTTLE_UNLIMITED:
             m.on_ground = False
     elif (
@@ -171,8 +174,10 @@ def landed_state(m: Any) -> int:
     """MAV_LANDED_STATE: 1 on ground, 2 in air, 3 taking off, 4 landing."""
     if m.on_ground:
         return 1
-    if m.mode == GUIDED and m.submode == TAKEOFF and not m.takeoff_done:
+    if (m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF and not m.takeoff_done:
         return 3
+    if m.mode == AUTO and m.auto_landing:
+        return 4
     if m.mode == LAND or (m.mode == RTL and m.rtl_stage == DESCEND):
         return 4
     return 2

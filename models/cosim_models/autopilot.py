@@ -2,11 +2,11 @@
 
 A step: filter the motion inputs as the inertial sensors would, run the rate controllers and the motors on what the
 last step wanted, hear the packets, run the flight mode, detect landing, speak. The laws are in `shaping`, `pid`,
-`attitude_control`, `position_control`, `mixer` and `motors`, the modes in `flight_modes`, MAVLink in `commands`,
-`copter_messages`, `parameters` and `telemetry`. Parameters (`autopilot_variables`) have ArduPilot's names, units and
-defaults.
+`attitude_control`, `position_control`, `mixer` and `motors`, the modes in `flight_modes` and `auto`, MAVLink in
+`commands`, `copter_messages`, `status_messages`, `parameters`, `missions` and `telemetry`. Parameters
+(`autopilot_variables`) have ArduPilot's names, units and defaults.
 
-Not here: missions, radio control, fences and fail-safes; batteries (full voltage is assumed);
+Not here: radio control, fences and fail-safes; batteries (full voltage is assumed);
 and sensors with noise and an estimator: the true motion is used, so there is no lag of an estimate.
 """
 
@@ -17,8 +17,9 @@ from typing import Any, ClassVar
 
 from cosim import Model, kernel
 from cosim.frames import rotate
-from cosim_models.arming import GUIDED, POSITION, RTL, detect_landing, disarm_after_delay
+from cosim_models.arming import AUTO, detect_landing, disarm_after_delay
 from cosim_models.attitude_control import run_rates
+from cosim_models.auto import run_auto
 from cosim_models.autopilot_variables import VARIABLES
 from cosim_models.commands import receive
 from cosim_models.flight_modes import run_mode
@@ -26,6 +27,7 @@ from cosim_models.mixer import motor_factors
 from cosim_models.motors import air_density_ratio, learn_hover_throttle, run_motors
 from cosim_models.parameters import PARAMETER_COUNT
 from cosim_models.position_control import GRAVITY, initialise_ne, initialise_up, set_limits
+from cosim_models.status_messages import going
 from cosim_models.telemetry import start_streams, telemetry
 
 __all__ = ["Autopilot"]
@@ -133,6 +135,7 @@ def start(m: Any) -> int:
     m.throttle_mix = m.ATC_THR_MIX_MIN
     m.air_density = air_density_ratio(m.origin_altitude)
     m.link_version = 2
+    m.mission_count = 1
     m.parameter_next = PARAMETER_COUNT
     set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
     initialise_ne(m)
@@ -146,12 +149,12 @@ def start(m: Any) -> int:
 
 @kernel
 def _publish(m: Any) -> None:
-    going = m.armed and not m.on_ground and (m.mode == GUIDED or m.mode == RTL) and m.submode == POSITION
+    there = going(m)
     for i in range(3):
         sign = -1.0 if i == 2 else 1.0
         m.desired_position[i] = sign * m.position_desired[i]
         m.desired_velocity[i] = sign * m.velocity_desired[i]
-        m.target[i] = sign * (m.guided_position[i] if going else m.position_desired[i])
+        m.target[i] = sign * (m.guided_position[i] if there else m.position_desired[i])
 
 
 @kernel
@@ -166,6 +169,8 @@ def advance(m: Any, t: float, h: float) -> int:
     run_motors(m, h)
     if m.mavlink_rx_len > 0:
         receive(m, t)
+    if m.mode == AUTO:
+        run_auto(m, t, h)
     run_mode(m, t, h)
     detect_landing(m, h)
     learn_hover_throttle(m, h)

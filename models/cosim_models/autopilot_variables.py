@@ -13,6 +13,7 @@ from cosim import Memory, Output, PacketInput, PacketOutput, Parameter, Variable
 from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS
 from cosim_models.arming import Mode
 from cosim_models.copter_messages import STREAM_COUNT
+from cosim_models.missions import ITEM, MISSION_CAPACITY
 from cosim_models.pid import PID_STATE, PLANE_STATE
 
 __all__ = ["PARAMETERS", "VARIABLES"]
@@ -140,11 +141,12 @@ LINK_PARAMETERS = (
     *(
         _whole(f"SR0_{name}", 0, f"rate of {what} in Hz until asked otherwise, 0: not sent")
         for name, what in (
-            ("EXT_STAT", "SYS_STATUS and GPS_RAW_INT"),
+            ("RAW_SENS", "RAW_IMU"),
+            ("EXT_STAT", "SYS_STATUS, POWER_STATUS, GPS_RAW_INT, NAV_CONTROLLER_OUTPUT and others"),
             ("POSITION", "GLOBAL_POSITION_INT and LOCAL_POSITION_NED"),
-            ("EXTRA1", "ATTITUDE"),
+            ("EXTRA1", "ATTITUDE and SIMSTATE"),
             ("EXTRA2", "VFR_HUD"),
-            ("EXTRA3", "EKF_STATUS_REPORT and SYSTEM_TIME"),
+            ("EXTRA3", "EKF_STATUS_REPORT, BATTERY_STATUS and SYSTEM_TIME"),
             ("RC_CHAN", "SERVO_OUTPUT_RAW"),
         )
     ),
@@ -266,6 +268,24 @@ MEMORY = (
     Memory("told_home", dtype="?"),
     Memory("parameter_next", dtype="i4"),  # of the list being sent
     Memory("parameter_due"),
+    # mission
+    Memory("mission_count", dtype="i4"),  # items, home among them
+    Memory("mission_current", dtype="i4"),
+    Memory("mission_complete", dtype="?"),
+    Memory("mission_changed", dtype="?"),  # the current item is to be begun
+    Memory("auto_command", dtype="i4"),  # MAV_CMD that is flown
+    Memory("auto_stage", dtype="i4"),
+    Memory("auto_since"),
+    Memory("auto_speed"),  # that the mission asked for, 0: WPNAV_SPEED
+    Memory("auto_landing", dtype="?"),
+    Memory("uploading", dtype="?"),
+    Memory("upload_count", dtype="i4"),
+    Memory("upload_next", dtype="i4"),
+    Memory("upload_system", dtype="i4"),
+    Memory("upload_component", dtype="i4"),
+    Memory("upload_heard"),
+    Memory("upload_asked"),
+    Memory("mission", shape=(MISSION_CAPACITY, ITEM)),
 )
 
 VARIABLES = (

@@ -19,6 +19,15 @@ from cosim.messages import (
     COMMAND_INT,
     COMMAND_LONG,
     HOME_POSITION,
+    MESSAGE_INTERVAL,
+    MISSION_CLEAR_ALL,
+    MISSION_COUNT,
+    MISSION_ITEM,
+    MISSION_ITEM_INT,
+    MISSION_REQUEST,
+    MISSION_REQUEST_INT,
+    MISSION_REQUEST_LIST,
+    MISSION_SET_CURRENT,
     PARAM_REQUEST_LIST,
     PARAM_REQUEST_READ,
     PARAM_SET,
@@ -26,12 +35,21 @@ from cosim.messages import (
     SET_MODE,
     SET_POSITION_TARGET_GLOBAL_INT,
     SET_POSITION_TARGET_LOCAL_NED,
+    TIMESYNC,
     decode_command_int,
     decode_command_long,
+    decode_mission_clear_all,
+    decode_mission_count,
+    decode_mission_item,
+    decode_mission_item_int,
+    decode_mission_request,
+    decode_mission_request_list,
+    decode_mission_set_current,
     decode_request_data_stream,
     decode_set_mode,
     decode_set_position_target_global_int,
     decode_set_position_target_local_ned,
+    decode_timesync,
 )
 from cosim.packets import (
     GOOD,
@@ -46,34 +64,50 @@ from cosim.packets import (
     unpack,
     version,
 )
-from cosim_models.arming import GUIDED, LAND, LOITER, RTL, STABILIZE, arm, disarm, needs_position, position_ready
+from cosim_models.arming import (
+    AUTO,
+    GUIDED,
+    LAND,
+    LOITER,
+    POSITION,
+    RTL,
+    STABILIZE,
+    arm,
+    disarm,
+    needs_position,
+    position_ready,
+)
 from cosim_models.copter_messages import (
     ACCELS_INCONSISTENT,
     AHRS_TYPE,
     ARM_NEEDS_POSITION,
     ARMING,
     ATTITUDE_BAD,
+    AUTO_REFUSED,
     CRITICAL,
     GUIDED_REFUSED,
     INFO,
     LOITER_REFUSED,
+    MISSING_TAKEOFF,
     NO_NUMBER,
     NO_SUCH_MESSAGE,
     NO_SUCH_MODE,
     NOT_ARMABLE,
+    PLAN_RECEIVED,
     PREARM_NEEDS_POSITION,
     RTL_REFUSED,
     STREAM_COUNT,
     WAITING_FOR_HOME,
     WARNING,
     acknowledge,
+    answer_timesync,
     attitude_ready,
-    can_answer,
     home_ready,
     prearm_ready,
     say,
     send_message,
     stream_of,
+    tell_interval,
 )
 from cosim_models.flight_modes import (
     guide_acceleration,
@@ -85,6 +119,19 @@ from cosim_models.flight_modes import (
     take_off,
     turn_to,
 )
+from cosim_models.missions import (
+    COMMAND,
+    ack_mission,
+    begin_upload,
+    clear_mission,
+    mission_count,
+    receive_item,
+    send_count,
+    send_item,
+    send_mission_current,
+    set_current,
+)
+from cosim_models.packet_output import can_answer
 from cosim_models.parameters import list_parameters, read_parameter, set_parameter
 from cosim_models.shaping import wrap_pi
 from cosim_models.telemetry import default_interval, set_interval, stream_group
@@ -95,7 +142,8 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
 
 # MAV_CMD
 _RTL, _LAND, _TAKEOFF, _YAW, _SET_MODE, _SPEED, _REPOSITION = 20, 21, 22, 115, 176, 178, 192
-_ARM, _GET_HOME, _INTERVAL, _REQUEST, _CAPABILITIES = 400, 410, 511, 512, 520
+_SET_ITEM, _START_MISSION = 224, 300
+_ARM, _GET_HOME, _GET_INTERVAL, _INTERVAL, _REQUEST, _CAPABILITIES = 400, 410, 510, 511, 512, 520
 
 _FORCE_ARM, _FORCE = 2989.0, 21196.0
 _CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -112,7 +160,32 @@ _ABSOLUTE, _RELATIVE = 0, 1
 
 @kernel
 def _is_mode(mode: int) -> bool:
-    return mode in (STABILIZE, GUIDED, LOITER, RTL, LAND)
+    return mode in (STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND)
+
+
+@kernel
+def _mission_can_begin(m: Any) -> bool:
+    """Whether AUTO can be entered: there is a mission, and on the ground it begins with a take-off."""
+    count = mission_count(m)
+    if count <= 1:
+        say(m, WARNING, AUTO_REFUSED, NO_NUMBER)
+        return False
+    if m.armed and m.on_ground:
+        row = 1
+        while row < count and (m.mission[row, COMMAND] == _YAW or m.mission[row, COMMAND] == _SPEED):
+            row += 1
+        if row >= count or m.mission[row, COMMAND] != _TAKEOFF:
+            say(m, WARNING, MISSING_TAKEOFF, NO_NUMBER)
+            return False
+    return True
+
+
+@kernel
+def _start_mission(m: Any, t: float) -> int:
+    if _change_mode(m, AUTO, t) != ACCEPTED:
+        return FAILED
+    m.auto_armed = m.armed
+    return ACCEPTED
 
 
 @kernel
@@ -120,8 +193,12 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
     if not _is_mode(mode):
         say(m, WARNING, NO_SUCH_MODE, mode)
         return FAILED
+    if mode == AUTO and m.mode != AUTO and not _mission_can_begin(m):
+        return FAILED
     if not set_mode(m, mode, t):
         text = GUIDED_REFUSED if mode == GUIDED else LOITER_REFUSED if mode == LOITER else RTL_REFUSED
+        if mode == AUTO:
+            text = AUTO_REFUSED
         say(m, WARNING, text, NO_NUMBER)
         return FAILED
     if not m.armed and needs_position(mode) and not position_ready(m, t):
@@ -134,7 +211,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     """Arm after ArduCopter's checks, as far as they can fail here."""
     if m.armed:
         return ACCEPTED
-    if m.mode == LAND or m.mode == RTL:
+    if m.mode in (LAND, RTL, AUTO):
         say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
         return FAILED
     if not forced:
@@ -215,7 +292,17 @@ def _set_message_interval(m: Any, message: float, microseconds: float, t: float)
 
 
 @kernel
-def _request_message(m: Any, message: float, t: float) -> int:
+def _tell_interval(m: Any, message: float) -> int:
+    if not 0.0 <= message < 65536.0 or not can_answer(m):
+        return FAILED
+    tell_interval(m, int(message), stream_of(int(message)))
+    return ACCEPTED
+
+
+@kernel
+def _request_message(m: Any, message: float, argument: float, t: float) -> int:
+    if message == MESSAGE_INTERVAL:
+        return _tell_interval(m, argument)
     row = -1
     if 0.0 <= message < 16777216.0:
         row = stream_of(int(message))
@@ -241,12 +328,18 @@ def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, h
         return _change_mode(m, RTL, t)
     if command == _INTERVAL:
         return _set_message_interval(m, p1, p2, t)
+    if command == _START_MISSION:
+        return _start_mission(m, t)
+    if command == _SET_ITEM:
+        return ACCEPTED if 0.0 <= p1 < 65536.0 and set_current(m, int(p1)) else FAILED
+    if command == _GET_INTERVAL:
+        return _tell_interval(m, p1)
     if command == _REQUEST:
-        return _request_message(m, p1, t)
+        return _request_message(m, p1, p2, t)
     if command == _GET_HOME:
-        return _request_message(m, float(HOME_POSITION), t) if home_ready(m, t) else FAILED
+        return _request_message(m, float(HOME_POSITION), 0.0, t) if home_ready(m, t) else FAILED
     if command == _CAPABILITIES:
-        return _request_message(m, float(AUTOPILOT_VERSION), t)
+        return _request_message(m, float(AUTOPILOT_VERSION), 0.0, t)
     if command == _SPEED:
         return _change_speed(m, p1, p2)
     if command == _YAW:
@@ -399,6 +492,76 @@ def _global_target(m: Any, t: float) -> None:
     _guide(m, mask, n, e, u, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, False, t)
 
 
+# ---- missions -----------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _guided_item(m: Any, current: int, frame: int, lat: float, lon: float, z: float, t: float) -> bool:
+    """MISSION_ITEM with current 2, a place to go to in GUIDED, or 3, a height; places in 1e-7 degrees."""
+    reference = _altitude_reference(frame)
+    if m.mode != GUIDED or reference < 0 or not math.isfinite(z):
+        return False
+    if current == 3:
+        n, e = m.position_desired[0], m.position_desired[1]
+        if m.submode == POSITION:
+            n, e = m.guided_position[0], m.guided_position[1]
+        u = z - m.origin_altitude if reference == _ABSOLUTE else z + m.home[2]
+    else:
+        if not (abs(lat) <= 9e8 and abs(lon) <= 1.8e9):
+            return False
+        n, e, u = _locate(m, int(lat), int(lon), z, reference)
+    guide_position(m, n, e, u, t)
+    return True
+
+
+@kernel
+def _mission_item(m: Any, whole: bool, sender: int, part: int, t: float) -> None:
+    lat, lon = 0.0, 0.0
+    if whole:
+        r = decode_mission_item_int(m.received)
+        lat, lon = float(r[11]), float(r[12])
+        seq, frame, command, current, carry_on, z, kind = r[2], r[3], r[4], r[5], r[6], r[13], r[14]
+        p1, p2, p3, p4 = r[7], r[8], r[9], r[10]
+    else:
+        q = decode_mission_item(m.received)
+        lat, lon = q[11] * 1e7, q[12] * 1e7
+        seq, frame, command, current, carry_on, z, kind = q[2], q[3], q[4], q[5], q[6], q[13], q[14]
+        p1, p2, p3, p4 = q[7], q[8], q[9], q[10]
+    if kind != 0:
+        ack_mission(m, 3, kind, sender, part)
+    elif current == 2 or current == 3:
+        ack_mission(m, 0 if _guided_item(m, current, frame, lat, lon, z, t) else 1, 0, sender, part)
+    elif m.uploading:
+        receive_item(m, seq, frame, command, carry_on, (p1, p2, p3, p4), lat, lon, z, t)
+        if not m.uploading and m.mission_count > 1:
+            say(m, INFO, PLAN_RECEIVED, NO_NUMBER)
+
+
+@kernel
+def _mission(m: Any, message: int, sender: int, part: int, t: float) -> None:
+    """What is about missions; an answer that does not fit is left out, and asked for again."""
+    if not can_answer(m):
+        return
+    if message in (MISSION_ITEM_INT, MISSION_ITEM):
+        _mission_item(m, message == MISSION_ITEM_INT, sender, part, t)
+    elif message == MISSION_COUNT:
+        _, _, count, kind = decode_mission_count(m.received)
+        begin_upload(m, count, kind, sender, part, t)
+    elif message == MISSION_REQUEST_LIST:
+        _, _, kind = decode_mission_request_list(m.received)
+        send_count(m, kind, sender, part)
+    elif message in (MISSION_REQUEST_INT, MISSION_REQUEST):
+        _, _, sequence, kind = decode_mission_request(m.received)
+        send_item(m, sequence, kind, sender, part, message == MISSION_REQUEST_INT)
+    elif message == MISSION_CLEAR_ALL:
+        _, _, kind = decode_mission_clear_all(m.received)
+        clear_mission(m, kind, sender, part)
+    elif message == MISSION_SET_CURRENT:
+        _, _, sequence = decode_mission_set_current(m.received)
+        if set_current(m, sequence):
+            send_mission_current(m)
+
+
 # ---- packets -------------------------------------------------------------------------------------------------------
 
 
@@ -435,12 +598,18 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _global_target(m, t)
     elif message == REQUEST_DATA_STREAM:
         _request_stream(m, t)
+    elif message == TIMESYNC:
+        theirs, sent = decode_timesync(m.received)
+        if theirs == 0 and can_answer(m):
+            answer_timesync(m, sent, t)
     elif message == PARAM_REQUEST_READ:
         read_parameter(m)
     elif message == PARAM_SET:
         set_parameter(m)
     elif message == PARAM_REQUEST_LIST:
         list_parameters(m, t)
+    elif MISSION_ITEM <= message <= MISSION_REQUEST_INT or message == MISSION_ITEM_INT:
+        _mission(m, message, sender, part, t)
 
 
 @kernel

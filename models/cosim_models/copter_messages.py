@@ -23,6 +23,7 @@ from cosim.kernel import kernel
 from cosim.messages import (
     ATTITUDE,
     AUTOPILOT_VERSION,
+    BATTERY_STATUS,
     COMMAND_ACK,
     EKF_STATUS_REPORT,
     EXTENDED_SYS_STATE,
@@ -32,12 +33,21 @@ from cosim.messages import (
     HEARTBEAT,
     HOME_POSITION,
     LOCAL_POSITION_NED,
+    MESSAGE_INTERVAL,
+    MISSION_CURRENT,
+    NAV_CONTROLLER_OUTPUT,
+    POSITION_TARGET_GLOBAL_INT,
+    POSITION_TARGET_LOCAL_NED,
+    POWER_STATUS,
+    RAW_IMU,
     SERVO_OUTPUT_RAW,
     SERVO_OUTPUT_RAW_SERVO1_RAW,
     SERVO_OUTPUT_RAW_TIME_USEC,
+    SIMSTATE,
     STATUSTEXT,
     SYS_STATUS,
     SYSTEM_TIME,
+    TIMESYNC,
     VFR_HUD,
     encode_attitude,
     encode_autopilot_version,
@@ -50,16 +60,29 @@ from cosim.messages import (
     encode_heartbeat,
     encode_home_position,
     encode_local_position_ned,
+    encode_message_interval,
     encode_statustext,
     encode_sys_status,
     encode_system_time,
+    encode_timesync,
     encode_vfr_hud,
     put_home_position_q,
     put_statustext_text,
 )
-from cosim.packets import MAX_PACKET, clear, pack, put_u16, put_u32
-from cosim_models.arming import GUIDED, LOITER, RTL, landed_state, needs_position, position_ready
+from cosim.packets import clear, put_u16, put_u32
+from cosim_models.arming import AUTO, GUIDED, LOITER, RTL, landed_state, needs_position, position_ready
+from cosim_models.missions import send_mission_current
 from cosim_models.motors import GROUND_IDLE
+from cosim_models.packet_output import microseconds, milliseconds, send
+from cosim_models.status_messages import (
+    send_battery,
+    send_destination,
+    send_destination_ned,
+    send_imu,
+    send_navigation,
+    send_power,
+    send_simulated,
+)
 
 __all__ = [
     "ACCELS_INCONSISTENT",
@@ -67,35 +90,40 @@ __all__ = [
     "ARMING",
     "ARM_NEEDS_POSITION",
     "ATTITUDE_BAD",
+    "AUTO_REFUSED",
     "CRITICAL",
     "DISARMING",
     "GUIDED_REFUSED",
     "HEARTBEAT_ROW",
     "INFO",
     "LOITER_REFUSED",
+    "MISSING_TAKEOFF",
+    "MISSION_TEXTS",
     "NOT_ARMABLE",
     "NO_NUMBER",
     "NO_SUCH_MESSAGE",
     "NO_SUCH_MODE",
     "PREARM_NEEDS_POSITION",
+    "PLAN_RECEIVED",
+    "REACHED",
     "RTL_REFUSED",
     "STREAMS",
     "STREAM_COUNT",
     "WAITING_FOR_HOME",
     "WARNING",
     "acknowledge",
+    "answer_timesync",
     "attitude_ready",
-    "can_answer",
     "home_ready",
     "prearm_ready",
     "say",
-    "send",
     "send_heartbeat",
     "send_home",
     "send_message",
     "send_origin",
     "send_texts",
     "stream_of",
+    "tell_interval",
 ]
 
 CRITICAL, WARNING, INFO = (cast(int, np.int64(severity)) for severity in (2, 4, 6))  # MAV_SEVERITY
@@ -114,6 +142,14 @@ STREAMS = (
     HOME_POSITION,
     GPS_GLOBAL_ORIGIN,
     AUTOPILOT_VERSION,
+    POWER_STATUS,
+    NAV_CONTROLLER_OUTPUT,
+    POSITION_TARGET_GLOBAL_INT,
+    POSITION_TARGET_LOCAL_NED,
+    BATTERY_STATUS,
+    RAW_IMU,
+    SIMSTATE,
+    MISSION_CURRENT,
     HEARTBEAT,
 )
 """Messages that can be sent at an interval or on request, in the order in which they are sent."""
@@ -135,6 +171,8 @@ _HEARTBEAT = cast(int, np.int64(HEARTBEAT))
 _HOME_POSITION = cast(int, np.int64(HOME_POSITION))
 _LOCAL_POSITION_NED = cast(int, np.int64(LOCAL_POSITION_NED))
 _SERVO_OUTPUT_RAW = cast(int, np.int64(SERVO_OUTPUT_RAW))
+_MESSAGE_INTERVAL = cast(int, np.int64(MESSAGE_INTERVAL))
+_TIMESYNC = cast(int, np.int64(TIMESYNC))
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
 _SYSTEM_TIME = cast(int, np.int64(SYSTEM_TIME))
 _SYS_STATUS = cast(int, np.int64(SYS_STATUS))
@@ -154,9 +192,23 @@ _TEXTS = (
     b"Mode change to GUIDED failed: requires position",
     b"Mode change to LOITER failed: requires position",
     b"Mode change to RTL failed: requires position",
-    b"No such mode ",
-    b"No ap_message for mavlink id (",
+    b"No such mode %",
+    b"No ap_message for mavlink id (%)",
     b"Arm: Mode not armable",
+    b"Mode change to AUTO failed: init failed",
+    b"Auto: Missing Takeoff Cmd",
+    b"Flight plan received",
+    b"Reached command #%",
+    b"Mission: % WP",
+    b"Mission: % LoitUnlim",
+    b"Mission: % LoitTime",
+    b"Mission: % RTL",
+    b"Mission: % Land",
+    b"Mission: % Takeoff",
+    b"Mission: % Delay",
+    b"Mission: % CondDelay",
+    b"Mission: % CondYaw",
+    b"Mission: % ChangeSpeed",
 )
 (
     ARMING,
@@ -173,14 +225,19 @@ _TEXTS = (
     NO_SUCH_MODE,
     NO_SUCH_MESSAGE,
     NOT_ARMABLE,
-) = (cast(int, np.int64(i)) for i in range(len(_TEXTS)))
+    AUTO_REFUSED,
+    MISSING_TAKEOFF,
+    PLAN_RECEIVED,
+    REACHED,
+    MISSION_TEXTS,
+) = (cast(int, np.int64(i)) for i in range(19))
 _TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)
 for _i, _text in enumerate(_TEXTS):
     _TEXT_BYTES[_i, : len(_text)] = np.frombuffer(_text, dtype=np.uint8)
 _TEXT_LENGTHS = np.array([len(text) for text in _TEXTS], dtype=np.int64)
 
+_PLACE = 37  # %
 _MULTICOPTER = 3  # MAV_VTOL_STATE_MC
-_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 _SLACK = 1e-9  # s
 
 # Start-up of ArduCopter [s]: first known, estimator, attitude, GPS fix, home, AHRS, pre-arm checks; all before
@@ -195,7 +252,10 @@ _AHRS_BIT = 0x200000  # MAV_SYS_STATUS_AHRS
 _PRESENT, _SENSORS, _HEALTHY = 0x5371FC0F, 0x52419C0F, 0x47519C0F  # as ArduCopter sets them, without GPS and AHRS
 _POSITION_CONTROL = 0x6000  # altitude and position control: healthy, and enabled, when armed
 _ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
-_CAPABILITIES = 8 + 128 + 256 + 8192  # MAV_PROTOCOL_CAPABILITY: COMMAND_INT, both SET_POSITION_TARGETs, MAVLink 2
+# MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, both
+# SET_POSITION_TARGETs, MAVLink 2
+_CAPABILITIES = 1 + 2 + 4 + 8 + 128 + 256 + 8192
+_SOFTWARE = 0x04070000  # the ArduCopter whose ways these are: 4.7-dev
 
 
 @kernel
@@ -222,26 +282,7 @@ def prearm_ready(m: Any, t: float) -> bool:
     return _reached(m, t, _PREARM_AT) and (not needs_position(m.mode) or position_ready(m, t))
 
 
-# ---- one packet ----------------------------------------------------------------------------------------------------
-
-
-@kernel
-def send(m: Any, message: int) -> bool:
-    """Append m.payload as a packet; False if it does not fit or the version in use cannot carry it."""
-    n = pack(
-        m.mavlink_tx, m.mavlink_tx_len, m.payload, message, m.sequence, m.SYSID_THISMAV, _COMPONENT, m.link_version
-    )
-    if n < 0:
-        return False
-    m.mavlink_tx_len = n
-    m.sequence = (m.sequence + 1) % 256
-    return True
-
-
-@kernel
-def can_answer(m: Any) -> bool:
-    """Whether there is room for a packet that is no acknowledgement."""
-    return bool(m.mavlink_tx_len + MAX_PACKET + m.ack_room <= m.mavlink_tx.shape[0])
+# ---- answers and texts ---------------------------------------------------------------------------------------------
 
 
 @kernel
@@ -252,8 +293,25 @@ def acknowledge(m: Any, command: int, result: int, system: int, component: int) 
 
 
 @kernel
+def answer_timesync(m: Any, sent: int, t: float) -> None:
+    """TIMESYNC: when it is here, for a request that was sent at `sent` [ns]."""
+    encode_timesync(m.payload, microseconds(t) * 1000, sent)
+    send(m, _TIMESYNC)
+
+
+@kernel
+def tell_interval(m: Any, message: int, row: int) -> None:
+    """MESSAGE_INTERVAL: microseconds between two of a message, -1 where it is not sent, 0 where it is not known."""
+    interval = 0
+    if row >= 0:
+        interval = int(m.interval[row] * 1e6 + 0.5) if m.interval[row] > 0.0 else -1
+    encode_message_interval(m.payload, message, interval)
+    send(m, _MESSAGE_INTERVAL)
+
+
+@kernel
 def say(m: Any, severity: int, text: int, number: int) -> None:
-    """Queue a STATUSTEXT: one of the texts, followed by `number` if that is not negative. A full queue drops it."""
+    """Queue a STATUSTEXT: one of the texts, with `number` in the place of its %. A full queue drops it."""
     n = m.text_count
     if n < m.text_queue.shape[0]:
         m.text_queue[n, 0] = severity
@@ -277,22 +335,24 @@ def send_texts(m: Any) -> None:
 
 @kernel
 def _send_text(m: Any, severity: int, text: int, number: int) -> bool:
+    """A text with `number` in the place of its %."""
     encode_statustext(m.payload, severity, 0, 0)
-    n = _TEXT_LENGTHS[text]
-    for i in range(n):
-        put_statustext_text(m.payload, i, _TEXT_BYTES[text, i])
-    if number >= 0:
+    at = 0
+    for i in range(_TEXT_LENGTHS[text]):
+        if _TEXT_BYTES[text, i] != _PLACE:
+            put_statustext_text(m.payload, at, _TEXT_BYTES[text, i])
+            at += 1
+            continue
         digits = 1
         rest = number
         while rest >= 10:
             rest //= 10
             digits += 1
         rest = number
-        for i in range(digits):
-            put_statustext_text(m.payload, n + digits - 1 - i, 48 + rest % 10)
+        for k in range(digits):
+            put_statustext_text(m.payload, at + digits - 1 - k, 48 + rest % 10)
             rest //= 10
-        if text == NO_SUCH_MESSAGE:
-            put_statustext_text(m.payload, n + digits, 41)  # ")"
+        at += digits
     return send(m, _STATUSTEXT)
 
 
@@ -300,20 +360,10 @@ def _send_text(m: Any, severity: int, text: int, number: int) -> bool:
 
 
 @kernel
-def _milliseconds(t: float) -> int:
-    return int(np.int64(math.floor(t * 1e3 + 1e-6)))
-
-
-@kernel
-def _microseconds(t: float) -> int:
-    return int(np.int64(math.floor(t * 1e6 + 0.5)))
-
-
-@kernel
 def send_heartbeat(m: Any, t: float) -> bool:
     mode = m.mode
     base_mode = 1 + 16 + 64
-    if mode in (GUIDED, LOITER, RTL):
+    if mode in (AUTO, GUIDED, LOITER, RTL):
         base_mode += 8
     if m.armed:
         base_mode += 128
@@ -361,7 +411,7 @@ def _send_gps_raw(m: Any, t: float) -> bool:
     vn, ve = m.vel[0], m.vel[1]
     course = math.degrees(math.atan2(ve, vn)) % 360.0
     speed = math.sqrt(vn * vn + ve * ve)
-    micros = _microseconds(t)
+    micros = microseconds(t)
     height = int(np.int64(math.floor(alt * 1e3 + 0.5)))
     encode_gps_raw_int(
         m.payload,
@@ -388,7 +438,7 @@ def _send_gps_raw(m: Any, t: float) -> bool:
 @kernel
 def _send_attitude(m: Any, t: float) -> bool:
     roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
-    encode_attitude(m.payload, _milliseconds(t), roll, pitch, yaw, m.gyro[0], m.gyro[1], m.gyro[2])
+    encode_attitude(m.payload, milliseconds(t), roll, pitch, yaw, m.gyro[0], m.gyro[1], m.gyro[2])
     return send(m, _ATTITUDE)
 
 
@@ -397,7 +447,7 @@ def _send_local_position(m: Any, t: float) -> bool:
     if not position_ready(m, t):
         return True
     p, v = m.pos, m.vel
-    encode_local_position_ned(m.payload, _milliseconds(t), p[0], p[1], -p[2], v[0], v[1], -v[2])
+    encode_local_position_ned(m.payload, milliseconds(t), p[0], p[1], -p[2], v[0], v[1], -v[2])
     return send(m, _LOCAL_POSITION_NED)
 
 
@@ -409,7 +459,7 @@ def _send_global_position(m: Any, t: float) -> bool:
     heading = math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0
     encode_global_position_int(
         m.payload,
-        _milliseconds(t),
+        milliseconds(t),
         lat,
         lon,
         int(np.int64(math.floor(alt * 1e3 + 0.5))),
@@ -449,7 +499,7 @@ def send_home(m: Any, t: float) -> bool:
     lat, lon, alt = geodetic_from_local(
         m.home[0], m.home[1], -m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
     )
-    micros = _microseconds(t)
+    micros = microseconds(t)
     height = int(np.int64(math.floor(alt * 1e3 + 0.5)))
     encode_home_position(
         m.payload, deg_e7(lat), deg_e7(lon), height, m.home[0], m.home[1], -m.home[2], 0.0, 0.0, 0.0, micros
@@ -464,7 +514,7 @@ def send_origin(m: Any, t: float) -> bool:
     if not home_ready(m, t):
         return True
     height = int(np.int64(math.floor(m.origin_altitude * 1e3 + 0.5)))
-    micros = _microseconds(t)
+    micros = microseconds(t)
     encode_gps_global_origin(m.payload, deg_e7(m.origin_latitude), deg_e7(m.origin_longitude), height, micros)
     return send(m, _GPS_GLOBAL_ORIGIN)
 
@@ -472,14 +522,14 @@ def send_origin(m: Any, t: float) -> bool:
 @kernel
 def _send_version(m: Any) -> bool:
     clear(m.payload, 0, 78)
-    encode_autopilot_version(m.payload, _CAPABILITIES, 0, 0, 0, 0, 0, 0, m.SYSID_THISMAV)
+    encode_autopilot_version(m.payload, _CAPABILITIES, _SOFTWARE, 0, 0, 0, 0, 0, m.SYSID_THISMAV)
     return send(m, _AUTOPILOT_VERSION)
 
 
 @kernel
 def _send_servos(m: Any, t: float) -> bool:
     clear(m.payload, 0, 37)
-    put_u32(m.payload, SERVO_OUTPUT_RAW_TIME_USEC, _microseconds(t) % 4294967296)
+    put_u32(m.payload, SERVO_OUTPUT_RAW_TIME_USEC, microseconds(t) % 4294967296)
     for i in range(m.motor_count):
         put_u16(m.payload, SERVO_OUTPUT_RAW_SERVO1_RAW + 2 * i, 1000 + int(m.motor[i] * 1000.0 + 0.5))
     return send(m, _SERVO_OUTPUT_RAW)
@@ -504,7 +554,7 @@ def send_message(m: Any, row: int, t: float) -> bool:
     if message == EKF_STATUS_REPORT:
         return _send_ekf_status(m, t)
     if message == SYSTEM_TIME:
-        encode_system_time(m.payload, 0, _milliseconds(t))
+        encode_system_time(m.payload, 0, milliseconds(t))
         return send(m, _SYSTEM_TIME)
     if message == SERVO_OUTPUT_RAW:
         return _send_servos(m, t)
@@ -517,6 +567,22 @@ def send_message(m: Any, row: int, t: float) -> bool:
         return send_origin(m, t)
     if message == AUTOPILOT_VERSION:
         return _send_version(m)
+    if message == POWER_STATUS:
+        return send_power(m)
+    if message == NAV_CONTROLLER_OUTPUT:
+        return send_navigation(m)
+    if message == POSITION_TARGET_GLOBAL_INT:
+        return send_destination(m, t)
+    if message == POSITION_TARGET_LOCAL_NED:
+        return send_destination_ned(m, t)
+    if message == BATTERY_STATUS:
+        return send_battery(m)
+    if message == RAW_IMU:
+        return send_imu(m, t)
+    if message == SIMSTATE:
+        return send_simulated(m)
+    if message == MISSION_CURRENT:
+        return send_mission_current(m)
     return send_heartbeat(m, t)
 
 

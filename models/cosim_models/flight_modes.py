@@ -23,6 +23,7 @@ from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.arming import (
     ACCELERATION,
+    AUTO,
     CLIMB,
     DESCEND,
     GUIDED,
@@ -63,13 +64,21 @@ from cosim_models.position_control import (
 from cosim_models.shaping import clip, sqrt_controller
 
 __all__ = [
+    "fly_to_point",
     "guide_acceleration",
     "guide_position",
     "guide_position_velocity",
     "guide_stop",
     "guide_velocity",
+    "rest_on_ground",
+    "run_land",
     "run_mode",
+    "run_rtl",
+    "run_takeoff",
     "set_mode",
+    "start_land",
+    "start_rtl",
+    "start_takeoff",
     "take_off",
     "turn_to",
 ]
@@ -197,14 +206,20 @@ def take_off(m: Any, height: float) -> bool:
     """GUIDED: take off to `height` [m above home]; False where that is not possible."""
     if not m.armed or not m.on_ground or m.mode != GUIDED or m.home[2] + height <= m.pos[2]:
         return False
+    start_takeoff(m, m.home[2] + height)
+    m.auto_armed = True
+    return True
+
+
+@kernel
+def start_takeoff(m: Any, up: float) -> None:
+    """Begin a take-off to `up` [m]."""
     _standard_limits(m)
     m.submode = TAKEOFF
     m.yaw_mode = HOLD
     m.takeoff_from = m.pos[2]
-    m.takeoff_to = m.home[2] + height
+    m.takeoff_to = up
     m.takeoff_done = False
-    m.auto_armed = True
-    return True
 
 
 # ---- modes ---------------------------------------------------------------------------------------------------------
@@ -212,7 +227,10 @@ def take_off(m: Any, height: float) -> bool:
 
 @kernel
 def set_mode(m: Any, mode: int, t: float) -> bool:
-    """Switch modes; False if armed and the mode needs a position that is not there. The mode must be one of `Mode`."""
+    """Switch modes; False if armed and the mode needs a position that is not there. The mode must be one of `Mode`.
+
+    Whether there is a mission for AUTO is the caller's to check.
+    """
     if mode == m.mode:
         return True
     if m.armed and needs_position(mode) and not position_ready(m, t):
@@ -220,12 +238,19 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
     m.mode = mode
     if mode == GUIDED:
         guide_stop(m, t)
+    elif mode == AUTO:
+        guide_stop(m, t)
+        if m.mission_complete or m.mission_current == 0:
+            m.mission_current = 1
+        m.mission_complete = False
+        m.mission_changed = True
+        m.auto_landing = False
     elif mode == LOITER:
         _start_loiter(m, t)
     elif mode == LAND:
-        _start_land(m)
+        start_land(m)
     elif mode == RTL:
-        _start_rtl(m)
+        start_rtl(m)
     if mode != STABILIZE and not m.on_ground:
         m.auto_armed = True
     return True
@@ -242,7 +267,7 @@ def _start_loiter(m: Any, t: float) -> None:
 
 
 @kernel
-def _start_land(m: Any) -> None:
+def start_land(m: Any) -> None:
     _standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
@@ -250,7 +275,7 @@ def _start_land(m: Any) -> None:
 
 
 @kernel
-def _start_rtl(m: Any) -> None:
+def start_rtl(m: Any) -> None:
     _start_control(m)
     m.submode = POSITION
     m.rtl_stage = CLIMB
@@ -265,7 +290,7 @@ def _start_rtl(m: Any) -> None:
 
 
 @kernel
-def _rest_on_ground(m: Any, dt: float) -> None:
+def rest_on_ground(m: Any, dt: float) -> None:
     """Motors idle, controllers follow the vehicle so that nothing winds up."""
     m.spool_wanted = GROUND_IDLE
     forget_torques(m, True, dt)
@@ -289,9 +314,9 @@ def _run_stabilize(m: Any, dt: float) -> None:
 
 
 @kernel
-def _run_takeoff(m: Any, dt: float) -> None:
+def run_takeoff(m: Any, dt: float) -> None:
     if not m.armed or not m.auto_armed:
-        _rest_on_ground(m, dt)
+        rest_on_ground(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
     if m.spool_state != THROTTLE_UNLIMITED:
@@ -331,10 +356,10 @@ def _run_takeoff(m: Any, dt: float) -> None:
 @kernel
 def _run_guided(m: Any, t: float, dt: float) -> None:
     if m.submode == TAKEOFF:
-        _run_takeoff(m, dt)
+        run_takeoff(m, dt)
         return
     if not m.armed or not m.auto_armed or m.on_ground:
-        _rest_on_ground(m, dt)
+        rest_on_ground(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
     if m.submode != POSITION and t - m.guided_time > m.GUID_TIMEOUT:
@@ -363,7 +388,7 @@ def _run_guided(m: Any, t: float, dt: float) -> None:
 @kernel
 def _run_loiter(m: Any, t: float, dt: float) -> None:
     if not m.armed or not m.auto_armed or m.on_ground:
-        _rest_on_ground(m, dt)
+        rest_on_ground(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
     p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
@@ -405,30 +430,37 @@ def _descend(m: Any, dt: float) -> None:
 
 
 @kernel
-def _run_land(m: Any, dt: float) -> None:
+def run_land(m: Any, dt: float) -> None:
     if m.on_ground and m.armed and m.spool_state == GROUND_IDLE:
         disarm(m)
     if not m.armed or m.on_ground:
-        _rest_on_ground(m, dt)
+        rest_on_ground(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
     _descend(m, dt)
 
 
 @kernel
-def _run_rtl(m: Any, t: float, dt: float) -> None:
-    if m.rtl_stage == DESCEND:
-        _run_land(m, dt)
-        return
-    if not m.armed or m.on_ground:
-        _rest_on_ground(m, dt)
-        return
+def fly_to_point(m: Any, dt: float) -> None:
+    """One step towards m.guided_position."""
     m.spool_wanted = THROTTLE_UNLIMITED
     p = m.guided_position
     seek_position(m, p[0], p[1], p[2], dt)
     control_ne(m, dt)
     control_up(m, dt)
     _lean(m, dt)
+
+
+@kernel
+def run_rtl(m: Any, t: float, dt: float) -> None:
+    if m.rtl_stage == DESCEND:
+        run_land(m, dt)
+        return
+    if not m.armed or m.on_ground:
+        rest_on_ground(m, dt)
+        return
+    fly_to_point(m, dt)
+    p = m.guided_position
     gap = m.position_desired
     if m.rtl_stage == CLIMB:
         if abs(p[2] - gap[2]) < 0.1:
@@ -442,12 +474,12 @@ def _run_rtl(m: Any, t: float, dt: float) -> None:
             m.loiter_since = t
     elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME:
         m.rtl_stage = DESCEND
-        _start_land(m)
+        start_land(m)
 
 
 @kernel
 def run_mode(m: Any, t: float, dt: float) -> None:
-    """One step of the present mode."""
+    """One step of the present mode; AUTO has been run before (`auto`)."""
     if m.arming_delay and (not m.armed or t - m.armed_at >= _ARMING_DELAY - 1e-9):
         m.arming_delay = False
     if m.mode == GUIDED:
@@ -455,10 +487,10 @@ def run_mode(m: Any, t: float, dt: float) -> None:
     elif m.mode == LOITER:
         _run_loiter(m, t, dt)
     elif m.mode == LAND:
-        _run_land(m, dt)
+        run_land(m, dt)
     elif m.mode == RTL:
-        _run_rtl(m, t, dt)
-    else:
+        run_rtl(m, t, dt)
+    elif m.mode == STABILIZE:
         _run_stabilize(m, dt)
     if not m.armed:
         m.spool_wanted = SHUT_DOWN

@@ -31,7 +31,8 @@ from cosim.messages import (
 from cosim.model import record_layout
 from cosim.packets import get_u8, put_u8
 from cosim_models.autopilot_variables import VARIABLES
-from cosim_models.copter_messages import WARNING, can_answer, send
+from cosim_models.copter_messages import WARNING
+from cosim_models.packet_output import can_answer, send
 
 __all__ = ["PARAMETER_COUNT", "PARAMETER_NAMES", "list_parameters", "read_parameter", "send_list", "set_parameter"]
 

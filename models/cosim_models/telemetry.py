@@ -27,14 +27,15 @@ from cosim_models.copter_messages import (
     send_origin,
     send_texts,
 )
+from cosim_models.missions import continue_upload
 from cosim_models.parameters import PARAMETER_COUNT, send_list
 
 __all__ = ["default_interval", "set_interval", "start_streams", "stream_group", "telemetry"]
 
 _SLACK = 1e-9  # s
 
-# MAV_DATA_STREAM of each row: 2 EXTENDED_STATUS, 6 POSITION, 10 to 12 EXTRA1 to 3, 3 RC_CHANNELS, 0 in no group.
-_GROUPS = np.array((2, 2, 6, 6, 10, 11, 12, 12, 3, 0, 0, 0, 0, 0), dtype=np.int64)
+# MAV_DATA_STREAM of a row: 1 RAW_SENSORS, 2 EXTENDED_STATUS, 3 RC_CHANNELS, 6 POSITION, 10 to 12 EXTRA1 to 3, 0: none.
+_GROUPS = np.array((2, 2, 6, 6, 10, 11, 12, 12, 3, 0, 0, 0, 0, 2, 2, 2, 0, 12, 1, 10, 2, 0), dtype=np.int64)
 
 
 @kernel
@@ -50,6 +51,8 @@ def default_interval(m: Any, row: int) -> float:
     rate = 0
     if row == HEARTBEAT_ROW:
         rate = 1
+    elif group == 1:
+        rate = m.SR0_RAW_SENS
     elif group == 2:
         rate = m.SR0_EXT_STAT
     elif group == 3:
@@ -102,6 +105,8 @@ def telemetry(m: Any, t: float) -> None:
         m.told_mode = m.mode
     if m.parameter_next < PARAMETER_COUNT:
         send_list(m, t)
+    if m.uploading:
+        continue_upload(m, t)
     if t < m.next_due - _SLACK:
         return
     soonest = t + 1.0

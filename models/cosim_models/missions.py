@@ -1,0 +1,295 @@
+"""MAVLink's mission protocol, and the list of mission items that it keeps.
+
+A ground station uploads items (asked for one by one, again every second, given up after eight), downloads them, clears
+them and sets the current one. Item 0 is home. Commands that this autopilot does not fly are refused at the upload.
+Kernels over the autopilot's record `m`; `auto` flies the items, `commands` hears of guided targets. Fences and rally
+points (other mission types) are unsupported.
+
+Sources: the MAVLink guide, "Mission Protocol"; ArduPilot, MissionItemProtocol and AP_Mission.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.frames import deg_e7, geodetic_from_local
+from cosim.kernel import kernel
+from cosim.messages import (
+    MISSION_ACK,
+    MISSION_COUNT,
+    MISSION_CURRENT,
+    MISSION_ITEM,
+    MISSION_ITEM_INT,
+    MISSION_ITEM_REACHED,
+    MISSION_REQUEST,
+    encode_mission_ack,
+    encode_mission_count,
+    encode_mission_current,
+    encode_mission_item,
+    encode_mission_item_int,
+    encode_mission_item_reached,
+    encode_mission_request,
+)
+from cosim_models.packet_output import can_answer, send
+
+__all__ = [
+    "AUTOCONTINUE",
+    "COMMAND",
+    "DONE",
+    "FRAME",
+    "ITEM",
+    "LATITUDE",
+    "MISSION_CAPACITY",
+    "P1",
+    "P2",
+    "P4",
+    "Z",
+    "ack_mission",
+    "begin_upload",
+    "clear_mission",
+    "continue_upload",
+    "mission_count",
+    "receive_item",
+    "send_count",
+    "send_item",
+    "send_mission_current",
+    "send_reached",
+    "set_current",
+]
+
+MISSION_CAPACITY = 100
+COMMAND, FRAME, P1, P2, P3, P4, LATITUDE, LONGITUDE, Z, AUTOCONTINUE, DONE = range(11)
+ITEM = 11
+"""Columns of the table of items: as uploaded, places in 1e-7 degrees; DONE counts the jumps taken."""
+
+ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5  # MAV_MISSION_RESULT
+BAD_LATITUDE, BAD_LONGITUDE, BAD_SEQUENCE, CANCELLED = 10, 11, 13, 15
+_ASK_AGAIN, _GIVE_UP = 1.0, 8.0  # s
+
+_FLOWN = np.array((16, 17, 19, 20, 21, 22, 93, 112, 115, 177, 178), dtype=np.int64)  # MAV_CMD
+_MISSION_ACK = cast(int, np.int64(MISSION_ACK))
+_MISSION_COUNT = cast(int, np.int64(MISSION_COUNT))
+_MISSION_CURRENT = cast(int, np.int64(MISSION_CURRENT))
+_MISSION_ITEM = cast(int, np.int64(MISSION_ITEM))
+_MISSION_ITEM_INT = cast(int, np.int64(MISSION_ITEM_INT))
+_MISSION_ITEM_REACHED = cast(int, np.int64(MISSION_ITEM_REACHED))
+_MISSION_REQUEST = cast(int, np.int64(MISSION_REQUEST))
+
+
+# ---- what is said --------------------------------------------------------------------------------------------------
+
+
+@kernel
+def ack_mission(m: Any, result: int, kind: int, system: int, component: int) -> None:
+    """MISSION_ACK to the ground station."""
+    encode_mission_ack(m.payload, system, component, result, kind)
+    send(m, _MISSION_ACK)
+
+
+@kernel
+def mission_count(m: Any) -> int:
+    """Items, home among them."""
+    return int(max(m.mission_count, 1))
+
+
+@kernel
+def send_count(m: Any, kind: int, system: int, component: int) -> None:
+    """Answer MISSION_REQUEST_LIST."""
+    if kind != 0:
+        ack_mission(m, UNSUPPORTED, kind, system, component)
+        return
+    encode_mission_count(m.payload, system, component, mission_count(m), 0)
+    send(m, _MISSION_COUNT)
+
+
+@kernel
+def send_item(m: Any, sequence: int, kind: int, system: int, component: int, whole: bool) -> None:
+    """Answer MISSION_REQUEST or, with `whole` degrees, MISSION_REQUEST_INT."""
+    if kind != 0 or sequence >= mission_count(m):
+        ack_mission(m, UNSUPPORTED if kind != 0 else BAD_SEQUENCE, kind, system, component)
+        return
+    r = m.mission[sequence]
+    command, frame, carry_on = int(r[COMMAND]), int(r[FRAME]), int(r[AUTOCONTINUE])
+    lat, lon, z = int(r[LATITUDE]), int(r[LONGITUDE]), float(r[Z])
+    if sequence == 0:
+        phi, psi, z = geodetic_from_local(
+            m.home[0], m.home[1], -m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+        )
+        command, frame, carry_on, lat, lon = 16, 0, 1, deg_e7(phi), deg_e7(psi)
+    current = 1 if sequence == m.mission_current else 0
+    if whole:
+        encode_mission_item_int(
+            m.payload,
+            system,
+            component,
+            sequence,
+            frame,
+            command,
+            current,
+            carry_on,
+            r[P1],
+            r[P2],
+            r[P3],
+            r[P4],
+            lat,
+            lon,
+            z,
+            0,
+        )
+        send(m, _MISSION_ITEM_INT)
+    else:
+        encode_mission_item(
+            m.payload,
+            system,
+            component,
+            sequence,
+            frame,
+            command,
+            current,
+            carry_on,
+            r[P1],
+            r[P2],
+            r[P3],
+            r[P4],
+            lat * 1e-7,
+            lon * 1e-7,
+            z,
+            0,
+        )
+        send(m, _MISSION_ITEM)
+
+
+@kernel
+def send_mission_current(m: Any) -> bool:
+    """MISSION_CURRENT: which item is flown, and whether that goes on."""
+    total = mission_count(m) - 1
+    state = 1 if total == 0 else 5 if m.mission_complete else 3 if m.mode == 3 else 2
+    encode_mission_current(m.payload, m.mission_current, total, state, 1 if m.mode == 3 else 0)
+    return send(m, _MISSION_CURRENT)
+
+
+@kernel
+def send_reached(m: Any, sequence: int) -> None:
+    """MISSION_ITEM_REACHED."""
+    if can_answer(m):
+        encode_mission_item_reached(m.payload, sequence)
+        send(m, _MISSION_ITEM_REACHED)
+
+
+# ---- uploads -------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
+    """MISSION_CLEAR_ALL; kind 255 clears all kinds."""
+    if kind != 0 and kind != 255:
+        ack_mission(m, UNSUPPORTED, kind, system, component)
+        return
+    m.mission_count = 1
+    m.mission_current = 0
+    m.uploading = False
+    ack_mission(m, ACCEPTED, kind, system, component)
+
+
+@kernel
+def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: float) -> None:
+    """MISSION_COUNT: forget the mission and ask for the first item."""
+    if kind != 0 or count > MISSION_CAPACITY:
+        ack_mission(m, UNSUPPORTED if kind != 0 else NO_SPACE, kind, system, component)
+        return
+    m.mission_count = 1
+    m.mission_current = 0
+    m.mission_complete = False
+    m.uploading = count > 0
+    if count == 0:
+        ack_mission(m, ACCEPTED, 0, system, component)
+        return
+    m.upload_count = count
+    m.upload_next = 0
+    m.upload_system = system
+    m.upload_component = component
+    m.upload_heard = t
+    m.upload_asked = t - _ASK_AGAIN
+
+
+@kernel
+def continue_upload(m: Any, t: float) -> None:
+    """Ask for the next item when it is time to, or give the upload up."""
+    if t - m.upload_heard >= _GIVE_UP:
+        m.uploading = False
+        ack_mission(m, CANCELLED, 0, m.upload_system, m.upload_component)
+    elif t - m.upload_asked >= _ASK_AGAIN - 1e-9 and can_answer(m):
+        encode_mission_request(m.payload, m.upload_system, m.upload_component, m.upload_next, 0)
+        if send(m, _MISSION_REQUEST):
+            m.upload_asked = t
+
+
+@kernel
+def _check_item(command: int, frame: int, values: Any, latitude: float, longitude: float, z: float) -> int:
+    """MAV_MISSION_RESULT of an item."""
+    known = False
+    for i in range(_FLOWN.shape[0]):
+        known = known or command == _FLOWN[i]
+    if not known:
+        return UNSUPPORTED
+    if command < 90 and frame not in (0, 2, 3, 5, 6):
+        return BAD_FRAME
+    if not math.isfinite(values[0] + values[1] + values[2]) or not math.isfinite(z):
+        return INVALID
+    if command < 90 and not abs(latitude) <= 9e8:
+        return BAD_LATITUDE
+    if command < 90 and not abs(longitude) <= 1.8e9:
+        return BAD_LONGITUDE
+    return ACCEPTED
+
+
+@kernel
+def receive_item(
+    m: Any,
+    sequence: int,
+    frame: int,
+    command: int,
+    carry_on: int,
+    values: tuple[float, float, float, float],
+    latitude: float,
+    longitude: float,
+    z: float,
+    t: float,
+) -> None:
+    """The next item of an upload (latitude and longitude in 1e-7 degrees); the last one is acknowledged."""
+    if not m.uploading:
+        return
+    m.upload_heard = t
+    if sequence != m.upload_next:
+        ack_mission(m, BAD_SEQUENCE, 0, m.upload_system, m.upload_component)
+        return
+    result = _check_item(command, frame, values, latitude, longitude, z) if sequence > 0 else ACCEPTED
+    if result != ACCEPTED:
+        m.uploading = False
+        ack_mission(m, result, 0, m.upload_system, m.upload_component)
+        return
+    r = m.mission[sequence]
+    r[COMMAND], r[FRAME], r[AUTOCONTINUE], r[DONE] = float(command), float(frame), float(carry_on), 0.0
+    for i in range(4):
+        r[P1 + i] = values[i]
+    r[LATITUDE], r[LONGITUDE], r[Z] = latitude, longitude, z
+    m.upload_next = sequence + 1
+    m.upload_asked = t - _ASK_AGAIN
+    if m.upload_next == m.upload_count:
+        m.uploading = False
+        m.mission_count = m.upload_count
+        ack_mission(m, ACCEPTED, 0, m.upload_system, m.upload_component)
+
+
+@kernel
+def set_current(m: Any, sequence: int) -> bool:
+    """Make an item the current one; False if there is none of that number."""
+    if not 0 <= sequence < mission_count(m):
+        return False
+    m.mission_current = sequence
+    m.mission_changed = True
+    m.mission_complete = False
+    return True

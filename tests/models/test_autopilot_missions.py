@@ -1,0 +1,202 @@
+"""Missions: uploaded, downloaded, refused and flown; MISSION_ITEM as a guided target."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from cosim_models.missions import MISSION_CAPACITY
+from tests.models.copter import ACCEPTED, FAILED, GUIDED, Copter, H
+
+LAT, LON = -353632620, 1491652370
+METRE = 1.0 / 0.011131884502145034
+"""1e-7 degrees of latitude."""
+AUTO = 3
+
+
+def item(sequence: int, command: int, *values: float, north: float = 0.0, z: float = 0.0, frame: int = 3) -> Any:
+    """MISSION_ITEM_INT at a place north of home; without north no place."""
+    p = [*values, *[0.0] * (4 - len(values))]
+    place = (LAT + round(north * METRE), LON) if north else (0, 0)
+    return mavlink.MAVLink_mission_item_int_message(1, 1, sequence, frame, command, 0, 1, *p, *place, z, 0)
+
+
+def replies(copter: Copter, *messages: Any) -> list[Any]:
+    """What is said within two steps, but for HEARTBEATs."""
+    copter.heard.clear()
+    copter.send(*messages)
+    copter.run(2 * H)
+    found = [m for _, m in copter.heard if m.get_type() != "HEARTBEAT"]
+    copter.heard.clear()
+    return found
+
+
+def upload(copter: Copter, *items: Any) -> list[Any]:
+    """Upload as ground stations do; what the last item was answered with."""
+    answer = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
+    for i, one in enumerate(items):
+        assert [(m.get_type(), m.seq) for m in answer] == [("MISSION_REQUEST", i)]
+        assert (answer[0].target_system, answer[0].target_component) == (255, 190)
+        answer = replies(copter, one)
+        if answer[0].get_type() == "MISSION_ACK":
+            break
+    return answer
+
+
+@pytest.fixture
+def copter() -> Copter:
+    copter = Copter()
+    copter.run(2.1)
+    copter.heard.clear()
+    return copter
+
+
+HOME = item(0, 16)
+FLIGHT = (
+    HOME,
+    item(1, 22, z=5.0),
+    item(2, 178, 1, 4.0),
+    item(3, 16, north=10.0, z=6.0),
+    item(4, 16, 1.0, north=20.0, z=6.0),
+    item(5, 93, 1.0),
+    item(6, 21, north=20.0),
+)
+
+
+def test_a_mission_comes_back_as_it_went(copter: Copter) -> None:
+    ack, text = upload(copter, *FLIGHT)
+    assert (ack.get_type(), ack.type, ack.target_system) == ("MISSION_ACK", 0, 255)
+    assert text.text == "Flight plan received"
+    (count,) = replies(copter, mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    assert count.count == len(FLIGHT)
+    for i, one in enumerate(FLIGHT[1:], 1):
+        (back,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, i, 0))
+        for name in ("seq", "frame", "command", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z"):
+            assert getattr(back, name) == getattr(one, name)
+        (back,) = replies(copter, mavlink.MAVLink_mission_request_message(1, 1, i, 0))
+        assert (back.get_type(), back.x) == ("MISSION_ITEM", pytest.approx(one.x * 1e-7, rel=1e-6))
+    (home,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0))
+    assert (home.x, home.y, home.command) == (LAT, LON, 16)
+    (wrong,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, len(FLIGHT), 0))
+    assert (wrong.get_type(), wrong.type) == ("MISSION_ACK", 13)
+
+
+def test_floats_are_taken_too(copter: Copter) -> None:
+    one = mavlink.MAVLink_mission_item_message(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, -35.25, 149.25, 7.0, 0)
+    assert upload(copter, HOME, one)[0].type == 0
+    (back,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, 1, 0))
+    assert (back.x, back.y, back.z) == (-352500000, 1492500000, 7.0)
+
+
+def test_without_a_mission_there_is_home_only(copter: Copter) -> None:
+    (count,) = replies(copter, mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    assert count.count == 1
+    upload(copter, *FLIGHT)
+    (ack,) = replies(copter, mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
+    assert ack.type == 0
+    (count,) = replies(copter, mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    assert count.count == 1
+
+
+@pytest.mark.parametrize(
+    ("bad", "result"),
+    [
+        (item(1, 82, north=1.0), 3),
+        (item(1, 16, north=1.0, frame=10), 2),
+        (item(1, 16, float("nan"), north=1.0), 5),
+        (mavlink.MAVLink_mission_item_int_message(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, 900000001, 0, 1.0, 0), 10),
+        (item(2, 16, north=1.0), 13),
+    ],
+)
+def test_items_that_cannot_be_flown_are_refused(copter: Copter, bad: Any, result: int) -> None:
+    assert [m.type for m in upload(copter, HOME, bad)] == [result]
+
+
+def test_counts_that_cannot_be_held_are_refused(copter: Copter) -> None:
+    (ack,) = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, MISSION_CAPACITY + 1, 0))
+    assert ack.type == 4
+    (ack,) = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
+    assert ack.type == 3
+
+
+def test_lost_items_are_asked_for_again_and_given_up(copter: Copter) -> None:
+    replies(copter, mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    copter.run(9.0)
+    requests = [t for t, m in copter.heard if m.get_type() == "MISSION_REQUEST"]
+    assert np.diff(requests) == pytest.approx(1.0)
+    assert len(requests) == 7
+    assert [m.type for m in copter.messages("MISSION_ACK")] == [15]
+
+
+def test_auto_needs_a_mission_that_begins_with_a_takeoff(copter: Copter) -> None:
+    assert copter.ask(176, 1, AUTO) == [("ACK", 176, FAILED), ("TEXT", 4, "Mode change to AUTO failed: init failed")]
+    upload(copter, HOME, item(1, 16, north=5.0, z=5.0))
+    copter.ask(400, 1)
+    assert copter.ask(300) == [("ACK", 300, FAILED), ("TEXT", 4, "Auto: Missing Takeoff Cmd")]
+
+
+def test_a_mission_is_flown(copter: Copter) -> None:
+    upload(copter, *FLIGHT)
+    copter.ask(176, 1, GUIDED)
+    copter.ask(400, 1)
+    assert copter.ask(300)[0] == ("ACK", 300, ACCEPTED)
+    copter.heard.clear()
+    flight = copter.run(48.0)
+    texts = [m.text for m in copter.messages("STATUSTEXT")]
+    assert [t for t in texts if not t.startswith("Reached")] == [
+        "Mission: 2 ChangeSpeed",
+        "Mission: 3 WP",
+        "Mission: 4 WP",
+        "Mission: 5 Delay",
+        "Mission: 6 Land",
+        "Disarming motors",
+    ]
+    assert [m.seq for m in copter.messages("MISSION_ITEM_REACHED")] == [1, 3, 4, 5, 6]
+    assert flight[:, 4].max() < 4.2
+    assert -flight[:, 3].min() == pytest.approx(6.0, abs=0.2)
+    assert copter.v["position"][0] == pytest.approx(20.0, abs=0.3)
+    assert not copter.m["armed"]
+    assert copter.m["mode"] == AUTO
+
+
+def test_a_jump_is_taken_as_often_as_it_says() -> None:
+    copter = Copter().in_the_air(5.0, 10.0)
+    copter.heard.clear()
+    upload(copter, HOME, item(1, 16, north=6.0, z=5.0), item(2, 16, north=12.0, z=5.0), item(3, 177, 1, 2))
+    assert copter.ask(176, 1, AUTO)[0] == ("ACK", 176, ACCEPTED)
+    copter.run(30.0)
+    reached = [m.seq for m in copter.messages("MISSION_ITEM_REACHED")]
+    assert reached == [1, 2, 1, 2, 1, 2]
+    assert copter.m["mission_complete"]
+    assert copter.v["position"][0] == pytest.approx(12.0, abs=2.5)
+
+
+def test_the_current_item_can_be_set() -> None:
+    copter = Copter().in_the_air(5.0, 10.0)
+    upload(copter, HOME, item(1, 16, north=50.0, z=5.0), item(2, 20))
+    assert copter.ask(176, 1, AUTO)[0] == ("ACK", 176, ACCEPTED)
+    current, *_ = replies(copter, mavlink.MAVLink_mission_set_current_message(1, 1, 2))
+    assert (current.get_type(), current.seq, current.total) == ("MISSION_CURRENT", 2, 2)
+    assert replies(copter, mavlink.MAVLink_mission_set_current_message(1, 1, 9)) == []
+    copter.run(25.0)
+    assert not copter.m["armed"]
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_items_are_guided_targets(whole: bool) -> None:
+    copter = Copter().in_the_air(5.0, 10.0)
+    lat = LAT + round(8.0 * METRE)
+    if whole:
+        one = mavlink.MAVLink_mission_item_int_message(0, 0, 0, 6, 16, 2, 0, 0, 0, 0, 0, lat, LON, 7.0, 0)
+    else:
+        one = mavlink.MAVLink_mission_item_message(0, 0, 0, 3, 16, 2, 0, 0, 0, 0, 0, lat * 1e-7, LON * 1e-7, 7.0, 0)
+    (ack,) = replies(copter, one)
+    assert (ack.get_type(), ack.type, ack.target_system, ack.target_component) == ("MISSION_ACK", 0, 255, 190)
+    copter.run(8.0)
+    assert copter.v["position"] == pytest.approx((8.0, 0.0, -7.0), abs=0.1 if whole else 1.0)
+    copter.command(176, 1, 5)
+    (ack,) = replies(copter, one)
+    assert ack.type == 1
