@@ -181,7 +181,7 @@ def test_the_current_item_can_be_set() -> None:
     current, *_ = replies(copter, mavlink.MAVLink_mission_set_current_message(1, 1, 2))
     assert (current.get_type(), current.seq, current.total) == ("MISSION_CURRENT", 2, 2)
     assert replies(copter, mavlink.MAVLink_mission_set_current_message(1, 1, 9)) == []
-    copter.run(25.0)
+    copter.run(40.0)
     assert not copter.m["armed"]
 
 
@@ -197,6 +197,6 @@ def test_items_are_guided_targets(whole: bool) -> None:
     assert (ack.get_type(), ack.type, ack.target_system, ack.target_component) == ("MISSION_ACK", 0, 255, 190)
     copter.run(8.0)
     assert copter.v["position"] == pytest.approx((8.0, 0.0, -7.0), abs=0.1 if whole else 1.0)
-    copter.command(176, 1, 5)
+    copter.ask(176, 1, 5)
     (ack,) = replies(copter, one)
     assert ack.type == 1
