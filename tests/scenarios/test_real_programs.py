@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from tests.scenarios.flights import SYSTEMS, fly
 from tests.scenarios.swarm import running
 
 CLIENTS = Path(__file__).with_name("clients")
@@ -55,6 +56,8 @@ MAVPROXY = """\
 60 flags & 512 and fix >= 3 | mode guided
 10 mode == 'GUIDED' | arm throttle
 10 armed | takeoff 10
+30 param_LAND_SPEED == 50 | param set LAND_SPEED 60
+10 param_LAND_SPEED == 60 | param show LAND_SPEED
 30 height > 9.5 | guided -35.36320 149.16530 10
 30 abs(lat + 35.36320) < 5e-6 and abs(lon - 149.16530) < 5e-6 | rtl
 10 mode == 'RTL' | mode land
@@ -65,13 +68,13 @@ MAVPROXY = """\
 
 @needs("MAVProxy")
 def test_mavproxy_flies(tmp_path: Path, fmus: Path) -> None:
-    """MAVProxy: mode guided, arm throttle, takeoff 10, guided, rtl, mode land."""
+    """MAVProxy: mode guided, arm throttle, takeoff 10, param set, param show, guided, rtl, mode land."""
     (tmp_path / "script").write_text(MAVPROXY)
     with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE) as swarm:
         _mavproxy(tmp_path, f"tcp:127.0.0.1:{swarm.port('@drone1')}")
         swarm.stop()
     done = (tmp_path / "log").read_text().splitlines()
-    assert [line.partition(" ")[0] for line in done] == ["done:"] * 8, done
+    assert [line.partition(" ")[0] for line in done] == ["done:"] * 10, done
 
 
 def _mavproxy(folder: Path, master: str) -> None:
@@ -85,3 +88,26 @@ def _mavproxy(folder: Path, master: str) -> None:
         MAVPROXY_SCRIPT=str(folder / "script"),
         MAVPROXY_LOG=str(folder / "log"),
     )
+
+
+LINE = Path(__file__).parents[2] / "examples" / "dronekit_line.py"
+STEPS = 18
+
+
+@needs("dronekit", "past")
+def test_dronekit_flies_five_vehicles_at_once_as_line_agents_do(tmp_path: Path, fmus: Path) -> None:
+    """DroneKit at five ports: connect with wait_ready, is_armable, GUIDED, armed, simple_takeoff(10); then the line."""
+    with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE) as swarm:
+        addresses = [f"tcp:127.0.0.1:{swarm.port(f'@drone{i}')}" for i in range(1, 6)]
+        done = run([str(LINE), *addresses, "--period", str(3.1875 / PACE), "--steps", str(STEPS)], 120)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+        swarm.stop()
+    script = [json.loads(line)["east"] for line in done.stdout.splitlines()]
+    assert len(script) == STEPS + 1
+    for east, goal in zip(script[-1], (0.0, 25.0, 50.0, 75.0, 100.0), strict=True):
+        assert abs(east - goal) < 1.0
+    agents = fly(SYSTEMS / "line5", tmp_path / "agents", until=90.0)
+    for k, east in enumerate(script):
+        row = agents.end_of_step(k + 1)
+        for drone, x in enumerate(east, start=1):
+            assert abs(x - agents.east(drone)[row]) < 0.75, (k, drone)
