@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import subprocess
 import sys
@@ -52,3 +53,19 @@ def test_swarm_flies_and_accounts_for_every_phase(tmp_path: Path, fmus: Path) ->
 def test_packets_are_the_same_for_pymavlink(tmp_path: Path, fmus: Path) -> None:
     rows = benchmark("packets", tmp_path, "--rounds", "1", "--scale", "0.01", "--fmus", str(fmus))["rows"]
     assert [row["operation"] for row in rows] == ["encode", "find", "decode", "route"]
+
+
+@pytest.mark.slow
+def test_engines_ours_is_right_in_every_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And docs/engines.md has these rows."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    engines = importlib.import_module("engines")
+    lines = (BENCHMARKS.parent / "docs" / "engines.md").read_text(encoding="utf-8").splitlines()
+    documented = [[cell.strip() for cell in line.split("|")[1:5]] for line in lines if line.startswith("| ")]
+    fmu = engines.build_fmu(tmp_path)
+    assert len(engines.cases()) >= 17
+    for i, case in enumerate(engines.cases()):
+        path = tmp_path / f"case{i}.ssp"
+        engines.write(case, fmu, path)
+        assert engines.ours(str(path)) == pytest.approx(case.expected, rel=1e-9), case.name
+        assert [case.name, case.section, f"{case.expected:g}", f"**{case.expected:g}**"] in documented

@@ -1,0 +1,349 @@
+"""What engines make of small SSPs: ours, FMPy, libcosim, Ecos, and OMSimulator where OMSIMULATOR names its executable.
+
+    python benchmarks/engines.py [--engines NAME ...] [--write docs/engines.md]
+
+Each system has one rule of SSP in it and one number, sink.y after a second of simulated time, that is right only if
+the rule is followed. The number is worked out by hand from the standard. Sources are constant, so how an engine
+delays values does not matter. Every engine runs every system in a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import ctypes
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import zipfile
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+STEP, STOP = 0.1, 1.0
+_HEAD = (
+    'xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
+    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" '
+    'xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" '
+    'xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" '
+    'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary"'
+)
+_UNITS = (
+    "<ssd:Units>"
+    '<ssc:Unit name="km"><ssc:BaseUnit m="1" factor="1000"/></ssc:Unit>'
+    '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>'
+    '<ssc:Unit name="degC"><ssc:BaseUnit K="1" offset="273.15"/></ssc:Unit>'
+    '<ssc:Unit name="K"><ssc:BaseUnit K="1"/></ssc:Unit>'
+    "</ssd:Units>"
+)
+_ENUMERATIONS = (
+    '<ssd:Enumerations><ssc:Enumeration name="Level"><ssc:Item name="low" value="1"/><ssc:Item name="high" value="5"/>'
+    "</ssc:Enumeration></ssd:Enumerations>"
+)
+_TYPES = {
+    "u": "Real", "value": "Real", "y": "Real", "k": "Real", "gain": "Real", "length": 'Real unit="m"',
+    "temperature": 'Real unit="K"', "far": 'Real unit="km"', "warm": 'Real unit="degC"', "n": "Integer",
+    "count": "Integer", "flag": "Boolean", "off": "Boolean",
+}  # fmt: skip
+_INPUTS = ("u", "length", "temperature", "n", "flag")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A system and the number that it gives by the standard."""
+
+    name: str
+    section: str
+    expected: float
+    body: str
+    files: dict[str, str] = field(default_factory=dict)
+
+
+def _connectors(*names: str, typed: bool = True) -> str:
+    made = "".join(
+        f'<ssd:Connector name="{n}" kind="{"input" if n in _INPUTS else "output"}">'
+        + (f"<ssc:{_TYPES[n]}/>" if typed else "")
+        + "</ssd:Connector>"
+        for n in names
+    )
+    return f"<ssd:Connectors>{made}</ssd:Connectors>"
+
+
+def _component(name: str, *connectors: str, bindings: str = "", typed: bool = True) -> str:
+    head = f'<ssd:Component name="{name}" type="application/x-fmu-sharedlibrary" source="resources/Switchboard.fmu">'
+    return f"{head}{_connectors(*connectors, typed=typed)}{bindings}</ssd:Component>"
+
+
+def _parameters(values: dict[str, str]) -> str:
+    """Values by name; an item of the enumeration where it is no number."""
+    return "".join(
+        f'<ssv:Parameter name="{n}"><ssv:{"Real" if v[0].isdigit() else "Enumeration"} value="{v}"/></ssv:Parameter>'
+        for n, v in values.items()
+    )
+
+
+def _set(values: dict[str, str], head: str = "") -> str:
+    return (
+        f'<ssv:ParameterSet {head} version="1.0" name="set"><ssv:Parameters>{_parameters(values)}</ssv:Parameters>'
+        "</ssv:ParameterSet>"
+    )
+
+
+def _bound(*sets: dict[str, str]) -> str:
+    made = "".join(
+        f"<ssd:ParameterBinding><ssd:ParameterValues>{_set(values)}</ssd:ParameterValues></ssd:ParameterBinding>"
+        for values in sets
+    )
+    return f"<ssd:ParameterBindings>{made}</ssd:ParameterBindings>"
+
+
+def _wire(start: str, end: str, inner: str = "") -> str:
+    ends = ""
+    for side, text in (("start", start), ("end", end)):
+        element, _, connector = text.rpartition(".")
+        ends += f' {side}Element="{element}"' if element else ""
+        ends += f' {side}Connector="{connector}"'
+    return f"<ssd:Connection{ends}>{inner}</ssd:Connection>"
+
+
+def _system(elements: str, connections: str, bindings: str = "", after: str = "") -> str:
+    return (
+        f'<ssd:System name="root">{bindings}<ssd:Elements>{elements}</ssd:Elements>'
+        f"<ssd:Connections>{connections}</ssd:Connections>{after}</ssd:System>"
+    )
+
+
+def _pair(source: str, sink: str, inner: str = "", *, of_source: str = "", of_sink: str = "", outer: str = "") -> str:
+    """source -> sink, one connection."""
+    elements = _component("source", source, bindings=of_source) + _component("sink", sink, "y", bindings=of_sink)
+    return _system(elements, _wire(f"source.{source}", f"sink.{sink}", inner), outer)
+
+
+def cases() -> list[Case]:
+    ssv = f'<?xml version="1.0" encoding="UTF-8"?>\n{_set({"k": "5"}, _HEAD)}'
+    other = f'<?xml version="1.0" encoding="UTF-8"?>\n{_set({"height": "4"}, _HEAD)}'
+    ssm = (
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<ssm:ParameterMapping {_HEAD} version="1.0">'
+        '<ssm:MappingEntry source="height" target="k"/></ssm:ParameterMapping>'
+    )
+    external = (
+        '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/values.ssv">{}'
+        "</ssd:ParameterBinding></ssd:ParameterBindings>"
+    )
+    mapping = external.format('<ssd:ParameterMapping source="resources/names.ssm"/>')
+    untyped = _component("source", "value", typed=False) + _component("sink", "u", "y", typed=False)
+    nested = (
+        f'<ssd:System name="inside">{_connectors("u")}<ssd:Elements>{_component("sink", "u", "y")}</ssd:Elements>'
+        f"<ssd:Connections>{_wire('u', 'sink.u')}</ssd:Connections></ssd:System>"
+    )
+    level = _bound({"level": "high"})
+    return [
+        Case("a connection", "5.3.2", 6.0, _pair("value", "u")),
+        Case("a connection written from its end to its start", "5.3.2.1", 6.0, _system(
+            _component("source", "value") + _component("sink", "u", "y"), _wire("sink.u", "source.value"))),
+        Case("connectors without a type", "5.2.1", 6.0, _system(untyped, _wire("source.value", "sink.u"))),
+        Case("an Integer connected to a Real", "5.3.2", 6.0, _pair("count", "u")),
+        Case("a component of a nested system", "5.3", 6.0, _system(
+            _component("source", "value") + nested, _wire("source.value", "inside.u"))),
+        Case("linear transformation, factor and offset", "5.3.2.2", 14.0,
+             _pair("value", "u", '<ssc:LinearTransformation factor="2" offset="1"/>')),
+        Case("linear transformation, the factor's default", "5.3.2.2", 206.0,
+             _pair("value", "u", '<ssc:LinearTransformation offset="100"/>')),
+        Case("boolean mapping", "5.3.2.2", 1.0, _pair("off", "flag",
+             '<ssc:BooleanMappingTransformation><ssc:MapEntry source="false" target="true"/>'
+             "</ssc:BooleanMappingTransformation>")),
+        Case("integer mapping", "5.3.2.2", 30.0, _pair("count", "n",
+             '<ssc:IntegerMappingTransformation><ssc:MapEntry source="3" target="30"/>'
+             "</ssc:IntegerMappingTransformation>")),
+        Case("units that differ by a factor", "5.3.2", 3000.0, _pair("far", "length")),
+        Case("units that differ by an offset", "5.3.2", 276.15, _pair("warm", "temperature")),
+        Case("inline parameter values", "5.2.3", 10.0, _pair("value", "u", of_source=_bound({"k": "5"}))),
+        Case("of two bindings the later one", "5.2.3", 14.0, _pair(
+            "value", "u", of_source=_bound({"k": "5"}, {"k": "7"}))),
+        Case("the outer of two bindings", "5.2.3", 14.0, _pair(
+            "value", "u", of_source=_bound({"k": "5"}), outer=_bound({"source.k": "7"}))),
+        Case("an enumeration set by its item's name", "6", 406.0, _pair("value", "u", of_sink=level)),
+        Case("an external .ssv", "5.2.3", 10.0, _pair("value", "u", of_source=external.format("")),
+             {"resources/values.ssv": ssv}),
+        Case("a parameter mapping (.ssm)", "7", 8.0, _pair("value", "u", of_source=mapping),
+             {"resources/values.ssv": other, "resources/names.ssm": ssm}),
+    ]  # fmt: skip
+
+
+def write(case: Case, fmu: Path, path: Path) -> None:
+    document = (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<ssd:SystemStructureDescription {_HEAD} version="1.0" name="engines">{case.body}{_ENUMERATIONS}{_UNITS}'
+        f'<ssd:DefaultExperiment startTime="0" stopTime="{STOP}"/></ssd:SystemStructureDescription>'
+    )
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("SystemStructure.ssd", document)
+        archive.write(fmu, "resources/Switchboard.fmu")
+        for name, text in case.files.items():
+            archive.writestr(name, text)
+
+
+# ---- engines: sink.y at the end ---------------------------------------------------------------
+
+
+def ours(path: str) -> float:
+    import pyarrow.parquet as pq
+
+    from cosim_master.simulation import simulate
+
+    with tempfile.TemporaryDirectory() as out:
+        result = simulate(path, out=Path(out))
+        if result.outcome != "done":
+            raise RuntimeError(str(result.error))
+        table = pq.read_table(Path(out) / "signals.parquet")
+        (name,) = [n for n in table.column_names if n.endswith("sink.y")]
+        return float(table[name].to_pylist()[-1])
+
+
+def fmpy(path: str) -> float:
+    from fmpy.ssp.simulation import simulate_ssp
+
+    result = simulate_ssp(path, stop_time=STOP, step_size=STEP)
+    (name,) = [n for n in result.dtype.names if n.endswith("sink.y")]
+    return float(result[name][-1])
+
+
+def libcosim(path: str) -> float:
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimObserver import CosimObserver
+
+    execution = CosimExecution.from_ssp_file(path, round(STEP * 1e9))
+    observer = CosimObserver.create_last_value()
+    if not execution.add_observer(observer):
+        raise RuntimeError("no observer")
+    for _ in range(round(STOP / STEP)):
+        if not execution.step():
+            raise RuntimeError("a step failed")
+    slave = execution.slave_index_from_instance_name("sink")
+    (reference,) = [v.reference for v in execution.slave_variables(slave) if v.name == b"y"]
+    return float(observer.last_real_values(slave, [reference])[0])
+
+
+def ecos(path: str) -> float:
+    # The tbb wheel puts the library that ecospy needs where the loader does not look.
+    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
+    from ecospy import EcosSimulation
+
+    with EcosSimulation(ssp_path=path, step_size=STEP) as simulation:
+        simulation.init(parameter_set="set")
+        for _ in range(round(STOP / STEP)):
+            simulation.step(1)
+        return float(simulation.get_real("sink::y"))
+
+
+def omsimulator(path: str) -> float:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "result.csv"
+        options = [f"--resultFile={file}", f"--stopTime={STOP}", f"--stepSize={STEP}", f"--tempDir={folder}"]
+        done = subprocess.run([os.environ["OMSIMULATOR"], *options, path], capture_output=True, text=True, check=False)
+        if not file.exists():
+            raise RuntimeError((done.stdout + done.stderr).strip().splitlines()[-1:] or "no result")
+        rows = list(csv.reader(file.open()))
+        (column,) = [i for i, name in enumerate(rows[0]) if name.endswith("sink.y")]
+        return float(rows[-1][column])
+
+
+ENGINES = {"uav-cosim": ours, "FMPy": fmpy, "libcosim": libcosim, "Ecos": ecos, "OMSimulator": omsimulator}
+_PACKAGES = {"uav-cosim": "uav-cosim", "FMPy": "fmpy", "libcosim": "libcosimpy", "Ecos": "ecospy"}
+
+
+def available(names: list[str]) -> dict[str, str]:
+    """Engines that are here, with their versions."""
+    found = {}
+    for name in names:
+        if name == "OMSimulator":
+            if os.environ.get("OMSIMULATOR"):
+                found[name] = "from OMSIMULATOR"
+            continue
+        try:
+            found[name] = version(_PACKAGES[name])
+        except PackageNotFoundError:
+            print(f"{name} is not installed: left out", file=sys.stderr)
+    return found
+
+
+def given(engine: str, path: Path) -> float | str:
+    """What an engine makes of a system: its number, or why there is none."""
+    command = [sys.executable, __file__, "--one", engine, str(path)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    except subprocess.TimeoutExpired:
+        return "hangs"
+    for line in done.stdout.splitlines():
+        if line.startswith("VALUE "):
+            return float(line.split()[1])
+    if done.returncode < 0:
+        return f"crash (signal {-done.returncode})"
+    return "error"
+
+
+def build_fmu(folder: Path) -> Path:
+    from cosim.build import build, load_models
+
+    (model,) = load_models(str(Path(__file__).parent / "models" / "switchboard.py"))
+    return build(model, folder).file
+
+
+def table(names: dict[str, str], results: dict[str, dict[str, float | str]]) -> str:
+    lines = [
+        "# What engines make of the same systems",
+        "",
+        "Small SSPs with one rule of the standard (SSP 2.0, section) in each. The number is the output of a component",
+        "after a second of simulated time, worked out by hand; **bold** is right. All engines get the same archive and",
+        "nothing else, but for Ecos: it applies parameter sets only if told their name, and is told it. Written by",
+        "`python benchmarks/engines.py --write docs/engines.md`.",
+        "",
+        "| rule | section | by the standard | " + " | ".join(f"{n} {v}" for n, v in names.items()) + " |",
+        "|---|---|---|" + "---|" * len(names),
+    ]
+    for case in cases():
+        cells = []
+        for engine in names:
+            got = results[case.name][engine]
+            right = isinstance(got, float) and math.isclose(got, case.expected, rel_tol=1e-9)
+            text = f"{got:g}" if isinstance(got, float) else got
+            cells.append(f"**{text}**" if right else text)
+        lines.append(f"| {case.name} | {case.section} | {case.expected:g} | " + " | ".join(cells) + " |")
+    counts = []
+    for engine in names:
+        right = [
+            isinstance(got := results[c.name][engine], float) and math.isclose(got, c.expected, rel_tol=1e-9)
+            for c in cases()
+        ]
+        counts.append(f"{sum(right)} of {len(right)}")
+    lines.append("| right | | | " + " | ".join(counts) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--engines", nargs="+", default=list(ENGINES), choices=list(ENGINES))
+    parser.add_argument("--write", type=Path, help="Markdown file for the table")
+    parser.add_argument("--one", nargs=2, metavar=("ENGINE", "SSP"), help="run one system and print its number")
+    options = parser.parse_args()
+    if options.one:
+        print("VALUE", repr(ENGINES[options.one[0]](options.one[1])), flush=True)
+        os._exit(0)  # how these tools shut down is not our subject
+    names = available(options.engines)
+    results: dict[str, dict[str, float | str]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        fmu = build_fmu(Path(folder))
+        for i, case in enumerate(cases()):
+            path = Path(folder) / f"case{i}.ssp"
+            write(case, fmu, path)
+            results[case.name] = {engine: given(engine, path) for engine in names}
+    text = table(names, results)
+    print(text)
+    if options.write:
+        options.write.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
