@@ -180,25 +180,27 @@ class Bindings:
         self.unmatched.append(Unmatched(full, parameter.where, hint))
 
     def _set_array(self, part: Part, name: str, parameter: Parameter) -> None:
-        """Set all elements of the array connectors that a name matches; FMI 2 has scalars only."""
+        """Set all elements of the arrays that a name matches: connectors of systems, and variables of FMI 3."""
         found = False
         for owner, rest in _owners(part, name):
-            if rest in owner.shapes:
+            shapes = owner.shapes if owner.fmu is None else owner.fmu.shapes
+            if rest in shapes:
                 found = True
-                if owner.shapes[rest] != parameter.shape:
-                    sizes = ["x".join(map(str, shape)) for shape in (parameter.shape, owner.shapes[rest])]
-                    text = f'"{parameter.name}" has {sizes[0]} values, but its connector has {sizes[1]} elements'
+                if shapes[rest] != parameter.shape:
+                    sizes = ["x".join(map(str, shape)) for shape in (parameter.shape, shapes[rest])]
+                    text = f'"{parameter.name}" has {sizes[0]} values, but its target has {sizes[1]} elements'
                     self._problems.append(Problem(parameter.where, text))
                     continue
+                targets: Mapping[str, Variable | Port] = owner.ports if owner.fmu is None else owner.fmu.variables
                 for indices, value in zip(indices_of(parameter.shape), parameter.elements, strict=True):
                     one = replace(parameter, value=value, shape=(), elements=())
-                    self._assign(owner, owner.ports[element_name(rest, indices)], one)
+                    self._assign(owner, targets[element_name(rest, indices)], one)
             elif owner.fmu is not None and rest in owner.fmu.variables:
                 found = True
                 text = f'"{parameter.name}" is an array, but {owner.fmu.path.name} has it as a scalar'
                 self._problems.append(Problem(parameter.where, text))
         if not found:
-            hint = "an array sets array connectors only; name the elements one by one to set scalars"
+            hint = "an array sets arrays only; name the elements one by one to set scalars"
             self._unmatched(part, name, parameter, hint)
 
     def _assign(self, part: Part, target: Variable | Port, parameter: Parameter) -> None:
@@ -414,9 +416,10 @@ def _out_of_range(variable: Variable, value: Value) -> str | None:
         return None
     if isinstance(value, float) and math.isnan(value):
         return "is set to NaN, which is no start value"
-    smallest, largest = INTEGER_RANGES.get(SAME_TYPE.get(variable.type, variable.type), (-math.inf, math.inf))
+    kind = SAME_TYPE.get(variable.fmi_type or variable.type, variable.fmi_type or variable.type)
+    smallest, largest = INTEGER_RANGES.get(kind, (-math.inf, math.inf))
     if not smallest <= value <= largest:
-        return f"is set to {value}, which does not fit into {int(largest).bit_length() + (smallest < 0)} bits"
+        return f"is set to {value}, which does not fit into {variable.fmi_type or '32 bits'}"
     low = -math.inf if variable.minimum is None else variable.minimum
     high = math.inf if variable.maximum is None else variable.maximum
     if not low <= value <= high:

@@ -296,7 +296,7 @@ class _Assembly:
             connector.name,
             kind,
             connector.where,
-            type=SAME_TYPE.get(variable.type, variable.type),
+            type=_exact(variable),
             unit=connector.unit or variable.unit,
             items=variable.items or connector.items,
             variable=variable,
@@ -360,8 +360,13 @@ def _by(shape: tuple[int, ...]) -> str:
     return "x".join(map(str, shape))
 
 
+def _exact(variable: Variable) -> str:
+    """The type of a variable in SSP's words: "UInt8" where FMI 3 has it so, "Integer" for the Int32 of both."""
+    own = variable.fmi_type if variable.type in ("Real", "Integer") and variable.fmi_type else variable.type
+    return SAME_TYPE.get(own, own)
+
+
 def _types(variable: Variable) -> set[str]:
     """What a connector of a variable may call its type."""
-    own = variable.fmi_type if variable.type in ("Real", "Integer") else variable.type
-    names = {variable.type, SAME_TYPE.get(own, own)}
+    names = {variable.type, _exact(variable)}
     return names | {"String", "Binary"} if variable.packet_capacity is not None else names

@@ -33,6 +33,7 @@ from cosim_master import check as checking
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.fmu import FmuDescription, platform
 from cosim_master.ssp import read_system
+from tests.master import strict3
 from tests.master.conftest import SUFFIX, Workshop
 from tests.master.test_conformance import CORPUS, FMUS, description
 
@@ -79,6 +80,9 @@ def make_fmus(folder: Path) -> None:
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", description(Workshop(folder), **options))
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", b"")
+    with zipfile.ZipFile(folder / "three.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", strict3.description())
+        archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", b"")
 
 
 @lru_cache(maxsize=1)

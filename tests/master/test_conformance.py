@@ -7,8 +7,8 @@ A case is a folder with a case.toml: `section` and `rule` of the standard it sta
     notes    parts of what must be said to the user
     pack     the folder is given as an .ssp;  variant, steps (default 3, of 0.5 s), end: of the run
 
-Folders named *.ssp inside of a case are packed; folders named *.fmu hold what an FMU has besides a probe (see
-probe.c). FMUs are put into resources/ of every package that has none of that name.
+Folders named *.ssp inside of a case are packed; folders named *.fmu hold what an FMU has besides a probe (probe.c);
+three.fmu is one of FMI 3 (strict3.c). FMUs are put into resources/ of every package that has none of that name.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ import pytest
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.fmu import platform
 from cosim_master.simulation import simulate
+from tests.master import strict3
 from tests.master.conftest import SUFFIX, Workshop, variable
-from tests.master.probe import LEVEL, probe_library
+from tests.master.probe import LEVEL, compiled, probe_library
 
 CORPUS = Path(__file__).parents[1] / "data/ssp"
 CASES = sorted(path.parent.name for path in CORPUS.glob("*/case.toml"))
@@ -89,6 +90,10 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", description(Workshop(folder), **options))
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", library)
+    with zipfile.ZipFile(folder / "three.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", strict3.description())
+        library = compiled(Path(__file__).with_name("strict3.c"), tmp_path_factory.getbasetemp())
+        archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
     return folder
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
+from cosim_master.errors import FmuError, SystemDescriptionError
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import describe
 from cosim_master.loading import Libraries
@@ -109,19 +109,29 @@ def test_binary_is_copied_byte_for_byte(stricts3: Any) -> None:
 
 def test_integers_that_do_not_fit(stricts3: Any) -> None:
     stricts3.fmu()
-    error = failed(stricts3, stricts3.component("a", **{"u8_in[1]": 256}))
-    assert "u8_in[1] = 256 does not fit into UInt8" in error
+    with pytest.raises(SystemDescriptionError, match=r'"u8_in\[1\]" is set to 256, which does not fit into UInt8'):
+        ran(stricts3, stricts3.ssd(stricts3.component("a", **{"u8_in[1]": 256})))
     error = failed(stricts3, stricts3.component("a", mode=7, when=0.5))
     assert "a: fmi3GetInt64 failed at t = 0 s: an integer does not fit" in error
 
 
-def test_an_integer_that_comes_over_a_connection_and_does_not_fit(stricts3: Any) -> None:
+def test_an_integer_that_does_not_fit_into_an_instance(stricts3: Any) -> None:
+    with Libraries() as libraries:
+        fmu = describe(stricts3.fmu())
+        one = Instance3(libraries.load(fmu), "one")
+        with pytest.raises(FmuError, match=r"i8_in\[1\] = 128 does not fit into Int8"):
+            one.set([fmu.variables["i8_in[1]"]], [128])
+        one.free()
+
+
+def test_connections_to_narrower_types_are_refused(stricts3: Any, tmp_path: Path) -> None:
     stricts3.fmu()
-    ports = "i32_out[1]:output i8_in[1]:input"
-    parts = stricts3.component("a", ports=ports, **{"i32_in[1]": 127}) + stricts3.component("b", ports=ports)
-    result = ran(stricts3, stricts3.ssd(parts, "a/i32_out[1] b/i8_in[1]"))
-    assert result.outcome == "failed"
-    assert "i8_in[1] = 128 does not fit into Int8" in str(result.error)
+    ports = "i32_out[1]:output i8_in[1]:input i8_out[1]:output i32_in[1]:input"
+    parts = stricts3.component("a", ports=ports, **{"i8_in[1]": 5}) + stricts3.component("b", ports=ports)
+    with pytest.raises(SystemDescriptionError, match=r"a\.i32_out\[1\] is Integer and b\.i8_in\[1\] is Int8"):
+        ran(stricts3, stricts3.ssd(parts, "a/i32_out[1] b/i8_in[1]"))
+    ran(stricts3, stricts3.ssd(parts, "a/i8_out[1] b/i32_in[1]"), out=tmp_path / "out")
+    assert signals(tmp_path / "out")["b.i32_out[1]"][-1] == 7
 
 
 def test_resource_paths(stricts3: Any) -> None:
