@@ -129,10 +129,10 @@ class _Json:
 def _multimodel_of(configuration: _Json) -> Path:
     """The multi-model that a run's configuration names: its path is relative to the project's folder."""
     named = str(configuration.content["multimodel_path"])
-    for folder in configuration.path.absolute().parents:
-        if (folder / named).is_file():
+    for folder in configuration.path.absolute().parents if _speakable(named) else ():
+        if _is_file(folder / named):
             return folder / named
-    text = f'multimodel_path: there is no file "{named}" in the folder of this file or one above it'
+    text = f"multimodel_path: there is no file {_shown(named)} in the folder of this file or one above it"
     raise SystemDescriptionError([Problem(configuration.where("multimodel_path"), text)])
 
 
@@ -209,7 +209,7 @@ class _Reading:
         connections = self._connections(model, fmus)
         ignored = [key for key in model.content if key not in _KNOWN and key not in _REFUSED]
         if ignored:
-            self.notes.append(f"{model.path}: ignored, since it changes no values: {', '.join(ignored)}")
+            self.notes.append(f"{model.path}: ignored, since it changes no values: {', '.join(map(_shown, ignored))}")
         used = {name[: name.index("}") + 1] for name in (*self._ports, *self._values)}
         for key in fmus:
             if key not in used:
@@ -258,11 +258,8 @@ class _Reading:
         for folder in model.path.absolute().parents if named.name else ():
             candidates += [folder / named, folder / "FMUs" / named, folder / "FMUs" / named.name]
         for candidate in candidates:
-            try:
-                if candidate.is_file():
-                    return candidate
-            except (OSError, ValueError):
-                break
+            if _is_file(candidate):
+                return candidate
         self._problem(model, key, f'{key}: there is no file "{source}", also not in a folder FMUs of this one or above')
         return None
 
@@ -299,7 +296,9 @@ class _Reading:
         for text, targets in self._object(model, "connections").items():
             source = self._end(model, text, fmus)
             if not isinstance(targets, list):
-                self._problem(model, text, f"{text}: must be connected to a list of inputs, not {_shown(targets)}")
+                self._problem(
+                    model, text, f"{_shown(text)}: must be connected to a list of inputs, not {_shown(targets)}"
+                )
                 continue
             for target_text in targets:
                 target = self._end(model, target_text, fmus)
@@ -335,6 +334,14 @@ class _Reading:
 
     def _problem(self, file: _Json, text: str | None, message: str) -> None:
         self.problems.append(Problem(file.where(text), message))
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is such a file; names that no file can have are none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _finite(value: float) -> bool:

@@ -95,7 +95,7 @@ def test_what_was_assumed_is_told(place: Path) -> None:
     content["fmus"]["{C}"] = "other.fmu"
     with read_system(written(place, content)) as structure:
         notes = "\n".join(structure.notes)
-    assert "ignored, since it changes no values: livestream" in notes
+    assert 'ignored, since it changes no values: "livestream"' in notes
     assert "{C} has no instance" in notes
 
 
@@ -173,6 +173,8 @@ def test_all_problems_come_at_once(place: Path) -> None:
         ("[" * 100_000, "is not JSON"),
         ('{"fmus": ' + "9" * 5000 + "}", "is not JSON that can be read"),
         ('{"multimodel_path": "nowhere.json"}', 'there is no file "nowhere.json"'),
+        (r'{"multimodel_path": "\ud800"}', r'there is no file "\ud800"'),
+        (r'{"multimodel_path": "\u0000"}', r'there is no file "\u0000"'),
     ],
 )
 def test_what_is_no_multimodel(tmp_path: Path, text: str, message: str) -> None:
