@@ -24,7 +24,9 @@ import numpy as np
 from cosim_master.changes import Change
 from cosim_master.check import CheckedSystem
 from cosim_master.errors import CosimError, FmuError
+from cosim_master.events import EndedByEvent, Events
 from cosim_master.fmi2 import STATUS, set_kind
+from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
 from cosim_master.living import Living
 from cosim_master.loading import Libraries, check_sources
@@ -53,7 +55,9 @@ from cosim_master.stepping import (
     DO_STEP,
     DONE,
     EARLY,
+    END,
     ENDED,
+    EVENTS_DUE,
     FAILED,
     FAILURES,
     FUNCTIONS,
@@ -68,6 +72,7 @@ from cosim_master.stepping import (
     START,
     TOO_LONG,
     K,
+    collect_again,
     collect_all,
     end_here,
     places_needed,
@@ -189,6 +194,7 @@ class Execution:
                 self._recorder = recorder_for()
             # One call up to k = 0 sends what the instances have to send at the start and records the first row.
             self._text_links, self._text_outputs = self._strings()
+            self._events = Events(checked, self.living)
             self._grid = Grid(self.plan, clock.periods)
             # What this project compiled never discards a step, so that swarms of it need no copies of their states.
             passed = "what has passed a gateway cannot be taken back" if network.gateways else ""
@@ -436,11 +442,47 @@ class Execution:
                 self.radio = grown(self.radio, int(places_needed(self.plan, self.radio)))
             elif reason == NEED_LOG:
                 self._flush_packets()
+            elif reason == EVENTS_DUE:
+                self._handle_events()
+                continue
             elif reason == FAILED:
                 self._discards()
                 self._raise_failures()
             if self._snapshot is not None:
                 self._save()
+                rows = int(self.plan.clock[ROWS])
+
+    def _handle_events(self) -> None:
+        """Steps in which there are events: their rest, then the events at their end, then their outputs."""
+        rows, k = self.plan.instances, int(self.plan.clock[K])
+        # Outputs are known at the end of a step; that of a slow instance may lie some base steps ahead.
+        ends = [i for i in self._events.numbers if k % int(rows[i]["period"]) + 1 == int(rows[i]["length"])]
+        due = [i for i in self._events.numbers if self._living3(i).pending]
+        try:
+            at_end = []
+            for i in due:
+                one, end = self._living3(i), self.time + float(rows[i]["h"])
+                begun, one.pending = one.pending == END, 0
+                if self._events.finish(i, self.time, end, begun=begun):
+                    at_end.append(i)
+            alone = [i for i in at_end if i not in ends]
+            together = [i for i in at_end if i in ends]
+            touched = set(due)
+            for i in alone:
+                self._events.settle(self._events.enter([i]))
+            if together:
+                touched |= set(self._events.settle(self._events.enter(together), ends))
+        except FmuError as error:
+            raise RunFailed([error]) from None
+        except EndedByEvent as ended:
+            raise RunTerminated(self.living[ended.number].name, ended.time, said="terminateSimulation") from None
+        collect_again(self.plan, np.array(sorted(touched & set(ends)), dtype=np.int64))
+        self._raise_failures()
+
+    def _living3(self, i: int) -> Instance3:
+        one = self.living[i]
+        assert isinstance(one, Instance3)
+        return one
 
     def _flush_rows(self) -> None:
         if self._recorder is not None:

@@ -5,7 +5,8 @@
     ... steps ...
     instance.terminate(), instance.free()
 
-Instances are made without Event Mode, early return and intermediate update. A Binary is hexadecimal text here, as in
+Event Mode is used where the FMU has it, and early return with it, if the rest of the step may then be done; see
+`events`. Intermediate update is not used. A Binary is hexadecimal text here, as in
 the files of SSP. An array is set as a whole: elements that are not given keep what they were set to last.
 
 After fmi3Error only `free` is legal, after fmi3Fatal nothing is, for any instance of that FMU.
@@ -17,6 +18,7 @@ import collections
 import contextlib
 import ctypes
 import logging
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -31,6 +33,7 @@ log = logging.getLogger(__name__)
 STATUS3 = ("fmi3OK", "fmi3Warning", "fmi3Discard", "fmi3Error", "fmi3Fatal")
 _LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
 _KEPT_LOG_LINES = 40
+_ANSWERS = 32
 _C_TYPES: dict[str, Any] = {
     "Float32": ctypes.c_float,
     "Float64": ctypes.c_double,
@@ -60,6 +63,9 @@ class Instance3:
         self.time: float | None = None
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
         self._span = (0.0, 0.0)
+        self.event_mode = library.fmu.capabilities.hasEventMode
+        self._answers = (ctypes.c_ubyte * _ANSWERS)()
+        self.next_event = math.inf
         # What it points to must live as long as the instance.
         self._logger = _LOGGER(self._log)
         self._arrays: dict[int, list[Variable]] = {}
@@ -78,8 +84,8 @@ class Instance3:
             ctypes.c_char_p(f"{library.resources}/".encode() if has_resources else None),
             no,  # visible
             yes if library.python else no,  # logging
-            no,  # event mode used
-            no,  # early return allowed
+            yes if self.event_mode else no,
+            yes if self.event_mode and library.fmu.capabilities.canHandleVariableCommunicationStepSize else no,
             None,
             ctypes.c_size_t(0),
             None,
@@ -196,6 +202,59 @@ class Instance3:
         self.call(f"fmi3Set{fmi_type}", *listed, array, n)
 
     # ---- steps and states --------------------------------------------------------------------------------------------
+
+    def use_answers(self, address: int) -> None:
+        """Where the stepping loop keeps what fmi3DoStep answers (`stepping.ANSWERS`): `do_step` writes there, too."""
+        own, next_event = (ctypes.c_ubyte * _ANSWERS).from_address(address), self.next_event
+        self._answers = own
+        self.next_event, own[24] = next_event, int(self.event_mode)
+
+    @property
+    def next_event(self) -> float:
+        """Time of the next event, s; infinity if the FMU knows of none."""
+        return ctypes.c_double.from_buffer(self._answers, 16).value
+
+    @next_event.setter
+    def next_event(self, time: float) -> None:
+        ctypes.c_double.from_buffer(self._answers, 16).value = time
+
+    @property
+    def pending(self) -> int:
+        """BEGIN or END of `stepping`, if the loop has left a step to `events`; else 0."""
+        return int(self._answers[25])
+
+    @pending.setter
+    def pending(self, what: int) -> None:
+        self._answers[25] = what
+
+    @property
+    def answers(self) -> tuple[bool, bool, bool, float]:
+        """Of the last step: event handling needed, terminate simulation, early return; last successful time, s."""
+        event, ends, early = (bool(flag) for flag in self._answers[:3])
+        return event, ends, early, ctypes.c_double.from_buffer(self._answers, 8).value
+
+    def do_step(self, t: float, h: float) -> None:
+        """fmi3DoStep; `answers` has what it answers."""
+        at = ctypes.addressof(self._answers)
+        places = [ctypes.c_void_p(at + offset) for offset in (0, 1, 2, 8)]
+        self.call("fmi3DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_bool(True), *places)
+
+    def enter_event_mode(self) -> None:
+        self.call("fmi3EnterEventMode")
+
+    def enter_step_mode(self) -> None:
+        self.call("fmi3EnterStepMode")
+
+    def update_discrete_states(self) -> tuple[bool, bool]:
+        """fmi3UpdateDiscreteStates: whether it must be called again, whether the FMU wants the simulation to end.
+
+        `next_event` is the time of the next event then, infinity if the FMU knows of none.
+        """
+        flags, time = [ctypes.c_bool(False) for _ in range(5)], ctypes.c_double(0.0)
+        self.call("fmi3UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))
+        again, ends, _, _, has_next = (flag.value for flag in flags)
+        self.next_event = time.value if has_next else math.inf
+        return again, ends
 
     def ended(self) -> bool:
         """After a discarded step: in FMI 3 that never means that the FMU wants the simulation to end."""

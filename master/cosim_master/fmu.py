@@ -294,8 +294,6 @@ class _Reading:
         if self.clocks:
             text = f'has Clocks ("{self.clocks[0]}"), which need Event Mode; that is not supported yet'
             self._problem(self.root, text)
-        elif self.model.coSimulation.hasEventMode:
-            self.notes.append("its Event Mode is not used (eventModeUsed is false): it handles its events by itself")
 
     def _variable(self, read: Any, element: etree._Element, capacity: int | None) -> Variable | None:
         declared, value = read.declaredType, element.find(read.type)

@@ -18,6 +18,7 @@ from cosim_master import radio as radio_kernels
 from cosim_master.check import CheckedSystem, Instance, Link
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import set_kind
+from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
 from cosim_master.living import Living
 from cosim_master.network import Network
@@ -35,7 +36,19 @@ from cosim_master.radio import (
     SLOT,
     Radio,
 )
-from cosim_master.stepping import CALL, COPY, FUNCTIONS, GET_STRING, INSTANCE, PORTS, SEND, SET_STRING, WIRE, Plan
+from cosim_master.stepping import (
+    ANSWERS,
+    CALL,
+    COPY,
+    FUNCTIONS,
+    GET_STRING,
+    INSTANCE,
+    PORTS,
+    SEND,
+    SET_STRING,
+    WIRE,
+    Plan,
+)
 from cosim_master.typed_calls import WIDTHS
 
 if TYPE_CHECKING:
@@ -358,6 +371,7 @@ def make_plan(
         int_out=np.concatenate([np.zeros(own[1], np.int32), np.array(places.constants[1], np.int32)]),
     )
     native = _Native(len(living), kinds)
+    eventful = sum(isinstance(one, Instance3) and one.event_mode for one in living)
     instances = _instance_table(places, clock, network, living, native)
     return Plan(
         instances=instances,
@@ -380,7 +394,9 @@ def make_plan(
         real_block=np.zeros((rows, len(real.recorded))),
         int_block=np.zeros((rows, len(int_recorded)), dtype=np.int32),
         ticks=np.zeros(rows, dtype=np.int64),
-        clock=np.array([-1, SEND, 0, 0, clock.start, clock.base, clock.steps, every, reals_in, reals_out, block]),
+        clock=np.array(
+            [-1, SEND, 0, 0, clock.start, clock.base, clock.steps, every, reals_in, reals_out, block, eventful]
+        ),
         confined=np.array(sorted(set(range(len(living))) - set(free)), dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
         shared=np.zeros(40, dtype=np.int64),
@@ -393,7 +409,7 @@ class _Native:
 
     def __init__(self, instances: int, kinds: Sequence[_Ports]) -> None:
         values = sum(len(ports.inputs) + len(ports.outputs) for ports in kinds)
-        self.memory = np.zeros(16 * (instances + 1) + 32 * values + 256, dtype=np.uint8)
+        self.memory = np.zeros(ANSWERS * (instances + 1) + 32 * values + 256, dtype=np.uint8)
         self._used = -self.memory.ctypes.data % 16
 
     def take(self, size: int) -> int:
@@ -417,7 +433,10 @@ def _instance_table(
     table = np.zeros(len(living), dtype=INSTANCE)
     table["handle"] = [one.handle for one in living]
     table["do_step"] = [one.library.address(f"fmi{_version(one)}DoStep") for one in living]
-    table["answers"] = [native.take(16) if _version(one) == 3 else 0 for one in living]
+    table["answers"] = [native.take(ANSWERS) if _version(one) == 3 else 0 for one in living]
+    for row, one in zip(table, living, strict=True):
+        if isinstance(one, Instance3):
+            one.use_answers(int(row["answers"]))
     libraries = {id(one.library): i for i, one in enumerate(living)}
     table["library"] = [libraries[id(one.library)] for one in living]
     table["period"] = table["length"] = clock.periods

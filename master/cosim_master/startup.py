@@ -17,6 +17,8 @@ from functools import partial
 from typing import Any
 
 from cosim_master.check import CheckedSystem, Link
+from cosim_master.errors import FmuError
+from cosim_master.events import EndedByEvent, Events
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmu import Variable
 from cosim_master.living import Living
@@ -71,7 +73,20 @@ def initialize(checked: CheckedSystem, living: Sequence[Living], start: float, s
     loops = _exchange(checked, {one.name: one for one in living})
     for one in living:
         one.exit_initialization_mode()
+    _first_events(checked, living)
     return loops
+
+
+def _first_events(checked: CheckedSystem, living: Sequence[Living]) -> None:
+    """Instances that use Event Mode are in it after initialization: events at the start, then Step Mode."""
+    events = Events(checked, living)
+    if not events.numbers:
+        return
+    try:
+        events.settle(events.numbers)
+    except EndedByEvent as end:
+        text = "it wants the run to end before its first step (terminateSimulation)"
+        raise FmuError(living[end.number].name, "fmi3UpdateDiscreteStates", text, end.time) from None
 
 
 def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledLoop, ...]:

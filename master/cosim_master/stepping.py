@@ -33,8 +33,10 @@ from cosim_master.calls import (
     do_step3,
     exchange_if,
     get_or_set,
+    load_f8,
     load_u1,
     rest,
+    store_i1,
 )
 from cosim_master.radio import (
     FREE_PLACES,
@@ -57,8 +59,11 @@ __all__ = [
     "CALL",
     "COPY",
     "DO_STEP",
+    "BEGIN",
     "EARLY",
+    "END",
     "ENDED",
+    "EVENTS_DUE",
     "DONE",
     "FAILED",
     "FUNCTIONS",
@@ -70,6 +75,7 @@ __all__ = [
     "QUIT",
     "WIRE",
     "Plan",
+    "collect_again",
     "collect_all",
     "end_here",
     "places_needed",
@@ -78,7 +84,7 @@ __all__ = [
     "work",
 ]
 
-DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL = 0, 1, 2, 3, 4
+DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE = 0, 1, 2, 3, 4, 5
 """Why `run` returned."""
 
 DELIVER, STEP, SEND = 0, 1, 2
@@ -102,6 +108,13 @@ SET_STRING, DO_STEP, GET_REAL, GET_STRING = 4, 5, 6, 9
 NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
 """In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped since
 another instance of its FMU answered fmi2Fatal."""
+ANSWERS = 32
+"""Bytes for the answers of an FMI 3 instance: event handling needed, terminate simulation, early return (a byte each), at
+8 the last successful time, s; and for the loop: at 16 the time of its next event, s, at 24 whether it uses Event Mode, at
+25 whether its step has still to be begun (BEGIN) or to be ended (END) by `events`."""
+BEGIN, END = 1, 2
+LEFT = -8
+"""In place of a status: the step is left to `events`."""
 ENDED, EARLY = -6, -7
 """In place of a status: an FMI 3 FMU wants the simulation to end; it has not simulated all of the step."""
 FATAL = 4
@@ -111,7 +124,7 @@ INSTANCE = np.dtype(
     [
         ("handle", "u8"),
         ("do_step", "u8"),
-        ("answers", "u8"),  # of FMI 3: address of what fmi3DoStep answers, 16 bytes; 0 is FMI 2
+        ("answers", "u8"),  # of FMI 3: address of what fmi3DoStep answers, see ANSWERS; 0 is FMI 2
         ("h", "f8"),  # its present step in s
         ("period", "i8"),  # base steps per step of the instance
         ("length", "i8"),  # base steps of its present step: the period, less at the end of the run
@@ -167,9 +180,9 @@ PORTS = np.dtype(
 )
 """The packet ports of one endpoint."""
 
-K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK = range(11)
+K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL = range(12)
 """Places in `Plan.clock`. START and BASE in ns; REALS_IN, REALS_OUT: how many of the inputs and outputs are real;
-BLOCK: how many instances a thread takes at a time, 0 without threads."""
+BLOCK: how many instances a thread takes at a time, 0 without threads. EVENTFUL: how many instances use Event Mode."""
 
 TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
 """Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a
@@ -341,15 +354,25 @@ def _corrupted(instances: NDArray[Any], library: int) -> bool:
 
 @kernel
 def _do_step3(m: Any, t: float, h: float) -> Any:
-    """fmi3DoStep: a status, ENDED or EARLY. Without Event Mode it does not matter whether there was an event."""
+    """fmi3DoStep: a status, ENDED or EARLY; LEFT for a step with an event in it."""
+    slack = 1e-9 * max(h, abs(t) * 1e-3)
+    has_events = load_u1(np.uintp(m.answers + np.uintp(24))) != 0
+    if has_events and load_f8(np.uintp(m.answers + np.uintp(16))) < t + h - slack:
+        store_i1(np.uintp(m.answers + np.uintp(25)), BEGIN)
+        return LEFT
     status = do_step3(m.do_step, m.handle, t, h, m.answers)
     if status > 1:
         return status
     if load_u1(np.uintp(m.answers + np.uintp(1))) != 0:
         return ENDED
     # Where it has got to may lie a little before t + h all the same: that is its own affair (FMI 3.0.2, section 4.2.1).
-    if load_u1(np.uintp(m.answers + np.uintp(2))) != 0:
-        return EARLY
+    early = load_u1(np.uintp(m.answers + np.uintp(2))) != 0
+    if not has_events:
+        return EARLY if early else status
+    event = load_u1(m.answers) != 0 or load_f8(np.uintp(m.answers + np.uintp(16))) <= t + h + slack
+    if early or event:
+        store_i1(np.uintp(m.answers + np.uintp(25)), END)
+        return LEFT
     return status
 
 
@@ -374,7 +397,7 @@ def _step_some(
     for chosen_one in chosen:
         i: Any = np.uintp(chosen_one)  # an index that can be negative costs a comparison each time it is used
         m = instances[i]
-        well = True
+        well, later = True, False
         since = 0 if m.period == 1 else k % m.period
         if failed > 0 and _corrupted(instances, m.library):
             _fail(instances, i, DO_STEP, NOT_CALLED, 0)
@@ -390,10 +413,11 @@ def _step_some(
                     status = do_step2(m.do_step, m.handle, t, m.h)
                 else:
                     status = _do_step3(m, t, m.h)
-                if status > 1 or status < 0:
+                later = status == LEFT
+                if not later and (status > 1 or status < 0):
                     _fail(instances, i, DO_STEP, status, 0)
                     well = False
-        if since + 1 == m.length and well:
+        if since + 1 == m.length and well and not later:
             well = _call(instances, calls, i, m.first_get, m.last_get)
             if m.endpoint >= 0 and well:
                 _collect_packets(instances, ports, i, scratch, tx)
@@ -569,6 +593,28 @@ def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
 
 
 @kernel
+def _any_pending(instances: NDArray[Any]) -> bool:
+    pending = 0
+    for i in range(instances.size):
+        if instances[i].answers != np.uintp(0):
+            pending += load_u1(np.uintp(instances[i].answers + np.uintp(25)))
+    return bool(pending > 0)
+
+
+@kernel
+def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
+    """Outputs of the instances `chosen`, at the end of their steps, after their events."""
+    for i in chosen:
+        m = p.instances[i]
+        _call(p.instances, p.calls, i, m.first_get, m.last_get)
+        if m.endpoint >= 0 and m.failed[0] == 0:
+            _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)
+        if m.failed[0] != 0:
+            p.clock[FAILURES] += 1
+    p.clock[FAILURES] += _blame(p.instances, p.real_out)
+
+
+@kernel
 def run(p: Plan, r: Radio, k_stop: int) -> int:
     """Macro steps until k = `k_stop`, or until Python is needed; returns why."""
     clock = p.clock
@@ -601,6 +647,8 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             if clock[FAILURES] > 0:
                 return FAILED
             clock[PHASE] = SEND
+            if clock[EVENTFUL] > 0 and _any_pending(p.instances):
+                return EVENTS_DUE
         if clock[PHASE] == SEND:
             reason = _send_all(p, r, k) if p.ports.size > 0 else DONE
             if reason != DONE:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,11 @@ def description(flags: str = ABLE, step: float = 0.5, token: str = "strict3", ex
     )
 
 
+@lru_cache(maxsize=1)
+def _library(folder: Path) -> bytes:
+    return compiled(Path(__file__).with_name("strict3.c"), folder)
+
+
 class Stricts3:
     """Writes strict FMI 3 FMUs and systems of them into a workshop."""
 
@@ -77,7 +83,7 @@ class Stricts3:
         path = self.workshop.root / name
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("modelDescription.xml", description(**options))
-            library = compiled(Path(__file__).with_name("strict3.c"), self._folder)
+            library = _library(self._folder)
             archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
             if resources:
                 archive.writestr("resources/note.txt", "here")

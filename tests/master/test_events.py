@@ -1,0 +1,149 @@
+"""Event Mode of FMI 3.0: events at communication points and between them, times of events, updates, early return.
+
+The FMU checks every call (strict3.c): steps beyond an event, Step Mode before the discrete states are updated, ...
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim_master.simulation import RunResult, simulate
+from tests.master.strict3 import ABLE
+
+pytestmark = pytest.mark.usefixtures("own_cache")
+EVENTS = f'{ABLE} hasEventMode="true"'
+PORTS = "f64_in[1]:input f64_out[1]:output i32_in[1]:input i32_out[1]:output events:output"
+
+
+def signals(out: Path) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = pq.read_table(out / "signals.parquet").to_pydict()
+    return found
+
+
+def ran(stricts3: Any, system: Path, **options: Any) -> RunResult:
+    result = simulate(system, **options)
+    assert stricts3.complaints == []
+    assert result.outcome == "done" or "out" not in options, result.error
+    return result
+
+
+def events(calls: list[str]) -> list[str]:
+    return [call for call in calls if "instantiated" not in call and "terminate" not in call]
+
+
+def test_without_events_there_is_one_event_mode_at_the_start(stricts3: Any, tmp_path: Path) -> None:
+    """Pitfall 27: fmi3ExitInitializationMode leads into Event Mode, and one update of discrete states out of it."""
+    stricts3.fmu(flags=EVENTS)
+    ran(stricts3, stricts3.ssd(stricts3.component("a"), stop=1.0), out=tmp_path / "out")
+    assert stricts3.calls == ["a: instantiated without resources 1", "a: step 0.5", "a: step 0.5", "a: terminate 1"]
+    assert signals(tmp_path / "out")["a.events"] == [1, 1, 1]
+
+
+def test_an_event_between_communication_points(stricts3: Any, tmp_path: Path) -> None:
+    """The FMU returns early, in the middle of the step from 0.5 s on, and does the rest after its event."""
+    stricts3.fmu(flags=EVENTS)
+    ran(stricts3, stricts3.ssd(stricts3.component("a", mode=10, when=0.5), stop=1.5), out=tmp_path / "out")
+    assert events(stricts3.calls) == [
+        *("a: step 0.5", "a: step 0.5", "a: event 0.75", "a: step 0.25", "a: event 1", "a: step 0.5", "a: event 1.5")
+    ]
+    assert signals(tmp_path / "out")["a.events"] == [1, 1, 3, 4]
+
+
+def test_an_fmu_that_cannot_step_shorter_does_not_return_early(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu(flags='hasEventMode="true"')
+    ran(stricts3, stricts3.ssd(stricts3.component("a", mode=10, when=0.5), stop=1.0), out=tmp_path / "out")
+    assert events(stricts3.calls) == ["a: step 0.5", "a: step 0.5", "a: event 1"]
+
+
+def test_the_time_of_the_next_event_bounds_the_step(stricts3: Any, tmp_path: Path) -> None:
+    """Pitfall 28: events at 0.6, 0.8, 1.0, 1.2 and 1.4 s; a later event makes an earlier one obsolete."""
+    stricts3.fmu(flags=EVENTS)
+    parts = stricts3.component("a", mode=11, when=0.6, longest=0.2) + stricts3.component("b")
+    ran(stricts3, stricts3.ssd(parts, stop=1.5), out=tmp_path / "out")
+    of_a = [call for call in events(stricts3.calls) if call.startswith("a")]
+    assert of_a == [
+        *("a: step 0.5", "a: step 0.1", "a: event 0.6", "a: step 0.2", "a: event 0.8", "a: step 0.2", "a: event 1"),
+        *("a: step 0.2", "a: event 1.2", "a: step 0.2", "a: event 1.4", "a: step 0.1"),
+    ]
+    got = signals(tmp_path / "out")
+    assert got["a.events"] == [1, 1, 4, 6]
+    assert got["b.events"] == [1, 1, 1, 1]
+
+
+def test_discrete_states_are_updated_until_they_are_done(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu(flags=EVENTS)
+    ran(stricts3, stricts3.ssd(stricts3.component("a", mode=12, when=0.5), stop=1.0), out=tmp_path / "out")
+    assert signals(tmp_path / "out")["a.events"] == [1, 1, 3]
+
+
+def test_connected_fmus_are_iterated_at_one_time(stricts3: Any, tmp_path: Path) -> None:
+    """a's event changes its output `events`; b, which takes it as its input, gets an event at the same time."""
+    stricts3.fmu(flags=EVENTS)
+    parts = stricts3.component("a", ports=PORTS, mode=12, when=0.5) + stricts3.component("b", ports=PORTS)
+    system = stricts3.ssd(parts, "a/events b/i32_in[1]", stop=1.5)
+    ran(stricts3, system, out=tmp_path / "out")
+    got = signals(tmp_path / "out")
+    assert got["a.events"] == [1, 1, 3, 5]
+    assert got["b.i32_out[1]"][1:] == [2, 4, 6]
+    assert got["b.events"][2] > got["b.events"][1]
+    assert [call for call in events(stricts3.calls) if "event" in call] == [
+        *("a: event 1", "b: event 1", "a: event 1.5", "b: event 1.5")
+    ]
+
+
+def test_updates_without_end_are_a_failure(stricts3: Any) -> None:
+    """Pitfall 28: a guard, and the FMU is named."""
+    stricts3.fmu(flags=EVENTS)
+    result = ran(stricts3, stricts3.ssd(stricts3.component("a", mode=13, when=0.5) + stricts3.component("b")))
+    assert result.outcome == "failed"
+    assert "the discrete states of a do not settle in 100 iterations at one time" in str(result.error)
+
+
+def test_an_fmu_ends_the_run_in_event_mode(stricts3: Any) -> None:
+    """Pitfall 28: terminateSimulation of fmi3UpdateDiscreteStates."""
+    stricts3.fmu(flags=EVENTS)
+    result = ran(stricts3, stricts3.ssd(stricts3.component("a", mode=14, when=0.5)))
+    assert result.outcome == "terminated"
+    assert "a: it wants the run to end at t = 1 s (terminateSimulation)" in str(result.error)
+
+
+def test_a_slow_instance_with_events(stricts3: Any, tmp_path: Path) -> None:
+    """Steps of 1 s beside steps of 0.5 s: the outputs of the slow one are of the end of its step."""
+    stricts3.fmu(flags=EVENTS)
+    stricts3.fmu("slow.fmu", flags=EVENTS, step=1.0)
+    parts = stricts3.component("a") + stricts3.component("b", "slow.fmu", mode=11, when=0.25, longest=0.5)
+    ran(stricts3, stricts3.ssd(parts, stop=2.0), out=tmp_path / "out")
+    got = signals(tmp_path / "out")
+    assert got["b.events"] == [1, 1, 3, 3, 5]
+    assert got["a.events"] == [1] * 5
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
+@given(
+    modes=st.lists(st.sampled_from([0, 1, 2, 4, 8, 9, 10, 11, 12, 13, 14]), min_size=2, max_size=3),
+    when=st.lists(st.sampled_from([0.0, 0.3, 0.5, 0.75, 1.1]), min_size=3, max_size=3),
+    longest=st.sampled_from([0.1, 0.25, 0.5]),
+    flags=st.lists(st.sampled_from([EVENTS, ABLE, 'hasEventMode="true"', ""]), min_size=3, max_size=3),
+    steps=st.lists(st.sampled_from([0.25, 0.5, 1.0]), min_size=3, max_size=3),
+)
+def test_whatever_happens_the_state_table_is_kept(
+    stricts3: Any, modes: list[int], when: list[float], longest: float, flags: list[str], steps: list[float]
+) -> None:
+    """Events, discards, early returns, errors and ends of up to three connected FMUs: no FMU complains."""
+    parts, wires = "", []
+    for i, mode in enumerate(modes):
+        stricts3.fmu(f"f{i}.fmu", flags=flags[i], step=steps[i])
+        values = {"mode": mode, "when": when[i], "longest": longest}
+        parts += stricts3.component(f"m{i}", f"f{i}.fmu", ports=PORTS, **values)
+        if i > 0:
+            wires += [f"m{i - 1}/f64_out[1] m{i}/f64_in[1]", f"m{i - 1}/events m{i}/i32_in[1]"]
+    result = ran(stricts3, stricts3.ssd(parts, *wires, stop=2.0))
+    assert result.outcome in ("done", "failed", "terminated")
+    if not set(modes) & {1, 2, 4, 13, 14}:
+        assert result.outcome == "done", result.error
