@@ -56,7 +56,8 @@ class Instance:
             for variable in self.fmu.variables.values()
             if variable.start is not None and variable.settable and variable.causality in ("parameter", "input")
         }
-        return {**own, **self.start_values}
+        structural = {v.name for v in self.fmu.variables.values() if v.causality == "structuralParameter"}
+        return {name: value for name, value in {**own, **self.start_values}.items() if name not in structural}
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,6 +274,9 @@ class _Check:
                 if port not in wiring.incoming or port.variable is None:
                     continue
                 connection = wiring.incoming[port][0]
+                if port.variable.causality == "structuralParameter":
+                    text = f"{port} is a structural parameter: it keeps the FMU's value {port.variable.start}"
+                    self.problems.append(Problem(connection.where, text))
                 key = (port.variable.type, port.variable.value_reference, port.variable.element)
                 if key in written:
                     text = f'"{port}" and "{written[key]}" are the same variable of the FMU, and both are written'
@@ -335,8 +339,16 @@ class _Check:
                     )
                     self.problems.append(Problem(part.element.where, text))
             values = bindings.values.get(part.name, {})
+            self._sizes(part, part.fmu, values)
             instances.append(Instance(part.name, part.fmu, values, step or part.fmu.step_size, part.element.where))
         return tuple(instances)
+
+    def _sizes(self, part: Part, fmu: FmuDescription, values: Mapping[str, Value]) -> None:
+        """Structural parameters size the arrays that are laid out already: they keep the FMU's values."""
+        for v in fmu.variables.values():
+            if v.causality == "structuralParameter" and values.get(v.name, v.start) != v.start:
+                text = f"{part.name}.{v.name} is a structural parameter: it keeps the FMU's value {v.start}"
+                self.problems.append(Problem(part.element.where, text))
 
     def _step_size(self, part: Part) -> float | None:
         """The communication step the system gives an FMU, from the nearest annotation around it."""

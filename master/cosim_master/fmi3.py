@@ -74,24 +74,12 @@ class Instance3:
             if variable.element is not None and variable.element == len(known):
                 known.append(variable)
         self._given: dict[int, list[Any]] = {}
-        instantiate = library.function("fmi3InstantiateCoSimulation")
-        instantiate.restype = ctypes.c_void_p
-        has_resources = library.resources.is_dir()
-        no, yes = ctypes.c_bool(False), ctypes.c_bool(True)
-        handle = instantiate(
-            ctypes.c_char_p(name.encode()),
-            ctypes.c_char_p(library.fmu.guid.encode()),
-            ctypes.c_char_p(f"{library.resources}/".encode() if has_resources else None),
-            no,  # visible
-            yes if library.python else no,  # logging
-            yes if self.event_mode else no,
-            yes if self.event_mode and library.fmu.capabilities.canHandleVariableCommunicationStepSize else no,
-            None,
-            ctypes.c_size_t(0),
-            None,
-            self._logger,
-            None,
-        )
+        handle = self._instantiate()
+        if not handle and self.event_mode:
+            # Some declare an Event Mode that they have not; all but FMUs with clocks can do without.
+            log.warning("%s: it has refused Event Mode, though it declares it: it is used without", name)
+            self.event_mode = False
+            handle = self._instantiate()
         if not handle:
             hint = "" if self.lines else "; it logged nothing (is the token of its modelDescription.xml the binary's?)"
             raise FmuError(name, "fmi3InstantiateCoSimulation", f"it returned NULL{hint}", log=self.lines)
@@ -102,6 +90,27 @@ class Instance3:
             )
             raise FmuError(name, "fmi3InstantiateCoSimulation", text, log=self.lines)
         self.alive = True
+
+    def _instantiate(self) -> int | None:
+        instantiate = self.library.function("fmi3InstantiateCoSimulation")
+        instantiate.restype = ctypes.c_void_p
+        fmu, resources = self.library.fmu, self.library.resources
+        no, yes = ctypes.c_bool(False), ctypes.c_bool(True)
+        handle: int | None = instantiate(
+            ctypes.c_char_p(self.name.encode()),
+            ctypes.c_char_p(fmu.guid.encode()),
+            ctypes.c_char_p(f"{resources}/".encode() if resources.is_dir() else None),
+            no,  # visible
+            yes if self.library.python else no,  # logging
+            yes if self.event_mode else no,
+            yes if self.event_mode and fmu.capabilities.canHandleVariableCommunicationStepSize else no,
+            None,
+            ctypes.c_size_t(0),
+            None,
+            self._logger,
+            None,
+        )
+        return handle
 
     def _log(self, _environment: Any, status: int, _category: bytes, message: bytes) -> None:
         text = (message or b"").decode("utf-8", "replace").rstrip()

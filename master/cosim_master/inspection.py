@@ -51,6 +51,11 @@ def fmu_tables(path: Path) -> Iterator[Table | str]:
         start = next((n for n, i in (v.items or {}).items() if i == v.start), v.start)
         _row(table, v.name, v.causality, kind, v.unit.name if v.unit else "", _number(start), v.description)
     yield table
+    if fmu.terminals:
+        table = _table("terminal", "variables")
+        for name, members in fmu.terminals.items():
+            _row(table, name, " ".join(members))
+        yield table
     for note in fmu.notes:
         yield f"note: {note}"
 

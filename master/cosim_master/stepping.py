@@ -109,9 +109,9 @@ NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
 """In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped since
 another instance of its FMU answered fmi2Fatal."""
 ANSWERS = 32
-"""Bytes for the answers of an FMI 3 instance: event handling needed, terminate simulation, early return (a byte each), at
-8 the last successful time, s; and for the loop: at 16 the time of its next event, s, at 24 whether it uses Event Mode, at
-25 whether its step has still to be begun (BEGIN) or to be ended (END) by `events`."""
+"""Bytes of what an FMI 3 instance answers: event handling needed, terminate simulation, early return (a byte each), at
+8 the last successful time, s. And for the loop: at 16 the time of its next event, s, at 24 whether it uses Event Mode,
+at 25 whether its step has still to be begun (BEGIN) or to be ended (END) by `events`."""
 BEGIN, END = 1, 2
 LEFT = -8
 """In place of a status: the step is left to `events`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -115,3 +116,18 @@ def test_results_that_are_not_complete(probes: Any, tmp_path: Path, damage: Any)
 
 def test_tables_are_tables(probes: Any) -> None:
     assert sum(isinstance(table, Table) for table in fmu_tables(probes.fmu())) == 1
+
+
+def test_terminals_of_an_fmi_3_fmu(stricts3: Any) -> None:
+    path = stricts3.fmu()
+    with zipfile.ZipFile(path, "a") as archive:
+        members = "".join(f'<TerminalMemberVariable variableName="{n}" variableKind="signal"/>' for n in ("s_in", "i8"))
+        inner = f'<Terminal name="inner" matchingRule="none">{members}</Terminal>'
+        member = '<TerminalMemberVariable variableName="i8_in" variableKind="signal"/>'
+        outer = f'<Terminal name="plug" matchingRule="plug">{member}{inner}</Terminal>'
+        root = f'<fmiTerminalsAndIcons fmiVersion="3.0"><Terminals>{outer}</Terminals></fmiTerminalsAndIcons>'
+        archive.writestr("terminalsAndIcons/terminalsAndIcons.xml", root)
+    lines = words(fmu_tables(path))
+    assert ["plug", "i8_in"] in lines
+    assert ["plug.inner", "s_in", "i8"] in lines
+    assert [*"note: its terminal".split(" "), '"plug.inner"'] in [line[:4] for line in lines]
