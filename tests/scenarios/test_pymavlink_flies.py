@@ -172,12 +172,15 @@ def _same_bytes(a: Path, b: Path) -> bool:
 
 @pytest.mark.parametrize("options", [("--ports", "tcp:0", "--gcs", "udpin:0", "--gcs", "tcp:0"), ()])
 def test_nothing_listens_beyond_loopback(options: tuple[str, ...], tmp_path: Path, fmus: Path) -> None:
+    expected = 7 if options else 0
     with running(tmp_path / "out", *options) as swarm:
         end = time.monotonic() + START_UP
         while not (tmp_path / "out" / "signals.parquet").exists() and time.monotonic() < end:
             time.sleep(0.1)
+        while sum("listens on" in line for line in swarm.lines) < expected and time.monotonic() < end:
+            time.sleep(0.1)
         bound = _sockets(swarm.process.pid)
-    assert len(bound) == (7 if options else 0)
+    assert len(bound) == expected
     assert {host for host, _ in bound} <= {"127.0.0.1"}
 
 

@@ -41,7 +41,7 @@ def run(arguments: list[str], seconds: float, **environment: str) -> subprocess.
 
 @needs("mavsdk")
 def test_mavsdk_flies(tmp_path: Path, fmus: Path) -> None:
-    """MAVSDK: connect, health, arm, takeoff, goto, land."""
+    """MAVSDK: connect, health, arm, takeoff, goto, mission upload and start and download, land."""
     with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE) as swarm:
         url = f"tcpout://127.0.0.1:{swarm.port('@drone2')}"
         done = run([str(CLIENTS / "mavsdk_flight.py"), url], 90)
@@ -59,22 +59,31 @@ MAVPROXY = """\
 30 param_LAND_SPEED == 50 | param set LAND_SPEED 60
 10 param_LAND_SPEED == 60 | param show LAND_SPEED
 30 height > 9.5 | guided -35.36320 149.16530 10
-30 abs(lat + 35.36320) < 5e-6 and abs(lon - 149.16530) < 5e-6 | rtl
+30 abs(lat + 35.36320) < 5e-6 and abs(lon - 149.16530) < 5e-6 | wp load FOLDER/mission
+10 MISSION_ACK and MISSION_ACK['type'] == 0 | mode auto
+30 mode == 'AUTO' and abs(lat + 35.36320) < 5e-6 and abs(lon - 149.16510) < 5e-6 | rtl
 10 mode == 'RTL' | mode land
 10 mode == 'LAND' | status HEARTBEAT
 60 not armed | end
 """
 
+MISSION = """\
+QGC WPL 110
+0\t1\t0\t16\t0\t0\t0\t0\t-35.363262\t149.165237\t584\t1
+1\t0\t3\t16\t0\t0\t0\t0\t-35.36320\t149.16510\t12\t1
+"""
+
 
 @needs("MAVProxy")
 def test_mavproxy_flies(tmp_path: Path, fmus: Path) -> None:
-    """MAVProxy: mode guided, arm throttle, takeoff 10, param set, param show, guided, rtl, mode land."""
-    (tmp_path / "script").write_text(MAVPROXY)
+    """MAVProxy: mode guided, arm throttle, takeoff 10, param set and show, guided, wp load, rtl, mode land."""
+    (tmp_path / "mission").write_text(MISSION)
+    (tmp_path / "script").write_text(MAVPROXY.replace("FOLDER", str(tmp_path)))
     with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE) as swarm:
         _mavproxy(tmp_path, f"tcp:127.0.0.1:{swarm.port('@drone1')}")
         swarm.stop()
     done = (tmp_path / "log").read_text().splitlines()
-    assert [line.partition(" ")[0] for line in done] == ["done:"] * 10, done
+    assert [line.partition(" ")[0] for line in done] == ["done:"] * 12, done
 
 
 def _mavproxy(folder: Path, master: str) -> None:
@@ -88,6 +97,19 @@ def _mavproxy(folder: Path, master: str) -> None:
         MAVPROXY_SCRIPT=str(folder / "script"),
         MAVPROXY_LOG=str(folder / "log"),
     )
+
+
+@needs("dronekit", "past")
+def test_dronekit_goes_somewhere(tmp_path: Path, fmus: Path) -> None:
+    """DroneKit: simple_takeoff, simple_goto at a speed, LAND."""
+    with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE) as swarm:
+        done = run([str(CLIENTS / "dronekit_goto.py"), f"tcp:127.0.0.1:{swarm.port('@drone4')}"], 120)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+        swarm.stop()
+    seen = json.loads(done.stdout.splitlines()[-1])
+    assert seen["parameters"] > 50
+    assert abs(seen["off"]) < 5e-6
+    assert abs(seen["alt"] - 8.0) < 0.3
 
 
 LINE = Path(__file__).parents[2] / "examples" / "dronekit_line.py"

@@ -1,4 +1,6 @@
-"""A MAVSDK program (mavsdk 4): connect, wait until armable, arm, take off, go somewhere, land. Prints what it has seen.
+"""A MAVSDK program (mavsdk 4): connect, wait until armable, arm, take off, go somewhere, fly a mission, land.
+
+It prints what it has seen.
 
 Usage: mavsdk_flight.py URL
 """
@@ -14,7 +16,9 @@ from typing import Any
 
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+from mavsdk.plugins.mission_raw import MissionItem
 
 
 async def until(what: str, ask: Callable[[], Awaitable[Any]], condition: Callable[[Any], bool]) -> Any:
@@ -55,9 +59,34 @@ async def fly(url: str) -> None:
         return abs(p.latitude_deg - north) < 0.3 / 111319.5 and abs(p.relative_altitude_m - 12.0) < 0.3
 
     arrived = await until("there", telemetry.position, there)
+    mission = MissionRawAsync(system)
+    await mission.upload_mission(_items(start, north))
+    await mission.start_mission()
+    await until("on its way", telemetry.position, lambda p: abs(p.relative_altitude_m - 15.0) < 0.5)
+    await until("back in the south", telemetry.position, lambda p: abs(p.latitude_deg - start.latitude_deg) < 5e-6)
+    seen = await mission.download_mission()
+    assert [item.command for item in seen] == [16, 16, 16], seen
     await action.land()
     await until("disarmed", telemetry.armed, lambda armed: not armed)
     print(json.dumps({"system": await system.get_system_id(), "height": arrived.relative_altitude_m}), flush=True)
+
+
+def _items(start: Any, north: float) -> list[MissionItem]:
+    """Home, which ArduPilot keeps as item 0, up to 15 m, and back to the south."""
+    places = ((0, start.latitude_deg, start.absolute_altitude_m), (3, north, 15.0), (3, start.latitude_deg, 15.0))
+    return [
+        MissionItem(
+            seq=i,
+            frame=frame,
+            command=16,
+            current=int(i == 0),
+            autocontinue=1,
+            x=round(latitude * 1e7),
+            y=round(start.longitude_deg * 1e7),
+            z=height,
+        )
+        for i, (frame, latitude, height) in enumerate(places)
+    ]
 
 
 asyncio.run(fly(sys.argv[1]))
