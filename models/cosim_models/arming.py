@@ -19,7 +19,9 @@ from cosim_models.shaping import lowpass_alpha
 
 __all__ = [
     "ACCELERATION",
+    "ALT_HOLD",
     "AUTO",
+    "BRAKE",
     "CLIMB",
     "DESCEND",
     "GUIDED",
@@ -48,21 +50,25 @@ class Mode(IntEnum):
     """Flight modes, by ArduCopter's numbers."""
 
     STABILIZE = 0
+    ALT_HOLD = 2
     AUTO = 3
     GUIDED = 4
     LOITER = 5
     RTL = 6
     LAND = 9
+    BRAKE = 17
 
 
 # Numpy integers: numba compiles a kernel anew for every Python integer that is passed as a constant.
-STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND = (
+STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE = (
     cast(int, np.int64(0)),
+    cast(int, np.int64(2)),
     cast(int, np.int64(3)),
     cast(int, np.int64(4)),
     cast(int, np.int64(5)),
     cast(int, np.int64(6)),
     cast(int, np.int64(9)),
+    cast(int, np.int64(17)),
 )
 
 # What GUIDED is doing.
@@ -88,7 +94,7 @@ def position_ready(m: Any, t: float) -> bool:
 @kernel
 def needs_position(mode: int) -> bool:
     """Whether a mode cannot be entered, or armed in, without a position estimate."""
-    return mode in (AUTO, GUIDED, LOITER, RTL)
+    return mode in (AUTO, GUIDED, LOITER, RTL, BRAKE)
 
 
 @kernel

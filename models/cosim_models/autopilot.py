@@ -3,10 +3,10 @@
 A step: filter the motion inputs as the inertial sensors would, run the rate controllers and the motors on what the
 last step wanted, hear the packets, run the flight mode, detect landing, speak. The laws are in `shaping`, `pid`,
 `attitude_control`, `position_control`, `mixer` and `motors`, the modes in `flight_modes` and `auto`, MAVLink in
-`commands`, `copter_messages`, `status_messages`, `parameters`, `missions` and `telemetry`. Parameters
+`commands`, `copter_messages`, `status_messages`, `parameters`, `missions`, `failsafes` and `telemetry`. Parameters
 (`autopilot_variables`) have ArduPilot's names, units and defaults.
 
-Not here: radio control, fences and fail-safes; batteries (full voltage is assumed);
+Not here: radio control; batteries (full voltage is assumed);
 and sensors with noise and an estimator: the true motion is used, so there is no lag of an estimate.
 """
 
@@ -22,6 +22,7 @@ from cosim_models.attitude_control import run_rates
 from cosim_models.auto import run_auto
 from cosim_models.autopilot_variables import VARIABLES
 from cosim_models.commands import receive
+from cosim_models.failsafes import watch
 from cosim_models.flight_modes import run_mode
 from cosim_models.mixer import motor_factors
 from cosim_models.motors import air_density_ratio, learn_hover_throttle, run_motors
@@ -169,6 +170,7 @@ def advance(m: Any, t: float, h: float) -> int:
     run_motors(m, h)
     if m.mavlink_rx_len > 0:
         receive(m, t)
+    watch(m, t)
     if m.mode == AUTO:
         run_auto(m, t, h)
     run_mode(m, t, h)

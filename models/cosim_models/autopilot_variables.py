@@ -136,6 +136,20 @@ MOTOR_PARAMETERS = (
     _real("MOT_YAW_HEADROOM", "1", 200.0, "yaw that is always possible, per mille"),
 )
 
+SAFETY_PARAMETERS = (
+    _whole("SYSID_MYGCS", 255, "MAVLink system id of the ground station whose HEARTBEATs are watched"),
+    _whole("FS_GCS_ENABLE", 0, "ground station lost: 0 nothing, 1 to 3 RTL, 4 and 5 LAND, 7 BRAKE", 0, 7),
+    _real("FS_GCS_TIMEOUT", "s", 5.0, "silence after which the ground station is lost", 0.1),
+    _whole("FENCE_ENABLE", 0, "1: fences are watched", 0, 1),
+    _whole("FENCE_TYPE", 7, "sum of 1 greatest height, 2 circle, 8 least height", 0, 15),
+    _whole("FENCE_ACTION", 1, "0: tell only, 1: RTL, 2: LAND, 4: BRAKE", 0, 4),
+    _real("FENCE_ALT_MAX", "m", 100.0, "greatest height above home"),
+    Parameter(
+        "FENCE_ALT_MIN", unit="m", start=-10.0, minimum=-100.0, tunable=True, description="least height above home"
+    ),
+    _real("FENCE_RADIUS", "m", 150.0, "greatest distance from home"),
+)
+
 LINK_PARAMETERS = (
     _whole("SYSID_THISMAV", 1, "MAVLink system id"),
     *(
@@ -163,7 +177,14 @@ LINK_PARAMETERS = (
 
 PARAMETERS = tuple(
     variable
-    for group in (LINK_PARAMETERS, MODE_PARAMETERS, POSITION_PARAMETERS, ATTITUDE_PARAMETERS, MOTOR_PARAMETERS)
+    for group in (
+        LINK_PARAMETERS,
+        SAFETY_PARAMETERS,
+        MODE_PARAMETERS,
+        POSITION_PARAMETERS,
+        ATTITUDE_PARAMETERS,
+        MOTOR_PARAMETERS,
+    )
     for variable in group
 )
 """All parameters. Those with ArduPilot's names, in capitals, can be set by ground stations."""
@@ -268,6 +289,13 @@ MEMORY = (
     Memory("told_home", dtype="?"),
     Memory("parameter_next", dtype="i4"),  # of the list being sent
     Memory("parameter_due"),
+    # fail-safes
+    Memory("next_watch"),
+    Memory("station_heard"),
+    Memory("station_known", dtype="?"),
+    Memory("station_lost", dtype="?"),
+    Memory("fence_breach", dtype="i4"),  # bits of FENCE_TYPE
+    Memory("fence_low_armed", dtype="?"),
     # mission
     Memory("mission_count", dtype="i4"),  # items, home among them
     Memory("mission_current", dtype="i4"),

@@ -18,6 +18,7 @@ from cosim.messages import (
     AUTOPILOT_VERSION,
     COMMAND_INT,
     COMMAND_LONG,
+    HEARTBEAT,
     HOME_POSITION,
     MESSAGE_INTERVAL,
     MISSION_CLEAR_ALL,
@@ -65,7 +66,9 @@ from cosim.packets import (
     version,
 )
 from cosim_models.arming import (
+    ALT_HOLD,
     AUTO,
+    BRAKE,
     GUIDED,
     LAND,
     LOITER,
@@ -84,6 +87,7 @@ from cosim_models.copter_messages import (
     ARMING,
     ATTITUDE_BAD,
     AUTO_REFUSED,
+    BRAKE_REFUSED,
     CRITICAL,
     GUIDED_REFUSED,
     INFO,
@@ -109,6 +113,7 @@ from cosim_models.copter_messages import (
     stream_of,
     tell_interval,
 )
+from cosim_models.failsafes import hear_station
 from cosim_models.flight_modes import (
     guide_acceleration,
     guide_position,
@@ -160,7 +165,7 @@ _ABSOLUTE, _RELATIVE = 0, 1
 
 @kernel
 def _is_mode(mode: int) -> bool:
-    return mode in (STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND)
+    return mode in (STABILIZE, ALT_HOLD, BRAKE, AUTO, GUIDED, LOITER, RTL, LAND)
 
 
 @kernel
@@ -199,6 +204,8 @@ def _change_mode(m: Any, mode: int, t: float) -> int:
         text = GUIDED_REFUSED if mode == GUIDED else LOITER_REFUSED if mode == LOITER else RTL_REFUSED
         if mode == AUTO:
             text = AUTO_REFUSED
+        elif mode == BRAKE:
+            text = BRAKE_REFUSED
         say(m, WARNING, text, NO_NUMBER)
         return FAILED
     if not m.armed and needs_position(mode) and not position_ready(m, t):
@@ -211,7 +218,7 @@ def _arm(m: Any, forced: bool, t: float) -> int:
     """Arm after ArduCopter's checks, as far as they can fail here."""
     if m.armed:
         return ACCEPTED
-    if m.mode in (LAND, RTL, AUTO):
+    if m.mode in (LAND, RTL, AUTO, BRAKE):
         say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
         return FAILED
     if not forced:
@@ -598,6 +605,8 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _global_target(m, t)
     elif message == REQUEST_DATA_STREAM:
         _request_stream(m, t)
+    elif message == HEARTBEAT:
+        hear_station(m, sender, t)
     elif message == TIMESYNC:
         theirs, sent = decode_timesync(m.received)
         if theirs == 0 and can_answer(m):

@@ -70,7 +70,7 @@ from cosim.messages import (
     put_statustext_text,
 )
 from cosim.packets import clear, put_u16, put_u32
-from cosim_models.arming import AUTO, GUIDED, LOITER, RTL, landed_state, needs_position, position_ready
+from cosim_models.arming import AUTO, BRAKE, GUIDED, LOITER, RTL, landed_state, needs_position, position_ready
 from cosim_models.missions import send_mission_current
 from cosim_models.motors import GROUND_IDLE
 from cosim_models.packet_output import microseconds, milliseconds, send
@@ -91,12 +91,18 @@ __all__ = [
     "ARM_NEEDS_POSITION",
     "ATTITUDE_BAD",
     "AUTO_REFUSED",
+    "BRAKE_REFUSED",
+    "CIRCLE_BREACHED",
     "CRITICAL",
     "DISARMING",
+    "GCS_CLEARED",
+    "GCS_LOST",
     "GUIDED_REFUSED",
     "HEARTBEAT_ROW",
+    "HIGH_BREACHED",
     "INFO",
     "LOITER_REFUSED",
+    "LOW_BREACHED",
     "MISSING_TAKEOFF",
     "MISSION_TEXTS",
     "NOT_ARMABLE",
@@ -199,6 +205,12 @@ _TEXTS = (
     b"Auto: Missing Takeoff Cmd",
     b"Flight plan received",
     b"Reached command #%",
+    b"Mode change to BRAKE failed: requires position",
+    b"GCS Failsafe",
+    b"GCS Failsafe Cleared",
+    b"Max Alt fence breached",
+    b"Circle fence breached",
+    b"Min Alt fence breached",
     b"Mission: % WP",
     b"Mission: % LoitUnlim",
     b"Mission: % LoitTime",
@@ -229,8 +241,14 @@ _TEXTS = (
     MISSING_TAKEOFF,
     PLAN_RECEIVED,
     REACHED,
+    BRAKE_REFUSED,
+    GCS_LOST,
+    GCS_CLEARED,
+    HIGH_BREACHED,
+    CIRCLE_BREACHED,
+    LOW_BREACHED,
     MISSION_TEXTS,
-) = (cast(int, np.int64(i)) for i in range(19))
+) = (cast(int, np.int64(i)) for i in range(25))
 _TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)
 for _i, _text in enumerate(_TEXTS):
     _TEXT_BYTES[_i, : len(_text)] = np.frombuffer(_text, dtype=np.uint8)
@@ -363,11 +381,11 @@ def _send_text(m: Any, severity: int, text: int, number: int) -> bool:
 def send_heartbeat(m: Any, t: float) -> bool:
     mode = m.mode
     base_mode = 1 + 16 + 64
-    if mode in (AUTO, GUIDED, LOITER, RTL):
+    if mode in (AUTO, GUIDED, LOITER, RTL, BRAKE):
         base_mode += 8
     if m.armed:
         base_mode += 128
-    state = 4 if not m.on_ground else 3 if _reached(m, t, _HEARD) else 1
+    state = 5 if m.station_lost or m.fence_breach != 0 else 4 if not m.on_ground else 3 if _reached(m, t, _HEARD) else 1
     kind = 2 if m.motor_count == 4 else 13 if m.motor_count == 6 else 14
     encode_heartbeat(m.payload, kind, 3, base_mode, mode, state, 3)
     return send(m, _HEARTBEAT)

@@ -5,11 +5,12 @@ controllers with what the mode wants; `set_mode`, `take_off` and the `guide_*` f
 first two saying whether it was possible. Vectors are north, east, UP from the local origin, SI units.
 MAVLink is elsewhere.
 
-There is no pilot: in LOITER the sticks are taken as centred. In STABILIZE the throttle stick is taken as closed, as
-in a simulated ArduCopter without a radio: on the ground the motors idle, in the air they idle too and the vehicle
-falls. Do not switch to STABILIZE in flight.
+There is no pilot: in LOITER and ALT_HOLD the sticks are taken as centred. In STABILIZE the throttle stick is taken as
+closed, as in a simulated ArduCopter without a radio: on the ground the motors idle, in the air they idle too and the
+vehicle falls. Do not switch to STABILIZE in flight.
 
-RTL flies by the same shaper as GUIDED, not by ArduCopter's waypoint S-curves.
+RTL flies by the same shaper as GUIDED, not by ArduCopter's waypoint S-curves. BRAKE stops as GUIDED does, with
+WPNAV_ACCEL, not with ArduCopter's harder braking.
 
 Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_land, mode_rtl, mode_loiter, takeoff, land_detector.
 """
@@ -23,7 +24,9 @@ from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.arming import (
     ACCELERATION,
+    ALT_HOLD,
     AUTO,
+    BRAKE,
     CLIMB,
     DESCEND,
     GUIDED,
@@ -238,6 +241,12 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
     m.mode = mode
     if mode == GUIDED:
         guide_stop(m, t)
+    elif mode == BRAKE:
+        guide_stop(m, t)
+        m.yaw_mode = HOLD
+    elif mode == ALT_HOLD:
+        _standard_limits(m)
+        initialise_up(m)
     elif mode == AUTO:
         guide_stop(m, t)
         if m.mission_complete or m.mission_current == 0:
@@ -311,6 +320,19 @@ def _run_stabilize(m: Any, dt: float) -> None:
         forget_torques(m, m.spool_state == GROUND_IDLE, dt)
     follow_yaw_rate(m, 0.0, 0.0, -GRAVITY, 0.0, dt)
     set_throttle(m, 0.0, True, 0.0, dt)
+
+
+@kernel
+def _run_alt_hold(m: Any, dt: float) -> None:
+    """Level, at the height it has: the wind carries it away."""
+    if not m.armed or not m.auto_armed or m.on_ground:
+        rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    seek_velocity_up(m, 0.0, 0.0, False, dt)
+    control_up(m, dt)
+    relax_ne(m, dt)
+    follow_yaw_rate(m, 0.0, 0.0, -GRAVITY, 0.0, dt)
 
 
 @kernel
@@ -482,8 +504,10 @@ def run_mode(m: Any, t: float, dt: float) -> None:
     """One step of the present mode; AUTO has been run before (`auto`)."""
     if m.arming_delay and (not m.armed or t - m.armed_at >= _ARMING_DELAY - 1e-9):
         m.arming_delay = False
-    if m.mode == GUIDED:
+    if m.mode == GUIDED or m.mode == BRAKE:
         _run_guided(m, t, dt)
+    elif m.mode == ALT_HOLD:
+        _run_alt_hold(m, dt)
     elif m.mode == LOITER:
         _run_loiter(m, t, dt)
     elif m.mode == LAND:

@@ -44,9 +44,10 @@ _LARGEST = 1e6
 _DENIED = np.frombuffer(b"Param write denied ()", dtype=np.uint8).copy()
 
 # ArduPilot's types, where they are no floats.
-_BYTES = ("ATC_ANGLE_BOOST", "DISARM_DELAY", "MOT_HOVER_LEARN", "WP_YAW_BEHAVIOR")
+_BYTES = ("ATC_ANGLE_BOOST", "DISARM_DELAY", "MOT_HOVER_LEARN", "WP_YAW_BEHAVIOR", "FS_GCS_ENABLE")
+_FENCE_BYTES = ("FENCE_ACTION", "FENCE_ENABLE", "FENCE_TYPE")
 _SHORTS = ("ANGLE_MAX", "INS_ACCEL_FILTER", "INS_GYRO_FILTER", "LAND_ALT_LOW", "LAND_SPEED", "LAND_SPEED_HIGH")
-_MORE_SHORTS = ("MOT_YAW_HEADROOM", "SYSID_THISMAV")
+_MORE_SHORTS = ("MOT_YAW_HEADROOM", "SYSID_MYGCS", "SYSID_THISMAV")
 _LONGS = ("RTL_ALT", "RTL_LOIT_TIME")
 
 _TABLE = sorted((v for v in VARIABLES if v.role == "parameter" and v.name.isupper()), key=lambda v: v.name)
@@ -56,7 +57,7 @@ PARAMETER_COUNT = len(_TABLE)
 
 
 def _type(name: str) -> int:
-    if name in _BYTES:
+    if name in _BYTES or name in _FENCE_BYTES:
         return _INT8
     if name in _SHORTS or name in _MORE_SHORTS or name.startswith("SR0_"):
         return _INT16
@@ -79,7 +80,7 @@ _IS_WHOLE = np.array([v.kind == "Integer" for v in _TABLE], dtype=np.uint8)
 _TYPES = np.array([_type(name) for name in PARAMETER_NAMES], dtype=np.int64)
 _LEAST = np.array([1.0 if v.name == "SYSID_THISMAV" else v.minimum or 0.0 for v in _TABLE])
 _SHARES = ("MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO", "MOT_THST_HOVER", "TKOFF_THR_MAX")
-_MAXIMA = {"SYSID_THISMAV": 255.0, **dict.fromkeys(_SHARES, 1.0)}
+_MAXIMA = {"SYSID_MYGCS": 255.0, "SYSID_THISMAV": 255.0, **dict.fromkeys(_SHARES, 1.0)}
 _MOST = np.array([v.maximum or _MAXIMA.get(v.name, _LARGEST) for v in _TABLE])
 _PARAM_VALUE = cast(int, np.int64(PARAM_VALUE))
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))

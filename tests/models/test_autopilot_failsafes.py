@@ -1,0 +1,109 @@
+"""What the autopilot does by itself: ground station lost, fences crossed; and the modes that fail-safes may choose."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, ONLY_VELOCITY, RTL, Copter
+
+ALT_HOLD, BRAKE = 2, 17
+STATION = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+
+
+def texts(copter: Copter) -> list[tuple[int, str]]:
+    return [(m.severity, m.text) for m in copter.messages("STATUSTEXT")]
+
+
+@pytest.mark.parametrize(("enable", "mode"), [(1, RTL), (5, LAND), (7, BRAKE), (0, GUIDED)])
+def test_a_lost_ground_station(enable: int, mode: int) -> None:
+    copter = Copter(autopilot={"FS_GCS_ENABLE": enable, "FS_GCS_TIMEOUT": 2.0}).in_the_air(5.0, 10.0)
+    copter.run(1.0)
+    assert copter.m["mode"] == GUIDED  # never heard: not lost
+    for _ in range(3):
+        copter.send(STATION)
+        copter.run(1.0)
+    copter.heard.clear()
+    copter.run(0.9)
+    assert copter.m["mode"] == GUIDED
+    copter.run(0.3)
+    assert copter.m["mode"] == mode
+    assert texts(copter) == ([(4, "GCS Failsafe")] if enable else [])
+    copter.run(1.0)
+    assert copter.messages("HEARTBEAT")[-1].system_status == (5 if enable else 4)
+    copter.heard.clear()
+    copter.send(STATION)
+    copter.run(0.2)
+    assert texts(copter) == ([(4, "GCS Failsafe Cleared")] if enable else [])
+    assert copter.m["mode"] == mode
+
+
+def test_other_stations_do_not_count() -> None:
+    copter = Copter(autopilot={"FS_GCS_ENABLE": 1, "FS_GCS_TIMEOUT": 1.0, "SYSID_MYGCS": 250}).in_the_air(5.0, 10.0)
+    copter.send(STATION)
+    copter.run(3.0)
+    assert copter.m["mode"] == GUIDED
+
+
+def test_on_the_ground_it_disarms() -> None:
+    copter = Copter(autopilot={"FS_GCS_ENABLE": 1, "FS_GCS_TIMEOUT": 1.0})
+    copter.run(2.1)
+    copter.send(STATION)
+    copter.ask(400, 1)
+    copter.run(1.3)
+    assert not copter.m["armed"]
+
+
+@pytest.mark.parametrize(
+    ("fence", "way", "text"),
+    [
+        ({"FENCE_RADIUS": 10.0}, (30.0, 0.0, -5.0), "Circle fence breached"),
+        ({"FENCE_ALT_MAX": 8.0}, (0.0, 0.0, -15.0), "Max Alt fence breached"),
+        ({"FENCE_TYPE": 8, "FENCE_ALT_MIN": 3.0}, (0.0, 0.0, -1.0), "Min Alt fence breached"),
+    ],
+)
+@pytest.mark.parametrize(("action", "mode"), [(1, RTL), (2, LAND), (4, BRAKE), (0, GUIDED)])
+def test_fences(fence: dict[str, Any], way: tuple[float, float, float], text: str, action: int, mode: int) -> None:
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_ACTION": action, **fence}).in_the_air(5.0, 10.0)
+    copter.heard.clear()
+    copter.go(*way)
+    copter.run(8.0)
+    assert (4, text) in texts(copter)
+    assert copter.m["mode"] == mode
+
+
+def test_fences_that_are_off_or_of_another_type_do_nothing() -> None:
+    for values in ({"FENCE_ENABLE": 0}, {"FENCE_ENABLE": 1, "FENCE_TYPE": 1}):
+        copter = Copter(autopilot={"FENCE_RADIUS": 3.0, **values}).in_the_air(5.0, 10.0)
+        copter.go(6.0, 0.0, -5.0)
+        copter.run(5.0)
+        assert copter.m["mode"] == GUIDED
+
+
+def test_brake_stops() -> None:
+    copter = Copter().in_the_air(5.0, 10.0)
+    copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
+    copter.run(2.5)
+    assert copter.ask(176, 1, BRAKE) == [("ACK", 176, ACCEPTED)]
+    copter.run(8.0)
+    hold = copter.run(5.0)
+    assert np.ptp(hold[:, 1]) < 0.1
+    assert np.ptp(hold[:, 3]) < 0.1
+    copter = Copter()
+    copter.run(2.1)
+    copter.ask(176, 1, BRAKE)
+    assert copter.ask(400, 1) == [("ACK", 400, FAILED), ("TEXT", 2, "Arm: Mode not armable")]
+
+
+def test_alt_hold_keeps_height_and_lets_go_of_place() -> None:
+    copter = Copter().in_the_air(5.0, 10.0)
+    copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
+    copter.run(2.5)
+    assert copter.ask(176, 1, ALT_HOLD) == [("ACK", 176, ACCEPTED)]
+    copter.run(1.0)
+    drift = copter.run(4.0)
+    assert np.ptp(drift[:, 3]) < 0.2
+    assert drift[-1, 1] - drift[0, 1] > 2.0

@@ -1,0 +1,13 @@
+"""A slice of the fuzzing that `python -m benchmarks.fuzz` does with a million packets."""
+
+from __future__ import annotations
+
+from benchmarks.fuzz import run
+
+
+def test_mutated_packets_break_nothing() -> None:
+    counts = run(4000, seed=7)
+    assert counts["packets"] == 4000
+    assert counts["good"] > 300
+    assert counts["compared"] > 100
+    assert counts["said"] > 50
