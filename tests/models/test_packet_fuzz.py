@@ -8,6 +8,6 @@ from benchmarks.fuzz import run
 def test_mutated_packets_break_nothing() -> None:
     counts = run(4000, seed=7)
     assert counts["packets"] == 4000
-    assert counts["good"] > 300
+    assert counts["good"] > 150
     assert counts["compared"] > 100
     assert counts["said"] > 50
