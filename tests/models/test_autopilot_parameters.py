@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from cosim_models.parameters import PARAMETER_COUNT, PARAMETER_NAMES
 from tests.models.copter import GUIDED, RECORDED_AUTOPILOT, RECORDINGS, Copter
 
-RENAMED = ("SYSID_THISMAV", "SR0_")
-"""ArduCopter 4.6's names, MAV_SYSID and MAV1_ in 4.7."""
+RENAMED = ("SYSID_THISMAV", "SYSID_MYGCS", "SR0_")
+"""ArduCopter 4.6's names: MAV_SYSID, MAV_GCS_SYSID and MAV1_ in 4.7."""
 
 
 def values(copter: Copter) -> list[Any]:
