@@ -173,6 +173,13 @@ def run(
         typer.Option(metavar="ADDRESS", help="Serial ports of the autopilots, e.g. tcp:5760+10 for 5760, 5770, ..."),
     ] = None,
     profile: Annotated[bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.")] = False,
+    checkpoint_every: Annotated[
+        float | None, typer.Option(metavar="S", help="Write a checkpoint every so many simulated seconds.")
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option("--from", metavar="RUN@TIME", help="Go on from a checkpoint; --set then changes values there."),
+    ] = None,
 ) -> None:
     """Run a system."""
     from cosim_master.calls import PLAIN
@@ -204,6 +211,8 @@ def run(
             gcs=gcs or (),
             ports=ports,
             on_gateway=_note,
+            checkpoint_every=checkpoint_every,
+            origin=origin,
         )
     _report(result, folder)
 

@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeAlias
 
@@ -23,7 +24,8 @@ import numpy as np
 
 from cosim_master.changes import Change
 from cosim_master.check import CheckedSystem
-from cosim_master.errors import CosimError, FmuError
+from cosim_master.checkpoint import Checkpoint, Position, cannot_be_serialised, restore, save
+from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError
 from cosim_master.events import EndedByEvent, Events
 from cosim_master.fmi2 import STATUS, set_kind
 from cosim_master.fmi3 import Instance3
@@ -145,6 +147,7 @@ class Execution:
             other threads than the main one: many others keep state in globals, whatever they declare.
         changes: values to be set while it runs, in the order of time.
         profiler: measures where the time goes.
+        checkpoint: go on from there.
 
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.
@@ -164,6 +167,7 @@ class Execution:
         threads: int | None = None,
         changes: Sequence[Change] = (),
         profiler: Profiler | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> None:
         self.checked, self.clock, self.places, self.network = checked, clock, places, network
         self.living: list[Living] = []
@@ -199,13 +203,17 @@ class Execution:
             # What this project compiled never discards a step, so that swarms of it need no copies of their states.
             passed = "what has passed a gateway cannot be taken back" if network.gateways else ""
             self._unrepeatable = cannot_be_repeated(self.living) or passed
+            if checkpoint is not None:
+                self.refuse_checkpoints()
+                self.radio = restore(checkpoint, self.plan, self.radio, self.living, self._text_outputs)
             if not self._unrepeatable and not all(one.library.thread_safe for one in self.living):
                 self._snapshot = Snapshot(self.living)
                 self._save()
             if network.gateways:
                 self._compile_gateways()
             self._start_workers()
-            self.advance(0)
+            if checkpoint is None:
+                self.advance(0)
         except FmuError as error:
             self._free()
             raise RunFailed([error]) from None
@@ -268,6 +276,43 @@ class Execution:
             changed = True
         if changed and self._snapshot is not None:
             self._save()
+
+    # ---- checkpoints -------------------------------------------------------------------------------------------------
+
+    def refuse_checkpoints(self) -> None:
+        """Raises SystemDescriptionError if this system can have none, and says why."""
+        reason = "what has passed a gateway cannot be taken back" if self.network.gateways else ""
+        if reason := reason or cannot_be_serialised(self.living):
+            text = f"a run of this system has no checkpoints: {reason}"
+            raise SystemDescriptionError([Problem(self.checked.structure.where, text)])
+
+    def save_checkpoint(self, folder: Path, about: Mapping[str, Any]) -> Path:
+        """Write a checkpoint of the present communication point, or of the next one on the system's own grid.
+
+        Raises:
+            SystemDescriptionError: there are gateways, or FMUs that cannot serialise their state.
+            RunFailed: an FMU cannot after all, or steps up to that communication point fail.
+        """
+        self.refuse_checkpoints()
+        while self._grid.until:
+            self.advance(self._grid.until)
+        self._flush_rows()
+        self._write_packets()
+        position = Position() if self._recorder is None else self._recorder.position()
+        try:
+            return save(
+                folder,
+                time=self.time,
+                k=self.k,
+                plan=self.plan,
+                radio=self.radio,
+                living=self.living,
+                texts=self._text_outputs,
+                position=position,
+                about=about,
+            )
+        except FmuError as error:
+            raise RunFailed([error]) from None
 
     # ---- steps that are discarded ------------------------------------------------------------------------------------
 

@@ -238,6 +238,20 @@ class Instance:
             with contextlib.suppress(FmuError):
                 self.call("fmi2FreeFMUstate", ctypes.byref(state))
 
+    def serialise(self, state: ctypes.c_void_p) -> bytes:
+        """A saved state as bytes, which another instance of the FMU can `deserialise`, in another process too."""
+        size = ctypes.c_size_t(0)
+        self.call("fmi2SerializedFMUstateSize", state, ctypes.byref(size))
+        buffer = ctypes.create_string_buffer(size.value)
+        self.call("fmi2SerializeFMUstate", state, buffer, size)
+        return buffer.raw
+
+    def deserialise(self, content: bytes) -> ctypes.c_void_p:
+        """The state that `serialise` wrote, for `restore_state` and then `free_state`."""
+        state = ctypes.c_void_p()
+        self.call("fmi2DeSerializeFMUstate", content, ctypes.c_size_t(len(content)), ctypes.byref(state))
+        return state
+
     def cancel_step(self) -> None:
         """Stop a step that is pending; only `free` may follow."""
         self.stepping, self.canceled = False, True

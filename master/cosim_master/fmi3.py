@@ -285,6 +285,20 @@ class Instance3:
         if self.alive and state and not self.library.corrupted:
             self.call("fmi3FreeFMUState", ctypes.byref(state))
 
+    def serialise(self, state: ctypes.c_void_p) -> bytes:
+        """A saved state as bytes, which another instance of the FMU can `deserialise`, in another process too."""
+        size = ctypes.c_size_t(0)
+        self.call("fmi3SerializedFMUStateSize", state, ctypes.byref(size))
+        buffer = ctypes.create_string_buffer(size.value)
+        self.call("fmi3SerializeFMUState", state, buffer, size)
+        return buffer.raw
+
+    def deserialise(self, content: bytes) -> ctypes.c_void_p:
+        """The state that `serialise` wrote, for `restore_state` and then `free_state`."""
+        state = ctypes.c_void_p()
+        self.call("fmi3DeserializeFMUState", content, ctypes.c_size_t(len(content)), ctypes.byref(state))
+        return state
+
     def cancel_step(self) -> None:
         """There are no pending steps in FMI 3; the instance is not stepped any more."""
         self.stepping = False

@@ -27,6 +27,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.check import CheckedSystem
+from cosim_master.checkpoint import Checkpoint, Position
+from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.network import Network
 from cosim_master.plan import KINDS, Layout
 from cosim_master.radio import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
@@ -37,13 +39,24 @@ __all__ = ["EPOCH", "Recorder"]
 EPOCH = 1_735_689_600_000_000
 """Microseconds from 1970 to 2025-01-01T00:00:00Z, where the clock of .tlog files begins."""
 
+_ROW_GROUP = 1024 * 1024
+"""Rows; pyarrow divides longer tables."""
 _ARROW = {"Real": pa.float64(), "Integer": pa.int32(), "Boolean": pa.bool_(), "String": pa.string()}
 
 
 class Recorder:
     """Writes the files of one run. Call `rows` and `packets` whenever the loop returns, `close` at the end."""
 
-    def __init__(self, folder: Path, checked: CheckedSystem, places: Layout, network: Network, *, keep: bool) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        checked: CheckedSystem,
+        places: Layout,
+        network: Network,
+        *,
+        keep: bool,
+        checkpoint: Checkpoint | None = None,
+    ) -> None:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         # An old manifest would call the results complete while they are not.
@@ -82,6 +95,41 @@ class Recorder:
             for n, name in enumerate(self._nodes):
                 self._tlogs[n] = (folder / "packets" / f"{_file_name(name)}.tlog").open("wb")
             self._tlogs[-1] = (folder / "packets.tlog").open("wb")
+        self._groups = {"signals": 0, "packets": 0}
+        if checkpoint is not None:
+            self._take_over(checkpoint)
+
+    def position(self) -> Position:
+        """How much has been recorded by now, all of it written out."""
+        for file in self._tlogs.values():
+            file.flush()
+        tlogs = {str(Path(file.name).relative_to(self.folder)): file.tell() for file in self._tlogs.values()}
+        return Position(self._groups["signals"], self._groups["packets"], tlogs)
+
+    def _write(self, what: str, writer: Any, table: pa.Table) -> None:
+        writer.write_table(table)
+        self._groups[what] += -(-table.num_rows // _ROW_GROUP) or 1
+
+    def _take_over(self, checkpoint: Checkpoint) -> None:
+        """Begin with what the run of a checkpoint recorded until then: the same row groups, the same bytes."""
+        sources = (
+            ("signals", self._signals, self._schema, checkpoint.position.signals),
+            *((("packets", self._events, self._event_schema, checkpoint.position.packets),) if self._keep else ()),
+        )
+        try:
+            for name, writer, schema, groups in sources:
+                with pq.ParquetFile(checkpoint.run / f"{name}.parquet") as old:
+                    if not old.schema_arrow.equals(schema, check_metadata=False):
+                        raise ValueError(f"{name}.parquet has other columns than this run records")
+                    for group in range(groups):
+                        self._write(name, writer, old.read_row_group(group).cast(schema))
+            for file in self._tlogs.values():
+                name = str(Path(file.name).relative_to(self.folder))
+                with (checkpoint.run / name).open("rb") as old_log:
+                    file.write(old_log.read((checkpoint.position.tlogs or {})[name]))
+        except (OSError, ValueError, KeyError) as error:
+            text = f"its recording up to {checkpoint.time:.9g} s cannot be taken over: {error}"
+            raise SystemDescriptionError([Problem(Where(str(checkpoint.run)), text)]) from None
 
     @staticmethod
     def _in_order(checked: CheckedSystem, places: Layout) -> list[tuple[str, str, int, Any]]:
@@ -121,7 +169,7 @@ class Recorder:
             else:
                 values = blocks[kind][:n, column]
                 arrays.append(pa.array(values.astype(bool) if kind == "Boolean" else values))
-        self._signals.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
+        self._write("signals", self._signals, pa.Table.from_arrays(arrays, schema=self._schema))
         self._text_rows.clear()
         plan.clock[ROWS] = 0
 
@@ -149,7 +197,7 @@ class Recorder:
             column if isinstance(column := columns[f.name], pa.Array) else pa.array(column, type=f.type)
             for f in self._event_schema
         ]
-        self._events.write_table(pa.Table.from_arrays(arrays, schema=self._event_schema))
+        self._write("packets", self._events, pa.Table.from_arrays(arrays, schema=self._event_schema))
 
     def _write_tlogs(self, block: bytes) -> None:
         position = 0

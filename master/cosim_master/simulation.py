@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
+import shutil
 import signal
 import threading
 import time
@@ -19,6 +20,7 @@ from typing import Any
 from cosim_master.annotation import root_annotation
 from cosim_master.changes import Change, changes
 from cosim_master.check import CheckedSystem, check
+from cosim_master.checkpoint import Identity, find
 from cosim_master.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution, RunTerminated
 from cosim_master.fmu import Start
@@ -177,6 +179,8 @@ def simulate(
     gcs: Sequence[str] = (),
     ports: str | None = None,
     on_gateway: Callable[[str], None] | None = None,
+    checkpoint_every: float | None = None,
+    origin: str | None = None,
 ) -> RunResult:
     """Run a system from its file to its results.
 
@@ -198,6 +202,9 @@ def simulate(
         gcs: addresses of ground stations, each on the air to all vehicles: see `gateways`.
         ports: address of the first vehicle's serial port, and by how much the others differ.
         on_gateway: is told, in words, what happens to sockets.
+        checkpoint_every: s of simulated time between checkpoints in `out`.
+        origin: RUN@TIME, a checkpoint to go on from; `overrides` are then changes at that time, and what is not given
+            (seed, stop time, patterns) is what it was.
 
     Raises:
         SystemDescriptionError: the description is wrong, `out` cannot be written to, or a socket not be opened.
@@ -205,9 +212,24 @@ def simulate(
     Returns:
         How it ended; a failing FMU is an outcome, and what was recorded until then is kept.
     """
+    checkpoint = None if origin is None else find(origin)
+    if checkpoint is not None:
+        was = checkpoint.identity
+        at = [*((checkpoint.time, name, value) for name, value in (overrides or {}).items()), *at]
+        overrides, record = checkpoint.overrides, record or checkpoint.record
+        until = (was.start + was.steps * was.base) / 1e9 if until is None else until
+        seed = was.seed if seed is None else seed
     with read_system(system, variant) as structure:
         checked = check(structure, overrides)
         ready = prepare(checked, until=until, step=step, seed=seed, record=record, at=at)
+        saving = _Checkpoints(ready, out, checkpoint_every, overrides or {}, record)
+        if checkpoint is not None:
+            checkpoint.check(saving.identity)
+            if out is not None and out.resolve() == checkpoint.run.resolve():
+                raise SystemDescriptionError(
+                    [Problem(Where(str(out)), "give another folder than that of the run it goes on from")]
+                )
+            ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
         asked = gateways_of(ready.network, gcs, ports)
         ready = replace(ready, network=replace(ready.network, gateways=tuple(gateway for gateway, _ in asked)))
         places = layout(checked, ready.network, ready.recording.signals)
@@ -216,10 +238,11 @@ def simulate(
 
         def recorder() -> Recorder:
             assert out is not None
-            return Recorder(out, checked, places, ready.network, keep=ready.recording.packets)
+            return Recorder(out, checked, places, ready.network, keep=ready.recording.packets, checkpoint=checkpoint)
 
         if out is not None:
             _make_folder(out)
+            shutil.rmtree(out / "checkpoints", ignore_errors=True)
         profiler = Profiler() if profile else None
         with Gateways(asked, on_gateway or (lambda _: None), ready.network.dialect) as gateways:
             began = time.perf_counter()
@@ -235,20 +258,75 @@ def simulate(
                     threads=threads,
                     changes=ready.changes,
                     profiler=profiler,
+                    checkpoint=checkpoint,
                 )
             except SystemDescriptionError:
                 raise
             except CosimError as error:
                 return RunResult("failed", error, 0.0, 0.0, 0.0, {}, ready.notes)
             start_up = time.perf_counter() - began
-            gateways.start()
             with execution, _interrupts() as interrupted:
-                result = _run(execution, ready, pace, on_progress, interrupted, gateways)
+                if checkpoint_every is not None:
+                    execution.refuse_checkpoints()
+                gateways.start()
+                result = _run(execution, ready, pace, on_progress, interrupted, gateways, saving)
                 if profiler is not None:
                     profiler.phases["stepping"] = result.wall_s
                     result = replace(result, profile=profiler.profile())
                 execution.finish(lambda: _manifest(ready, result, start_up))
             return result
+
+
+class _Checkpoints:
+    """Checkpoints at equal intervals of simulated time; none if `every` is None.
+
+    Raises:
+        SystemDescriptionError: the interval is no multiple of the base step, or there is no folder for them.
+    """
+
+    def __init__(
+        self,
+        ready: Prepared,
+        out: Path | None,
+        every: float | None,
+        overrides: Mapping[str, str],
+        record: Sequence[str],
+    ) -> None:
+        clock, checked = ready.clock, ready.checked
+        self.identity = Identity(
+            system=_digest_of_system(checked),
+            fmus={instance.name: instance.fmu.digest for instance in checked.instances},
+            start=clock.start,
+            base=clock.base,
+            steps=clock.steps,
+            every=ready.every,
+            seed=ready.network.seed,
+        )
+        self._about = {"identity": asdict(self.identity), "overrides": dict(overrides), "record": list(record)}
+        self._every = self._next = 0
+        self._last = clock.steps
+        if every is None:
+            return
+        if out is None:
+            raise SystemDescriptionError([Problem(Where("checkpoints"), "there is no folder for them")])
+        self._folder = out / "checkpoints"
+        steps = every * 1e9 / clock.base
+        if not 1 <= steps < 2**62 or not math.isclose(steps, round(steps), rel_tol=1e-9):
+            text = f"every {every:g} s is no multiple of the base step {clock.base / 1e9:g} s"
+            raise SystemDescriptionError([Problem(Where("checkpoints"), text)])
+        self._every = round(steps)
+
+    def before(self, k: int, chunk: int) -> int:
+        """The base step to go to from `k`: at most `chunk` further, and not beyond the next checkpoint."""
+        if not self._every:
+            return k + chunk
+        self._next = (k // self._every + 1) * self._every
+        return min(k + chunk, self._next)
+
+    def save(self, execution: Execution) -> None:
+        """Write a checkpoint if its time has come; the end of a run has none."""
+        if self._every and self._next <= execution.k < self._last:
+            execution.save_checkpoint(self._folder, self._about)
 
 
 def _make_folder(out: Path) -> None:
@@ -291,9 +369,10 @@ def _run(
     on_progress: Callable[[Progress], None] | None,
     interrupted: Callable[[], bool],
     gateways: Gateways,
+    checkpoints: _Checkpoints,
 ) -> RunResult:
     clock = ready.clock
-    start = clock.start / 1e9
+    start = execution.time
     stop = (clock.start + clock.steps * clock.base) / 1e9
     outcome = "done"
     failure: CosimError | None = None
@@ -315,7 +394,8 @@ def _run(
                 break
             if gateways:
                 gateways.exchange(execution)
-            execution.advance(execution.k + chunk)
+            execution.advance(checkpoints.before(execution.k, chunk))
+            checkpoints.save(execution)
             if on_progress is not None:
                 on_progress(Progress(execution.time, start, stop, time.perf_counter() - began))
             spent = max(time.perf_counter() - before, 1e-6)
