@@ -1,0 +1,94 @@
+"""A run that was interrupted goes on as if it had not been; and one that was not is tried again another way."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim_master.errors import SystemDescriptionError
+from cosim_master.simulation import Progress, simulate
+from tests.scenarios.flights import SYSTEMS, copy_of, fly
+from tests.scenarios.test_radio_is_bad import with_radio
+
+UNTIL, EVERY = 6.0, 0.5
+RECORDED = ("signals.parquet", "packets.parquet", "packets.tlog", "packets/drone1.tlog", "packets/drone3.tlog")
+
+
+@pytest.fixture(scope="module")
+def line5(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With a radio that needs its random numbers, and on which packets are in flight at every moment."""
+    workshop = tmp_path_factory.mktemp("resumed")
+    return copy_of("line5", workshop, fmus, lambda text: with_radio(text, 'loss="0.3" latency="0.05" jitter="0.2"'))
+
+
+@pytest.mark.slow
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(interrupted=st.floats(EVERY, UNTIL - 0.1), seed=st.integers(0, 2**53), threads=st.sampled_from([1, 2]))
+def test_interrupted_and_resumed_is_the_same_to_the_last_byte(
+    interrupted: float, seed: int, threads: int, line5: Path, tmp_path: Path
+) -> None:
+    def interrupt(progress: Progress) -> None:
+        if progress.time >= interrupted:
+            raise KeyboardInterrupt
+
+    whole, half, rest = (tmp_path / name for name in ("whole", "half", "rest"))
+    simulate(line5, out=whole, until=UNTIL, seed=seed, checkpoint_every=EVERY, threads=threads)
+    stopped = simulate(
+        line5, out=half, until=UNTIL, seed=seed, checkpoint_every=EVERY, on_progress=interrupt, threads=threads
+    )
+    assert stopped.outcome in ("interrupted", "done")  # done if the last piece was a long one
+    last = max((float(folder.name) for folder in (half / "checkpoints").iterdir()), default=0.0)
+    assert last >= EVERY
+    resumed = simulate(line5, out=rest, origin=f"{half}@{last:g}", checkpoint_every=EVERY, threads=3 - threads)
+    assert resumed.outcome == "done"
+    assert resumed.packets["sent"] > 0
+    for name in RECORDED:
+        assert (rest / name).read_bytes() == (whole / name).read_bytes(), name
+    shutil.rmtree(tmp_path)
+
+
+@pytest.mark.slow
+def test_from_28_s_on_drone_3_has_weak_motors(fmus: Path, tmp_path: Path) -> None:
+    """Up to then the branch is the run itself; afterwards drone 3 sinks to the ground, the others fly on."""
+    assert fmus.is_dir()
+    run = fly(SYSTEMS / "line5", tmp_path / "run", until=60.0, checkpoint_every=28.0)
+    branch = fly(
+        SYSTEMS / "line5",
+        tmp_path / "branch",
+        origin=f"{tmp_path / 'run'}@28",
+        overrides={"drone3.autopilot.MOT_SPIN_MAX": "0.4"},
+    )
+    before = int(np.searchsorted(run["time"], 28.0, side="right"))
+    for name in run.signals:
+        np.testing.assert_array_equal(branch[name][:before], run[name][:before], err_msg=name)
+    assert run.up(3)[-1] == pytest.approx(10.0, abs=0.1)
+    assert branch.up(3)[-1] == pytest.approx(0.0, abs=0.3)
+    for drone in (1, 2, 4, 5):
+        assert branch.up(drone)[-1] == pytest.approx(10.0, abs=0.1)
+
+
+def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> None:
+    simulate(line5, out=tmp_path / "run", until=2.0, checkpoint_every=1.0, seed=7)
+    origin = f"{tmp_path / 'run'}@1"
+
+    def refused(**options: object) -> str:
+        with pytest.raises(SystemDescriptionError) as caught:
+            simulate(line5, **{"out": tmp_path / "on", "origin": origin, **options})  # type: ignore[arg-type]
+        return str(caught.value)
+
+    assert "run has no checkpoint at 1.5 s; there are: 1" in refused(origin=f"{tmp_path / 'run'}@1.5")
+    assert "write RUN@TIME" in refused(origin="run")
+    assert "the seed of the radio must be what it was (7), now it is 8" in refused(seed=8)
+    assert "the stop time must be what it was" in refused(until=3.0)
+    assert "goes on in another folder" in refused(out=tmp_path / "run")
+    assert "signals.parquet has other columns" in refused(record=("*.position*",))
+    with pytest.raises(SystemDescriptionError, match="the system's documents must be what it was"):
+        simulate(SYSTEMS / "line5", out=tmp_path / "on", origin=origin)
+    assert "no multiple of the base step" in refused(checkpoint_every=0.0001)
+    (tmp_path / "run" / "checkpoints" / "1" / "state.npz").write_bytes(b"PK")
+    assert "the checkpoint is damaged" in refused()
