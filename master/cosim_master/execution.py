@@ -282,6 +282,9 @@ class Execution:
     def refuse_checkpoints(self) -> None:
         """Raises SystemDescriptionError if this system can have none, and says why."""
         reason = "what has passed a gateway cannot be taken back" if self.network.gateways else ""
+        if self._events.numbers and not reason:
+            names = ", ".join(self.living[i].name for i in self._events.numbers[:3])
+            reason = f"the next events of {names} are no part of an FMU state"
         if reason := reason or cannot_be_serialised(self.living):
             text = f"a run of this system has no checkpoints: {reason}"
             raise SystemDescriptionError([Problem(self.checked.structure.where, text)])

@@ -85,7 +85,7 @@ def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> 
     assert "write RUN@TIME" in refused(origin="run")
     assert "the seed of the radio must be what it was (7), now it is 8" in refused(seed=8)
     assert "the stop time must be what it was" in refused(until=3.0)
-    assert "goes on in another folder" in refused(out=tmp_path / "run")
+    assert "give another folder" in refused(out=tmp_path / "run")
     assert "signals.parquet has other columns" in refused(record=("*.position*",))
     with pytest.raises(SystemDescriptionError, match="the system's documents must be what it was"):
         simulate(SYSTEMS / "line5", out=tmp_path / "on", origin=origin)
