@@ -234,11 +234,9 @@ def test_the_commands(place: Path, tmp_path: Path) -> None:
 WORDS = ["fmus", "connections", "parameters", "algorithm", "size", "type", "fixed-step", "endTime", "{A}", "{A}.one.y"]
 WORDS += ["{A}.two.u", "{A}.one.p", "strict.fmu", "multimodel_path", "mm.json", "", ".", "{", "\ud800", "\0", "..", "/"]
 TEXTS = st.sampled_from(WORDS) | st.text(max_size=8)
-VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | TEXTS,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXTS, inner, max_size=4),
-    max_leaves=12,
-)
+SIMPLE = st.none() | st.booleans() | st.integers() | st.floats() | TEXTS
+FLAT = SIMPLE | st.lists(SIMPLE, max_size=3) | st.dictionaries(TEXTS, SIMPLE, max_size=4)
+VALUES: st.SearchStrategy[Any] = SIMPLE | st.lists(FLAT, max_size=3) | st.dictionaries(TEXTS, FLAT, max_size=4)
 
 
 def read_and_checked(file: Path) -> None:
