@@ -63,7 +63,7 @@ def test_a_reference_fmu_as_fmpy_runs_it(workshop: Any, tmp_path: Path, file: Pa
     events = fmu.capabilities.hasEventMode and file.stem != "Roberts"  # which declares it and refuses it
     outputs = [v.name for v in model.modelVariables if v.causality == "output" and v.type not in ("String", "Binary")]
     theirs = fmpy.simulate_fmu(
-        str(file), validate=False, fmi_type="CoSimulation", stop_time=stop, output_interval=step,
+        str(file), validate=False, fmi_type="CoSimulation", start_time=0.0, stop_time=stop, output_interval=step,
         use_event_mode=events, early_return_allowed=events, output=outputs, relative_tolerance=None,
     )  # fmt: skip
     # At an event FMPy has rows before and after it: the last one of a time is what there is after the event.
