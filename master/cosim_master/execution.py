@@ -219,6 +219,8 @@ class Execution:
             raise RunFailed([error]) from None
         except BaseException:
             self._free()
+            if self._recorder is not None:
+                self._recorder.close_files()
             raise
 
     # ---- stepping ----------------------------------------------------------------------------------------------------

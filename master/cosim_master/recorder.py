@@ -128,6 +128,7 @@ class Recorder:
                 with (checkpoint.run / name).open("rb") as old_log:
                     file.write(old_log.read((checkpoint.position.tlogs or {})[name]))
         except (OSError, ValueError, KeyError) as error:
+            self.close_files()
             text = f"its recording up to {checkpoint.time:.9g} s cannot be taken over: {error}"
             raise SystemDescriptionError([Problem(Where(str(checkpoint.run)), text)]) from None
 
@@ -212,13 +213,17 @@ class Recorder:
 
     def close(self, manifest: Mapping[str, Any]) -> None:
         """Finish all files. The manifest comes last: where it is, the rest is complete."""
+        self.close_files()
+        text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False)
+        (self.folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
+
+    def close_files(self) -> None:
+        """All but the manifest: for a run that never began."""
         self._signals.close()
         if self._events is not None:
             self._events.close()
         for file in self._tlogs.values():
             file.close()
-        text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False)
-        (self.folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
 
 
 def _file_name(node: str) -> str:
