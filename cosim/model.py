@@ -273,9 +273,15 @@ def flat_variables(variables: Sequence[Variable]) -> tuple[FlatVariable, ...]:
     return tuple(flat)
 
 
+_LARGE = 1024
+"""Bytes."""
+
+
 def _is_buffer(variable: Variable) -> bool:
-    """Bytes of packets: large, and most steps do not touch them."""
-    return variable.kind == "Packets" or variable.dtype in ("u1", "uint8")
+    """Bytes of packets and large tables: most steps do not touch them."""
+    if variable.kind == "Packets" or variable.dtype in ("u1", "uint8"):
+        return True
+    return variable.kind == "Memory" and np.dtype([_field(variable)]).itemsize >= _LARGE
 
 
 @cache

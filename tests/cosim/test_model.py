@@ -145,6 +145,7 @@ def test_the_head_of_a_record_is_what_the_environment_sets() -> None:
         PacketInput("rx", capacity=5),
         Memory("table", dtype="i2", shape=(2, 3)),
         Memory("bytes", dtype="u1", shape=7),
+        Memory("large", dtype="f8", shape=(8, 16)),
         Input("flag", type=bool),
         Input("marks", type=bool, shape=3),
         Input("number", type=int),
@@ -165,9 +166,10 @@ def test_the_head_of_a_record_is_what_the_environment_sets() -> None:
         "x": ("('<f8', (2,))", 40),
         "table": ("('<i2', (2, 3))", 56),
         "bytes": ("('u1', (7,))", 68),
-        "tx": ("('u1', (3,))", 75),
+        "large": ("('<f8', (8, 16))", 80),
+        "tx": ("('u1', (3,))", 1104),
     }
-    assert (head, dtype.itemsize) == (32, 80)
+    assert (head, dtype.itemsize) == (32, 1112)
     assert busy_part(variables) == (8, 68)
 
 
