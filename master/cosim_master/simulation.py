@@ -269,7 +269,15 @@ def simulate(
                 if checkpoint_every is not None:
                     execution.refuse_checkpoints()
                 gateways.start()
-                result = _run(execution, ready, pace, on_progress, interrupted, gateways, saving)
+                result = _run(
+                    execution,
+                    ready,
+                    pace,
+                    on_progress,
+                    interrupted,
+                    gateways,
+                    saving if checkpoint_every is not None else None,
+                )
                 if profiler is not None:
                     profiler.phases["stepping"] = result.wall_s
                     result = replace(result, profile=profiler.profile())
@@ -318,14 +326,12 @@ class _Checkpoints:
 
     def before(self, k: int, chunk: int) -> int:
         """The base step to go to from `k`: at most `chunk` further, and not beyond the next checkpoint."""
-        if not self._every:
-            return k + chunk
         self._next = (k // self._every + 1) * self._every
         return min(k + chunk, self._next)
 
     def save(self, execution: Execution) -> None:
         """Write a checkpoint if its time has come; the end of a run has none."""
-        if self._every and self._next <= execution.k < self._last:
+        if self._next <= execution.k < self._last:
             execution.save_checkpoint(self._folder, self._about)
 
 
@@ -369,7 +375,7 @@ def _run(
     on_progress: Callable[[Progress], None] | None,
     interrupted: Callable[[], bool],
     gateways: Gateways,
-    checkpoints: _Checkpoints,
+    checkpoints: _Checkpoints | None = None,
 ) -> RunResult:
     clock = ready.clock
     start = execution.time
@@ -394,8 +400,9 @@ def _run(
                 break
             if gateways:
                 gateways.exchange(execution)
-            execution.advance(checkpoints.before(execution.k, chunk))
-            checkpoints.save(execution)
+            execution.advance(execution.k + chunk if checkpoints is None else checkpoints.before(execution.k, chunk))
+            if checkpoints is not None:
+                checkpoints.save(execution)
             if on_progress is not None:
                 on_progress(Progress(execution.time, start, stop, time.perf_counter() - began))
             spent = max(time.perf_counter() - before, 1e-6)
