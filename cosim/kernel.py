@@ -36,8 +36,8 @@ except ImportError:  # an interpreted FMU in somebody's Python without numba: sl
     numba = None
 
 if numba is not None and platform.machine() in ("x86_64", "AMD64") and numba.config.CPU_NAME is None:
-    # The stepping loop calls FMUs that are compiled for any x86-64. With AVX-512 in the loop, the wide registers it
-    # leaves in use make every SSE instruction of theirs slower: a Quadrotor's step took 0.1 us longer.
+    # The stepping loop calls FMUs that are compiled for any x86-64. Compiled for AVX-512 itself, it made a Quadrotor's
+    # step 0.1 us longer; mixing wide and SSE code on the same registers is the likely reason (ARCHITECTURE, section 5).
     numba.config.CPU_NAME, numba.config.CPU_FEATURES = "x86-64-v2", ""
 
 _UNUSED_AFTER = 14 * 24 * 3600.0
