@@ -7,7 +7,8 @@ Each vehicle takes off to 10 m in GUIDED. Then, at every step, each but the firs
 
     x + (1/3) ((left - x) + (right - x))
 
-where x, left and right are the measured longitudes of itself and its neighbours. `pip install dronekit future`.
+where x, left and right are the measured longitudes of itself and its neighbours. Steps follow the first vehicle's
+clock, not this computer's, so that a simulation of any pace flies the same. `pip install dronekit future`.
 """
 
 from __future__ import annotations
@@ -63,12 +64,28 @@ def go_to(vehicle: Vehicle, latitude: float, longitude: float, height: float) ->
     )
 
 
+class Clock:
+    """The time since boot that a vehicle says, in s; asked for at 20 Hz."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.now = -math.inf
+        vehicle.add_message_listener("GLOBAL_POSITION_INT", self._hear)
+        position, interval_us = 33, 50_000
+        vehicle.send_mavlink(
+            vehicle.message_factory.command_long_encode(0, 0, 511, 0, position, interval_us, 0, 0, 0, 0, 0)
+        )
+        wait("the first vehicle says its time", lambda: self.now > 0)
+
+    def _hear(self, vehicle: Vehicle, name: str, message: Any) -> None:
+        self.now = message.time_boot_ms / 1e3
+
+
 def main() -> None:
     """Fly the line and print where the drones are after each step, in m east of the first, as one line of JSON each."""
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("address", nargs="+", help="of each vehicle, from west to east")
     arguments.add_argument("--height", type=float, default=10.0, help="of the flight, m")
-    arguments.add_argument("--period", type=float, default=3.1875, help="of the steps, s of this computer's time")
+    arguments.add_argument("--period", type=float, default=3.1875, help="of the steps, s of the first vehicle's time")
     arguments.add_argument("--steps", type=int, default=18)
     options = arguments.parse_args()
     with ThreadPoolExecutor(len(options.address)) as together:
@@ -76,7 +93,8 @@ def main() -> None:
     degree = RADIUS * math.radians(1.0) * math.cos(math.radians(vehicles[0].location.global_frame.lat))
     west = vehicles[0].location.global_frame.lon
     latitudes = [vehicle.location.global_frame.lat for vehicle in vehicles]
-    due = time.monotonic()
+    clock = Clock(vehicles[0])
+    due = clock.now
     for step in range(options.steps + 1):
         east = [vehicle.location.global_frame.lon for vehicle in vehicles]
         print(json.dumps({"step": step, "east": [round((x - west) * degree, 3) for x in east]}), flush=True)
@@ -86,7 +104,7 @@ def main() -> None:
             x = east[i] + EPSILON * ((east[i - 1] - east[i]) + (east[i + 1] - east[i]))
             go_to(vehicles[i], latitudes[i], x, options.height)
         due += options.period
-        time.sleep(max(0.0, due - time.monotonic()))
+        wait(f"step {step} ends", lambda: clock.now >= due)  # noqa: B023  called at once
     for vehicle in vehicles:
         vehicle.close()
 

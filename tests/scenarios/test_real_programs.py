@@ -114,6 +114,8 @@ def test_dronekit_goes_somewhere(tmp_path: Path, fmus: Path) -> None:
 
 LINE = Path(__file__).parents[2] / "examples" / "dronekit_line.py"
 STEPS = 18
+LATENCY = 1.0
+"""Simulated s that a script's reading may be older or newer than an agent's: a quarter of it is the computer's time."""
 
 
 @needs("dronekit", "past")
@@ -121,7 +123,7 @@ def test_dronekit_flies_five_vehicles_at_once_as_line_agents_do(tmp_path: Path, 
     """DroneKit at five ports: connect with wait_ready, is_armable, GUIDED, armed, simple_takeoff(10); then the line."""
     with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE) as swarm:
         addresses = [f"tcp:127.0.0.1:{swarm.port(f'@drone{i}')}" for i in range(1, 6)]
-        done = run([str(LINE), *addresses, "--period", str(3.1875 / PACE), "--steps", str(STEPS)], 120)
+        done = run([str(LINE), *addresses, "--period", "3.1875", "--steps", str(STEPS)], 200)
         assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
         swarm.stop()
     script = [json.loads(line)["east"] for line in done.stdout.splitlines()]
@@ -129,7 +131,10 @@ def test_dronekit_flies_five_vehicles_at_once_as_line_agents_do(tmp_path: Path, 
     for east, goal in zip(script[-1], (0.0, 25.0, 50.0, 75.0, 100.0), strict=True):
         assert abs(east - goal) < 1.0
     agents = fly(SYSTEMS / "line5", tmp_path / "agents", until=90.0)
+    time = agents["time"]
     for k, east in enumerate(script):
-        row = agents.end_of_step(k + 1)
+        end = time[agents.end_of_step(k + 1)]
+        near = (time >= end - LATENCY) & (time <= end + LATENCY)
         for drone, x in enumerate(east, start=1):
-            assert abs(x - agents.east(drone)[row]) < 0.75, (k, drone)
+            path = agents.east(drone)[near]
+            assert path.min() - 0.5 < x < path.max() + 0.5, (k, drone)
