@@ -43,16 +43,19 @@ if numba is not None and platform.machine() in ("x86_64", "AMD64") and numba.con
 _UNUSED_AFTER = 14 * 24 * 3600.0
 
 
-def kernel(function: F) -> F:
+def kernel(function: F, *, inline: bool = False) -> F:
     """Mark `function` as a kernel: compiled by numba where it can be imported, as it is otherwise.
 
     Division by zero follows IEEE 754 (inf, nan) instead of raising, as it does in a compiled FMU. The GIL is
     released while a kernel runs. A kernel allocates nothing, so numba counts no references: for the stepping loop,
     whose plan is a tuple of many arrays, counting took longer than the calls of FMI functions.
+
+    Args:
+        inline: compile it into every kernel that calls it: to pass many arrays takes longer than some FMI calls.
     """
     if numba is None:
         return function
-    compiled = numba.njit(error_model="numpy", nogil=True, _nrt=False)(function)
+    compiled = numba.njit(error_model="numpy", nogil=True, _nrt=False, forceinline=inline)(function)
     source = Path(function.__code__.co_filename)
     if not numba.config.DISABLE_JIT and (source.parent / "__init__.py").is_file():
         before = numba.config.CACHE_DIR

@@ -76,7 +76,7 @@ class Clock:
         )
         wait("the first vehicle says its time", lambda: self.now > 0)
 
-    def _hear(self, vehicle: Vehicle, name: str, message: Any) -> None:
+    def _hear(self, _vehicle: Vehicle, _name: str, message: Any) -> None:
         self.now = message.time_boot_ms / 1e3
 
 

@@ -49,7 +49,7 @@ from cosim_master.stepping import (
     WIRE,
     Plan,
 )
-from cosim_master.typed_calls import WIDTHS
+from cosim_master.typed_calls import TYPED, WIDTHS
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
@@ -409,7 +409,8 @@ class _Native:
 
     def __init__(self, instances: int, kinds: Sequence[_Ports]) -> None:
         values = sum(len(ports.inputs) + len(ports.outputs) for ports in kinds)
-        self.memory = np.zeros(ANSWERS * (instances + 1) + 32 * values + 256, dtype=np.uint8)
+        calls = values + 2 * instances
+        self.memory = np.zeros(ANSWERS * (instances + 1) + 32 * values + TYPED.itemsize * calls + 256, dtype=np.uint8)
         self._used = -self.memory.ctypes.data % 16
 
     def take(self, size: int) -> int:
@@ -424,6 +425,13 @@ class _Native:
         address = self.take(4 * len(numbers))
         first = address - self.memory.ctypes.data
         self.memory[first : first + 4 * len(numbers)] = np.array(numbers, np.uint32).view(np.uint8)
+        return address
+
+    def typed(self, **fields: int) -> int:
+        """The address of a TYPED record."""
+        address = self.take(TYPED.itemsize)
+        first = address - self.memory.ctypes.data
+        self.memory[first : first + TYPED.itemsize].view(TYPED)[0] = tuple(fields[name] for name in TYPED.names or ())
         return address
 
 
@@ -499,7 +507,7 @@ def _calls(
         for verb, side, references, real_values, int_values, n_reals in sides:
             row["first_set" if verb == "Set" else "first_get"] = len(rows)
             if verb == "Set":
-                rows += _packet_call(verb, one, ports, int(row["endpoint"]))
+                rows += _packet_call(verb, one, ports, int(row["endpoint"]), native)
                 row["first_set_value"] = len(rows)
             for kind, name in enumerate(KINDS):
                 first, last = int(row[f"first_{side}"][kind]), int(row[f"last_{side}"][kind])
@@ -510,15 +518,16 @@ def _calls(
                         continue
                     address = one.library.address(f"fmi2{verb}{name}")
                     number = (1 if verb == "Set" else 6) + kind
-                    call = (address, one.handle, references + 4 * first, last - first, at, number)
-                    rows.append((*call, 0, 0, 0, 0, 0))
+                    rows.append((address, one.handle, references + 4 * first, at, last - first, number, 0))
             if verb == "Get":
-                rows += _packet_call(verb, one, ports, int(row["endpoint"]))
+                rows += _packet_call(verb, one, ports, int(row["endpoint"]), native)
         row["last_get"] = len(rows)
     return np.array(rows, dtype=CALL)
 
 
-def _packet_call(verb: str, one: Living, ports: np.ndarray[Any, Any], endpoint: int) -> list[tuple[int, ...]]:
+def _packet_call(
+    verb: str, one: Living, ports: np.ndarray[Any, Any], endpoint: int, native: _Native
+) -> list[tuple[int, ...]]:
     """The call that sets or gets the packets of an instance, if it has such a port."""
     has, reference, text, size = (
         ("has_rx", "rx", "text", "rx_size") if verb == "Set" else ("has_tx", "tx", "got", "got_size")
@@ -532,9 +541,9 @@ def _packet_call(verb: str, one: Living, ports: np.ndarray[Any, Any], endpoint: 
     number = SET_STRING if verb == "Set" else GET_STRING
     if _version(one) == 3:
         address, number = one.library.address(f"fmi3{verb}Binary"), FUNCTIONS.index(f"fmi3{verb}Binary")
-        sets = int(verb == "Set")
-        return [(address, one.handle, places[0], 1, places[1], number, WIDTHS["Binary"], 1, 0, places[2], sets)]
-    return [(one.library.address(f"fmi2{verb}String"), one.handle, places[0], 1, places[1], number, 0, 0, 0, 0, 0)]
+        typed = native.typed(values=places[1], n_values=1, sizes=places[2], plain=0, sets=int(verb == "Set"))
+        return [(address, one.handle, places[0], typed, 1, number, WIDTHS["Binary"])]
+    return [(one.library.address(f"fmi2{verb}String"), one.handle, places[0], places[1], 1, number, 0)]
 
 
 def _typed(
@@ -554,8 +563,8 @@ def _typed(
         n, at = last - first, plain + size * first
         buffer = at if fmi_type in ("Float64", "Int32") else native.take(8 * n)
         address, number = one.library.address(f"fmi3{verb}{fmi_type}"), FUNCTIONS.index(f"fmi3{verb}{fmi_type}")
-        call = (address, one.handle, native.put(references), len(references), buffer, number)
-        rows.append((*call, WIDTHS[fmi_type], n, at, 0, int(verb == "Set")))
+        typed = native.typed(values=buffer, n_values=n, sizes=0, plain=at, sets=int(verb == "Set"))
+        rows.append((address, one.handle, native.put(references), typed, len(references), number, WIDTHS[fmi_type]))
         first = last
     return rows
 

@@ -18,6 +18,7 @@ Kernels that run in every step get the arrays they need, not the plan: to pass a
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -148,17 +149,13 @@ CALL = np.dtype(
         ("function", "u8"),
         ("handle", "u8"),
         ("references", "u8"),
-        ("n", "u8"),
-        ("values", "u8"),
-        ("number", "i8"),  # in FUNCTIONS
-        ("width", "i8"),  # 0 is FMI 2; the rest is for FMI 3, see `typed_calls`
-        ("n_values", "u8"),
-        ("plain", "u8"),  # where the plan has the values, if `values` is a buffer of the call
-        ("sizes", "u8"),  # of a Binary
-        ("sets", "i8"),
+        ("values", "u8"),  # of FMI 3: address of a TYPED record
+        ("n", "u4"),
+        ("number", "u2"),  # in FUNCTIONS
+        ("width", "u2"),  # 0 is FMI 2; of FMI 3 see `typed_calls`
     ]
 )
-"""A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan."""
+"""A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan. Small as well."""
 WIRE = np.dtype([("source", "u8"), ("factor", "f8"), ("offset", "f8")])
 """input = factor * output[source] + offset; integers and booleans have factor 1 and offset 0."""
 PORTS = np.dtype(
@@ -192,6 +189,9 @@ late can never take one of an earlier step, and nobody waits for a thread that h
 COPY = 2**40
 """A key in `Plan.mapped`, which no integer of 32 bits is: the row before the others of its mapping, that takes the
 value as it is. A row with another key replaces it where the value is the key (mapping transformations of SSP)."""
+
+
+inlined = functools.partial(kernel, inline=True)
 
 
 class Plan(NamedTuple):
@@ -237,7 +237,7 @@ def _fail(instances: NDArray[Any], i: int, function: int, status: int, detail: i
         m.failed[2] = detail
 
 
-@kernel
+@inlined
 def _exchange(
     instances: NDArray[Any],
     wires: NDArray[Any],
@@ -271,13 +271,13 @@ def _exchange(
                 int_in[j - reals] = int_out[wires[j].source]
 
 
-@kernel
+@inlined
 def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int) -> bool:
     """Make calls of instance `i`, until one fails; returns whether none did."""
     for c in range(np.uintp(first), np.uintp(last)):
         call = calls[c]
         if call.width == 0:
-            status = get_or_set(call.function, call.handle, call.references, call.n, call.values)
+            status = get_or_set(call.function, call.handle, call.references, np.uintp(call.n), call.values)
         else:
             status = call3(call)
         if status > 1 or status < 0:
@@ -376,7 +376,7 @@ def _do_step3(m: Any, t: float, h: float) -> Any:
     return status
 
 
-@kernel
+@inlined
 def _step_some(
     instances: NDArray[Any],
     calls: NDArray[Any],

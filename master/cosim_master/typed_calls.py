@@ -1,7 +1,8 @@
 """FMI 3 get and set calls of the stepping loop: as many types as FMI 3 has, where the plan has floats and integers.
 
-A CALL row (see `stepping`) of an FMI 3 instance says in `width` how its values get from the plan to the FMU. Float64
-and Int32 are the plan's own; others are converted in a buffer of the call. An integer that does not fit is an error.
+A CALL row (see `stepping`) of an FMI 3 instance says in `width` how its values get from the plan to the FMU, and its
+`values` is the address of a TYPED record. Float64 and Int32 are the plan's own; others are converted in a buffer of
+the call. An integer that does not fit is an error.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from cosim_master.calls import (
     store_i8,
 )
 
-__all__ = ["OUT_OF_RANGE", "WIDTHS", "call3"]
+__all__ = ["OUT_OF_RANGE", "TYPED", "WIDTHS", "call3"]
 
 OUT_OF_RANGE = -5
 """In place of a status: an integer does not fit into the variable's type, or into 32 bits."""
@@ -52,6 +53,17 @@ WIDTHS = {
     "Boolean": _BOOLEAN,
 }
 """`width` of a CALL row by FMI 3 type; 0 is FMI 2."""
+TYPED = np.dtype(
+    [
+        ("values", "u8"),
+        ("n_values", "u8"),
+        ("sizes", "u8"),  # of a Binary
+        ("plain", "u8"),  # where the plan has the values, if `values` is a buffer of the call
+        ("sets", "i8"),
+    ]
+)
+"""What an FMI 3 call has besides an FMI 2 one; of FMI 2 calls it would be a burden, so it lies apart."""
+_VALUES, _N_VALUES, _SIZES, _PLAINLY, _SETS = range(5)
 
 
 @kernel
@@ -118,16 +130,26 @@ def _from_fmu(width: int, native: int, plain: int, n: int) -> bool:
 
 
 @kernel
+def _field(typed: int, number: int) -> Any:
+    return np.uintp(load_i8(_at(typed, 8, number)))
+
+
+@kernel
 def call3(call: Any) -> Any:
     """Make an FMI 3 call with its conversions; a status, or OUT_OF_RANGE."""
     width = call.width
+    function, handle, references, n = call.function, call.handle, call.references, np.uintp(call.n)
+    values = _field(call.values, _VALUES)
+    n_values = _field(call.values, _N_VALUES)
     if width == _BINARY:
-        return get_or_set_binary(
-            call.function, call.handle, call.references, call.n, call.sizes, call.values, call.n_values
-        )
-    if width != _PLAIN and call.sets != 0 and not _to_fmu(width, call.plain, call.values, call.n_values):
+        sizes = _field(call.values, _SIZES)
+        return get_or_set_binary(function, handle, references, n, sizes, values, n_values)
+    if width == _PLAIN:
+        return get_or_set3(function, handle, references, n, values, n_values)
+    plain, sets = _field(call.values, _PLAINLY), _field(call.values, _SETS) != 0
+    if sets and not _to_fmu(width, plain, values, n_values):
         return OUT_OF_RANGE
-    status = get_or_set3(call.function, call.handle, call.references, call.n, call.values, call.n_values)
-    if status > 1 or width == _PLAIN or call.sets != 0:
+    status = get_or_set3(function, handle, references, n, values, n_values)
+    if status > 1 or sets:
         return status
-    return status if _from_fmu(width, call.values, call.plain, call.n_values) else OUT_OF_RANGE
+    return status if _from_fmu(width, values, plain, n_values) else OUT_OF_RANGE
