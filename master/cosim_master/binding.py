@@ -135,6 +135,7 @@ class Bindings:
                 if target is None:
                     continue
                 kind, items = target.type, target.items
+                kind = "Real" if kind == "Clock" else kind
                 if isinstance(target, Port):
                     kind = kind or next((item.type for _, item, _ in self._driven(target)), None)
                 parameter = self._from_text(name, text, kind, items, where)
@@ -266,7 +267,7 @@ class Bindings:
                     open_paths.append((target, (*path, (connection, target))))
 
     def _store(self, part: Part, variable: Variable, parameter: Parameter) -> None:
-        kind = SAME_TYPE.get(variable.type, variable.type)
+        kind = _kind(variable)
         trouble, value = _unsettable(variable), parameter.value
         if trouble is None:
             trouble, value = _converted(parameter, kind, variable.unit, variable.items)
@@ -339,6 +340,9 @@ def _hint(part: Part, name: str) -> str:
 def _unsettable(variable: Variable) -> str | None:
     if variable.settable:
         return None
+    if variable.clock is not None:
+        what = f"it is a {variable.clock.kind} Clock"
+        return f"cannot be set: {what}; only the interval of fixed and tunable ones with an intervalDecimal can be"
     initial = f", initial {variable.initial}" if variable.initial else ""
     what = f"{variable.causality}, {variable.variability}{initial}"
     return f"cannot be set: it is {what}; only inputs and variables with a start value can be"
@@ -395,7 +399,7 @@ def _by_table(parameter: Parameter, kind: str, items: Mapping[str, int] | None) 
 
 def _of_type(variable: Variable, value: Value) -> tuple[str | None, Value]:
     """What is wrong with a value for a variable, or None and the value in the variable's type."""
-    kind, items = SAME_TYPE.get(variable.type, variable.type), variable.items or {}
+    kind, items = _kind(variable), variable.items or {}
     if kind == "Enumeration" and isinstance(value, str):
         if value not in items:
             return f'is set to "{value}", which its enumeration does not have; {near(value, items)}', value
@@ -411,12 +415,18 @@ def _of_type(variable: Variable, value: Value) -> tuple[str | None, Value]:
     return _out_of_range(variable, value), value
 
 
+def _kind(variable: Variable) -> str:
+    """The type of what a variable can be set to: of a Clock, its interval."""
+    return "Real" if variable.type == "Clock" else SAME_TYPE.get(variable.type, variable.type)
+
+
 def _out_of_range(variable: Variable, value: Value) -> str | None:
     if isinstance(value, bool | str) or variable.type == "Enumeration":
         return None
     if isinstance(value, float) and math.isnan(value):
         return "is set to NaN, which is no start value"
     kind = SAME_TYPE.get(variable.fmi_type or variable.type, variable.fmi_type or variable.type)
+    kind = "Real" if kind == "Clock" else kind
     smallest, largest = INTEGER_RANGES.get(kind, (-math.inf, math.inf))
     if not smallest <= value <= largest:
         return f"is set to {value}, which does not fit into {variable.fmi_type or '32 bits'}"

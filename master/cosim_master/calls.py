@@ -46,6 +46,7 @@ __all__ = [
     "store_i2",
     "store_i4",
     "store_i8",
+    "table",
 ]
 
 intrinsic: Any = _numba_intrinsic
@@ -241,6 +242,13 @@ def _no_threads(*_: int) -> int:
 
 PLAIN = bool(_config.DISABLE_JIT)
 """Whether kernels run as plain Python."""
+
+
+def table(rows: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """A structured array in the form whose rows kernels can take apart by name, as plain Python too."""
+    return rows.view(np.recarray) if PLAIN else rows
+
+
 get_or_set: Any = _plain_get_or_set if PLAIN else intrinsic(_get_or_set)
 """fmi2GetXXX or fmi2SetXXX(instance, references, n, values) -> status"""
 do_step2: Any = _plain_do_step2 if PLAIN else intrinsic(_do_step2)

@@ -86,6 +86,10 @@ def _check_changeable(variable: Variable, *, driven: bool) -> None:
         raise ValueError("it is connected, and gets its value from there")
     if variable.packet_capacity is not None:
         raise ValueError("it carries packets")
+    if variable.clocks:
+        raise ValueError(f"it belongs to the Clock {variable.clocks[0]}: it can be set only while that ticks")
+    if variable.clock is not None and (variable.clock.kind != "tunable" or not variable.settable):
+        raise ValueError(f"it is a {variable.clock.kind} Clock; only the interval of tunable ones can be changed")
     tunable = variable.causality == "parameter" and variable.variability == "tunable"
     if not tunable and variable.causality != "input":
         what = f"{variable.causality}, {variable.variability}"
@@ -106,13 +110,14 @@ def _value(variable: Variable, text: str) -> Start:
         if text not in known:
             raise ValueError(f"its enumeration has no such item; {near(text, variable.items)}")
         return known[text]
+    real = variable.type in ("Real", "Clock")
     try:
-        value = float(text) if variable.type == "Real" else int(text)
+        value = float(text) if real else int(text)
     except ValueError:
-        raise ValueError("valid: a number" if variable.type == "Real" else "valid: an integer") from None
+        raise ValueError("valid: a number" if real else "valid: an integer") from None
     low = -math.inf if variable.minimum is None else variable.minimum
     high = math.inf if variable.maximum is None else variable.maximum
-    if variable.type != "Real":
+    if not real:
         low, high = max(low, -(2**31)), min(high, 2**31 - 1)
     if not low <= value <= high:
         raise ValueError(f"valid: {low:g} to {high:g}")

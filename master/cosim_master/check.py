@@ -49,6 +49,11 @@ class Instance:
     step_size: float | None
     where: Where
 
+    def clock_intervals(self) -> dict[str, float]:
+        """What the system sets as intervals of Clocks, s."""
+        variables = self.fmu.variables
+        return {name: float(value) for name, value in self.start_values.items() if variables[name].clock is not None}
+
     def effective_values(self) -> dict[str, Start]:
         """Start values of all parameters and inputs: the system's where it sets one, else the FMU's."""
         own = {
@@ -56,8 +61,10 @@ class Instance:
             for variable in self.fmu.variables.values()
             if variable.start is not None and variable.settable and variable.causality in ("parameter", "input")
         }
-        structural = {v.name for v in self.fmu.variables.values() if v.causality == "structuralParameter"}
-        return {name: value for name, value in {**own, **self.start_values}.items() if name not in structural}
+        apart = {
+            v.name for v in self.fmu.variables.values() if v.causality == "structuralParameter" or v.clock is not None
+        }
+        return {name: value for name, value in {**own, **self.start_values}.items() if name not in apart}
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +165,11 @@ def check(structure: SystemStructure, overrides: Mapping[str, str] | None = None
     return _Check(structure, overrides or {}).checked()
 
 
+def _uninitialized(fmu: FmuDescription, name: str) -> bool:
+    """Whether an output belongs to a Clock and has no value before that ticks (FMI 3.0.2, section 2.2.8)."""
+    return bool(fmu.variables[name].clocks) and name not in fmu.initial_unknowns
+
+
 class _Check:
     def __init__(self, structure: SystemStructure, overrides: Mapping[str, str]) -> None:
         self.structure = structure
@@ -181,6 +193,7 @@ class _Check:
         instances = self._instances(parts, bindings)
         order = self._initial_order(links, {instance.name: instance.fmu for instance in instances})
         self._assumptions(wiring, bindings, fmus, instances)
+        self._silent_clocks(instances, links)
         if self.problems:
             raise SystemDescriptionError(dict.fromkeys(self.problems))
         return CheckedSystem(
@@ -206,6 +219,8 @@ class _Check:
         for index, link in enumerate(links):
             instance, name = link.source
             fmu = fmus.get(instance)
+            if fmu is not None and (fmu.variables[name].clock is not None or _uninitialized(fmu, name)):
+                continue
             if fmu is not None and fmu.variables[name].causality == "local" and name not in fmu.initial_unknowns:
                 self.notes.append(f"{link.where}: {LOCAL.text(instance, name)}")
             else:
@@ -277,6 +292,9 @@ class _Check:
                 if port.variable.causality == "structuralParameter":
                     text = f"{port} is a structural parameter: it keeps the FMU's value {port.variable.start}"
                     self.problems.append(Problem(connection.where, text))
+                if port.variable.clock is not None and port.variable.clock.kind != "triggered":
+                    text = f"{port} is a {port.variable.clock.kind} Clock, which ticks by itself"
+                    self.problems.append(Problem(connection.where, f"{text}; only triggered ones can be connected"))
                 key = (port.variable.type, port.variable.value_reference, port.variable.element)
                 if key in written:
                     text = f'"{port}" and "{written[key]}" are the same variable of the FMU, and both are written'
@@ -386,6 +404,15 @@ class _Check:
             self.problems.append(Problem(where, text))
             return None
         return step
+
+    def _silent_clocks(self, instances: tuple[Instance, ...], links: tuple[Link, ...]) -> None:
+        """Triggered Clocks tick when another one makes them; time-based ones by themselves, connected or not."""
+        driven = {link.target for link in links}
+        for instance in instances:
+            for v in instance.fmu.variables.values():
+                triggered = v.clock is not None and v.clock.kind == "triggered" and v.causality == "input"
+                if triggered and (instance.name, v.name) not in driven:
+                    self.notes.append(f"{instance.name}.{v.name}: nothing is connected to this Clock: it never ticks")
 
     def _assumptions(
         self,

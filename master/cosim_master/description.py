@@ -4,14 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import TypeAlias
 
 from cosim_master.units import Unit
 
-__all__ = ["Capabilities", "FmuDescription", "Start", "Variable"]
+__all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable"]
 
 Start: TypeAlias = float | int | bool | str
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """When a Clock of FMI 3 ticks, as its FMU says (FMI 3.0.2, section 2.2.8).
+
+    Attributes:
+        kind: its intervalVariability: "constant", "fixed", "tunable" (periodic), "changing", "countdown" (these five
+            are time-based), or "triggered".
+        interval: of a periodic Clock, s; None if the FMU has to be asked.
+        shift: from the start of the run to the first tick of a periodic Clock, s.
+        supports_fraction: the FMU gives and takes times as fractions, too.
+    """
+
+    kind: str
+    interval: Fraction | None = None
+    shift: Fraction = Fraction(0)
+    supports_fraction: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +38,7 @@ class Variable:
     """A variable of an FMU, with FMI's defaults filled in.
 
     Attributes:
-        type: "Real", "Integer", "Boolean", "String", "Enumeration" or (in FMI 3) "Binary".
+        type: "Real", "Integer", "Boolean", "String", "Enumeration" or (in FMI 3) "Binary", "Clock".
         causality, variability, initial: the standard's words; `initial` is None for inputs and time.
         unit: of a Real, with its definition; without offset if the variable is a relative quantity.
         items: of an Enumeration, item name -> value.
@@ -29,6 +48,8 @@ class Variable:
         element: its place in an array of FMI 3, counted from 0 in row-major order; None for scalars. All elements have
             the array's value reference.
         mime_type: of a Binary.
+        clock: of a Clock.
+        clocks: the Clocks it belongs to: only while one of them ticks, it may be set and got.
     """
 
     name: str
@@ -47,10 +68,14 @@ class Variable:
     fmi_type: str = ""
     element: int | None = None
     mime_type: str | None = None
+    clock: Clock | None = None
+    clocks: tuple[str, ...] = ()
 
     @property
     def settable(self) -> bool:
-        """Whether a start value may be set before initialization (FMI 2.0.5, section 2.2.7)."""
+        """Whether a start value may be set before initialization (FMI 2.0.5, 2.2.7); of a Clock, its interval."""
+        if self.clock is not None:
+            return self.clock.kind in ("fixed", "tunable") and self.clock.interval is not None
         if self.variability == "constant":
             return False
         return self.causality == "input" or self.initial in ("exact", "approx")

@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeAlias
@@ -23,7 +24,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 
 from cosim_master.changes import Change
-from cosim_master.check import CheckedSystem
+from cosim_master.check import CheckedSystem, Link
 from cosim_master.checkpoint import Checkpoint, Position, cannot_be_serialised, restore, save
 from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError
 from cosim_master.events import EndedByEvent, Events
@@ -53,6 +54,7 @@ from cosim_master.repetition import Grid, Snapshot, cannot_be_repeated
 from cosim_master.startup import initialize, instantiate
 from cosim_master.stepping import (
     BASE,
+    BEGIN,
     BLOCK_FULL,
     DO_STEP,
     DONE,
@@ -71,6 +73,7 @@ from cosim_master.stepping import (
     NOT_CALLED,
     QUIT,
     ROWS,
+    SHOW,
     START,
     TOO_LONG,
     K,
@@ -184,7 +187,10 @@ class Execution:
             with self._phase("load and instantiate"):
                 instantiate(checked, self._libraries, self.living)
             with self._phase("initialize"):
-                initialize(checked, self.living, clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
+                span = (clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
+                self._events = Events(checked, self.living, clock.start)
+                self._keep_clocked()
+                initialize(checked, self.living, *span, self._events)
             free = [i for i, living in enumerate(self.living) if living.library.thread_safe]
             self.threads = _threads(threads, len(free))
             self.plan = make_plan(places, clock, network, self.living, every, free=free, threads=self.threads)
@@ -198,7 +204,7 @@ class Execution:
                 self._recorder = recorder_for()
             # One call up to k = 0 sends what the instances have to send at the start and records the first row.
             self._text_links, self._text_outputs = self._strings()
-            self._events = Events(checked, self.living)
+            self._show(self._events.numbers)
             self._grid = Grid(self.plan, clock.periods)
             # What this project compiled never discards a step, so that swarms of it need no copies of their states.
             passed = "what has passed a gateway cannot be taken back" if network.gateways else ""
@@ -273,11 +279,20 @@ class Execution:
         changed = False
         while self._changes and self._changes[0].k * self._grid.factor == self.plan.clock[K]:
             change = self._changes.pop(0)
-            with self._failing(change.instance) as living:
-                living.set([change.variable], [change.value])
+            with self._failing(change.instance):
+                self._set(change)
             changed = True
         if changed and self._snapshot is not None:
             self._save()
+
+    def _set(self, change: Change) -> None:
+        """Set a variable, or the interval of a Clock, with the events that come of it."""
+        try:
+            given = (change.instance, change.variable, change.value)
+            touched = self._events.change(*given, self._now, self._held_outputs)
+        except EndedByEvent as ended:
+            raise RunTerminated(self.living[ended.number].name, ended.time, said="terminateSimulation") from None
+        self._show(touched)
 
     # ---- checkpoints -------------------------------------------------------------------------------------------------
 
@@ -329,7 +344,7 @@ class Execution:
             self._snapshot.save(self.plan, self.radio)
         except FmuError as error:
             raise RunFailed([error]) from None
-        self._saved_texts = dict(self._text_outputs)
+        self._saved_texts, self._saved_events = dict(self._text_outputs), self._events.saved()
         self._saved_at = time.perf_counter()
 
     def _repeat(self, discarded: _Discarded) -> None:
@@ -339,6 +354,7 @@ class Execution:
         try:
             self.radio = self._snapshot.restore(self.plan)
             self._text_outputs = dict(self._saved_texts)
+            self._events.restore(self._saved_events)
             if self._recorder is not None:
                 self._recorder.take_back()
             self._macro_steps(reached)
@@ -506,28 +522,102 @@ class Execution:
         """Steps in which there are events: their rest, then the events at their end, then their outputs."""
         rows, k = self.plan.instances, int(self.plan.clock[K])
         # Outputs are known at the end of a step; that of a slow instance may lie some base steps ahead.
-        ends = [i for i in self._events.numbers if k % int(rows[i]["period"]) + 1 == int(rows[i]["length"])]
-        due = [i for i in self._events.numbers if self._living3(i).pending]
+        here = [i for i in range(rows.size) if k % int(rows[i]["period"]) + 1 == int(rows[i]["length"])]
+        ends = [i for i in self._events.numbers if i in here]
+        pending = {
+            i: self._living3(i).pending for i in self._events.numbers if self._living3(i).pending in (BEGIN, END)
+        }
         try:
-            at_end = []
-            for i in due:
-                one, end = self._living3(i), self.time + float(rows[i]["h"])
-                begun, one.pending = one.pending == END, 0
-                if self._events.finish(i, self.time, end, begun=begun):
-                    at_end.append(i)
-            alone = [i for i in at_end if i not in ends]
+            at_end = self._finish(pending)
             together = [i for i in at_end if i in ends]
-            touched = set(due)
-            for i in alone:
-                self._events.settle(self._events.enter([i]))
+            touched = {*pending}
+            for members in {self._events.groups[i] for i in at_end if i not in ends}:
+                now = self._now + round(1e9 * float(rows[members[0]]["h"]))
+                own = [i for i in members if i in at_end]
+                touched |= {*self._events.settle(now, self._events.enter(own), members, held=self._held_inputs)}
             if together:
-                touched |= set(self._events.settle(self._events.enter(together), ends))
+                now = self._now + int(self.plan.clock[BASE])
+                entered = self._events.enter(together)
+                touched |= {*self._events.settle(now, entered, ends, here, self._held_outputs)}
         except FmuError as error:
             raise RunFailed([error]) from None
         except EndedByEvent as ended:
             raise RunTerminated(self.living[ended.number].name, ended.time, said="terminateSimulation") from None
+        for i in touched - {*ends}:
+            self._living3(i).pending = SHOW
+        self._show(ends)
         collect_again(self.plan, np.array(sorted(touched & set(ends)), dtype=np.int64))
         self._raise_failures()
+
+    def _finish(self, pending: Mapping[int, int]) -> list[int]:
+        """The rest of the steps that the loop has left to events; returns who has an event at the end of it."""
+        at_end: list[int] = []
+        for i in pending:
+            # Those tied together by Clocks have one next event, so all of them have begun their step, or none has.
+            begun = pending[i] == END
+            members = (i,) if begun else self._events.groups[i]
+            if self._living3(i).pending == 0:
+                continue
+            for one in members:
+                self._living3(one).pending = 0
+            end = self.time + float(self.plan.instances[i]["h"])
+            at_end += self._events.finish(members, self.time, end, begun=begun, held=self._held_inputs)
+        return at_end
+
+    def _held_inputs(self, link: Link) -> Any:
+        """What an input got at the beginning of the present step of its instance."""
+        number, name = self._number[link.target[0]], link.target[1]
+        for kind, word in enumerate(KINDS):
+            if (j := self._input_places[word].get((number, name))) is not None:
+                j += int(self.plan.instances[number]["first_in"][kind])
+                return float(self.plan.real_in[j]) if kind == 0 else int(self.plan.int_in[j - self.plan.real_in.size])
+        return self._text_outputs[self._number[link.source[0]], link.source[1]]
+
+    def _held_outputs(self, link: Link) -> Any:
+        """What an output had when the last step of its instance ended."""
+        for word in KINDS:
+            if (j := self.places.ports[word].index.get(link.source)) is not None:
+                if word == "Boolean":
+                    j += len(self.places.ports["Integer"].outputs)
+                values = self.plan.real_out if word == "Real" else self.plan.int_out
+                return link.converted(values[j].item())
+        return self._text_outputs[self._number[link.source[0]], link.source[1]]
+
+    def _keep_clocked(self) -> None:
+        """Let `events` keep all outputs that belong to Clocks and have a place in the plan, or are recorded Strings."""
+        self._number = {one.name: i for i, one in enumerate(self.checked.instances)}
+        self._input_places: dict[str, dict[tuple[int, str], int]] = {word: {} for word in KINDS}
+        for word in KINDS:
+            ports = self.places.ports[word]
+            for i, (first, last) in enumerate(pairwise(ports.first_in)):
+                self._input_places[word] |= {(i, v.name): j for j, v in enumerate(ports.inputs[first:last])}
+            for instance, name in ports.index:
+                self._keep(instance, name)
+        for _, owner, variable in self.places.string_signals:
+            self._keep(owner.name, variable.name)
+
+    def _keep(self, instance: str, name: str) -> None:
+        i = self._number[instance]
+        variable = self.checked.instances[i].fmu.variables[name]
+        if variable.clocks:
+            self._events.keep(i, variable)
+
+    def _show(self, numbers: Sequence[int]) -> None:
+        """Put what outputs that belong to Clocks had at their last tick to where the loop has their values."""
+        integers = len(self.places.ports["Integer"].outputs)
+        for (i, name), value in self._events.kept.items():
+            if i not in numbers:
+                continue
+            key = (self.living[i].name, name)
+            for word in KINDS:
+                if (j := self.places.ports[word].index.get(key)) is not None:
+                    values = self.plan.real_out if word == "Real" else self.plan.int_out
+                    values[j + (integers if word == "Boolean" else 0)] = value
+            if (i, name) in self._text_outputs:
+                self._text_outputs[i, name] = value
+        for i in numbers:
+            if self._living3(i).pending == SHOW:
+                self._living3(i).pending = 0
 
     def _living3(self, i: int) -> Instance3:
         one = self.living[i]
@@ -560,7 +650,9 @@ class Execution:
         outputs: dict[tuple[int, str], str] = {}
         for link in self.places.strings:
             source, target = (number[link.source[0]], link.source[1]), number[link.target[0]]
-            links.append((source, target, self.living[target].library.fmu.variables[link.target[1]]))
+            variable = self.living[target].library.fmu.variables[link.target[1]]
+            if not variable.clocks:
+                links.append((source, target, variable))
             outputs[source] = ""
         for _, instance, variable in self.places.string_signals:
             outputs[number[instance.name], variable.name] = ""
@@ -579,7 +671,7 @@ class Execution:
         k, periods = self.plan.clock[K], self.plan.instances["period"]
         try:
             for i, name in self._text_outputs:
-                if k % periods[i] == 0 or k == self.plan.clock[LAST]:
+                if (i, name) not in self._events.kept and (k % periods[i] == 0 or k == self.plan.clock[LAST]):
                     with self._failing(i) as living:
                         (self._text_outputs[i, name],) = living.get([living.library.fmu.variables[name]])
         except RunFailed:

@@ -20,18 +20,21 @@ import ctypes
 import logging
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 from cosim_master.errors import FmuError
 from cosim_master.fmi2 import Library
 from cosim_master.fmu import Variable
 
-__all__ = ["STATUS3", "Instance3"]
+__all__ = ["INTERVAL_CHANGED", "INTERVAL_NOT_YET_KNOWN", "STATUS3", "Instance3", "whole_nanoseconds"]
 
 log = logging.getLogger(__name__)
 
 STATUS3 = ("fmi3OK", "fmi3Warning", "fmi3Discard", "fmi3Error", "fmi3Fatal")
 _LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
+INTERVAL_NOT_YET_KNOWN, _INTERVAL_UNCHANGED, INTERVAL_CHANGED = range(3)
+"""fmi3IntervalQualifier (FMI 3.0.2, section 2.2.8.3)."""
 _KEPT_LOG_LINES = 40
 _ANSWERS = 32
 _C_TYPES: dict[str, Any] = {
@@ -51,12 +54,18 @@ _C_TYPES: dict[str, Any] = {
 
 
 class Instance3:
-    """One living instance. Not to be used from two threads at once."""
+    """One living instance. Not to be used from two threads at once.
+
+    Args:
+        early_return: let it return early from fmi3DoStep, if it has Event Mode and variable steps.
+    """
 
     fmi = 3
 
-    def __init__(self, library: Library, name: str) -> None:
+    def __init__(self, library: Library, name: str, *, early_return: bool = True) -> None:
         self.library = library
+        self.early_return = early_return and library.fmu.capabilities.canHandleVariableCommunicationStepSize
+        clocked = any(v.clock is not None for v in library.fmu.variables.values())
         self.name = name
         self.alive = False
         self.stepping = False
@@ -75,7 +84,7 @@ class Instance3:
                 known.append(variable)
         self._given: dict[int, list[Any]] = {}
         handle = self._instantiate()
-        if not handle and self.event_mode:
+        if not handle and self.event_mode and not clocked:
             # Some declare an Event Mode that they have not; all but FMUs with clocks can do without.
             log.warning("%s: it has refused Event Mode, though it declares it: it is used without", name)
             self.event_mode = False
@@ -103,7 +112,7 @@ class Instance3:
             no,  # visible
             yes if self.library.python else no,  # logging
             yes if self.event_mode else no,
-            yes if self.event_mode and fmu.capabilities.canHandleVariableCommunicationStepSize else no,
+            yes if self.event_mode and self.early_return else no,
             None,
             ctypes.c_size_t(0),
             None,
@@ -210,6 +219,69 @@ class Instance3:
         array = (_C_TYPES[fmi_type] * len(values))(*map(convert.get(fmi_type, int), values))
         self.call(f"fmi3Set{fmi_type}", *listed, array, n)
 
+    # ---- clocks ------------------------------------------------------------------------------------------------------
+
+    def set_clocks(self, clocks: Sequence[Variable]) -> None:
+        """Activate Clocks, in Event Mode."""
+        n = len(clocks)
+        self.call("fmi3SetClock", _references(clocks), ctypes.c_size_t(n), (ctypes.c_bool * n)(*[True] * n))
+
+    def get_clocks(self, clocks: Sequence[Variable]) -> list[bool]:
+        """Whether output Clocks are active, in Event Mode."""
+        values = (ctypes.c_bool * len(clocks))()
+        self.call("fmi3GetClock", _references(clocks), ctypes.c_size_t(len(clocks)), values)
+        return list(values)
+
+    def get_interval(self, clock: Variable) -> tuple[Fraction, int]:
+        """Interval of a Clock in ns, and its qualifier (INTERVAL_...); exactly if the FMU has fractions."""
+        one, qualifier = _references([clock]), ctypes.c_int(INTERVAL_CHANGED)
+        if clock.clock is not None and clock.clock.supports_fraction:
+            counter, resolution = ctypes.c_uint64(0), ctypes.c_uint64(1)
+            places = [ctypes.byref(place) for place in (counter, resolution, qualifier)]
+            self.call("fmi3GetIntervalFraction", one, ctypes.c_size_t(1), *places)
+            if qualifier.value == INTERVAL_NOT_YET_KNOWN:
+                return Fraction(0), qualifier.value
+            return self._ratio(clock, counter.value, resolution.value), qualifier.value
+        interval = ctypes.c_double(0.0)
+        self.call("fmi3GetIntervalDecimal", one, ctypes.c_size_t(1), ctypes.byref(interval), ctypes.byref(qualifier))
+        known = qualifier.value != INTERVAL_NOT_YET_KNOWN
+        return self._nanoseconds(clock, interval.value) if known else Fraction(0), qualifier.value
+
+    def get_shift(self, clock: Variable) -> Fraction:
+        """The time of a periodic Clock's first tick in ns after the start of the run."""
+        one = _references([clock])
+        if clock.clock is not None and clock.clock.supports_fraction:
+            counter, resolution = ctypes.c_uint64(0), ctypes.c_uint64(1)
+            places = [ctypes.byref(place) for place in (counter, resolution)]
+            self.call("fmi3GetShiftFraction", one, ctypes.c_size_t(1), *places)
+            return self._ratio(clock, counter.value, resolution.value)
+        shift = ctypes.c_double(0.0)
+        self.call("fmi3GetShiftDecimal", one, ctypes.c_size_t(1), ctypes.byref(shift))
+        return self._nanoseconds(clock, shift.value)
+
+    def set_interval(self, clock: Variable, interval: Fraction) -> None:
+        """Tell the FMU the interval of a fixed or tunable Clock, in s."""
+        one = _references([clock])
+        exact = clock.clock is not None and clock.clock.supports_fraction
+        if exact and max(interval.numerator, interval.denominator) < 2**64:
+            values: list[Any] = [ctypes.c_uint64(interval.numerator), ctypes.c_uint64(interval.denominator)]
+            self.call("fmi3SetIntervalFraction", one, ctypes.c_size_t(1), *map(ctypes.byref, values))
+            return
+        seconds = ctypes.c_double(float(interval))
+        self.call("fmi3SetIntervalDecimal", one, ctypes.c_size_t(1), ctypes.byref(seconds))
+
+    def _ratio(self, clock: Variable, counter: int, resolution: int) -> Fraction:
+        if resolution == 0:
+            text = f"the resolution of its Clock {clock.name} is 0"
+            raise FmuError(self.name, "fmi3GetIntervalFraction", text, self.time, self.lines)
+        return Fraction(counter * 10**9, resolution)
+
+    def _nanoseconds(self, clock: Variable, seconds: float) -> Fraction:
+        if not math.isfinite(seconds):
+            text = f"it says {seconds} s for its Clock {clock.name}"
+            raise FmuError(self.name, "fmi3GetIntervalDecimal", text, self.time, self.lines)
+        return whole_nanoseconds(seconds)
+
     # ---- steps and states --------------------------------------------------------------------------------------------
 
     def use_answers(self, address: int) -> None:
@@ -220,7 +292,7 @@ class Instance3:
 
     @property
     def next_event(self) -> float:
-        """Time of the next event, s; infinity if the FMU knows of none."""
+        """Until when the loop may step it, s: the next event of it, or of one that steps together with it."""
         return ctypes.c_double.from_buffer(self._answers, 16).value
 
     @next_event.setter
@@ -254,16 +326,14 @@ class Instance3:
     def enter_step_mode(self) -> None:
         self.call("fmi3EnterStepMode")
 
-    def update_discrete_states(self) -> tuple[bool, bool]:
-        """fmi3UpdateDiscreteStates: whether it must be called again, whether the FMU wants the simulation to end.
-
-        `next_event` is the time of the next event then, infinity if the FMU knows of none.
+    def update_discrete_states(self) -> tuple[bool, bool, float]:
+        """fmi3UpdateDiscreteStates: whether it must be called again, whether the FMU wants the simulation to end, and
+        the time of its next event in s, infinity if it knows of none.
         """
         flags, time = [ctypes.c_bool(False) for _ in range(5)], ctypes.c_double(0.0)
         self.call("fmi3UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))
         again, ends, _, _, has_next = (flag.value for flag in flags)
-        self.next_event = time.value if has_next else math.inf
-        return again, ends
+        return again, ends, time.value if has_next else math.inf
 
     def ended(self) -> bool:
         """After a discarded step: in FMI 3 that never means that the FMU wants the simulation to end."""
@@ -333,3 +403,13 @@ class Instance3:
             with contextlib.suppress(KeyError):
                 del self.library.handles[self.handle]
             free(ctypes.c_void_p(self.handle))
+
+
+def whole_nanoseconds(seconds: float) -> Fraction:
+    """A time in ns; exactly a whole number of them where a double means one, 0.1 s for example."""
+    nearest = round(seconds * 1e9)
+    return Fraction(nearest) if abs(seconds * 1e9 - nearest) <= 1e-3 else Fraction(seconds) * 10**9
+
+
+def _references(variables: Sequence[Variable]) -> Any:
+    return (ctypes.c_uint32 * len(variables))(*(v.value_reference for v in variables))

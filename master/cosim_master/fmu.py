@@ -22,13 +22,13 @@ from fmpy.model_description import ModelDescription, ValidationError, read_model
 from lxml import etree
 
 from cosim_master import archive
-from cosim_master.description import Capabilities, FmuDescription, Start, Variable
+from cosim_master.description import Capabilities, Clock, FmuDescription, Start, Variable
 from cosim_master.document import line_of, near, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu3 import Reading3, dependencies3
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
-__all__ = ["Capabilities", "FmuDescription", "Start", "Variable", "describe", "extract", "platform"]
+__all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "describe", "extract", "platform"]
 
 _MAX_DESCRIPTION_BYTES = 128 << 20
 _LIBRARY_SUFFIX = {"linux": ".so", "win": ".dll", "darwin": ".dylib"}
@@ -97,7 +97,7 @@ def _terminals(path: Path, shown: str, reading: _Reading) -> dict[str, tuple[str
         for terminal in element.iterfind("Terminal"):
             name = prefix + terminal.get("name", "")
             found[name] = tuple(one.get("variableName", "") for one in terminal.iterfind("TerminalMemberVariable"))
-            for unknown in sorted({*found[name]} - {*reading.variables, *reading.shapes, *reading.clocks}):
+            for unknown in sorted({*found[name]} - {*reading.variables, *reading.shapes}):
                 reading.notes.append(f'its terminal "{name}" has the member "{unknown}", which is no variable')
             visit(terminal, f"{name}.")
 
@@ -140,7 +140,6 @@ class _Reading:
         self.identifier: str | None = None
         self.fmi = 2
         self.shapes: dict[str, tuple[int, ...]] = {}
-        self.clocks: tuple[str, ...] = ()
         self.root = parse(data, shown)
         self._interface()
         if self.problems:
@@ -289,11 +288,10 @@ class _Reading:
             elements |= {alias.get("name", ""): element for alias in element.iterfind("Alias")}
         reading = Reading3(self.model, self.units, elements, lambda text: self._problem(self.root, text))
         self.variables, self.shapes = reading.variables, reading.shapes
-        self.clocks = tuple(clock.name for clock in reading.clocks)
         self.notes += reading.notes
-        if self.clocks:
-            text = f'has Clocks ("{self.clocks[0]}"), which need Event Mode; that is not supported yet'
-            self._problem(self.root, text)
+        clocks = [v.name for v in self.variables.values() if v.clock is not None]
+        if clocks and not self.model.coSimulation.hasEventMode:
+            self._problem(self.root, f'has Clocks ("{clocks[0]}"), but no Event Mode: FMI 3.0.2, 2.3.1 requires it')
 
     def _variable(self, read: Any, element: etree._Element, capacity: int | None) -> Variable | None:
         declared, value = read.declaredType, element.find(read.type)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from fractions import Fraction
 from itertools import product
 from typing import Any
 
 from lxml import etree
 
-from cosim_master.description import Start, Variable
-from cosim_master.units import Unit
+from cosim_master.description import Clock, Start, Variable
+from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
 __all__ = ["FMI3_TYPES", "PACKET_MIME_TYPE", "Reading3", "dependencies3", "element_names"]
 
@@ -29,6 +30,9 @@ FMI3_TYPES = {
 }
 """Types of FMI 3, and what they are to the master."""
 _MAX_ELEMENTS = 1 << 20
+_PERIODIC = ("constant", "fixed", "tunable")
+_CLOCKS = (*_PERIODIC, "changing", "countdown", "triggered")
+_SECONDS = Unit("s", BaseUnit(tuple(int(name == "s") for name in BASE_UNITS), 1.0, 0.0))
 
 
 def element_names(name: str, shape: Sequence[int]) -> Iterator[str]:
@@ -56,7 +60,6 @@ class Reading3:
     ) -> None:
         self.variables: dict[str, Variable] = {}
         self.shapes: dict[str, tuple[int, ...]] = {}
-        self.clocks: list[Any] = []
         self.notes: list[str] = []
         self._units, self._elements, self._problem = units, elements, problem
         structural = {v.valueReference: v for v in model.modelVariables if v.causality == "structuralParameter"}
@@ -64,7 +67,7 @@ class Reading3:
             if not read.name:
                 problem(f"a variable of type {read.type} is without a name")
             elif read.type == "Clock":
-                self.clocks.append(read)
+                self._add_clock(read)
             elif read.type not in FMI3_TYPES:
                 problem(f'variable "{read.name}" is of type {read.type}; valid: {", ".join(FMI3_TYPES)}')
             else:
@@ -95,6 +98,61 @@ class Reading3:
                 self._problem(f'variable "{name}" is declared twice')
             self.variables[name] = self._variable(read, name, i if shape else None, starts[i])
 
+    def _add_clock(self, read: Any) -> None:
+        given = self._attributes(read)
+        kind, causality = given.get("intervalVariability", ""), read.causality or "local"
+        if kind not in _CLOCKS:
+            self._problem(f'Clock "{read.name}": intervalVariability "{kind}"; valid: {", ".join(_CLOCKS)}')
+            return
+        if kind != "triggered" and causality != "input":
+            self._problem(f'Clock "{read.name}" is {kind} and {causality}; only inputs can be time-based')
+        numbers: dict[str, Fraction | None] = {}
+        for name in ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution"):
+            try:
+                numbers[name] = Fraction(given[name]) if name in given else None
+            except ValueError:
+                self._problem(f'Clock "{read.name}": {name} "{given[name]}" is not a number')
+                return
+        interval, shift = numbers["intervalDecimal"], numbers["shiftDecimal"]
+        fraction = given.get("supportsFraction") in ("true", "1")
+        if numbers["intervalCounter"] is not None and numbers["resolution"]:
+            interval = numbers["intervalCounter"] / numbers["resolution"]
+            shift = (numbers["shiftCounter"] or Fraction(0)) / numbers["resolution"]
+        if kind not in _PERIODIC:
+            interval = shift = None
+        elif interval is None and kind == "constant":
+            self._problem(f'Clock "{read.name}" is constant: it needs the attribute intervalDecimal')
+        if (interval is not None and interval <= 0) or (shift or 0) < 0:
+            self._problem(f'Clock "{read.name}": its interval must be positive, its shift must not be negative')
+        if read.name in self.variables:
+            self._problem(f'variable "{read.name}" is declared twice')
+        self.variables[read.name] = Variable(
+            name=read.name,
+            value_reference=read.valueReference,
+            type="Clock",
+            causality=causality,
+            variability="discrete",
+            initial=None,
+            unit=_SECONDS,
+            minimum=1e-9,
+            description=read.description or "",
+            fmi_type="Clock",
+            clock=Clock(kind, interval, shift or Fraction(0), fraction),
+            clocks=_clocks(read),
+        )
+
+    def _attributes(self, read: Any) -> Mapping[str, str]:
+        """Attributes of a variable's element, and of its declared type, which they go before."""
+        element = self._elements.get(read.name)
+        if element is None:
+            return {}
+        own = {str(key): str(value) for key, value in element.attrib.items()}
+        types = element.getroottree().getroot().find("TypeDefinitions")
+        for declared in () if types is None else types:
+            if declared.get("name") == own.get("declaredType") and "declaredType" in own:
+                return {**{str(key): str(value) for key, value in declared.attrib.items()}, **own}
+        return own
+
     def _variable(self, read: Any, name: str, element: int | None, start: Start | None) -> Variable:
         declared = read.declaredType
         element_of = self._elements.get(read.name)
@@ -114,6 +172,11 @@ class Reading3:
             size = given.get("maxSize", "")
             if size.isdigit() and 0 < int(size) < 2**31:
                 capacity = int(size)
+                if read.clocks:
+                    capacity = None
+                    self.notes.append(
+                        f'"{name}" carries MAVLink packets but belongs to a Clock: it is not connected to the radio'
+                    )
             else:
                 self.notes.append(
                     f'"{name}" carries MAVLink packets but has no maxSize: it is not connected to the radio'
@@ -143,6 +206,7 @@ class Reading3:
             fmi_type="Int64" if read.type == "Enumeration" else read.type,
             element=element,
             mime_type=mime_type,
+            clocks=_clocks(read),
         )
 
     def _number(self, read: Any, attribute: str, text: str) -> float | None:
@@ -184,6 +248,10 @@ class Reading3:
         except (ValueError, KeyError):
             self._problem(f'start "{text}" of "{read.name}" is not of type {read.type}')
             return None
+
+
+def _clocks(read: Any) -> tuple[str, ...]:
+    return tuple(clock.name for clock in read.clocks or ())
 
 
 def dependencies3(unknowns: Sequence[Any], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[str, ...] | None]:

@@ -52,7 +52,7 @@ ABSOLUTE_URI = Limitation(
 OTHER_SSD = Limitation(
     "SSP 2.0, 5.4", "a system of another .ssd (other.ssd#id)", "error", "a system of another .ssd cannot be selected"
 )
-CLOCK = Limitation("SSP 2.0, 5.2.1", "clocks of connectors", "error", 'clocks of connector "{}" are not supported')
+CLOCK = Limitation("SSP 2.0, 6", "clocks in signal dictionaries", "error", 'clocks of entry "{}" are not supported')
 OPEN_SIZE = Limitation(
     "SSP 2.0, 4.5.3",
     "array connectors of systems whose size is open or that of another connector (sizeConnector)",

@@ -12,10 +12,15 @@ __all__ = ["Living", "instantiate"]
 Living: TypeAlias = Instance | Instance3
 
 
-def instantiate(library: Library, name: str) -> Living:
+def instantiate(library: Library, name: str, *, early_return: bool = True) -> Living:
     """A new instance, in the state "instantiated".
+
+    Args:
+        early_return: let it return early from its steps, if it is of FMI 3 and able to.
 
     Raises:
         FmuError: the FMU refused; its log lines say why.
     """
-    return Instance3(library, name) if library.fmu.fmi_version.startswith("3.") else library.instantiate(name)
+    if library.fmu.fmi_version.startswith("3."):
+        return Instance3(library, name, early_return=early_return)
+    return library.instantiate(name)

@@ -288,6 +288,7 @@ class _Assembly:
         if connector.type is not None and connector.type not in _types(variable):
             text = f'connector "{connector.name}" is {connector.type}, but {file} has it as {variable.type}'
             self.problems.append(Problem(connector.where, text))
+        self._same_clocks(connector, variable, file)
         self._same_unit(connector, variable.unit, f"in {part.fmu.path.name}")
         if connector.type == "Enumeration" and variable.type == "Enumeration":
             self._same_items(connector, variable, part.fmu)
@@ -315,6 +316,18 @@ class _Assembly:
         for indices in indices_of(shape):
             self._fmu_port(part, replace(connector, name=element_name(connector.name, indices), dimensions=()))
         part.shapes[connector.name] = shape
+
+    def _same_clocks(self, connector: Connector, variable: Variable, file: str) -> None:
+        """What the connector says about Clocks must be what the FMU says; it need not say anything."""
+        said, kind = connector.interval_variability, variable.clock.kind if variable.clock is not None else None
+        if said is not None and kind is not None and said != kind:
+            text = f'connector "{connector.name}" is a {said} Clock, but {file} has it as {kind}'
+            self.problems.append(Problem(connector.where, text))
+        for name in connector.clocks:
+            if name not in variable.clocks:
+                belongs = f"it belongs to {', '.join(variable.clocks)}" if variable.clocks else "it belongs to none"
+                text = f'connector "{connector.name}" does not belong to a Clock "{name}" in {file}; {belongs}'
+                self.problems.append(Problem(connector.where, text))
 
     def _same_unit(self, connector: Connector, other: Unit | None, place: str) -> None:
         if connector.unit is None or other is None:

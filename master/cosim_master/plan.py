@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim_master import radio as radio_kernels
+from cosim_master.calls import table
 from cosim_master.check import CheckedSystem, Instance, Link
+from cosim_master.clocks import lockstep
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmi3 import Instance3
@@ -136,10 +138,23 @@ def timing(checked: CheckedSystem, until: float | None = None, step: float | Non
                 f"(canHandleVariableCommunicationStepSize is false): a run of {total / _NANO:g} s is no multiple of it"
             )
             problems.append(Problem(instance.where, text))
+    problems += _unlike(checked, sizes)
     if problems:
         raise SystemDescriptionError(problems)
     notes = () if base == min(sizes) else (f"the base step is {base / _NANO:g} s, that of no instance",)
     return Timing(start_ticks, base, steps, tuple(size // base for size in sizes), notes)
+
+
+def _unlike(checked: CheckedSystem, sizes: Sequence[int]) -> list[Problem]:
+    """Instances that are tied together by Clocks and have different step sizes."""
+    problems = []
+    for members in lockstep(checked):
+        steps = {sizes[i] for i in members}
+        if len(steps) > 1:
+            shown = ", ".join(f"{checked.instances[i].name} by {sizes[i] / _NANO:g} s" for i in members)
+            text = f"instances that are connected by Clocks must have one step size, but step {shown}"
+            problems.append(Problem(checked.instances[members[0]].where, text))
+    return problems
 
 
 @dataclass(slots=True)
@@ -225,8 +240,11 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
 
 
 def _by_type(instance: Instance) -> list[tuple[str, Variable]]:
-    """The variables of an instance, those of one FMI 3 type together: they are got and set in one call."""
-    return sorted(instance.fmu.variables.items(), key=lambda item: item[1].fmi_type)
+    """The variables of an instance, those of one FMI 3 type together: they are got and set in one call.
+
+    Variables that belong to Clocks come after the others: the loop has their values, but does not set and get them.
+    """
+    return sorted(instance.fmu.variables.items(), key=lambda item: (item[1].fmi_type, bool(item[1].clocks)))
 
 
 def _array(v: Variable) -> tuple[str, int] | None:
@@ -251,7 +269,7 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
         f"{instance.name}.{name}": (instance.name, name)
         for instance in checked.instances
         for name, v in instance.fmu.variables.items()
-        if v.causality in causalities and v.packet_capacity is None
+        if v.causality in causalities and v.packet_capacity is None and v.clock is None
     }
     if not record:
         return set(candidates.values())
@@ -374,9 +392,9 @@ def make_plan(
     eventful = sum(isinstance(one, Instance3) and one.event_mode for one in living)
     instances = _instance_table(places, clock, network, living, native)
     return Plan(
-        instances=instances,
-        calls=_calls(instances, values, ports, living, kinds, native),
-        wires=wires,
+        instances=table(instances),
+        calls=table(_calls(instances, values, ports, living, kinds, native)),
+        wires=table(wires),
         in_reference=values.in_reference,
         real_in=values.real_in,
         int_in=values.int_in,
@@ -385,7 +403,7 @@ def make_plan(
         int_out=values.int_out,
         mirrors=np.array(places.mirrors, dtype=np.int64).reshape(-1, 2),
         mapped=np.array(places.mapped, dtype=np.int64).reshape(-1, 4),
-        ports=ports,
+        ports=table(ports),
         text=text,
         scratch=np.zeros((threads, text.shape[1]), dtype=np.uint8),
         tx=np.zeros((ports.size, capacity), dtype=np.uint8),
@@ -553,13 +571,16 @@ def _typed(
     rows: list[tuple[int, ...]] = []
     first = 0
     while first < len(variables):
-        fmi_type = variables[first].fmi_type
+        fmi_type, clocked = variables[first].fmi_type, bool(variables[first].clocks)
         last = first
         references: list[int] = []
-        while last < len(variables) and variables[last].fmi_type == fmi_type:
+        while last < len(variables) and (variables[last].fmi_type, bool(variables[last].clocks)) == (fmi_type, clocked):
             if not variables[last].element:  # a scalar, or where an array begins
                 references.append(variables[last].value_reference)
             last += 1
+        if clocked:
+            first = last
+            continue
         n, at = last - first, plain + size * first
         buffer = at if fmi_type in ("Float64", "Int32") else native.take(8 * n)
         address, number = one.library.address(f"fmi3{verb}{fmi_type}"), FUNCTIONS.index(f"fmi3{verb}{fmi_type}")
@@ -651,21 +672,21 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
         endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
-        settings=settings,
-        endpoints=endpoints,
-        nodes=node_table,
+        settings=table(settings),
+        endpoints=table(endpoints),
+        nodes=table(node_table),
         links=np.array([b for row in hearers for b in row], dtype=np.int64),
         outages=np.array(outages, dtype=np.int64).reshape(-1, 3),
-        places=np.zeros(0, dtype=PLACE),
+        places=table(np.zeros(0, dtype=PLACE)),
         data=np.zeros((0, SLOT), dtype=np.uint8),
         order=np.arange(len(nodes), dtype=np.int64),
         along=np.zeros(len(nodes)),
         hearers=np.zeros(len(nodes) + 1, dtype=np.int64),
         counters=np.zeros(COUNTERS, dtype=np.int64),
-        events=np.zeros(4096, dtype=EVENT),
+        events=table(np.zeros(4096, dtype=EVENT)),
         log=np.zeros(1 << 20, dtype=np.uint8),
-        gateways=_gateways(network),
-        dialect=np.array([_definition(message) for message in network.dialect], dtype=DEFINITION),
+        gateways=table(_gateways(network)),
+        dialect=table(np.array([_definition(message) for message in network.dialect], dtype=DEFINITION)),
     )
     empty.counters[FREE_PLACE] = -1
     return grown(empty, 256)
@@ -683,4 +704,4 @@ def grown(radio: Radio, need: int) -> Radio:
     data[:old] = radio.data
     radio.counters[FREE_PLACE] = old
     radio.counters[FREE_PLACES] += new - old
-    return radio._replace(places=places, data=data)
+    return radio._replace(places=table(places), data=data)

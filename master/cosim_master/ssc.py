@@ -134,6 +134,7 @@ def read_connector(
     """A connector or an entry of a signal dictionary; `children` are its legal children."""
     unit, enumeration, items, type_name, mime_type = None, None, None, None, None
     dimensions: tuple[Dimension, ...] = ()
+    in_dictionary, variability, clocks = kind == "inout" and element.get("kind") is None, None, []
     for child in children:
         name = local_name(child)
         if child.tag in ANY_TYPE:
@@ -146,9 +147,15 @@ def read_connector(
                 items = None if known is None else known.items
             elif type_name == "Binary":
                 mime_type = child.get("mime-type", "application/octet-stream")
-        elif name == "Clock":
+        elif name == "Clock" and in_dictionary:
             reader.problem(child, CLOCK.text(element.get("name", "")))
-    dimensions = read_dimensions(reader, children, sizes_only=kind == "inout" and element.get("kind") is None)
+        elif name == "Clock":
+            reader.children(child, GRAMMAR[str(child.tag)])
+            if child.tag == SSC + "Clock":
+                type_name, variability = name, child.get("intervalVariability")
+            else:
+                clocks.append(child.get("name", ""))
+    dimensions = read_dimensions(reader, children, sizes_only=in_dictionary)
     return Connector(
         name=reader.name(element),
         kind=cast(Kind, kind),
@@ -159,6 +166,8 @@ def read_connector(
         items=items,
         mime_type=mime_type,
         dimensions=dimensions,
+        interval_variability=variability,
+        clocks=tuple(clocks),
     )
 
 

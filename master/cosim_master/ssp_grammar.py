@@ -123,9 +123,16 @@ GRAMMAR: Grammar = {
         optional=_BASE,
         children=(*_TYPE_CHILDREN, _DIMENSION, *_ssd("Clock", "ConnectorGeometry"), ANNOTATIONS),
         choices=(ANY_TYPE | _CLOCK,),
-        repeated=frozenset({_DIMENSION}),
+        repeated=frozenset({_DIMENSION, SSD + "Clock"}),
         later=_TYPES_2 | _CLOCK | {_DIMENSION, SSD + "Clock"},
     ),
+    SSC + "Clock": Form(
+        optional=(
+            *("intervalVariability", "intervalDecimal", "shiftDecimal", "supportsFraction", "resolution"),
+            *("intervalCounter", "shiftCounter", "priority"),
+        )
+    ),
+    SSD + "Clock": Form(required=("name",)),
     SSD + "Elements": Form(
         children=_ssd("Component", "SignalDictionaryReference", "System"),
         repeated=frozenset(_ssd("Component", "SignalDictionaryReference", "System")),

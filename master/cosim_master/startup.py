@@ -17,6 +17,7 @@ from functools import partial
 from typing import Any
 
 from cosim_master.check import CheckedSystem, Link
+from cosim_master.clocks import lockstep
 from cosim_master.errors import FmuError
 from cosim_master.events import EndedByEvent, Events
 from cosim_master.fmi2 import set_kind
@@ -45,16 +46,22 @@ def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Livin
     Raises:
         FmuError: an FMU refused; those in `living` are to be freed.
     """
-    for instance in checked.instances:
-        living.append(libraries.instantiate(instance.fmu, instance.name, make))
+    tied = {i for members in lockstep(checked) for i in members}
+    for i, instance in enumerate(checked.instances):
+        # Who returns early leaves those behind that it drives by Clocks, or is ahead of those that drive it.
+        make_one = partial(make, early_return=i not in tied)
+        living.append(libraries.instantiate(instance.fmu, instance.name, make_one))
 
 
-def initialize(checked: CheckedSystem, living: Sequence[Living], start: float, stop: float) -> tuple[SettledLoop, ...]:
+def initialize(
+    checked: CheckedSystem, living: Sequence[Living], start: float, stop: float, events: Events | None = None
+) -> tuple[SettledLoop, ...]:
     """Initialize all instances.
 
     Args:
         living: in the order of `checked.instances`.
         start, stop: of the run, s.
+        events: those of `living`; made anew where None.
 
     Returns:
         The loops of connections that had to be solved.
@@ -71,19 +78,20 @@ def initialize(checked: CheckedSystem, living: Sequence[Living], start: float, s
         one.enter_initialization_mode()
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
     loops = _exchange(checked, {one.name: one for one in living})
+    events = events or Events(checked, living, round(start * 1e9))
+    events.begin()
     for one in living:
         one.exit_initialization_mode()
-    _first_events(checked, living)
+    _first_events(events, living, round(start * 1e9))
     return loops
 
 
-def _first_events(checked: CheckedSystem, living: Sequence[Living]) -> None:
+def _first_events(events: Events, living: Sequence[Living], start: int) -> None:
     """Instances that use Event Mode are in it after initialization: events at the start, then Step Mode."""
-    events = Events(checked, living)
     if not events.numbers:
         return
     try:
-        events.settle(events.numbers)
+        events.settle(start, events.numbers, reached=range(len(living)))
     except EndedByEvent as end:
         text = "it wants the run to end before its first step (terminateSimulation)"
         raise FmuError(living[end.number].name, "fmi3UpdateDiscreteStates", text, end.time) from None

@@ -74,6 +74,7 @@ __all__ = [
     "NOT_CALLED",
     "PORTS",
     "QUIT",
+    "SHOW",
     "WIRE",
     "Plan",
     "collect_again",
@@ -112,8 +113,9 @@ another instance of its FMU answered fmi2Fatal."""
 ANSWERS = 32
 """Bytes of what an FMI 3 instance answers: event handling needed, terminate simulation, early return (a byte each), at
 8 the last successful time, s. And for the loop: at 16 the time of its next event, s, at 24 whether it uses Event Mode,
-at 25 whether its step has still to be begun (BEGIN) or to be ended (END) by `events`."""
-BEGIN, END = 1, 2
+at 25 whether its step has still to be begun (BEGIN) or to be ended (END) by `events`, or what `events` has got from it
+to be shown at its end (SHOW)."""
+BEGIN, END, SHOW = 1, 2, 3
 LEFT = -8
 """In place of a status: the step is left to `events`."""
 ENDED, EARLY = -6, -7

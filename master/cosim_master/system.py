@@ -95,12 +95,14 @@ class Connector:
 
     Attributes:
         type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", a type of SSP 2.0 that FMI 2 has not
-            ("Float32", "Int8", ...), or None where the file is silent. Float64 is Real here, Int32 is Integer.
+            ("Float32", "Int8", "Clock", ...), or None where the file is silent. Float64 is Real here, Int32 is Integer.
         unit: of a Real, None where the file is silent.
         enumeration: name of its enumeration type.
         items: that type's items, None if the file does not define it.
         mime_type: of a Binary, None where the file is silent.
         dimensions: of an array; empty for a scalar.
+        interval_variability: of a Clock, None where the file is silent.
+        clocks: connectors of the same element to whose Clocks it belongs, as far as the file names them.
     """
 
     name: str
@@ -112,6 +114,8 @@ class Connector:
     items: Mapping[str, int] | None = None
     mime_type: str | None = None
     dimensions: tuple[Dimension, ...] = ()
+    interval_variability: str | None = None
+    clocks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,13 +77,13 @@ class Stricts3:
 
     def __init__(self, workshop: Workshop, folder: Path, log: Path, calls: Path) -> None:
         self.workshop = workshop
-        self._folder, self._log, self._calls = folder, log, calls
+        self.folder, self._log, self._calls = folder, log, calls
 
     def fmu(self, name: str = "strict3.fmu", *, resources: bool = False, **options: Any) -> Path:
         path = self.workshop.root / name
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("modelDescription.xml", description(**options))
-            library = _library(self._folder)
+            library = _library(self.folder)
             archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
             if resources:
                 archive.writestr("resources/note.txt", "here")

@@ -78,9 +78,10 @@ def provoked(workshop: Any, variable: Any, monkeypatch: pytest.MonkeyPatch) -> A
         made: Path = workshop.ssp("s.ssp", {"SystemStructure.ssd": ssd(), "fill": bytes(2000)})
         return made
 
-    def signals(bindings: str = "") -> str:
+    def signals(bindings: str = "", kind: str = "Real") -> str:
         inner = '<ssb:SignalDictionary xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
-        inner += 'version="1.0"><ssb:DictionaryEntry name="t"><ssc:Real/></ssb:DictionaryEntry></ssb:SignalDictionary>'
+        entry = f'<ssb:DictionaryEntry name="t"><ssc:{kind}/></ssb:DictionaryEntry>'
+        inner += f'version="2.0">{entry}</ssb:SignalDictionary>'
         reference = '<ssd:SignalDictionaryReference name="tap" dictionary="bus">' + workshop.connectors("t:output")
         elements = f"<ssd:Elements>{reference}</ssd:SignalDictionaryReference></ssd:Elements>"
         dictionaries = f'<ssd:SignalDictionary name="bus">{inner}</ssd:SignalDictionary>'
@@ -96,7 +97,7 @@ def provoked(workshop: Any, variable: Any, monkeypatch: pytest.MonkeyPatch) -> A
         "IMPLEMENTATION": lambda: ssd(component("a", unit, implementation="ModelExchange")),
         "ABSOLUTE_URI": lambda: ssd(component("a", "file:///unit.fmu")),
         "OTHER_SSD": lambda: ssd(component("a", "other.ssd#id", type=SSD_TYPE)),
-        "CLOCK": lambda: ssd(component("a", unit, "u:input:Clock")),
+        "CLOCK": lambda: workshop.ssd("s.ssd", signals(kind="Clock"), version="2.0"),
         "OPEN_SIZE": lambda: array("<ssc:Dimension/>"),
         "DIRECTION": lambda: ssd(
             system(name="s", connectors="i:unspecified") + system(name="t", connectors="o:unspecified"),
