@@ -1,7 +1,7 @@
 """Clocks of FMI 3.0: when they tick, what belongs to them, and how they go from one FMU to the next.
 
 The FMU looks at every call (clocked.c): Clocks that are set at another time than theirs or not at all, variables that
-are touched while their Clocks are silent, intervals that are not asked for. Pitfall 31 of FMI masters is about all of that.
+are touched while their Clocks are silent, intervals that are not asked for. Pitfall 31 of masters is all of that.
 """
 
 from __future__ import annotations
