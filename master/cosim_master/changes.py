@@ -90,6 +90,8 @@ def _check_changeable(variable: Variable, *, driven: bool) -> None:
         raise ValueError(f"it belongs to the Clock {variable.clocks[0]}: it can be set only while that ticks")
     if variable.clock is not None and (variable.clock.kind != "tunable" or not variable.settable):
         raise ValueError(f"it is a {variable.clock.kind} Clock; only the interval of tunable ones can be changed")
+    if variable.causality == "structuralParameter":
+        raise ValueError("it is a structural parameter, which sizes arrays: it can be set before the run only")
     tunable = variable.causality == "parameter" and variable.variability == "tunable"
     if not tunable and variable.causality != "input":
         what = f"{variable.causality}, {variable.variability}"

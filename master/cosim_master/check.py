@@ -49,6 +49,12 @@ class Instance:
     step_size: float | None
     where: Where
 
+    def structural_values(self) -> dict[str, int]:
+        """What the system sets structural parameters of FMI 3 to."""
+        variables = self.fmu.variables
+        structural = {n: x for n, x in self.start_values.items() if variables[n].causality == "structuralParameter"}
+        return {name: int(value) for name, value in structural.items()}
+
     def clock_intervals(self) -> dict[str, float]:
         """What the system sets as intervals of Clocks, s."""
         variables = self.fmu.variables
@@ -181,7 +187,7 @@ class _Check:
         if not measure(self.structure.system, self.problems):
             raise SystemDescriptionError(dict.fromkeys(self.problems))
         fmus = self._described()
-        root = assemble(self.structure.system, fmus, self.problems, self.notes)
+        root = assemble(self.structure.system, fmus, self.problems, self.notes, self._sized(fmus))
         parts = [part for part in root.walk() if isinstance(part.element, Component) and part.system is None]
         self._unique(parts)
         wiring = Wiring(root, self.problems)
@@ -265,6 +271,45 @@ class _Check:
                 self.problems.append(Problem(problem.where, text))
             return None
 
+    def _sized(self, fmus: Mapping[Path, FmuDescription | None]) -> dict[str, FmuDescription]:
+        """Descriptions of the parts whose arrays the system gives other sizes than their FMU (structural parameters).
+
+        Arrays are ports, one for each element, so that everything depends on their sizes; what sets those is found by
+        going through all bindings once before. Whatever else is wrong then is found again.
+        """
+        if not any(v.causality == "structuralParameter" for f in fmus.values() if f for v in f.variables.values()):
+            return {}
+        root = assemble(self.structure.system, fmus, [], [])
+        bindings = Bindings(Wiring(root, []), [], [])
+        bindings.apply(root)
+        bindings.override(self.overrides)
+        sized: dict[str, FmuDescription] = {}
+        known: dict[tuple[Path, tuple[tuple[str, int], ...]], FmuDescription | None] = {}
+        for part in root.walk():
+            if part.fmu is None:
+                continue
+            given = bindings.values.get(part.name, {})
+            structural = [v for v in part.fmu.variables.values() if v.causality == "structuralParameter"]
+            sizes = {v.name: int(given[v.name]) for v in structural if given.get(v.name, v.start) != v.start}
+            if not sizes:
+                continue
+            key = (part.fmu.path, tuple(sorted(sizes.items())))
+            if key not in known:
+                known[key] = self._described_with(part, part.fmu, sizes)
+            if (fmu := known[key]) is not None:
+                sized[part.name] = fmu
+        return sized
+
+    def _described_with(self, part: Part, fmu: FmuDescription, sizes: Mapping[str, int]) -> FmuDescription | None:
+        try:
+            return describe(fmu.path, sizes)
+        except SystemDescriptionError as error:
+            shown = ", ".join(f"{name} = {value}" for name, value in sizes.items())
+            for problem in error.problems:
+                text = f"{part.name}: with {shown}, {problem.message} (in {fmu.path.name})"
+                self.problems.append(Problem(part.element.where, text))
+            return None
+
     def _unique(self, parts: list[Part]) -> None:
         """Give components names of their own; the standard allows punning (SSP 2.0, section 5.2.3)."""
         first: dict[str, Part] = {}
@@ -289,9 +334,6 @@ class _Check:
                 if port not in wiring.incoming or port.variable is None:
                     continue
                 connection = wiring.incoming[port][0]
-                if port.variable.causality == "structuralParameter":
-                    text = f"{port} is a structural parameter: it keeps the FMU's value {port.variable.start}"
-                    self.problems.append(Problem(connection.where, text))
                 if port.variable.clock is not None and port.variable.clock.kind != "triggered":
                     text = f"{port} is a {port.variable.clock.kind} Clock, which ticks by itself"
                     self.problems.append(Problem(connection.where, f"{text}; only triggered ones can be connected"))
@@ -303,6 +345,9 @@ class _Check:
                 route = wiring.route(port)
                 if route.source is None:
                     continue
+                if port.variable.causality == "structuralParameter":
+                    text = f"{port} is a structural parameter, which is set before anything has a value; give it one"
+                    self.problems.append(Problem(connection.where, text))
                 source = (route.source.part.name, route.source.name)
                 initial_only = port.variable.causality in ("parameter", "structuralParameter")
                 mapping = tuple(sorted((key, value) for key, value in route.mapping.items() if key != value))
@@ -357,16 +402,8 @@ class _Check:
                     )
                     self.problems.append(Problem(part.element.where, text))
             values = bindings.values.get(part.name, {})
-            self._sizes(part, part.fmu, values)
             instances.append(Instance(part.name, part.fmu, values, step or part.fmu.step_size, part.element.where))
         return tuple(instances)
-
-    def _sizes(self, part: Part, fmu: FmuDescription, values: Mapping[str, Value]) -> None:
-        """Structural parameters size the arrays that are laid out already: they keep the FMU's values."""
-        for v in fmu.variables.values():
-            if v.causality == "structuralParameter" and values.get(v.name, v.start) != v.start:
-                text = f"{part.name}.{v.name} is a structural parameter: it keeps the FMU's value {v.start}"
-                self.problems.append(Problem(part.element.where, text))
 
     def _step_size(self, part: Part) -> float | None:
         """The communication step the system gives an FMU, from the nearest annotation around it."""

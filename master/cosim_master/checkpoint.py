@@ -99,7 +99,7 @@ def cannot_be_serialised(living: Sequence[Living]) -> str:
     """Which instances keep a system from having checkpoints, and why; empty if none does."""
     lacking = []
     for one in living:
-        flags = [flag for flag in _FLAGS if not getattr(one.library.fmu.capabilities, flag)]
+        flags = [flag for flag in _FLAGS if not getattr(one.fmu.capabilities, flag)]
         if flags:
             lacking.append(f"{flags[0]} of {one.name} is false")
     return ", ".join(lacking[:3]) + (f", and {len(lacking) - 3} more" if len(lacking) > 3 else "")

@@ -79,7 +79,7 @@ class Schedule:
     def __init__(self, one: Instance3, start: int, intervals: Mapping[str, float]) -> None:
         self._one, self._start = one, start
         self._given = {name: whole_nanoseconds(value) for name, value in intervals.items()}
-        variables = [v for v in one.library.fmu.variables.values() if v.clock is not None]
+        variables = [v for v in one.fmu.variables.values() if v.clock is not None]
         self._clocks = [v for v in variables if v.clock is not None and v.clock.kind != "triggered"]
         self._ticks = {v.name: _Ticks() for v in self._clocks}
 

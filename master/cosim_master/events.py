@@ -102,7 +102,7 @@ class Events:
         self._schedules: dict[int, Schedule] = {}
         self._outgoing: dict[int, list[Variable]] = {}
         for i in self.numbers:
-            clocks = [v for v in living[i].library.fmu.variables.values() if v.clock is not None]
+            clocks = [v for v in living[i].fmu.variables.values() if v.clock is not None]
             if clocks:
                 self._schedules[i] = Schedule(self._one(i), start, checked.instances[i].clock_intervals())
                 self._outgoing[i] = [v for v in clocks if v.causality == "output"]
@@ -113,9 +113,9 @@ class Events:
         self.kept: dict[tuple[int, str], Any] = {}
         for link in checked.links:
             source, target = number[link.source[0]], number[link.target[0]]
-            variable = living[source].library.fmu.variables[link.source[1]]
+            variable = living[source].fmu.variables[link.source[1]]
             if variable.clock is not None:
-                end = living[target].library.fmu.variables[link.target[1]]
+                end = living[target].fmu.variables[link.target[1]]
                 self._ticks.setdefault((source, variable.name), []).append((target, end))
             elif target in self._links and not link.initial_only:
                 self._links[target].append((source, link))
@@ -142,8 +142,8 @@ class Events:
         for schedule in self._schedules.values():
             schedule.begin()
         for i, name in self.kept:
-            variable = self._living[i].library.fmu.variables[name]
-            if name in self._living[i].library.fmu.initial_unknowns:
+            variable = self._living[i].fmu.variables[name]
+            if name in self._living[i].fmu.initial_unknowns:
                 (self.kept[i, name],) = self._living[i].get([variable])
 
     def saved(self) -> Any:
@@ -271,7 +271,7 @@ class Events:
         else:
             raise self._endless(at, "fmi3EnterEventMode", "the values that {} exchange do not settle")
         for i, name in self.kept:
-            variable = self._living[i].library.fmu.variables[name]
+            variable = self._living[i].fmu.variables[name]
             if not at.ticking.get(i, set()).isdisjoint(variable.clocks):
                 (self.kept[i, name],) = self._one(i).get([variable])
 
@@ -324,7 +324,7 @@ class Events:
 
     def _value(self, source: int, link: Link, at: _Instant) -> Any:
         one = self._living[source]
-        variable = one.library.fmu.variables[link.source[1]]
+        variable = one.fmu.variables[link.source[1]]
         if source not in at.reached:
             return at.held(link)
         if variable.clocks and at.ticking.get(source, set()).isdisjoint(variable.clocks):
@@ -334,7 +334,7 @@ class Events:
 
     def _inputs(self, i: int, at: _Instant) -> list[Any]:
         """What the connections of an instance would set now."""
-        ticking, variables = at.ticking.get(i, set()), self._living[i].library.fmu.variables
+        ticking, variables = at.ticking.get(i, set()), self._living[i].fmu.variables
         return [
             self._value(source, link, at)
             if not (clocks := variables[link.target[1]].clocks) or not ticking.isdisjoint(clocks)
@@ -343,7 +343,7 @@ class Events:
         ]
 
     def _forget_clocked(self, i: int, given: list[Any]) -> None:
-        variables = self._living[i].library.fmu.variables
+        variables = self._living[i].fmu.variables
         for j, (_, link) in enumerate(self._links[i]):
             if variables[link.target[1]].clocks:
                 given[j] = _KEPT
@@ -360,7 +360,7 @@ class Events:
             return None
         one = self._one(i)
         known = [(link, value) for (_, link), value in zip(self._links[i], new, strict=True) if value is not _KEPT]
-        one.set([one.library.fmu.variables[link.target[1]] for link, _ in known], [value for _, value in known])
+        one.set([one.fmu.variables[link.target[1]] for link, _ in known], [value for _, value in known])
         at.given[i] = new if before is None else [b if v is _KEPT else v for v, b in zip(new, before, strict=True)]
         return before is not None and any(before[j] is not _KEPT for j in changed)
 
@@ -425,7 +425,7 @@ class Events:
     def _part(self, i: int, t: float, until: float, end: float) -> None:
         one = self._one(i)
         one.time = t
-        variable = one.library.fmu.capabilities.canHandleVariableCommunicationStepSize
+        variable = one.fmu.capabilities.canHandleVariableCommunicationStepSize
         if until < end and i in self._schedules and not variable:
             text = (
                 f"a Clock ticks at {until:.9g} s, in the middle of a step, and it cannot take a shorter one "

@@ -650,7 +650,7 @@ class Execution:
         outputs: dict[tuple[int, str], str] = {}
         for link in self.places.strings:
             source, target = (number[link.source[0]], link.source[1]), number[link.target[0]]
-            variable = self.living[target].library.fmu.variables[link.target[1]]
+            variable = self.living[target].fmu.variables[link.target[1]]
             if not variable.clocks:
                 links.append((source, target, variable))
             outputs[source] = ""
@@ -673,7 +673,7 @@ class Execution:
             for i, name in self._text_outputs:
                 if (i, name) not in self._events.kept and (k % periods[i] == 0 or k == self.plan.clock[LAST]):
                     with self._failing(i) as living:
-                        (self._text_outputs[i, name],) = living.get([living.library.fmu.variables[name]])
+                        (self._text_outputs[i, name],) = living.get([living.fmu.variables[name]])
         except RunFailed:
             self.plan.clock[ROWS] -= int(recorded)  # a row without its strings is none
             raise
@@ -727,7 +727,7 @@ class Execution:
         first, last = (int(self.plan.instances[i][side][kind]) for side in ("first_in", "last_in"))
         p = self.plan
         values = p.real_in[first:last] if kind == 0 else p.int_in[first - p.real_in.size : last - p.real_in.size]
-        fmu = self.living[i].library.fmu
+        fmu = self.living[i].fmu
         of = {v.value_reference: v.name for v in fmu.variables.values() if set_kind(v) == KINDS[kind]}
         pairs = zip(p.in_reference[first:last], values, strict=True)
         shown = [f"{of[int(reference)]} = {value:.9g}" for reference, value in pairs]

@@ -135,7 +135,7 @@ class Instance:
         self._callbacks = _Callbacks(_LOGGER(self._log), allocate, free, None, None)
         instantiate = library.function("fmi2Instantiate")
         instantiate.restype = ctypes.c_void_p
-        fmu = library.fmu
+        self.fmu = fmu = library.fmu
         handle = instantiate(
             ctypes.c_char_p(name.encode()),
             ctypes.c_int(1),

@@ -25,7 +25,7 @@ from typing import Any
 
 from cosim_master.errors import FmuError
 from cosim_master.fmi2 import Library
-from cosim_master.fmu import Variable
+from cosim_master.fmu import FmuDescription, Variable
 
 __all__ = ["INTERVAL_CHANGED", "INTERVAL_NOT_YET_KNOWN", "STATUS3", "Instance3", "whole_nanoseconds"]
 
@@ -57,28 +57,32 @@ class Instance3:
     """One living instance. Not to be used from two threads at once.
 
     Args:
+        fmu: its description, if it is not that of the library: with arrays of other sizes.
         early_return: let it return early from fmi3DoStep, if it has Event Mode and variable steps.
     """
 
     fmi = 3
 
-    def __init__(self, library: Library, name: str, *, early_return: bool = True) -> None:
+    def __init__(
+        self, library: Library, name: str, fmu: FmuDescription | None = None, *, early_return: bool = True
+    ) -> None:
         self.library = library
-        self.early_return = early_return and library.fmu.capabilities.canHandleVariableCommunicationStepSize
-        clocked = any(v.clock is not None for v in library.fmu.variables.values())
+        self.fmu = fmu or library.fmu
+        self.early_return = early_return and self.fmu.capabilities.canHandleVariableCommunicationStepSize
+        clocked = any(v.clock is not None for v in self.fmu.variables.values())
         self.name = name
         self.alive = False
         self.stepping = False
         self.time: float | None = None
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
         self._span = (0.0, 0.0)
-        self.event_mode = library.fmu.capabilities.hasEventMode
+        self.event_mode = self.fmu.capabilities.hasEventMode
         self._answers = (ctypes.c_ubyte * _ANSWERS)()
         self.next_event = math.inf
         # What it points to must live as long as the instance.
         self._logger = _LOGGER(self._log)
         self._arrays: dict[int, list[Variable]] = {}
-        for variable in library.fmu.variables.values():
+        for variable in self.fmu.variables.values():
             known = self._arrays.setdefault(variable.value_reference, [])
             if variable.element is not None and variable.element == len(known):
                 known.append(variable)
@@ -103,7 +107,7 @@ class Instance3:
     def _instantiate(self) -> int | None:
         instantiate = self.library.function("fmi3InstantiateCoSimulation")
         instantiate.restype = ctypes.c_void_p
-        fmu, resources = self.library.fmu, self.library.resources
+        fmu, resources = self.fmu, self.library.resources
         no, yes = ctypes.c_bool(False), ctypes.c_bool(True)
         handle: int | None = instantiate(
             ctypes.c_char_p(self.name.encode()),
@@ -372,6 +376,16 @@ class Instance3:
     def cancel_step(self) -> None:
         """There are no pending steps in FMI 3; the instance is not stepped any more."""
         self.stepping = False
+
+    def configure(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
+        """Set structural parameters, in Configuration Mode.
+
+        Raises:
+            FmuError: the FMU refused.
+        """
+        self.call("fmi3EnterConfigurationMode")
+        self.set(variables, values)
+        self.call("fmi3ExitConfigurationMode")
 
     def setup_experiment(self, start: float, stop: float) -> None:
         """Keep the times for `enter_initialization_mode`, which takes them in FMI 3."""

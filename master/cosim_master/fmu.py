@@ -44,11 +44,12 @@ def platform(fmi: int = 2) -> str:
     return f"{system}{struct.calcsize('P') * 8}"
 
 
-def describe(path: str | Path) -> FmuDescription:
+def describe(path: str | Path, sizes: Mapping[str, int] | None = None) -> FmuDescription:
     """Read and judge the description of an FMU.
 
     Args:
         path: the .fmu file.
+        sizes: of structural parameters of FMI 3, other values than the FMU's own: arrays have other sizes then.
 
     Raises:
         SystemDescriptionError: not a ZIP archive, without a readable modelDescription.xml, of another FMI version,
@@ -59,7 +60,7 @@ def describe(path: str | Path) -> FmuDescription:
     data = archive.read_member(Path(path), "modelDescription.xml", shown, limit=_MAX_DESCRIPTION_BYTES)
     if data is None:
         raise SystemDescriptionError([Problem(Where(shown), "is not an FMU: it has no modelDescription.xml")])
-    reading = _Reading(f"{shown}/modelDescription.xml", data)
+    reading = _Reading(f"{shown}/modelDescription.xml", data, sizes or {})
     library = None if reading.identifier is None else _library(names, reading.identifier, Where(shown), reading)
     if reading.problems:
         raise SystemDescriptionError(reading.problems)
@@ -133,8 +134,9 @@ def _library(names: Sequence[str], identifier: str, where: Where, reading: _Read
 class _Reading:
     """One modelDescription.xml being read. Whatever is fatal goes to `problems`, the rest to `notes`."""
 
-    def __init__(self, shown: str, data: bytes) -> None:
+    def __init__(self, shown: str, data: bytes, sizes: Mapping[str, int]) -> None:
         self.shown = shown
+        self.sizes = sizes
         self.problems: list[Problem] = []
         self.notes: list[str] = []
         self.identifier: str | None = None
@@ -286,7 +288,7 @@ class _Reading:
         elements = {e.get("name", ""): e for e in (listed if listed is not None else ()) if isinstance(e.tag, str)}
         for element in list(elements.values()):
             elements |= {alias.get("name", ""): element for alias in element.iterfind("Alias")}
-        reading = Reading3(self.model, self.units, elements, lambda text: self._problem(self.root, text))
+        reading = Reading3(self.model, self.units, elements, lambda text: self._problem(self.root, text), self.sizes)
         self.variables, self.shapes = reading.variables, reading.shapes
         self.notes += reading.notes
         clocks = [v.name for v in self.variables.values() if v.clock is not None]

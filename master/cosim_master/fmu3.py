@@ -49,6 +49,7 @@ class Reading3:
         units: by name.
         elements: the XML element of every variable, by name, for what FMPy does not keep.
         problem: called with what is fatal.
+        sizes: values of structural parameters in place of the FMU's own.
     """
 
     def __init__(
@@ -57,12 +58,18 @@ class Reading3:
         units: Mapping[str, Unit],
         elements: Mapping[str, etree._Element],
         problem: Callable[[str], None],
+        sizes: Mapping[str, int],
     ) -> None:
         self.variables: dict[str, Variable] = {}
         self.shapes: dict[str, tuple[int, ...]] = {}
         self.notes: list[str] = []
         self._units, self._elements, self._problem = units, elements, problem
-        structural = {v.valueReference: v for v in model.modelVariables if v.causality == "structuralParameter"}
+        structural: dict[int, tuple[str, int | None]] = {}
+        for v in model.modelVariables:
+            if v.causality == "structuralParameter":
+                own = None if v.start is None else int(v.start)
+                structural[int(v.valueReference)] = (v.name, sizes.get(v.name, own))
+        self._resized = {*sizes}
         for read in model.modelVariables:
             if not read.name:
                 problem(f"a variable of type {read.type} is without a name")
@@ -73,26 +80,30 @@ class Reading3:
             else:
                 self._add(read, structural)
 
-    def _add(self, read: Any, structural: Mapping[int, Any]) -> None:
-        shape = []
+    def _add(self, read: Any, structural: Mapping[int, tuple[str, int | None]]) -> None:
+        shape, resized = [], False
         for dimension in read.dimensions or ():
             size = dimension.start
             if size is None:
-                sizing = structural.get(int(dimension.valueReference or -1))
-                if sizing is None or sizing.start is None:
+                reference = -1 if dimension.valueReference is None else int(dimension.valueReference)
+                name, size = structural.get(reference, ("", None))
+                if size is None:
                     self._problem(f'a dimension of "{read.name}" has neither a size nor a structural parameter')
                     return
-                size = sizing.start
+                resized |= name in self._resized
+            if int(size) < 1:
+                self._problem(f'a dimension of "{read.name}" has the size {size}; it must be positive')
+                return
             shape.append(int(size))
-        names = list(element_names(read.name, shape)) if shape else [read.name]
         if math.prod(shape) > _MAX_ELEMENTS:
             self._problem(
                 f'variable "{read.name}" has {math.prod(shape)} elements; at most {_MAX_ELEMENTS} are possible'
             )
             return
+        names = list(element_names(read.name, shape)) if shape else [read.name]
         if shape:
             self.shapes[read.name] = tuple(shape)
-        starts = self._starts(read, len(names), is_array=bool(shape))
+        starts = self._starts(read, len(names), is_array=bool(shape), resized=resized)
         for i, name in enumerate(names):
             if name in self.variables:
                 self._problem(f'variable "{name}" is declared twice')
@@ -181,9 +192,9 @@ class Reading3:
                 self.notes.append(
                     f'"{name}" carries MAVLink packets but has no maxSize: it is not connected to the radio'
                 )
-        bounds = []
+        bounds, limits = [], self._attributes(read)
         for bound in ("min", "max"):
-            text = getattr(read, bound) or (getattr(declared, bound, None) if declared is not None else None)
+            text = limits.get(bound)  # FMPy does not read those of unsigned integers
             bounds.append(None if text is None else self._number(read, bound, text))
         items = None
         if read.type == "Enumeration" and declared is not None:
@@ -216,8 +227,11 @@ class Reading3:
             self._problem(f'{attribute} "{text}" of "{read.name}" is not a number')
             return None
 
-    def _starts(self, read: Any, count: int, *, is_array: bool) -> list[Start | None]:
-        """Start values, one for each element; a single one is for all of them (FMI 3.0.2, section 2.4.7.6)."""
+    def _starts(self, read: Any, count: int, *, is_array: bool, resized: bool) -> list[Start | None]:
+        """Start values, one for each element; a single one is for all of them (FMI 3.0.2, section 2.4.7.6).
+
+        Those of an array that has got another size say nothing any more.
+        """
         if read.start is None:
             return [None] * count
         kind = FMI3_TYPES[read.type]
@@ -228,6 +242,9 @@ class Reading3:
             given = str(read.start).split()
         if len(given) == 1 and is_array:
             given = list(given) * count
+        if len(given) != count and resized:
+            self.notes.append(f'the start values of "{read.name}" are for another size: they are not used')
+            return [None] * count
         if len(given) != count:
             self._problem(f'"{read.name}" has {count} elements and {len(given)} start values')
             return [None] * count

@@ -115,7 +115,11 @@ def measure(root: System, problems: list[Problem]) -> bool:
 
 
 def assemble(
-    root: System, fmus: Mapping[Path, FmuDescription | None], problems: list[Problem], notes: list[str]
+    root: System,
+    fmus: Mapping[Path, FmuDescription | None],
+    problems: list[Problem],
+    notes: list[str],
+    sized: Mapping[str, FmuDescription] | None = None,
 ) -> Part:
     """The tree of parts of a system.
 
@@ -123,13 +127,21 @@ def assemble(
         root: the root system.
         fmus: descriptions by source path; None for a file that could not be described.
         problems, notes: appended to.
+        sized: descriptions by hierarchical name that go before those by source path.
     """
-    return _Assembly(fmus, problems, notes).part(root, None)
+    return _Assembly(fmus, problems, notes, sized or {}).part(root, None)
 
 
 class _Assembly:
-    def __init__(self, fmus: Mapping[Path, FmuDescription | None], problems: list[Problem], notes: list[str]) -> None:
+    def __init__(
+        self,
+        fmus: Mapping[Path, FmuDescription | None],
+        problems: list[Problem],
+        notes: list[str],
+        sized: Mapping[str, FmuDescription],
+    ) -> None:
         self.fmus = fmus
+        self.sized = sized
         self.problems = problems
         self.notes = notes
 
@@ -147,7 +159,7 @@ class _Assembly:
         elif element.content is not None:
             part.system = element.content
         else:
-            part.fmu = None if element.source is None else self.fmus.get(element.source)
+            part.fmu = self.sized.get(name) or (None if element.source is None else self.fmus.get(element.source))
             part.broken = part.fmu is None
         if part.system is None:
             for connector in element.connectors:

@@ -494,7 +494,7 @@ class _Values:
 
 
 def _version(one: Living) -> int:
-    return int(one.library.fmu.fmi_version[0])
+    return int(one.fmu.fmi_version[0])
 
 
 def _calls(

@@ -122,7 +122,7 @@ class Profiler:
         """What was measured so far."""
         groups: dict[str, list[int]] = {}
         for i, one in enumerate(self._living):
-            groups.setdefault(one.library.fmu.path.name, []).append(i)
+            groups.setdefault(one.fmu.path.name, []).append(i)
         spent = [np.zeros(len(self._living)) for _ in range(2)]
         for kind in range(2):
             chosen = self._kinds == kind

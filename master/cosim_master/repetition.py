@@ -37,8 +37,8 @@ def cannot_be_repeated(living: Sequence[Living]) -> str:
     """Why discarded steps of a system cannot be repeated; empty if they can."""
     lacking = {}
     for one in living:
-        flags = one.library.fmu.capabilities
-        if not flags.canGetAndSetFMUstate or not one.library.has(*_STATE_FUNCTIONS[one.library.fmu.fmi_version[:1]]):
+        flags = one.fmu.capabilities
+        if not flags.canGetAndSetFMUstate or not one.library.has(*_STATE_FUNCTIONS[one.fmu.fmi_version[:1]]):
             lacking[one.name] = "canGetAndSetFMUstate"
         elif not flags.canHandleVariableCommunicationStepSize:
             lacking[one.name] = "canHandleVariableCommunicationStepSize"

@@ -21,6 +21,7 @@ from cosim_master.clocks import lockstep
 from cosim_master.errors import FmuError
 from cosim_master.events import EndedByEvent, Events
 from cosim_master.fmi2 import set_kind
+from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
 from cosim_master.living import Living
 from cosim_master.living import instantiate as make
@@ -49,7 +50,7 @@ def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Livin
     tied = {i for members in lockstep(checked) for i in members}
     for i, instance in enumerate(checked.instances):
         # Who returns early leaves those behind that it drives by Clocks, or is ahead of those that drive it.
-        make_one = partial(make, early_return=i not in tied)
+        make_one = partial(make, fmu=instance.fmu, early_return=i not in tied)
         living.append(libraries.instantiate(instance.fmu, instance.name, make_one))
 
 
@@ -72,6 +73,8 @@ def initialize(
     """
     values = [instance.effective_values() for instance in checked.instances]
     for one, instance, starts in zip(living, checked.instances, values, strict=True):
+        if isinstance(one, Instance3) and (sizes := instance.structural_values()):
+            one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
         one.setup_experiment(start, stop)
     for one, instance, starts in zip(living, checked.instances, values, strict=True):
@@ -145,7 +148,7 @@ def _get(living: Mapping[str, Living], ends: Sequence[tuple[str, str]]) -> dict[
     """Values of outputs, by instance and variable; one call per instance and type."""
     wanted: dict[str, list[Variable]] = {}
     for name, variable in ends:
-        wanted.setdefault(name, []).append(living[name].library.fmu.variables[variable])
+        wanted.setdefault(name, []).append(living[name].fmu.variables[variable])
     got: dict[tuple[str, str], Any] = {}
     for name, variables in wanted.items():
         for kind in _kinds(variables):
@@ -161,7 +164,7 @@ def _set(living: Mapping[str, Living], links: Sequence[Link], got: Mapping[tuple
         targets.setdefault(link.target[0], {})[link.target[1]] = link.converted(got[link.source])
     for name, new in targets.items():
         one = living[name]
-        _set_all(one, [one.library.fmu.variables[n] for n in new], new, inputs=None)
+        _set_all(one, [one.fmu.variables[n] for n in new], new, inputs=None)
 
 
 def _kinds(variables: Sequence[Variable]) -> list[str]:

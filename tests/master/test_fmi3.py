@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 
 from cosim_master.errors import FmuError, SystemDescriptionError
 from cosim_master.fmi3 import Instance3
-from cosim_master.fmu import describe, platform
+from cosim_master.fmu import describe
 from cosim_master.loading import Libraries
 from cosim_master.simulation import RunResult, simulate
 from tests.master.strict3 import SHORT, description
@@ -250,19 +249,3 @@ def test_array_connectors_must_have_the_dimensions_of_the_fmu(stricts3: Any) -> 
     system.write_text(text.replace('version="1.0" name="test"', 'version="2.0" name="test"'))
     with pytest.raises(SystemDescriptionError, match=r"has other dimensions than in strict3\.fmu: 2"):
         simulate(system)
-
-
-def test_structural_parameters_keep_their_value(stricts3: Any) -> None:
-    """Pitfall 33: arrays have the size that the FMU's own value gives them; another value is refused."""
-    size = '<UInt32 name="n" valueReference="60" causality="structuralParameter" variability="fixed" start="2"/>'
-    text = description(extra=size).replace('<Dimension start="2"/>', '<Dimension valueReference="60"/>')
-    stricts3.fmu()
-    with zipfile.ZipFile(stricts3.workshop.root / "strict3.fmu") as archive:
-        library = archive.read(f"binaries/{platform(3)}/Unit.so")
-    with zipfile.ZipFile(stricts3.workshop.root / "sized.fmu", "w") as archive:
-        archive.writestr("modelDescription.xml", text)
-        archive.writestr(f"binaries/{platform(3)}/Unit.so", library)
-    assert describe(stricts3.workshop.root / "sized.fmu").shapes["f32_in"] == (2,)
-    assert ran(stricts3, stricts3.ssd(stricts3.component("a", "sized.fmu", n=2), stop=0.5)).outcome == "done"
-    with pytest.raises(SystemDescriptionError, match=r"a\.n is a structural parameter: it keeps the FMU's value 2"):
-        simulate(stricts3.ssd(stricts3.component("a", "sized.fmu", n=3)))

@@ -1,0 +1,159 @@
+"""Structural parameters of FMI 3.0: set in Configuration Mode, and arrays have the sizes they say (pitfall 33).
+
+The FMU looks at every call (sized.c): each get and set must have as many values as its arrays have elements.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from cosim_master.check import check
+from cosim_master.errors import SystemDescriptionError
+from cosim_master.fmu import describe, platform
+from cosim_master.simulation import simulate
+from cosim_master.ssp import read_system
+from tests.master.conftest import SUFFIX
+from tests.master.probe import compiled
+
+pytestmark = pytest.mark.usefixtures("own_cache")
+
+DESCRIPTION = (
+    '<fmiModelDescription fmiVersion="3.0" modelName="Sized" instantiationToken="sized">'
+    '<CoSimulation modelIdentifier="Unit"/><DefaultExperiment stepSize="0.5"/><ModelVariables>'
+    '<UInt64 name="n" valueReference="0" causality="structuralParameter" variability="fixed" start="2" max="16"/>'
+    '<UInt64 name="m" valueReference="1" causality="structuralParameter" variability="tunable" start="1"/>'
+    '<Float64 name="u" valueReference="2" causality="input" start="0"><Dimension valueReference="0"/></Float64>'
+    '<Float64 name="y" valueReference="3" causality="output"><Dimension valueReference="0"/></Float64>'
+    '<Int32 name="p" valueReference="4" causality="parameter" variability="fixed" start="1 1">'
+    '<Dimension valueReference="0"/><Dimension valueReference="1"/></Int32>'
+    '<Int32 name="sums" valueReference="5" causality="output" variability="discrete"><Dimension valueReference="0"/>'
+    '</Int32><String name="s" valueReference="6" causality="input"><Dimension valueReference="0"/><Start value="-"/>'
+    '</String><String name="t" valueReference="7" causality="output"><Dimension valueReference="0"/></String>'
+    '</ModelVariables><ModelStructure><Output valueReference="3" dependencies="2"/>'
+    '<Output valueReference="5" dependencies=""/><Output valueReference="7" dependencies="6"/>'
+    '<InitialUnknown valueReference="3" dependencies="2"/><InitialUnknown valueReference="5" dependencies=""/>'
+    '<InitialUnknown valueReference="7" dependencies="6"/></ModelStructure></fmiModelDescription>'
+)
+
+
+@pytest.fixture
+def sized(stricts3: Any) -> Path:
+    path: Path = stricts3.workshop.root / "sized.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", DESCRIPTION)
+        library = compiled(Path(__file__).with_name("sized.c"), stricts3.folder)
+        archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
+    return path
+
+
+def signals(out: Path) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = pq.read_table(out / "signals.parquet").to_pydict()
+    return found
+
+
+def ran(stricts3: Any, system: Path, out: Path, **options: Any) -> dict[str, list[Any]]:
+    result = simulate(system, out=out, **options)
+    assert stricts3.complaints == []
+    assert result.outcome == "done", result.error
+    return signals(out)
+
+
+def test_arrays_have_the_sizes_that_the_system_sets(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    """Two instances of one FMU with different sizes, connections, parameters and recording of all elements."""
+    own = {f"u[{i}]": float(i) for i in (1, 2, 3)} | {f"p[{i},{j}]": 10 * i + j for i in (1, 2, 3) for j in (1, 2)}
+    texts = {f"s[{i}]": "abc"[i - 1] for i in (1, 2, 3)}
+    ports = "u:input y:output s:input t:output"
+    parts = stricts3.component("a", "sized.fmu", ports=ports, n=3, m=2, **own, **texts)
+    parts += stricts3.component("b", "sized.fmu", ports=ports, n=3)
+    parts += stricts3.component("c", "sized.fmu", ports="u[1]:input u[2]:input y:output")
+    system = stricts3.ssd(parts, "a/y b/u", "a/t b/s", "b/y[3] c/u[2]", stop=1.5)
+    got = ran(stricts3, system, tmp_path / "out")
+    assert [got[f"a.y[{i}]"][-1] for i in (1, 2, 3)] == [2.0, 4.0, 6.0]
+    assert [got[f"a.sums[{i}]"][-1] for i in (1, 2, 3)] == [23, 43, 63]
+    assert [got[f"b.y[{i}]"][-1] for i in (1, 2, 3)] == [4.0, 8.0, 12.0]
+    assert [got[f"b.t[{i}]"][-1] for i in (1, 2, 3)] == ["a", "b", "c"]
+    assert [got[f"c.y[{i}]"][-1] for i in (1, 2)] == [0.0, 24.0]
+    assert not {"a.y[4]", "c.y[3]"} & {*got}
+
+
+def test_sizes_from_a_system_and_from_the_command_line(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    """By a binding of the system around it, and --set; what is written for other sizes is found wrong by name."""
+    workshop = stricts3.workshop
+    bindings = workshop.bindings({"a.n": 3, "a.u[3]": 5.0})
+    experiment = '<ssd:DefaultExperiment startTime="0" stopTime="1"/>'
+    component = workshop.component("a", "sized.fmu", "y:output")
+    system = workshop.ssd("s.ssd", workshop.system(component, bindings=bindings), experiment)
+    got = ran(stricts3, system, tmp_path / "one")
+    assert got["a.y[3]"] == [10.0] * 3
+    got = ran(stricts3, system, tmp_path / "two", overrides={"a.n": "5", "a.u[5]": "7"})
+    assert [got[f"a.y[{i}]"][0] for i in (3, 4, 5)] == [10.0, 0.0, 14.0]
+    with read_system(system) as structure:
+        notes = check(structure, {"a.n": "2"}).notes
+    assert any('parameter "a.u[3]" matches nothing' in note for note in notes)
+
+
+def test_start_values_for_another_size_are_not_used(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    """One start value is for all elements, whatever their number; a list of them is for the FMU's own sizes."""
+    own = describe(sized)
+    assert [own.variables[f"p[{i},1]"].start for i in (1, 2)] == [1, 1]
+    fmu = describe(sized, {"n": 3})
+    assert fmu.shapes == {"u": (3,), "y": (3,), "p": (3, 1), "sums": (3,), "s": (3,), "t": (3,)}
+    assert fmu.variables["u[3]"].start == 0.0
+    assert fmu.variables["p[1,1]"].start is None
+    assert 'the start values of "p" are for another size: they are not used' in fmu.notes
+    system = stricts3.ssd(stricts3.component("a", "sized.fmu", n=3), stop=0.5)
+    assert ran(stricts3, system, tmp_path / "out")["a.sums[1]"] == [0, 0]
+
+
+def refused(system: Path, **options: Any) -> str:
+    with pytest.raises(SystemDescriptionError) as caught:
+        simulate(system, **options)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(("value", "message"), [
+    (0, 'a: with n = 0, a dimension of "u" has the size 0; it must be positive (in sized.fmu)'),
+    (17, "outside of its range; valid: -inf to 16"),
+    (-1, "does not fit into UInt64"),
+])  # fmt: skip
+def test_sizes_that_cannot_be(stricts3: Any, sized: Path, value: int, message: str) -> None:
+    assert message in refused(stricts3.ssd(stricts3.component("a", "sized.fmu", n=value)))
+
+
+def test_arrays_that_are_too_large(stricts3: Any, sized: Path) -> None:
+    error = refused(stricts3.ssd(stricts3.component("a", "sized.fmu", m=2_000_000)))
+    assert "a: with m = 2000000, " in error and "elements; at most 1048576 are possible" in error
+
+
+def test_connections_of_other_sizes(stricts3: Any, sized: Path) -> None:
+    parts = stricts3.component("a", "sized.fmu", ports="y:output", n=3)
+    parts += stricts3.component("b", "sized.fmu", ports="u:input")
+    assert "cannot connect 3 elements with 2 elements" in refused(stricts3.ssd(parts, "a/y b/u"))
+
+
+def test_sizes_are_not_changed_during_a_run(stricts3: Any, sized: Path) -> None:
+    """Reconfiguration Mode is not used: columns, connections and buffers would change with it."""
+    system = stricts3.ssd(stricts3.component("a", "sized.fmu"))
+    error = refused(system, at=[(1.0, "a.m", "3")])
+    assert "it is a structural parameter, which sizes arrays: it can be set before the run only" in error
+
+
+def test_sizes_are_not_connected_to_outputs(stricts3: Any, sized: Path) -> None:
+    constant = '<UInt64 name="c" valueReference="9" causality="output" variability="constant" start="3"/>'
+    text = DESCRIPTION.replace("<ModelVariables>", f"<ModelVariables>{constant}")
+    stricts3.workshop.pack("constant.fmu", text)
+    with zipfile.ZipFile(sized) as archive:
+        library = archive.read(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}")
+    with zipfile.ZipFile(stricts3.workshop.root / "constant.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+        archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
+    parts = stricts3.component("a", "constant.fmu", ports="c:constant")
+    parts += stricts3.component("b", "sized.fmu", ports="n:structuralParameter")
+    system = stricts3.ssd(parts, "a/c b/n")
+    system.write_text(system.read_text().replace('version="1.0" name="test"', 'version="2.0" name="test"'))
+    assert "b.n is a structural parameter, which is set before anything has a value" in refused(system)
