@@ -17,7 +17,8 @@ fmus: $(VENV)/installed
 	$(COSIM) build -o fmus
 
 test: $(VENV)/tested fmus lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m 'not alone' -n auto --dist loadfile
+	$(BIN)/python -m pytest -m alone
 
 lint: $(VENV)/tested
 	$(BIN)/ruff format --check .

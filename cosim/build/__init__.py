@@ -11,18 +11,20 @@ import os
 import pkgutil
 import sys
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
+from multiprocessing import get_context
 from pathlib import Path
 from types import ModuleType
 
 from cosim.build.compiled import HOST, TARGETS, CannotCompile, build_compiled
 from cosim.build.interpreted import build_interpreted
-from cosim.build.sources import sources_of
+from cosim.build.sources import Sources, sources_of
 from cosim.model import Model
 
-__all__ = ["HOST", "TARGETS", "Built", "CannotCompile", "build", "load_models", "models_of_package"]
+__all__ = ["HOST", "TARGETS", "Built", "CannotCompile", "build", "build_all", "load_models", "models_of_package"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,27 +102,10 @@ def build(
         CannotCompile: an FMI 3 FMU was asked for, and the model has no kernels or they cannot be compiled.
         RuntimeError: the C compiler failed.
     """
-    if unknown := set(targets) - set(TARGETS):
-        raise ValueError(f"target {', '.join(sorted(unknown))}: there are {', '.join(TARGETS)}")
-    if fmi not in (2, 3):
-        raise ValueError(f"FMI {fmi}: there are 2 and 3")
-    if fmi == 3 and interpreted:
-        raise ValueError(f"{model.__name__}: interpreted FMUs are FMI 2 only (pythonfmu makes them); leave out one")
-    if fmi == 3 and model.kernels is None:
-        raise CannotCompile(f"{model.__name__} has no kernels, so it is interpreted, and that is FMI 2 only")
+    file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi)
+    if (built := _up_to_date(file, stamp)) is not None:
+        return built
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / (f"{model.__name__}.fmi3.fmu" if fmi == 3 else f"{model.__name__}.fmu")
-    sources = sources_of(model)
-    compile_it = model.kernels is not None and not interpreted
-    stamp: dict[str, object] = {
-        "sources": dict(sources.digests),
-        "builder": _builder_digest(),
-        "targets": sorted(targets) if compile_it else [],
-        "compiler": os.environ.get("CC", "") if compile_it and HOST in targets else "",
-    }
-    previous = _stamp_of(file)
-    if previous is not None and {k: previous.get(k) for k in stamp} == stamp:
-        return Built(file, bool(previous.get("compiled")), fresh=True, note=str(previous.get("note", "")))
     note = ""
     if compile_it:
         try:
@@ -132,6 +117,75 @@ def build(
             note = f"interpreted: {reason}"
     build_interpreted(model, sources, {**stamp, "compiled": False, "note": note}, file)
     return Built(file, compiled=False, fresh=False, note=note)
+
+
+def build_all(
+    models: Sequence[type[Model]],
+    folder: Path,
+    *,
+    interpreted: bool = False,
+    targets: Sequence[str] = (HOST,),
+    fmi: int = 2,
+) -> Iterator[Built]:
+    """As `build`, of several models, in their order; those of packages that are not up to date in processes of their
+    own, as many at a time as there are processors.
+
+    Raises:
+        ValueError, CannotCompile, RuntimeError: as `build` does.
+    """
+
+    def elsewhere(model: type[Model]) -> bool:
+        file, _, _, stamp = _wanted(model, folder, interpreted, targets, fmi)
+        return "." in model.__module__ and _up_to_date(file, stamp) is None
+
+    stale = [model for model in models if elsewhere(model)]
+    if len(stale) < 2:
+        stale = []
+    # Not forked: numba and LLVM have threads and locks.
+    with ProcessPoolExecutor(max(1, min(len(stale), os.cpu_count() or 1)), get_context("spawn")) as processes:
+        building = {
+            model: processes.submit(build, model, folder, interpreted=interpreted, targets=targets, fmi=fmi)
+            for model in stale
+        }
+        try:
+            for model in models:
+                if model in building:
+                    yield building[model].result()
+                else:
+                    yield build(model, folder, interpreted=interpreted, targets=targets, fmi=fmi)
+        finally:
+            processes.shutdown(cancel_futures=True)
+
+
+def _wanted(
+    model: type[Model], folder: Path, interpreted: bool, targets: Sequence[str], fmi: int
+) -> tuple[Path, bool, Sources, dict[str, object]]:
+    """The file, whether to compile it, what it is made of, and its stamp: an FMU with the same one is up to date."""
+    if unknown := set(targets) - set(TARGETS):
+        raise ValueError(f"target {', '.join(sorted(unknown))}: there are {', '.join(TARGETS)}")
+    if fmi not in (2, 3):
+        raise ValueError(f"FMI {fmi}: there are 2 and 3")
+    if fmi == 3 and interpreted:
+        raise ValueError(f"{model.__name__}: interpreted FMUs are FMI 2 only (pythonfmu makes them); leave out one")
+    if fmi == 3 and model.kernels is None:
+        raise CannotCompile(f"{model.__name__} has no kernels, so it is interpreted, and that is FMI 2 only")
+    file = folder / (f"{model.__name__}.fmi3.fmu" if fmi == 3 else f"{model.__name__}.fmu")
+    sources = sources_of(model)
+    compile_it = model.kernels is not None and not interpreted
+    stamp: dict[str, object] = {
+        "sources": dict(sources.digests),
+        "builder": _builder_digest(),
+        "targets": sorted(targets) if compile_it else [],
+        "compiler": os.environ.get("CC", "") if compile_it and HOST in targets else "",
+    }
+    return file, compile_it, sources, stamp
+
+
+def _up_to_date(file: Path, stamp: dict[str, object]) -> Built | None:
+    previous = _stamp_of(file)
+    if previous is None or {k: previous.get(k) for k in stamp} != stamp:
+        return None
+    return Built(file, bool(previous.get("compiled")), fresh=True, note=str(previous.get("note", "")))
 
 
 def _builder_digest() -> str:

@@ -111,7 +111,7 @@ def build(
     fmi: Annotated[int, typer.Option(help="2 writes NAME.fmu, 3 writes NAME.fmi3.fmu; both may be in one system.")] = 2,
 ) -> None:
     """Build FMUs from models, only those that changed."""
-    from cosim.build import HOST, CannotCompile, build, load_models, models_of_package
+    from cosim.build import HOST, CannotCompile, build_all, load_models, models_of_package
 
     try:
         chosen = []
@@ -125,8 +125,7 @@ def build(
                 names = ", ".join(model.__name__ for model in known)
                 raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
             chosen += matching
-        for model in chosen:
-            built = build(model, folder, interpreted=interpreted, targets=target or [HOST], fmi=fmi)
+        for built in build_all(chosen, folder, interpreted=interpreted, targets=target or [HOST], fmi=fmi):
             state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
             out.print(f"{built.file}: {state}", markup=False)
             if built.note:

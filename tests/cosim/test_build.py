@@ -24,7 +24,7 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from cosim import Input, Model, Output
-from cosim.build import HOST, TARGETS, Built, build, load_models, models_of_package
+from cosim.build import HOST, TARGETS, Built, build, build_all, load_models, models_of_package
 from cosim.build.sources import sources_of
 
 MODELS = models_of_package("cosim_models")
@@ -232,6 +232,19 @@ def test_wrong_descriptions(
 
 def digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def test_several_are_built_at_a_time_and_come_in_their_order(tmp_path: Path) -> None:
+    chosen = [m for m in models_of_package("cosim_models") if m.__name__ in ("Hexarotor", "LineAgent", "Quadrotor")]
+    built = list(build_all(chosen, tmp_path, interpreted=True))
+    assert [one.file.name for one in built] == ["Hexarotor.fmu", "LineAgent.fmu", "Quadrotor.fmu"]
+    assert not any(one.fresh for one in built)
+    (alone,) = build_all(chosen[:1], tmp_path / "alone", interpreted=True)
+    assert alone.file.read_bytes() == built[0].file.read_bytes()
+    built[1].file.unlink()
+    assert [one.fresh for one in build_all(chosen, tmp_path, interpreted=True)] == [True, False, True]
+    with pytest.raises(ValueError, match="target vax: there are "):
+        list(build_all(chosen, tmp_path / "other", targets=["vax"]))
 
 
 def test_only_what_changed_is_built(samples: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

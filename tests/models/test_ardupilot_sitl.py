@@ -24,6 +24,8 @@ from cosim_models.ardupilot_json import Link, decode_servos, encode_motion
 from cosim_models.ardupilot_sitl import ArduPilotSITL, _whole
 
 STAND_IN = Path(__file__).with_name("sitl_stand_in.py")
+pytestmark = pytest.mark.alone
+
 INSTANCE = 400
 """So that its ports are above those of anything that runs here."""
 

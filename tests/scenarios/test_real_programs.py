@@ -18,7 +18,7 @@ from tests.scenarios.swarm import running
 CLIENTS = Path(__file__).with_name("clients")
 PACE = 4.0
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 
 def needs(*modules: str) -> pytest.MarkDecorator:
