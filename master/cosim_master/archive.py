@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.limitations import ARCHIVE
+from cosim_master.limitations import ARCHIVE, LARGE_DESCRIPTION
 
 __all__ = ["MAX_BYTES", "MAX_ENTRIES", "member_names", "pack", "read_member", "unpack"]
 
@@ -98,7 +98,7 @@ def read_member(path: Path, name: str, shown: str, *, limit: int) -> bytes | Non
         with archive.open(name) as member:
             data = member.read(limit + 1)
         if len(data) > limit:
-            raise _refuse(shown, f'entry "{name}" is larger than {limit} bytes')
+            raise _refuse(shown, LARGE_DESCRIPTION.text(name, limit))
         return data
 
 

@@ -13,6 +13,7 @@ from cosim_master.check import CheckedSystem
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Start, Variable
+from cosim_master.limitations import CHANGE, CLOCKED_CHANGE, STRUCTURAL_CHANGE
 from cosim_master.plan import Timing
 
 __all__ = ["Change", "changes"]
@@ -78,7 +79,7 @@ def _base_step(clock: Timing, time: float) -> int | None:
 def _expected(clock: Timing, period: int, name: str) -> str:
     start, step = clock.start / 1e9, period * clock.base / 1e9
     last = start + (clock.steps - 1) // period * step
-    return f"no step of {name} begins then; its steps begin every {step:g} s from {start:g} to {last:g} s"
+    return CHANGE.text(name, f"{step:g}", f"{start:g}", f"{last:g}")
 
 
 def _check_changeable(variable: Variable, *, driven: bool) -> None:
@@ -87,11 +88,11 @@ def _check_changeable(variable: Variable, *, driven: bool) -> None:
     if variable.packet_capacity is not None:
         raise ValueError("it carries packets")
     if variable.clocks:
-        raise ValueError(f"it belongs to the Clock {variable.clocks[0]}: it can be set only while that ticks")
+        raise ValueError(CLOCKED_CHANGE.text(variable.clocks[0]))
     if variable.clock is not None and (variable.clock.kind != "tunable" or not variable.settable):
         raise ValueError(f"it is a {variable.clock.kind} Clock; only the interval of tunable ones can be changed")
     if variable.causality == "structuralParameter":
-        raise ValueError("it is a structural parameter, which sizes arrays: it can be set before the run only")
+        raise ValueError(STRUCTURAL_CHANGE.text())
     tunable = variable.causality == "parameter" and variable.variability == "tunable"
     if not tunable and variable.causality != "input":
         what = f"{variable.causality}, {variable.variability}"

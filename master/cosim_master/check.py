@@ -20,8 +20,9 @@ from cosim_master.document import line_of, near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import Stage, exchange_order
-from cosim_master.limitations import ANNOTATION, LOCAL, UNIT_GAP
+from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, STRUCTURAL, UNIT_GAP
 from cosim_master.parts import Part, assemble, measure
+from cosim_master.sizes import check_sizes
 from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
 from cosim_master.units import Unit
 from cosim_master.wiring import Wiring
@@ -195,6 +196,7 @@ class _Check:
         bindings = Bindings(wiring, self.problems, self.notes)
         bindings.apply(root)
         bindings.override(self.overrides)
+        check_sizes(wiring, bindings.values, self.problems)
         annotations = self._annotations(root)
         instances = self._instances(parts, bindings)
         order = self._initial_order(links, {instance.name: instance.fmu for instance in instances})
@@ -335,8 +337,8 @@ class _Check:
                     continue
                 connection = wiring.incoming[port][0]
                 if port.variable.clock is not None and port.variable.clock.kind != "triggered":
-                    text = f"{port} is a {port.variable.clock.kind} Clock, which ticks by itself"
-                    self.problems.append(Problem(connection.where, f"{text}; only triggered ones can be connected"))
+                    text = CLOCK_END.text(port, port.variable.clock.kind)
+                    self.problems.append(Problem(connection.where, text))
                 key = (port.variable.type, port.variable.value_reference, port.variable.element)
                 if key in written:
                     text = f'"{port}" and "{written[key]}" are the same variable of the FMU, and both are written'
@@ -346,7 +348,7 @@ class _Check:
                 if route.source is None:
                     continue
                 if port.variable.causality == "structuralParameter":
-                    text = f"{port} is a structural parameter, which is set before anything has a value; give it one"
+                    text = STRUCTURAL.text(port)
                     self.problems.append(Problem(connection.where, text))
                 source = (route.source.part.name, route.source.name)
                 initial_only = port.variable.causality in ("parameter", "structuralParameter")
@@ -396,10 +398,7 @@ class _Check:
             if part.fmu.capabilities.canBeInstantiatedOnlyOncePerProcess:
                 other = only_once.setdefault(part.fmu.digest, part.name)
                 if other != part.name:
-                    text = (
-                        f"{part.fmu.path.name} can be instantiated only once per process, but is used by "
-                        f"{other} and {part.name}"
-                    )
+                    text = ONLY_ONCE.text(part.fmu.path.name, other, part.name)
                     self.problems.append(Problem(part.element.where, text))
             values = bindings.values.get(part.name, {})
             instances.append(Instance(part.name, part.fmu, values, step or part.fmu.step_size, part.element.where))
@@ -449,7 +448,7 @@ class _Check:
             for v in instance.fmu.variables.values():
                 triggered = v.clock is not None and v.clock.kind == "triggered" and v.causality == "input"
                 if triggered and (instance.name, v.name) not in driven:
-                    self.notes.append(f"{instance.name}.{v.name}: nothing is connected to this Clock: it never ticks")
+                    self.notes.append(SILENT_CLOCK.text(instance.name, v.name))
 
     def _assumptions(
         self,

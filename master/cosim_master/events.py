@@ -30,6 +30,7 @@ from cosim_master.clocks import Schedule, lockstep, seconds
 from cosim_master.errors import CosimError, FmuError
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
+from cosim_master.limitations import MISSED_TICK, UNSETTLED
 from cosim_master.living import Living
 
 __all__ = ["EndedByEvent", "Events"]
@@ -226,12 +227,12 @@ class Events:
                 self._announce(at.active)
                 return at.active
             self._update(at)
-        raise self._endless(at, "fmi3UpdateDiscreteStates", "the discrete states of {} do not settle")
+        raise self._endless(at, "fmi3UpdateDiscreteStates", "the discrete states of {}")
 
     def _endless(self, at: _Instant, function: str, what: str) -> FmuError:
         names = ", ".join(self._living[i].name for i in sorted(at.again))
         one = self._one(min(at.again, default=at.active[0]))
-        text = f"{what.format(names or one.name)} in {_MOST_ITERATIONS} iterations at one time"
+        text = UNSETTLED.text(what.format(names or one.name), _MOST_ITERATIONS)
         return FmuError(one.name, function, text, one.time, one.lines)
 
     def _activate(self, i: int, clocks: Sequence[Variable], at: _Instant) -> None:
@@ -269,7 +270,7 @@ class Events:
             if not moved:
                 break
         else:
-            raise self._endless(at, "fmi3EnterEventMode", "the values that {} exchange do not settle")
+            raise self._endless(at, "fmi3EnterEventMode", "the values that {} exchange")
         for i, name in self.kept:
             variable = self._living[i].fmu.variables[name]
             if not at.ticking.get(i, set()).isdisjoint(variable.clocks):
@@ -427,10 +428,8 @@ class Events:
         one.time = t
         variable = one.fmu.capabilities.canHandleVariableCommunicationStepSize
         if until < end and i in self._schedules and not variable:
-            text = (
-                f"a Clock ticks at {until:.9g} s, in the middle of a step, and it cannot take a shorter one "
-                "(canHandleVariableCommunicationStepSize is false); its step size must divide interval and shift"
-            )
+            text = f"{MISSED_TICK.text(f'{until:.9g}')} (canHandleVariableCommunicationStepSize is false); "
+            text += "its step size must divide interval and shift"
             raise FmuError(one.name, "fmi3DoStep", text, t, one.lines)
         one.do_step(t, until - t)
 

@@ -31,6 +31,8 @@ from cosim_master.events import EndedByEvent, Events
 from cosim_master.fmi2 import STATUS, set_kind
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
+from cosim_master.limitations import CHECKPOINT, DISCARDED, PENDING, WIDE_INTEGER
+from cosim_master.limitations import NOT_A_NUMBER as NAN
 from cosim_master.living import Living
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.network import Network
@@ -95,6 +97,8 @@ _OF_FMI3 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2Ge
 _TextLink: TypeAlias = tuple[tuple[int, str], int, Variable]
 """From which output (instance, name) a String goes to which instance's input."""
 
+_DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
+"""Function and status in a row's `failed`, of a step that was discarded."""
 _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 _SNAPSHOT_EVERY = 0.2
 """Wall-clock seconds."""
@@ -303,8 +307,7 @@ class Execution:
             names = ", ".join(self.living[i].name for i in self._events.numbers[:3])
             reason = f"the next events of {names} are no part of an FMU state"
         if reason := reason or cannot_be_serialised(self.living):
-            text = f"a run of this system has no checkpoints: {reason}"
-            raise SystemDescriptionError([Problem(self.checked.structure.where, text)])
+            raise SystemDescriptionError([Problem(self.checked.structure.where, CHECKPOINT.text(reason))])
 
     def save_checkpoint(self, folder: Path, about: Mapping[str, Any]) -> Path:
         """Write a checkpoint of the present communication point, or of the next one on the system's own grid.
@@ -380,39 +383,53 @@ class Execution:
         return {name: block[:n, i].copy() for columns, block in blocks for i, (name, _) in enumerate(columns)}
 
     def _discards(self) -> None:
-        """If all that failed are steps that were discarded: ask what that means, and raise it."""
+        """If no instance failed otherwise than by discarding or ending: ask what that means, and raise it."""
         rows = self.plan.instances
         failed = [int(i) for i in np.flatnonzero(rows["failed"][:, 0])]
-        ends: list[tuple[int, float]]
-        if all(rows["failed"][i][1] == ENDED for i in failed):
-            ends = [(i, self.time + float(rows["h"][i])) for i in failed]
-            self._terminate(ends, complete=True, said="terminateSimulation")
-        if any(tuple(rows["failed"][i][:2]) != (DO_STEP, STATUS.index("fmi2Discard")) for i in failed):
+        ended = [i for i in failed if rows["failed"][i][1] == ENDED]
+        discarded = [i for i in failed if tuple(rows["failed"][i][:2]) == _DISCARD]
+        if len(ended) + len(discarded) < len(failed):
             return
         failures, shrink = [], 2.0
-        ends = []
-        for i in failed:
+        ends = [(i, self.time + float(rows["h"][i])) for i in ended]
+        for i in discarded:
             living, h = self.living[i], float(rows["h"][i])
             living.time = self.time
             last = living.last_successful_time()
             if living.ended():
                 ends.append((i, self.time if last is None else last))
                 continue
-            reached = "" if last is None else f", only to {last:.9g} s"
             reason = self._unrepeatable or f"shorter steps down to {h:.9g} s did not help"
-            span = f"from {self.time:.9g} s to {self.time + h:.9g} s"
-            text = f"fmi{living.fmi}Discard: it could not step {span}{reached}; {reason}"
             if last is not None and last > self.time:
                 shrink = max(shrink, h / (last - self.time))
-            failures.append(living.failure(f"fmi{living.fmi}DoStep", STATUS.index("fmi2Discard"), text))
+            failures.append(self._discard(i, last, reason))
         if ends:
-            self._terminate(ends, complete=len(ends) == len(failed))
+            self._terminate(sorted(ends), complete=len(ends) == len(failed))
         if self._unrepeatable or self._snapshot is None:
             raise RunFailed(failures)
         raise _Discarded(failures, shrink)
 
-    def _terminate(self, ends: Sequence[tuple[int, float]], *, complete: bool, said: str = "fmi2Terminated") -> None:
+    def _discard(self, i: int, last: float | None, reason: str) -> FmuError:
+        """The error of an instance that has discarded its step; `last` is how far it got, s."""
+        living, h = self.living[i], float(self.plan.instances["h"][i])
+        reached = "" if last is None else f", only to {last:.9g} s"
+        text = DISCARDED.text(living.fmi, f"{self.time:.9g}", f"{self.time + h:.9g}", reached, reason)
+        return living.failure(f"fmi{living.fmi}DoStep", _DISCARD[1], text)
+
+    def _beside(self, i: int, others: Sequence[FmuError]) -> FmuError:
+        """The error of an instance that has discarded a step in which others have failed: it is not repeated.
+
+        FMI leaves an instance after an error nothing but to be freed, or to be set back; in what it has failed at, it
+        would fail again, and shorter steps would hide that.
+        """
+        living, names = self.living[i], ", ".join(error.instance for error in others[:3])
+        living.time = self.time
+        last = None if living.library.corrupted else living.last_successful_time()
+        return self._discard(i, last, f"it is not repeated, since {names} failed in the same step")
+
+    def _terminate(self, ends: Sequence[tuple[int, float]], *, complete: bool) -> None:
         """Instances (number, until when) want the run to end. If they did this step, it is the last one."""
+        said = "terminateSimulation" if self.living[ends[0][0]].fmi == 3 else "fmi2Terminated"
         name, python = self.living[ends[0][0]].name, any(self.living[i].library.python for i, _ in ends)
         rows, clock = self.plan.instances, self.plan.clock
         if python and clock[K] == 0:
@@ -693,10 +710,10 @@ class Execution:
     def _raise_failures(self) -> None:
         if self.plan.clock[FAILURES] == 0:
             return
-        failures = []
         failed = self.plan.instances["failed"]
+        failures: dict[int, FmuError] = {}
         for i in np.flatnonzero(failed[:, 0]):
-            if failed[i, 1] == NOT_CALLED:
+            if failed[i, 1] == NOT_CALLED or tuple(failed[i][:2]) == _DISCARD:
                 continue
             function, status, detail = (int(x) for x in failed[i])
             living = self.living[i]
@@ -704,23 +721,27 @@ class Execution:
             text, code = "", status
             if status == NOT_A_NUMBER:
                 name = self.places.ports["Real"].outputs[detail][1].name
-                text, code = f"{name} is not a number", 0
+                text, code = NAN.text(name), 0
             elif status in (TOO_LONG, NOT_BASE64):
                 wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
                 text, code = f"its packet output {wrong}", 0
             elif status == STATUS.index("fmi2Discard") and function in (1, 2, 3):
                 text = f"fmi2Discard: it takes one of these values for wrong: {self._inputs(int(i), function - 1)}"
             elif status == OUT_OF_RANGE:
-                text, code = "an integer does not fit: the master carries 32 bits, and the variable may have fewer", 0
+                text, code = WIDE_INTEGER.text(), 0
             elif status == EARLY:
                 text, code = "it has not simulated all of the step, though early return is not allowed", 0
             elif status == ENDED:
                 text, code = "it wants the run to end (terminateSimulation)", 0
             elif status == STATUS.index("fmi2Pending"):
-                text = "fmi2Pending: it goes on in the background, which is not supported"
+                text = PENDING.text()
                 living.cancel_step()
-            failures.append(living.failure(_named(function, living), code, text))
-        raise RunFailed(failures)
+            failures[int(i)] = living.failure(_named(function, living), code, text)
+        others = list(failures.values())
+        for i in np.flatnonzero(failed[:, 0]):
+            if tuple(failed[i][:2]) == _DISCARD:
+                failures[int(i)] = self._beside(int(i), others)
+        raise RunFailed([failures[i] for i in sorted(failures)])
 
     def _inputs(self, i: int, kind: int) -> str:
         """The first values that an instance's inputs of one kind were just given."""
@@ -759,6 +780,17 @@ class Execution:
             self._recorder.packets(self.radio)
             self._recorder.close(manifest())
 
+    def end(self, manifest: Callable[[Sequence[FmuError]], Mapping[str, Any]]) -> tuple[FmuError, ...]:
+        """Terminate and free all instances; returns how that failed. Call once, after `finish`.
+
+        Args:
+            manifest: makes a new manifest, if it did: it takes the place of the one that `finish` wrote.
+        """
+        failures = tuple(self._free())
+        if failures and self._recorder is not None:
+            self._recorder.write_manifest(manifest(failures))
+        return failures
+
     def __enter__(self) -> Self:
         return self
 
@@ -775,13 +807,17 @@ class Execution:
         failures = []
         if self._snapshot is not None:
             self._snapshot.close()
+            self._snapshot = None
         for living in self.living:
             try:
                 living.terminate()
             except FmuError as error:
                 failures.append(error)
         for living in self.living:
-            living.free()
+            try:
+                living.free()
+            except FmuError as error:
+                failures.append(error)
         self._libraries.__exit__(None, None, None)
         return failures
 

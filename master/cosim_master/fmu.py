@@ -26,6 +26,7 @@ from cosim_master.description import Capabilities, Clock, FmuDescription, Start,
 from cosim_master.document import line_of, near, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu3 import Reading3, dependencies3
+from cosim_master.limitations import FMI_VERSION, NO_LIBRARY, NOT_COSIMULATION
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
 __all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "describe", "extract", "platform"]
@@ -127,7 +128,7 @@ def _library(names: Sequence[str], identifier: str, where: Where, reading: _Read
         return others[0]
     available = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
     offered = f"it has binaries for {', '.join(available)}" if available else "it has no binaries"
-    reading.problems.append(Problem(where, f"has no library for this platform ({expected}); {offered}"))
+    reading.problems.append(Problem(where, NO_LIBRARY.text(expected, offered)))
     return None
 
 
@@ -169,10 +170,12 @@ class _Reading:
         if root.tag != "fmiModelDescription":
             self._problem(root, f"the root element is <{root.tag}>; it must be <fmiModelDescription>")
         elif version != "2.0" and not version.startswith("3.0"):
-            self._problem(root, f'FMI "{version}" is not supported; valid: fmiVersion="2.0" and "3.0"')
+            self._problem(root, FMI_VERSION.text(version))
         elif (interface := root.find("CoSimulation")) is None:
-            has = "it is for Model Exchange only" if root.find("ModelExchange") is not None else "it has no interface"
-            self._problem(root, f"is not an FMU for Co-Simulation: {has}")
+            has = [name for name in ("ModelExchange", "ScheduledExecution") if root.find(name) is not None]
+            words = " and ".join(name.replace("E", " E") for name in has)
+            text = NOT_COSIMULATION.text(words) if has else "is not an FMU for Co-Simulation: it has no interface"
+            self._problem(root, text)
         else:
             self.identifier = interface.get("modelIdentifier")
             if not self.identifier or "/" in self.identifier:

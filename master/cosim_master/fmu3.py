@@ -14,6 +14,7 @@ from typing import Any
 from lxml import etree
 
 from cosim_master.description import Clock, Start, Variable
+from cosim_master.limitations import CLOCKED_PACKETS, LARGE_VARIABLE, NO_MAX_SIZE
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
 __all__ = ["FMI3_TYPES", "PACKET_MIME_TYPE", "Reading3", "dependencies3", "element_names"]
@@ -96,9 +97,7 @@ class Reading3:
                 return
             shape.append(int(size))
         if math.prod(shape) > _MAX_ELEMENTS:
-            self._problem(
-                f'variable "{read.name}" has {math.prod(shape)} elements; at most {_MAX_ELEMENTS} are possible'
-            )
+            self._problem(LARGE_VARIABLE.text(read.name, math.prod(shape), _MAX_ELEMENTS))
             return
         names = list(element_names(read.name, shape)) if shape else [read.name]
         if shape:
@@ -185,13 +184,9 @@ class Reading3:
                 capacity = int(size)
                 if read.clocks:
                     capacity = None
-                    self.notes.append(
-                        f'"{name}" carries MAVLink packets but belongs to a Clock: it is not connected to the radio'
-                    )
+                    self.notes.append(CLOCKED_PACKETS.text(name))
             else:
-                self.notes.append(
-                    f'"{name}" carries MAVLink packets but has no maxSize: it is not connected to the radio'
-                )
+                self.notes.append(NO_MAX_SIZE.text(name))
         bounds, limits = [], self._attributes(read)
         for bound in ("min", "max"):
             text = limits.get(bound)  # FMPy does not read those of unsigned integers

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution
+from cosim_master.limitations import ADDRESS, NO_AUTOPILOT
 from cosim_master.network import Gateway, Network
 from cosim_master.signing import Signing, read_key
 from cosim_master.sockets import KINDS, Socket, open_socket
@@ -100,8 +101,7 @@ def _ports(
     ]
     if not wired:
         names = ", ".join(e.instance for node in network.nodes for e in node.endpoints) or "none"
-        problem = f"no component called {_SERIAL} has packet ports; those that have are: {names}"
-        problems.append(Problem(where, problem))
+        problems.append(Problem(where, NO_AUTOPILOT.text(_SERIAL, names)))
     last = address.port + step * (len(wired) - 1)
     if len(wired) > 1 and step == 0 and address.port:
         problems.append(Problem(where, f"{text}: {len(wired)} vehicles need different ports, such as +10"))
@@ -119,7 +119,7 @@ def _read(option: str, text: str, problems: list[Problem]) -> tuple[Gateway, Add
     head, *options = text.split(",")
     found = _ADDRESS.fullmatch(head)
     if found is None or found["kind"] not in KINDS or int(found["port"]) > 65535:
-        text = f"{head} is no address: write KIND:[HOST:]PORT, its kind one of {', '.join(KINDS)}"
+        text = ADDRESS.text(head, ", ".join(KINDS))
         problems.append(Problem(where, text))
         return None
     numbers: dict[str, float] = {}

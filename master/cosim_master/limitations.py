@@ -3,6 +3,9 @@
 Code that refuses or ignores something takes its words from here, so that the table is what happens:
 
     python -m cosim_master.limitations > docs/limitations.md
+
+A row comes or goes with its constant here, the code that says its words, and the case in
+tests/master/test_limitations.py that provokes it; the tests there find what is missing.
 """
 
 from __future__ import annotations
@@ -18,9 +21,10 @@ class Limitation:
     """Something that is not done.
 
     Attributes:
-        standard: standard and section.
+        standard: standard and, after a comma, its section; the standard is the heading under which it is listed.
         feature: what it is about.
-        outcome: "error" (nothing is run), "note" (ignored, and said), "silent" (ignored, without effect on a run).
+        outcome: "error" (nothing is run), "failure" (the run ends there as failed), "note" (ignored, and said),
+            "silent" (ignored).
         words: what is said, with {} for names and values; empty for "silent".
     """
 
@@ -55,9 +59,15 @@ OTHER_SSD = Limitation(
 CLOCK = Limitation("SSP 2.0, 6", "clocks in signal dictionaries", "error", 'clocks of entry "{}" are not supported')
 OPEN_SIZE = Limitation(
     "SSP 2.0, 4.5.3",
-    "array connectors of systems whose size is open or that of another connector (sizeConnector)",
+    "array connectors of systems whose size is open, and not that of anything they are connected to",
     "error",
-    "only arrays with fixed sizes are supported here",
+    'the size of array connector "{}" is open, and nothing that it is connected to has one',
+)
+SIZE_CONNECTOR = Limitation(
+    "SSP 2.0, 4.5.3",
+    "sizes that are those of a connector (sizeConnector), other than a structural parameter or constant of an FMU",
+    "error",
+    'the size of array connector "{}" is that of "{}", which is no structural parameter or constant of an FMU',
 )
 DIRECTION = Limitation(
     "SSP 2.0, 5.3.2.1",
@@ -118,25 +128,264 @@ UNIT_GAP = Limitation(
 )
 GEOMETRY = Limitation("SSP 2.0, 5.2.2", "geometry, notes and icons", "silent", "")
 
+# ---- FMI, whatever version -------------------------------------------------------------------------------------------
+
+FMI_VERSION = Limitation(
+    "FMI", "FMI 1.0, and versions after 3.0", "error", 'FMI "{}" is not supported; valid: fmiVersion="2.0" and "3.0"'
+)
+NOT_COSIMULATION = Limitation(
+    "FMI",
+    "FMUs for Model Exchange or Scheduled Execution only",
+    "error",
+    "is not an FMU for Co-Simulation: it is for {} only",
+)
+NO_LIBRARY = Limitation(
+    "FMI",
+    "FMUs without a binary for this platform; sources are not compiled",
+    "error",
+    "has no library for this platform ({}); {}",
+)
+LARGE_DESCRIPTION = Limitation(
+    "FMI", "model descriptions of more than 128 MiB", "error", 'entry "{}" is larger than {} bytes'
+)
+ONLY_ONCE = Limitation(
+    "FMI",
+    "several instances of an FMU with canBeInstantiatedOnlyOncePerProcess: a run is one process",
+    "error",
+    "{} can be instantiated only once per process, but is used by {} and {}",
+)
+PYTHON_SOURCES = Limitation(
+    "FMI",
+    "Python FMUs (pythonfmu) that bring different modules of one name: they share an interpreter",
+    "error",
+    "was built from another {} than {}; both would share one; {}",
+)
+DISCARDED = Limitation(
+    "FMI",
+    "discarded steps, where one FMU cannot go back or steps of a thousandth do not help either",
+    "failure",
+    "fmi{}Discard: it could not step from {} s to {} s{}; {}",
+)
+TOLERANCE = Limitation("FMI", "tolerances, derivatives of outputs, directional derivatives", "silent", "")
+
+# ---- FMI 2.0 ---------------------------------------------------------------------------------------------------------
+
+PENDING = Limitation(
+    "FMI 2.0.5, 4.2.2",
+    "steps that go on in the background (fmi2Pending)",
+    "failure",
+    "fmi2Pending: it goes on in the background, which is not supported",
+)
+
+# ---- FMI 3.0 ---------------------------------------------------------------------------------------------------------
+
+CLOCK_END = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "connections to Clocks that tick by themselves",
+    "error",
+    "{} is a {} Clock, which ticks by itself; only triggered ones can be connected",
+)
+SILENT_CLOCK = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "triggered Clocks that nothing is connected to",
+    "note",
+    "{}.{}: nothing is connected to this Clock: it never ticks",
+)
+TIED_STEPS = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "connections of Clocks between instances of different step sizes",
+    "error",
+    "instances that are connected by Clocks must have one step size, but step {}",
+)
+MISSED_TICK = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "Clocks that tick within a step of an FMU whose steps have one size",
+    "failure",
+    "a Clock ticks at {} s, in the middle of a step, and it cannot take a shorter one",
+)
+CLOCKED_CHANGE = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "changes (--at) of what belongs to a Clock",
+    "error",
+    "it belongs to the Clock {}: it can be set only while that ticks",
+)
+STRUCTURAL_CHANGE = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "changes (--at) of structural parameters (reconfiguration)",
+    "error",
+    "it is a structural parameter, which sizes arrays: it can be set before the run only",
+)
+CLOCKED_PACKETS = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "MAVLink packets in variables that belong to a Clock",
+    "note",
+    '"{}" carries MAVLink packets but belongs to a Clock: it is not connected to the radio',
+)
+STRUCTURAL = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "structural parameters that the constant of another FMU is connected to",
+    "error",
+    "{} is a structural parameter, which is set before anything has a value; give it one",
+)
+LARGE_VARIABLE = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "arrays of more than 1048576 elements",
+    "error",
+    'variable "{}" has {} elements; at most {} are possible',
+)
+WIDE_INTEGER = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "integers that need more than 32 bits",
+    "failure",
+    "an integer does not fit: the master carries 32 bits, and the variable may have fewer",
+)
+UNSETTLED = Limitation(
+    "FMI 3.0.2, 4.2",
+    "events that need more than 100 iterations at one time",
+    "failure",
+    "{} do not settle in {} iterations at one time",
+)
+NO_MAX_SIZE = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "MAVLink packets in Binary variables without maxSize",
+    "note",
+    '"{}" carries MAVLink packets but has no maxSize: it is not connected to the radio',
+)
+INTERMEDIATE_UPDATE = Limitation("FMI 3.0.2, 4.2", "intermediate update: it is never asked for", "silent", "")
+
+# ---- MAVLink ---------------------------------------------------------------------------------------------------------
+
+SEVERAL_PORTS = Limitation(
+    "MAVLink",
+    "instances with several packet inputs, or outputs, for the radio",
+    "error",
+    "{} has several packet {}s for the radio, {}: one is valid",
+)
+SMALL_PORT = Limitation(
+    "MAVLink",
+    "packet inputs too small for the longest packet",
+    "error",
+    "{} holds {} bytes, and a MAVLink packet may have {}",
+)
+DIALECT = Limitation(
+    "MAVLink", "dialects that give ids or names of ardupilotmega to other messages", "error", 'dialect="{}": {}'
+)
+ADDRESS = Limitation(
+    "MAVLink",
+    "gateways that are no TCP server and no UDP socket (serial ports, TCP clients)",
+    "error",
+    "{} is no address: write KIND:[HOST:]PORT, its kind one of {}",
+)
+NO_AUTOPILOT = Limitation(
+    "MAVLink",
+    'ports (--ports) of other components than those called "autopilot"',
+    "error",
+    "no component called {} has packet ports; those that have are: {}",
+)
+SIGNATURE = Limitation(
+    "MAVLink", "signatures of packets from instance to instance: neither made nor checked", "silent", ""
+)
+
+# ---- multi-models of INTO-CPS ----------------------------------------------------------------------------------------
+
+ALGORITHM = Limitation(
+    "Multi-models", "algorithms with variable steps", "error", 'algorithm: its type is {}; valid: "fixed-step"'
+)
+STABILISATION = Limitation(
+    "Multi-models", "iteration within a step", "error", "{}: stabilisation within a step is not supported"
+)
+TRANSFER = Limitation(
+    "Multi-models", "models that move on to another run", "error", "{}: model transfer is not supported"
+)
+SWAP = Limitation("Multi-models", "models that are replaced during a run", "error", "{}: model swap is not supported")
+FAULTS = Limitation("Multi-models", "fault injection", "error", "{}: fault injection is not supported")
+LARGE_FILE = Limitation("Multi-models", "files of more than 64 MB", "error", "is larger than {} MB")
+OTHER_KEYS = Limitation(
+    "Multi-models",
+    "what only tells Maestro what to log or to show",
+    "note",
+    "{}: ignored, since it changes no values: {}",
+)
+
+# ---- masters ---------------------------------------------------------------------------------------------------------
+
+NANOSECONDS = Limitation(
+    "Masters", "step sizes that are no whole number of ns", "error", "{}: step size {} s is not a whole number of ns"
+)
+WHOLE_TIMES = Limitation(
+    "Masters", "start and stop times that are not", "error", "start and stop time must be whole nanoseconds"
+)
+BASE_STEP = Limitation(
+    "Masters",
+    "runs that end between two base steps",
+    "error",
+    "a run of {} s is no multiple of the base step {} s; try --until {}",
+)
+OVERRUN = Limitation(
+    "Masters",
+    "runs that end within a step of an FMU whose steps have one size",
+    "error",
+    "{} steps by {} s only (canHandleVariableCommunicationStepSize is false): a run of {} s is no multiple of it",
+)
+RECORDING_INTERVAL = Limitation(
+    "Masters",
+    "recording between communication points",
+    "error",
+    "recording interval {} s is no multiple of the base step {} s",
+)
+CHANGE = Limitation(
+    "Masters",
+    "changes (--at) within a step",
+    "error",
+    "no step of {} begins then; its steps begin every {} s from {} to {} s",
+)
+NOT_A_NUMBER = Limitation("Masters", "outputs that are NaN", "failure", "{} is not a number")
+INITIAL_LOOP = Limitation(
+    "Masters",
+    "loops at initialization that neither going round nor Newton's method solves",
+    "failure",
+    "these outputs depend on each other at initialization, and do not settle in {} rounds:",
+)
+CHECKPOINT = Limitation(
+    "Masters",
+    "checkpoints of systems with gateways, with FMUs in Event Mode, and with FMUs that cannot serialise their state",
+    "error",
+    "a run of this system has no checkpoints: {}",
+)
+EXTRAPOLATION = Limitation(
+    "Masters", "inputs that change within a step (canInterpolateInputs): they are held constant", "silent", ""
+)
+
 LIMITATIONS = tuple(value for value in tuple(globals().values()) if isinstance(value, Limitation))
 
 
+_HAPPENS = {"error": "refused", "failure": "the run fails", "note": "ignored, with a note", "silent": "ignored"}
+
+
 def table() -> str:
-    """The table of all limitations, in Markdown."""
-    outcomes = {"error": "refused", "note": "ignored, with a note", "silent": "ignored"}
+    """The tables of all limitations, one for each standard, in Markdown."""
     lines = [
         "# Limitations",
         "",
-        "What SSP has and `uav-cosim` does not do, and what it says then. Generated by",
+        "What the standards have and `uav-cosim` does not do, and what it says then. Generated by",
         "`python -m cosim_master.limitations > docs/limitations.md` from the words that the code itself uses; a test",
         "provokes every one of them.",
-        "",
-        "| standard, section | what | what happens | what is said |",
-        "|---|---|---|---|",
     ]
-    for one in LIMITATIONS:
-        words = f"`{one.words.replace('{}', '…')}`" if one.words else ""
-        lines.append(f"| {one.standard} | {one.feature} | {outcomes[one.outcome]} | {words} |")
+    for standard in dict.fromkeys(one.standard.partition(",")[0] for one in LIMITATIONS):
+        rows = [one for one in LIMITATIONS if one.standard.partition(",")[0] == standard]
+        with_sections = any(one.standard != standard for one in rows)
+        head = "| section | what " if with_sections else "| what "
+        lines += [
+            "",
+            f"## {standard}",
+            "",
+            f"{head}| what happens | what is said |",
+            "|---" * (3 + with_sections) + "|",
+        ]
+        for one in rows:
+            section = f"| {one.standard.partition(', ')[2]} " if with_sections else ""
+            words = f"`{one.words.replace('{}', '…')}`" if one.words else ""
+            lines.append(f"{section}| {one.feature} | {_HAPPENS[one.outcome]} | {words} |")
     return "\n".join(lines) + "\n"
 
 

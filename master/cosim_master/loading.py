@@ -22,6 +22,7 @@ from cosim.kernel import cache_folder
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import Library, SharedHandle
 from cosim_master.fmu import FmuDescription, extract
+from cosim_master.limitations import PYTHON_SOURCES
 
 __all__ = ["Libraries", "check_sources"]
 
@@ -73,7 +74,7 @@ def check_sources(fmus: Iterable[FmuDescription]) -> None:
                 problems.append(Problem(Where(str(fmu.path)), text))
                 break
             if other != digest:
-                text = f"was built from another {name} than {whose.path}; both would share one; {remedy}"
+                text = PYTHON_SOURCES.text(name, whose.path, remedy)
                 problems.append(Problem(Where(str(fmu.path)), text))
                 break
     if problems:

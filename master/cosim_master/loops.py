@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.errors import CosimError
+from cosim_master.limitations import INITIAL_LOOP
 
 __all__ = ["TOLERANCE", "LoopError", "settle"]
 
@@ -47,7 +48,7 @@ class LoopError(CosimError):
             for name, value in zip(names, values, strict=True)
         ]
         more = f"\n    and {len(lines) - 20} more" if len(lines) > 20 else ""
-        head = f"these outputs depend on each other at initialization, and do not settle in {rounds} rounds:"
+        head = INITIAL_LOOP.text(rounds)
         super().__init__("\n".join([head, *lines[:20]]) + more)
 
 

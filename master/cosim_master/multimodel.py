@@ -22,6 +22,7 @@ from lxml import etree
 
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.limitations import ALGORITHM, FAULTS, LARGE_FILE, OTHER_KEYS, STABILISATION, SWAP, TRANSFER
 from cosim_master.system import (
     INTEGER_RANGES,
     Annotation,
@@ -44,11 +45,11 @@ _FMU_TYPE = "application/x-fmu-sharedlibrary"
 _LARGEST = 64 << 20
 _END = re.compile(r"(\{[^{}]+\})\.([^.{}]+)\.(.+)", re.DOTALL)
 _REFUSED = {
-    "stabalizationEnabled": "stabilisation within a step",
-    "modelTransfers": "model transfer",
-    "modelSwaps": "model swap",
-    "faultInjectConfigurationPath": "fault injection",
-    "faultInjectInstances": "fault injection",
+    "stabalizationEnabled": STABILISATION,
+    "modelTransfers": TRANSFER,
+    "modelSwaps": SWAP,
+    "faultInjectConfigurationPath": FAULTS,
+    "faultInjectInstances": FAULTS,
 }
 """What would change the numbers, and is not supported."""
 _KNOWN = {"fmus", "connections", "parameters", "algorithm", "startTime", "endTime", "multimodel_path"}
@@ -86,7 +87,7 @@ class _Json:
         self.repeated: list[str] = []
         try:
             if path.stat().st_size > _LARGEST:
-                self._refuse(f"is larger than {_LARGEST >> 20} MB")
+                self._refuse(LARGE_FILE.text(_LARGEST >> 20))
             self.text = path.read_bytes().decode("utf-8-sig")
             content = json.loads(self.text, object_pairs_hook=self._object, parse_constant=self._refuse_constant)
         except OSError as error:
@@ -171,9 +172,9 @@ class _Reading:
     def configuration(self, file: _Json) -> None:
         """Algorithm and times."""
         content = file.content
-        for key, what in _REFUSED.items():
+        for key, refusal in _REFUSED.items():
             if content.get(key):
-                self._problem(file, key, f"{key}: {what} is not supported")
+                self._problem(file, key, refusal.text(key))
         if "algorithm" in content:
             self._algorithm(file, content["algorithm"])
         self._start = self._number(file, content, "startTime")
@@ -182,7 +183,7 @@ class _Reading:
     def _algorithm(self, file: _Json, algorithm: Any) -> None:
         kind = algorithm.get("type") if isinstance(algorithm, dict) else None
         if kind != "fixed-step":
-            self._problem(file, "algorithm", f'algorithm: its type is {_shown(kind)}; valid: "fixed-step"')
+            self._problem(file, "algorithm", ALGORITHM.text(_shown(kind)))
             return
         size = self._number(file, algorithm, "size")
         if size is None or size <= 0.0:
@@ -209,7 +210,7 @@ class _Reading:
         connections = self._connections(model, fmus)
         ignored = [key for key in model.content if key not in _KNOWN and key not in _REFUSED]
         if ignored:
-            self.notes.append(f"{model.path}: ignored, since it changes no values: {', '.join(map(_shown, ignored))}")
+            self.notes.append(OTHER_KEYS.text(model.path, ", ".join(map(_shown, ignored))))
         used = {name[: name.index("}") + 1] for name in (*self._ports, *self._values)}
         for key in fmus:
             if key not in used:

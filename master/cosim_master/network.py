@@ -30,6 +30,7 @@ from cosim_master.annotation import Attributes, root_annotation
 from cosim_master.check import CheckedSystem, Instance
 from cosim_master.errors import Problem, SystemDescriptionError
 from cosim_master.fmu import Variable
+from cosim_master.limitations import DIALECT, SEVERAL_PORTS, SMALL_PORT
 from cosim_master.radio import SLOT
 
 if TYPE_CHECKING:
@@ -128,11 +129,11 @@ def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tu
         for found in (rx, tx):
             if len(found) > 1:
                 names = ", ".join(v.name for v in found)
-                text = f"{instance.name} has several packet {found[0].causality}s for the radio, {names}: one is valid"
+                text = SEVERAL_PORTS.text(instance.name, found[0].causality, names)
                 problems.append(Problem(instance.where, text))
         for v in rx:
             if (v.packet_capacity or 0) < SLOT:
-                text = f"{instance.name}.{v.name} holds {v.packet_capacity} bytes, and a MAVLink packet may have {SLOT}"
+                text = SMALL_PORT.text(f"{instance.name}.{v.name}", v.packet_capacity, SLOT)
                 problems.append(Problem(instance.where, text))
         node = instance.name.rpartition(".")[0] or instance.name
         ends = Endpoint(instance.name, rx[0] if rx else None, tx[0] if tx else None)
@@ -197,7 +198,7 @@ def _dialect(reader: Attributes, folder: Path) -> tuple[Message, ...]:
         reader.problem(f'dialect="{name}": {folder / name}: {error.strerror}')
     except ValueError as error:
         for line in str(error).splitlines():
-            reader.problem(f'dialect="{name}": {line}')
+            reader.problem(DIALECT.text(name, line))
     return ()
 
 

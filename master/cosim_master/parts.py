@@ -17,7 +17,7 @@ from cosim_master.errors import Problem, Where
 from cosim_master.fmu import FmuDescription, Variable
 from cosim_master.limitations import DEEP, LARGE, OPEN_SIZE
 from cosim_master.ssp_grammar import SAME_TYPE
-from cosim_master.system import Connector, Element, Kind, SignalDictionaryReference, System
+from cosim_master.system import Connector, Dimension, Element, Kind, SignalDictionaryReference, System
 from cosim_master.transformation import listed
 from cosim_master.units import Unit, UnitError, conversion
 
@@ -63,6 +63,7 @@ class Part:
         broken: its file could not be read; nothing more is said about it.
         ports: by name; the elements of an array connector "A" are "A[1]", "A[1,2]".
         shapes: of its array connectors.
+        open: array connectors of a system whose sizes its file does not say, until what they are connected to does.
         dictionaries: the signals of the dictionaries it defines.
     """
 
@@ -75,6 +76,7 @@ class Part:
     children: dict[str, Part] = field(default_factory=dict)
     ports: dict[str, Port] = field(default_factory=dict)
     shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    open: dict[str, tuple[Connector, Port]] = field(default_factory=dict)
     dictionaries: dict[str, Part] = field(default_factory=dict)
 
     def walk(self) -> Iterator[Part]:
@@ -129,7 +131,10 @@ def assemble(
         problems, notes: appended to.
         sized: descriptions by hierarchical name that go before those by source path.
     """
-    return _Assembly(fmus, problems, notes, sized or {}).part(root, None)
+    assembly = _Assembly(fmus, problems, notes, sized or {})
+    part = assembly.part(root, None)
+    assembly.settle(part)
+    return part
 
 
 class _Assembly:
@@ -231,13 +236,10 @@ class _Assembly:
         if not connector.dimensions:
             part.ports[connector.name] = port
             return
-        sizes = []
-        for dimension in connector.dimensions:
-            if dimension.size is None:
-                reason = f'its size is that of "{dimension.connector}"' if dimension.connector else "it has no size"
-                text = f'connector "{connector.name}": {reason}; {OPEN_SIZE.text()}'
-                self.problems.append(Problem(connector.where, text))
-            sizes.append(dimension.size or 1)
+        if any(dimension.size is None for dimension in connector.dimensions):
+            part.open[connector.name] = connector, port
+            return
+        sizes = [dimension.size or 1 for dimension in connector.dimensions]
         part.shapes[connector.name] = tuple(sizes)
         for indices in indices_of(tuple(sizes)):
             name = element_name(connector.name, indices)
@@ -245,6 +247,29 @@ class _Assembly:
                 text = f'element "{name}" of an array connector is a connector of its own as well'
                 self.problems.append(Problem(connector.where, text))
             part.ports[name] = replace(port, name=name)
+
+    def settle(self, root: Part) -> None:
+        """Give array connectors of open size the size of what they are connected to, through however many systems."""
+        waiting = [(part, name) for part in root.walk() for name in part.open]
+        before = len(waiting) + 1
+        while 0 < len(waiting) < before:
+            before = len(waiting)
+            waiting = [(part, name) for part, name in waiting if not self._settled(part, name)]
+        for part, name in waiting:
+            self.problems.append(Problem(part.open[name][1].where, OPEN_SIZE.text(name)))
+            self._resize(part, name, (1,) * len(part.open[name][0].dimensions))
+
+    def _settled(self, part: Part, name: str) -> bool:
+        for shape in _shapes_around(part, name):
+            sizes = [dimension.size for dimension in part.open[name][0].dimensions]
+            if len(shape) == len(sizes) and all(size in (None, n) for size, n in zip(sizes, shape, strict=True)):
+                self._resize(part, name, shape)
+                return True
+        return False
+
+    def _resize(self, part: Part, name: str, shape: tuple[int, ...]) -> None:
+        connector, port = part.open[name]
+        self._ports(part, replace(connector, dimensions=tuple(Dimension(size) for size in shape)), port)
 
     def _system_port(self, part: Part, inner: Connector, outer: Connector | None) -> None:
         """A connector of a system; `outer` is what the component that stands for the system says about it."""
@@ -364,6 +389,24 @@ class _Assembly:
                 f"{fmu.path.name}: {listed(connector.items)} instead of {listed(variable.items)}"
             )
             self.problems.append(Problem(connector.where, text))
+
+
+def _shapes_around(part: Part, name: str) -> Iterator[tuple[int, ...]]:
+    """The shapes of the whole connectors that a connector of a system is connected to, inside and outside of it."""
+    inside = None if part.system is None else (part, None, part.system.connections)
+    above = part.parent
+    outside = None if above is None or above.system is None else (above, part.element.name, above.system.connections)
+    for holder, element, connections in filter(None, (inside, outside)):
+        for one in connections:
+            ends = (
+                (one.start_element, one.start_connector, one.start_indices),
+                (one.end_element, one.end_connector, one.end_indices),
+            )
+            for own, other in (ends, ends[::-1]):
+                if own == (element, name, ()) and not other[2]:
+                    owner = holder if other[0] is None else holder.children.get(other[0])
+                    if owner is not None and other[1] in owner.shapes:
+                        yield owner.shapes[other[1]]
 
 
 def _described(connector: Connector) -> tuple[Any, ...]:

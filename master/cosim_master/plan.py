@@ -22,6 +22,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
+from cosim_master.limitations import BASE_STEP, NANOSECONDS, OVERRUN, TIED_STEPS, WHOLE_TIMES
 from cosim_master.living import Living
 from cosim_master.network import Network
 from cosim_master.radio import (
@@ -105,7 +106,7 @@ def timing(checked: CheckedSystem, until: float | None = None, step: float | Non
     elif stop <= checked.start_time:
         problems.append(Problem(where, f"stop time {stop:g} s does not lie behind start time {checked.start_time:g} s"))
     if start_ticks is None or (stop is not None and stop_ticks is None):
-        problems.append(Problem(where, "start and stop time must be whole nanoseconds"))
+        problems.append(Problem(where, WHOLE_TIMES.text()))
     sizes: list[int] = []
     for instance in checked.instances:
         size = instance.step_size if instance.step_size is not None else step
@@ -114,7 +115,7 @@ def timing(checked: CheckedSystem, until: float | None = None, step: float | Non
             text = f"{instance.name}: no step size: neither the system nor the FMU names one; give one with --step"
             problems.append(Problem(instance.where, text))
         elif ticks is None or ticks <= 0:
-            problems.append(Problem(instance.where, f"{instance.name}: step size {size} s is not a whole number of ns"))
+            problems.append(Problem(instance.where, NANOSECONDS.text(instance.name, size)))
         else:
             sizes.append(ticks)
     if not checked.instances:
@@ -126,17 +127,12 @@ def timing(checked: CheckedSystem, until: float | None = None, step: float | Non
     total = stop_ticks - start_ticks
     if total % base:
         nearest = (total // base + 1) * base / _NANO + checked.start_time
-        text = (
-            f"a run of {total / _NANO:g} s is no multiple of the base step {base / _NANO:g} s; try --until {nearest:g}"
-        )
+        text = BASE_STEP.text(f"{total / _NANO:g}", f"{base / _NANO:g}", f"{nearest:g}")
         raise SystemDescriptionError([Problem(where, text)])
     steps = total // base
     for instance, size in zip(checked.instances, sizes, strict=True):
         if total % size and not instance.fmu.capabilities.canHandleVariableCommunicationStepSize:
-            text = (
-                f"{instance.name} steps by {size / _NANO:g} s only "
-                f"(canHandleVariableCommunicationStepSize is false): a run of {total / _NANO:g} s is no multiple of it"
-            )
+            text = OVERRUN.text(instance.name, f"{size / _NANO:g}", f"{total / _NANO:g}")
             problems.append(Problem(instance.where, text))
     problems += _unlike(checked, sizes)
     if problems:
@@ -152,8 +148,7 @@ def _unlike(checked: CheckedSystem, sizes: Sequence[int]) -> list[Problem]:
         steps = {sizes[i] for i in members}
         if len(steps) > 1:
             shown = ", ".join(f"{checked.instances[i].name} by {sizes[i] / _NANO:g} s" for i in members)
-            text = f"instances that are connected by Clocks must have one step size, but step {shown}"
-            problems.append(Problem(checked.instances[members[0]].where, text))
+            problems.append(Problem(checked.instances[members[0]].where, TIED_STEPS.text(shown)))
     return problems
 
 

@@ -214,6 +214,10 @@ class Recorder:
     def close(self, manifest: Mapping[str, Any]) -> None:
         """Finish all files. The manifest comes last: where it is, the rest is complete."""
         self.close_files()
+        self.write_manifest(manifest)
+
+    def write_manifest(self, manifest: Mapping[str, Any]) -> None:
+        """Write the manifest, in place of an earlier one."""
         text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False)
         (self.folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
 

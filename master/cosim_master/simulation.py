@@ -21,10 +21,11 @@ from cosim_master.annotation import root_annotation
 from cosim_master.changes import Change, changes
 from cosim_master.check import CheckedSystem, check
 from cosim_master.checkpoint import Identity, find
-from cosim_master.errors import CosimError, Problem, SystemDescriptionError, Where
-from cosim_master.execution import Execution, RunTerminated
+from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError, Where
+from cosim_master.execution import Execution, RunFailed, RunTerminated
 from cosim_master.fmu import Start
 from cosim_master.gateways import Gateways, gateways_of
+from cosim_master.limitations import RECORDING_INTERVAL
 from cosim_master.network import Network, network_of
 from cosim_master.plan import Timing, layout, timing
 from cosim_master.profiling import Profile, Profiler
@@ -68,7 +69,8 @@ class RunResult:
     """How a run ended.
 
     Attributes:
-        outcome: "done", "interrupted" (Ctrl-C), "terminated" (an FMU wants the simulation to end) or "failed".
+        outcome: "done", "interrupted" (Ctrl-C), "terminated" (an FMU wants the simulation to end) or "failed"; that
+            too if all was simulated and an FMU could then not be terminated.
         error: what failed, or who ended the run; None otherwise.
         simulated_s, wall_s, real_time_factor: of the stepping alone.
         packets: see `Execution.packet_counts`.
@@ -138,7 +140,7 @@ def prepare(
     if recording.interval is not None:
         every = round(recording.interval * 1e9 / clock.base)
         if every < 1 or not math.isclose(every * clock.base, recording.interval * 1e9, rel_tol=1e-9):
-            text = f"recording interval {recording.interval:g} s is no multiple of the base step {clock.base / 1e9:g} s"
+            text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{clock.base / 1e9:g}")
             raise SystemDescriptionError([Problem(checked.structure.where, text)])
     return Prepared(checked, clock, network, recording, every, changes(checked, clock, at))
 
@@ -282,7 +284,17 @@ def simulate(
                     profiler.phases["stepping"] = result.wall_s
                     result = replace(result, profile=profiler.profile())
                 execution.finish(lambda: _manifest(ready, result, start_up))
-            return result
+                # An FMU that takes the process with it when it ends leaves a complete recording, and its manifest.
+                failures = execution.end(lambda errors: _manifest(ready, _failing(result, errors), start_up))
+            return _failing(result, failures)
+
+
+def _failing(result: RunResult, failures: Sequence[FmuError]) -> RunResult:
+    """The result of a run whose recording is complete, with FMUs that could not be terminated: it has failed."""
+    if not failures:
+        return result
+    before = result.error.failures if isinstance(result.error, RunFailed) else ()
+    return replace(result, outcome="failed", error=RunFailed([*before, *failures]))
 
 
 class _Checkpoints:

@@ -33,9 +33,9 @@ from cosim_master import check as checking
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.fmu import FmuDescription, platform
 from cosim_master.ssp import read_system
-from tests.master import strict3
+from cosim_master.system import SystemStructure
 from tests.master.conftest import SUFFIX, Workshop
-from tests.master.test_conformance import CORPUS, FMUS, description
+from tests.master.test_conformance import CORPUS, FMUS, OF_FMI3, description
 
 LIMIT = 1.0
 """Seconds of processor time that one input may take."""
@@ -80,9 +80,10 @@ def make_fmus(folder: Path) -> None:
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", description(Workshop(folder), **options))
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", b"")
-    with zipfile.ZipFile(folder / "three.fmu", "w") as archive:
-        archive.writestr("modelDescription.xml", strict3.description())
-        archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", b"")
+    for name, text in OF_FMI3.items():
+        with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
+            archive.writestr("modelDescription.xml", text)
+            archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", b"")
 
 
 @lru_cache(maxsize=1)
@@ -95,7 +96,7 @@ def seeds() -> tuple[dict[str, bytes], ...]:
     return tuple(found)
 
 
-def _bytes(data: bytes, choose: random.Random) -> bytes:
+def mutated_bytes(data: bytes, choose: random.Random) -> bytes:
     changed = bytearray(data)
     for _ in range(choose.randint(1, 6)):
         at = choose.randrange(len(changed) + 1)
@@ -186,7 +187,7 @@ def write_input(folder: Path, seed: int, number: int) -> Path:
     kind = choose.random()
     if kind < 0.25:
         name = choose.choice(sorted(files))
-        files[name] = _bytes(files[name], choose)
+        files[name] = mutated_bytes(files[name], choose)
     else:
         files = _trees(files, choose)
     if kind > 0.85:
@@ -234,17 +235,23 @@ def described_once() -> Any:
         checking.describe = original  # type: ignore[assignment]
 
 
-def attempt(given: Path, number: int) -> tuple[str, float, Finding | None]:
+def attempt(
+    given: Path, number: int, read: Callable[[Path], SystemStructure] = read_system
+) -> tuple[str, float, Finding | None]:
     """Read and check one input: how it ended, processor time, and what must not have happened."""
     began = time.process_time()
     outcome, finding = "accepted", None
     try:
-        with read_system(given) as structure:
+        with read(given) as structure:
             checking.check(structure)
     except SystemDescriptionError as error:
         outcome = "refused"
-        if any(not str(problem).strip() for problem in error.problems):
+        if any(not problem.message.strip() for problem in error.problems):
             finding = Finding(number, "an empty problem")
+        try:
+            str(error).encode()
+        except UnicodeEncodeError:
+            finding = Finding(number, "a problem that cannot be printed")
     except Exception:
         outcome, finding = "crashed", Finding(number, traceback.format_exc()[-1500:])
     spent = time.process_time() - began
@@ -278,9 +285,11 @@ def fuzz(inputs: int, seed: int, keep: Path | None = None, first: int = 0) -> tu
     return counts, longest, findings
 
 
-def main() -> None:
-    """The command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def command(
+    description: str | None, fuzz: Callable[[int, int, Path | None, int], tuple[Counter[str], float, list[Finding]]]
+) -> None:
+    """The command of a module that has a `fuzz`."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", type=int, default=100_000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
@@ -296,4 +305,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, fuzz)

@@ -6,7 +6,7 @@
    1 discard of steps longer than `longest`, 2 fmi3Error, 3 fmi3Fatal, 4 terminateSimulation, 5 early return although it is
    not allowed, 6 f64 is NaN, 7 i64 is 2^40, 8 fmi3Warning, 9 lastSuccessfulTime a little before the end of the step,
    10 a state event in the middle of the step, 11 a time event every `longest` s from `when` on, 12 an event at the end of the step, with
-   two updates of discrete states, 13 updates without end, 14 terminateSimulation in Event Mode.
+   two updates of discrete states, 13 updates without end, 14 terminateSimulation in Event Mode. 20: fmi3Terminate fails.
    A call that is not allowed is written to the file that STRICT3_LOG names, and is fmi3Error. */
 
 #include <math.h>
@@ -122,7 +122,7 @@ EXPORT int fmi3Terminate(Strict *s) {
     ALLOWED("fmi3Terminate", EVENT | STEP);
     s->state = TERMINATED;
     note(s, "terminate", s->time);
-    return OK;
+    return s->mode == 20 ? ERROR : OK;
 }
 EXPORT int fmi3EnterEventMode(Strict *s) {
     ALLOWED("fmi3EnterEventMode", STEP);

@@ -8,7 +8,8 @@ A case is a folder with a case.toml: `section` and `rule` of the standard it sta
     pack     the folder is given as an .ssp;  variant, steps (default 3, of 0.5 s), end: of the run
 
 Folders named *.ssp inside of a case are packed; folders named *.fmu hold what an FMU has besides a probe (probe.c);
-three.fmu is one of FMI 3 (strict3.c). FMUs are put into resources/ of every package that has none of that name.
+three.fmu and sized.fmu are of FMI 3 (strict3.c). FMUs are put into resources/ of every package that has none of
+that name.
 """
 
 from __future__ import annotations
@@ -46,6 +47,18 @@ FMUS: dict[str, dict[str, str]] = {
     "local": {"y": "local"},
     "constant": {"m": "constant"},
 }
+
+SIZES = "".join(
+    f'<UInt64 name="{name}" valueReference="{reference}" causality="structuralParameter" variability="fixed" '
+    f'start="{n}"/>'
+    for name, reference, n in (("n", 90, 2), ("other", 91, 3))
+)
+SIZES += '<Int32 name="two" valueReference="92" causality="local" variability="constant" start="2"/>'
+OF_FMI3 = {
+    "three": strict3.description(),
+    "sized": strict3.description(extra=SIZES).replace('<Dimension start="2"/>', '<Dimension valueReference="90"/>'),
+}
+"""FMUs of FMI 3, by name; the size of all arrays of "sized" is its structural parameter n."""
 
 
 def description(
@@ -90,10 +103,11 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", description(Workshop(folder), **options))
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", library)
-    with zipfile.ZipFile(folder / "three.fmu", "w") as archive:
-        archive.writestr("modelDescription.xml", strict3.description())
-        library = compiled(Path(__file__).with_name("strict3.c"), tmp_path_factory.getbasetemp())
-        archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
+    library = compiled(Path(__file__).with_name("strict3.c"), tmp_path_factory.getbasetemp())
+    for name, text in OF_FMI3.items():
+        with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
+            archive.writestr("modelDescription.xml", text)
+            archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
     return folder
 
 

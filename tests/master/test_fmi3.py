@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -188,6 +189,26 @@ def test_an_fmu_ends_the_run(stricts3: Any) -> None:
     result = ran(stricts3, stricts3.ssd(stricts3.component("a", mode=4, when=1.0)))
     assert result.outcome == "terminated"
     assert "a: it wants the run to end at t = 1.5 s (terminateSimulation)" in str(result.error)
+
+
+def test_an_fmu_ends_the_run_while_another_discards(stricts3: Any) -> None:
+    """The end is no failure, and takes the step with it."""
+    stricts3.fmu()
+    parts = stricts3.component("a", mode=4, when=1.0) + stricts3.component("b", mode=1, when=1.0, longest=0.25)
+    result = ran(stricts3, stricts3.ssd(parts))
+    assert (result.outcome, result.simulated_s) == ("terminated", 1.0)
+    assert "a: it wants the run to end at t = 1.5 s (terminateSimulation)" in str(result.error)
+
+
+def test_terminate_that_fails_leaves_a_complete_recording(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu()
+    parts = stricts3.component("a", mode=20) + stricts3.component("b")
+    result = ran(stricts3, stricts3.ssd(parts, stop=1.0), out=tmp_path / "out")
+    assert (result.outcome, result.simulated_s) == ("failed", 1.0)
+    assert str(result.error) == "a: fmi3Terminate failed at t = 1 s: fmi3Error"
+    assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0]
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "failed"
+    assert [call for call in stricts3.calls if "terminate" in call] == ["a: terminate 1", "b: terminate 1"]
 
 
 def test_early_return_that_was_not_allowed(stricts3: Any) -> None:

@@ -20,6 +20,7 @@ from cosim_master.errors import SystemDescriptionError
 from cosim_master.multimodel import read_multimodel
 from cosim_master.simulation import simulate
 from cosim_master.ssp import read_system
+from tests.master import multimodel_fuzz
 
 A, B = "{A}.one", "{A}.two"
 
@@ -273,3 +274,9 @@ def test_multimodels_with_something_changed(place: Path, data: st.DataObject) ->
     file = place / "changed.json"
     file.write_text(text[:cut] + data.draw(st.sampled_from(["", "", "}", "]", '"', "\x00"])) + text[cut:])
     read_and_checked(file)
+
+
+def test_a_slice_of_the_fuzzing() -> None:
+    counts, _, findings = multimodel_fuzz.fuzz(400, seed=2)
+    assert [finding for finding in findings if not finding.text.startswith("took ")] == []
+    assert counts["accepted"] > 10 and counts["refused"] > 100

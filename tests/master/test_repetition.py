@@ -8,7 +8,9 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
+from cosim_master.cli import app
 from cosim_master.simulation import RunResult, simulate
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -215,10 +217,69 @@ def test_a_run_without_trouble_and_one_full_of_warnings(stricts: Any, mode: int)
 
 
 def test_terminate_that_fails_leaves_a_complete_recording(stricts: Any, tmp_path: Path) -> None:
-    from cosim_master.errors import CosimError
-
+    """The run has failed, and says so; all of it was simulated and recorded."""
     stricts.fmu()
-    with pytest.raises(CosimError, match="a: fmi2Terminate failed at t = 2 s: fmi2Error"):
-        simulate(stricts.ssd(stricts.component("a", mode=9)), out=tmp_path / "out")
-    assert stricts.complaints == []
-    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "done"
+    parts = stricts.component("a", mode=9) + stricts.component("b")
+    result = ran(stricts, stricts.ssd(parts), out=tmp_path / "out")
+    assert (result.outcome, result.simulated_s) == ("failed", 2.0)
+    assert str(result.error) == "a: fmi2Terminate failed at t = 2 s: fmi2Error"
+    assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert (manifest["outcome"], manifest["error"]) == ("failed", str(result.error))
+    assert manifest["simulated_s"] == 2.0
+    assert stricts.calls[-4:] == [
+        *("a: fmi2Terminate", "b: fmi2Terminate", "a: fmi2FreeInstance", "b: fmi2FreeInstance"),
+    ]
+
+
+def test_terminate_that_fails_after_a_failed_step(stricts: Any, tmp_path: Path) -> None:
+    """Both are reported."""
+    stricts.fmu()
+    stricts.fmu("other.fmu")
+    parts = stricts.component("a", mode=5, when=1.0) + stricts.component("b", "other.fmu", mode=9)
+    result = ran(stricts, stricts.ssd(parts), out=tmp_path / "out")
+    expected = ["a: fmi2DoStep failed at t = 1 s: fmi2Error", "b: fmi2Terminate failed at t = 1 s: fmi2Error"]
+    assert (result.outcome, str(result.error).splitlines()) == ("failed", expected)
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["error"].splitlines() == expected
+
+
+def test_terminate_that_fails_on_the_command_line(stricts: Any, tmp_path: Path) -> None:
+    stricts.fmu()
+    system = stricts.ssd(stricts.component("a", mode=9))
+    done = CliRunner().invoke(app, ["run", str(system), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 1
+    assert "error: a: fmi2Terminate failed at t = 2 s: fmi2Error" in done.output
+    assert "failed: 2 s simulated" in done.output
+
+
+# ---- steps that some discard while others fail or end ------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mode", "word"),
+    [(5, "fmi2Error"), (6, "fmi2Fatal")],
+)
+def test_a_step_in_which_another_fmu_fails_is_not_repeated(stricts: Any, tmp_path: Path, mode: int, word: str) -> None:
+    """Both are reported, the one that only discarded with how far it got; after fmi2Fatal nobody is asked for that."""
+    stricts.fmu()
+    # b is stepped before z: after fmi2Fatal it would not be stepped at all.
+    parts = stricts.component("b", mode=2, when=1.0, longest=0.25) + stricts.component("z", mode=mode, when=1.0)
+    message = failed(stricts, stricts.ssd(parts), out=tmp_path / "out")
+    reached = ", only to 1.25 s" if mode == 5 else ""
+    assert message.splitlines() == [
+        f"b: fmi2DoStep failed at t = 1 s: fmi2Discard: it could not step from 1 s to 1.5 s{reached}; "
+        "it is not repeated, since z failed in the same step",
+        f"z: fmi2DoStep failed at t = 1 s: {word}",
+    ]
+    assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0]
+    assert [step for step in stricts.steps if step.startswith("b 1")] == ["b 1 + 0.5"]
+
+
+def test_an_fmu_wants_to_end_while_another_discards(stricts: Any, tmp_path: Path) -> None:
+    """The end of the run is no failure; the other's step is not repeated for it."""
+    stricts.fmu()
+    parts = stricts.component("a", mode=3, when=1.25) + stricts.component("b", mode=1, when=1.0, longest=0.25)
+    result = ran(stricts, stricts.ssd(parts), out=tmp_path / "out")
+    assert (result.outcome, result.simulated_s) == ("terminated", 1.0)
+    assert str(result.error) == "a: it wants the run to end at t = 1.25 s (fmi2Terminated)"
