@@ -88,7 +88,7 @@ class Ours:
         lines.append(f"{clock.start} {clock.base} {stop}")
         n_in, n_out = plan.in_reference.size, plan.out_reference.size
         lines.append(f"{plan.instances.size} {n_in} {n_out} {plan.real_in.size} {plan.real_out.size}")
-        for row in plan.instances:
+        for row in plan.feeds:
             lines.append(
                 " ".join(
                     str(row[name][kind])
@@ -96,8 +96,9 @@ class Ours:
                     for name in ("first_in", "last_in", "first_out", "last_out")
                 )
             )
-        for reference, wire in zip(plan.in_reference, plan.wires, strict=True):
-            lines.append(f"{reference} {wire['source']} {wire['factor']!s} {wire['offset']!s}")
+        wires = [*plan.wires.tolist(), *[(1.0, 0.0)] * plan.int_in.size]
+        for reference, source, (factor, offset) in zip(plan.in_reference, plan.sources, wires, strict=True):
+            lines.append(f"{reference} {source} {factor!s} {offset!s}")
         lines.append(" ".join(map(str, plan.out_reference)))
         return "\n".join(lines) + "\n"
 
@@ -141,7 +142,7 @@ class FmpyCalls:
         self._outputs: list[Any] = [0.0] * plan.out_reference.size
         self._k = 0
         self._rows: list[tuple[Any, list[int], list[tuple[int, float, float]], list[tuple[Any, list[int], slice]]]] = []
-        for i, row in enumerate(plan.instances):
+        for i, row in enumerate(plan.feeds):
             slave = FMU2Slave(
                 guid=fmu.guid, unzipDirectory=str(unpacked), modelIdentifier=fmu.model_identifier, instanceName=f"n{i}"
             )
@@ -151,7 +152,7 @@ class FmpyCalls:
             slave.enterInitializationMode()
             slave.exitInitializationMode()
             inputs = slice(int(row["first_in"][0]), int(row["last_in"][0]))
-            wires = [(int(w["source"]), float(w["factor"]), float(w["offset"])) for w in plan.wires[inputs]]
+            wires = [(int(j), *wire.item()) for j, wire in zip(plan.sources[inputs], plan.wires[inputs], strict=True)]
             gets: list[tuple[Any, list[int], slice]] = []
             for kind, getter in enumerate((slave.getReal, slave.getInteger, slave.getBoolean)):
                 place = slice(int(row["first_out"][kind]), int(row["last_out"][kind]))

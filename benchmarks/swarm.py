@@ -123,7 +123,19 @@ def _timed_steps(
         _lap(stamp)
         stepping._deliver_all(p, r, k)
         spent[1] += _lap(stamp)
-        stepping._exchange(p.instances, p.wires, p.mirrors, p.mapped, p.real_out, p.int_out, p.real_in, p.int_in, k)
+        stepping._exchange(
+            p.instances,
+            p.runs,
+            p.sources,
+            p.wires,
+            p.mirrors,
+            p.mapped,
+            p.real_out,
+            p.int_out,
+            p.real_in,
+            p.int_in,
+            k,
+        )
         spent[0] += _lap(stamp)
         first = 0
         for n in range(ends.size):

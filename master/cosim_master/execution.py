@@ -586,7 +586,7 @@ class Execution:
         number, name = self._number[link.target[0]], link.target[1]
         for kind, word in enumerate(KINDS):
             if (j := self._input_places[word].get((number, name))) is not None:
-                j += int(self.plan.instances[number]["first_in"][kind])
+                j += int(self.plan.feeds[number]["first_in"][kind])
                 return float(self.plan.real_in[j]) if kind == 0 else int(self.plan.int_in[j - self.plan.real_in.size])
         return self._text_outputs[self._number[link.source[0]], link.source[1]]
 
@@ -745,7 +745,7 @@ class Execution:
 
     def _inputs(self, i: int, kind: int) -> str:
         """The first values that an instance's inputs of one kind were just given."""
-        first, last = (int(self.plan.instances[i][side][kind]) for side in ("first_in", "last_in"))
+        first, last = (int(self.plan.feeds[i][side][kind]) for side in ("first_in", "last_in"))
         p = self.plan
         values = p.real_in[first:last] if kind == 0 else p.int_in[first - p.real_in.size : last - p.real_in.size]
         fmu = self.living[i].fmu

@@ -43,6 +43,7 @@ from cosim_master.stepping import (
     ANSWERS,
     CALL,
     COPY,
+    FEED,
     FUNCTIONS,
     GET_STRING,
     INSTANCE,
@@ -363,16 +364,16 @@ def make_plan(
         i + (len(kinds[1].outputs) if n else 0) for n, ports in enumerate(kinds[1:]) for i in ports.recorded
     ]
     rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(int_recorded) + 8), 65536))
-    wires = np.zeros(sum(len(ports.source) for ports in kinds), dtype=WIRE)
     integers = sum(len(ports.outputs) for ports in kinds[1:])
     own = (reals_out + len(places.mirrors), integers + len({row[1] for row in places.mapped}))
-    wires["source"] = [
+    sources = [
         i + (len(kinds[1].outputs) if n == 2 else 0) if i >= 0 else own[min(n, 1)] - 1 - i
         for n, ports in enumerate(kinds)
         for i in ports.source
     ]
-    wires["factor"] = [x for ports in kinds for x in ports.factor]
-    wires["offset"] = [x for ports in kinds for x in ports.offset]
+    wires = np.zeros(reals_in, dtype=WIRE)
+    wires["factor"], wires["offset"] = real.factor, real.offset
+    feeds = _feeds(places, wires)
     ports, text, capacity = _packet_ports(places, network)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     values = _Values(
@@ -385,10 +386,13 @@ def make_plan(
     )
     native = _Native(len(living), kinds)
     eventful = sum(isinstance(one, Instance3) and one.event_mode for one in living)
-    instances = _instance_table(places, clock, network, living, native)
+    instances = _instance_table(clock, network, living, native)
     return Plan(
         instances=table(instances),
-        calls=table(_calls(instances, values, ports, living, kinds, native)),
+        calls=table(_calls(instances, feeds, values, ports, living, kinds, native)),
+        feeds=table(feeds),
+        runs=table(_runs(feeds, clock.periods)),
+        sources=np.array(sources, dtype=np.uint32),
         wires=table(wires),
         in_reference=values.in_reference,
         real_in=values.real_in,
@@ -448,9 +452,7 @@ class _Native:
         return address
 
 
-def _instance_table(
-    places: Layout, clock: Timing, network: Network, living: Sequence[Living], native: _Native
-) -> np.ndarray[Any, Any]:
+def _instance_table(clock: Timing, network: Network, living: Sequence[Living], native: _Native) -> np.ndarray[Any, Any]:
     table = np.zeros(len(living), dtype=INSTANCE)
     table["handle"] = [one.handle for one in living]
     table["do_step"] = [one.library.address(f"fmi{_version(one)}DoStep") for one in living]
@@ -464,6 +466,13 @@ def _instance_table(
     table["h"] = [period * clock.base / 1e9 for period in clock.periods]
     endpoint = {e.instance: i for i, e in enumerate(e for node in network.nodes for e in node.endpoints)}
     table["endpoint"] = [endpoint.get(one.name, -1) for one in living]
+    return table
+
+
+def _feeds(places: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """The FEED table, instance by instance."""
+    table = np.zeros(len(places.instances), dtype=FEED)
+    table["instance"] = np.arange(len(table))
     inputs = outputs = 0
     for kind, name in enumerate(KINDS):
         ports = places.ports[name]
@@ -473,7 +482,19 @@ def _instance_table(
         table["last_out"][:, kind] = np.add(ports.first_out[1:], outputs)
         inputs += len(ports.in_reference)
         outputs += len(ports.outputs)
+    changed = np.concatenate([[0], np.cumsum((wires["factor"] != 1.0) | (wires["offset"] != 0.0))])
+    table["plain"] = changed[table["first_in"][:, 0]] == changed[table["last_in"][:, 0]]
     return table
+
+
+def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any, Any]:
+    """Feeds of neighbouring instances with one period as one: their inputs lie behind each other."""
+    begins = np.ones(len(feeds), dtype=bool)
+    begins[1:] = (np.diff(periods) != 0) | (np.diff(feeds["plain"].astype(np.int64)) != 0)
+    runs = feeds[begins]
+    ends = np.append(np.flatnonzero(begins)[1:], len(feeds)) - 1
+    runs["last_in"], runs["last_out"] = feeds["last_in"][ends], feeds["last_out"][ends]
+    return runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -494,6 +515,7 @@ def _version(one: Living) -> int:
 
 def _calls(
     instances: np.ndarray[Any, Any],
+    feeds: np.ndarray[Any, Any],
     values: _Values,
     ports: np.ndarray[Any, Any],
     living: Sequence[Living],
@@ -523,7 +545,7 @@ def _calls(
                 rows += _packet_call(verb, one, ports, int(row["endpoint"]), native)
                 row["first_set_value"] = len(rows)
             for kind, name in enumerate(KINDS):
-                first, last = int(row[f"first_{side}"][kind]), int(row[f"last_{side}"][kind])
+                first, last = int(feeds[i][f"first_{side}"][kind]), int(feeds[i][f"last_{side}"][kind])
                 if last > first:
                     at = real_values + 8 * first if kind == 0 else int_values + 4 * (first - n_reals)
                     if _version(one) == 3:

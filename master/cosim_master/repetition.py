@@ -29,7 +29,7 @@ FINEST = 1000
 """A step is divided into at most so many. An FMU that discards even those will never do it."""
 
 _STATE_FUNCTIONS = {"2": ("fmi2GetFMUstate", "fmi2SetFMUstate"), "3": ("fmi3GetFMUState", "fmi3SetFMUState")}
-_UNCHANGED = {"real_block", "int_block", "ticks", "shared", "scratch", "calls", "wires"}
+_UNCHANGED = {"real_block", "int_block", "ticks", "shared", "scratch", "calls", "feeds", "runs", "sources", "wires"}
 """Arrays of the plan that a run does not change, or that are empty when a snapshot is made."""
 
 

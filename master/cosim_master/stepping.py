@@ -67,6 +67,7 @@ __all__ = [
     "EVENTS_DUE",
     "DONE",
     "FAILED",
+    "FEED",
     "FUNCTIONS",
     "INSTANCE",
     "NEED_LOG",
@@ -138,14 +139,21 @@ INSTANCE = np.dtype(
         ("first_set_value", "u4"),  # fmi2SetXXX of its values,
         ("first_get", "u4"),  # fmi2GetXXX of its values, fmi2GetString of its packets
         ("last_get", "u4"),
-        ("first_in", "u4", (3,)),  # by kind
-        ("last_in", "u4", (3,)),
-        ("first_out", "u4", (3,)),
-        ("last_out", "u4", (3,)),
     ],
     align=True,
 )
 """Kept small: with thousands of instances, what the loop must read costs more than what it does."""
+FEED = np.dtype(
+    [
+        ("instance", "u4"),
+        ("plain", "u4"),  # whether its real inputs are taken as they are: factor 1 and offset 0 throughout
+        ("first_in", "u4", (3,)),  # by kind
+        ("last_in", "u4", (3,)),
+        ("first_out", "u4", (3,)),
+        ("last_out", "u4", (3,)),
+    ]
+)
+"""The inputs and outputs of an instance; in `Plan.runs` of it and those behind it that have its period."""
 CALL = np.dtype(
     [
         ("function", "u8"),
@@ -158,8 +166,8 @@ CALL = np.dtype(
     ]
 )
 """A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan. Small as well."""
-WIRE = np.dtype([("source", "u8"), ("factor", "f8"), ("offset", "f8")])
-"""input = factor * output[source] + offset; integers and booleans have factor 1 and offset 0."""
+WIRE = np.dtype([("factor", "f8"), ("offset", "f8")])
+"""input = factor * output[source] + offset"""
 PORTS = np.dtype(
     [
         ("instance", "i8"),
@@ -205,7 +213,10 @@ class Plan(NamedTuple):
 
     instances: NDArray[Any]  # INSTANCE
     calls: NDArray[Any]  # CALL, instance by instance
-    wires: NDArray[Any]  # WIRE, of each input; its source counts within real_out or int_out
+    feeds: NDArray[Any]  # FEED, of each instance
+    runs: NDArray[Any]  # FEED, of as many instances as can be fed at a time
+    sources: NDArray[np.uint32]  # of each input, within real_out or int_out
+    wires: NDArray[Any]  # WIRE, of each real input
     in_reference: NDArray[np.uint32]
     real_in: NDArray[np.float64]
     int_in: NDArray[np.int32]
@@ -242,6 +253,8 @@ def _fail(instances: NDArray[Any], i: int, function: int, status: int, detail: i
 @inlined
 def _exchange(
     instances: NDArray[Any],
+    feeds: NDArray[Any],
+    sources: NDArray[np.uint32],
     wires: NDArray[Any],
     mirrors: NDArray[np.int64],
     mapped: NDArray[np.int64],
@@ -251,7 +264,7 @@ def _exchange(
     int_in: NDArray[np.int32],
     k: int,
 ) -> None:
-    """Inputs of every instance that is due from the outputs they are connected to: the whole data flow is here."""
+    """Inputs of the instances of `feeds` that are due from the outputs they are connected to: all data flows here."""
     reals = np.uintp(real_in.size)
     for j in range(mapped.shape[0]):
         value = int_out[mapped[j, 0]]
@@ -261,16 +274,20 @@ def _exchange(
             int_out[mapped[j, 1]] = mapped[j, 3]
     for j in range(mirrors.shape[0]):
         real_out[mirrors[j, 1]] = int_out[mirrors[j, 0]]
-    for i in range(instances.size):
-        m = instances[i]
-        if m.period > 1 and k % m.period != 0:
+    for i in range(feeds.size):
+        feed = feeds[i]
+        period = instances[np.uintp(feed.instance)].period
+        if period > 1 and k % period != 0:
             continue
-        for j in range(np.uintp(m.first_in[0]), np.uintp(m.last_in[0])):
-            w = wires[j]
-            real_in[j] = w.factor * real_out[w.source] + w.offset
+        if feed.plain != 0:
+            for j in range(np.uintp(feed.first_in[0]), np.uintp(feed.last_in[0])):
+                real_in[j] = real_out[sources[j]]
+        else:
+            for j in range(np.uintp(feed.first_in[0]), np.uintp(feed.last_in[0])):
+                real_in[j] = wires[j].factor * real_out[sources[j]] + wires[j].offset
         for kind in range(1, 3):
-            for j in range(np.uintp(m.first_in[kind]), np.uintp(m.last_in[kind])):
-                int_in[j - reals] = int_out[wires[j].source]
+            for j in range(np.uintp(feed.first_in[kind]), np.uintp(feed.last_in[kind])):
+                int_in[j - reals] = int_out[sources[j]]
 
 
 @inlined
@@ -289,7 +306,7 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
 
 
 @kernel
-def _blame(instances: NDArray[Any], real_out: NDArray[np.float64]) -> int:
+def _blame(instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64]) -> int:
     """Fail every instance with an output that is NaN; returns how many.
 
     The first loop is all there is to do as long as there is none, and takes several outputs at a time.
@@ -302,7 +319,7 @@ def _blame(instances: NDArray[Any], real_out: NDArray[np.float64]) -> int:
     blamed = 0
     for i in range(instances.size):
         m = instances[i]
-        for j in range(np.uintp(m.first_out[0]), np.uintp(m.last_out[0])):
+        for j in range(np.uintp(feeds[i].first_out[0]), np.uintp(feeds[i].last_out[0])):
             if real_out[j] != real_out[j] and m.failed[0] == 0:
                 _fail(instances, i, GET_REAL, NOT_A_NUMBER, int(j))
                 blamed += 1
@@ -578,7 +595,7 @@ def collect_all(p: Plan) -> None:
             _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)
         if m.failed[0] != 0:
             p.clock[FAILURES] += 1
-    p.clock[FAILURES] += _blame(p.instances, p.real_out)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
 
 
 @kernel
@@ -613,7 +630,7 @@ def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
             _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)
         if m.failed[0] != 0:
             p.clock[FAILURES] += 1
-    p.clock[FAILURES] += _blame(p.instances, p.real_out)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
 
 
 @kernel
@@ -636,7 +653,19 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 _deliver_all(p, r, k)
             clock[PHASE] = STEP
         if clock[PHASE] == STEP:
-            _exchange(p.instances, p.wires, p.mirrors, p.mapped, p.real_out, p.int_out, p.real_in, p.int_in, k)
+            _exchange(
+                p.instances,
+                p.runs,
+                p.sources,
+                p.wires,
+                p.mirrors,
+                p.mapped,
+                p.real_out,
+                p.int_out,
+                p.real_in,
+                p.int_in,
+                k,
+            )
             if clock[BLOCK] > 0:
                 _hand_out(p)
             if p.confined.size > 0:
@@ -645,7 +674,7 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 clock[FAILURES] += _join_in(p)
             elif p.free.size > 0:
                 clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, p.free)
-            clock[FAILURES] += _blame(p.instances, p.real_out)
+            clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
             if clock[FAILURES] > 0:
                 return FAILED
             clock[PHASE] = SEND
