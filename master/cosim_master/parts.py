@@ -251,21 +251,25 @@ class _Assembly:
     def settle(self, root: Part) -> None:
         """Give array connectors of open size the size of what they are connected to, through however many systems."""
         waiting = [(part, name) for part in root.walk() for name in part.open]
-        before = len(waiting) + 1
-        while 0 < len(waiting) < before:
-            before = len(waiting)
-            waiting = [(part, name) for part, name in waiting if not self._settled(part, name)]
+        joined = _joined(root) if waiting else {}
+        known = [(end, (part, name)) for part, name in waiting for end in joined.get((id(part), name), ())]
+        while known:
+            (part, name), (target, open_name) = known.pop()
+            shape = part.shapes.get(name)
+            if shape is None or open_name in target.shapes or not self._fits(target, open_name, shape):
+                continue
+            self._resize(target, open_name, shape)
+            ends = joined.get((id(target), open_name), ())
+            known += [((target, open_name), end) for end in ends if end[1] in end[0].open]
         for part, name in waiting:
-            self.problems.append(Problem(part.open[name][1].where, OPEN_SIZE.text(name)))
-            self._resize(part, name, (1,) * len(part.open[name][0].dimensions))
+            if name not in part.shapes:
+                self.problems.append(Problem(part.open[name][1].where, OPEN_SIZE.text(name)))
+                self._resize(part, name, (1,) * len(part.open[name][0].dimensions))
 
-    def _settled(self, part: Part, name: str) -> bool:
-        for shape in _shapes_around(part, name):
-            sizes = [dimension.size for dimension in part.open[name][0].dimensions]
-            if len(shape) == len(sizes) and all(size in (None, n) for size, n in zip(sizes, shape, strict=True)):
-                self._resize(part, name, shape)
-                return True
-        return False
+    @staticmethod
+    def _fits(part: Part, name: str, shape: tuple[int, ...]) -> bool:
+        sizes = [dimension.size for dimension in part.open[name][0].dimensions]
+        return len(shape) == len(sizes) and all(size in (None, n) for size, n in zip(sizes, shape, strict=True))
 
     def _resize(self, part: Part, name: str, shape: tuple[int, ...]) -> None:
         connector, port = part.open[name]
@@ -391,22 +395,19 @@ class _Assembly:
             self.problems.append(Problem(connector.where, text))
 
 
-def _shapes_around(part: Part, name: str) -> Iterator[tuple[int, ...]]:
-    """The shapes of the whole connectors that a connector of a system is connected to, inside and outside of it."""
-    inside = None if part.system is None else (part, None, part.system.connections)
-    above = part.parent
-    outside = None if above is None or above.system is None else (above, part.element.name, above.system.connections)
-    for holder, element, connections in filter(None, (inside, outside)):
-        for one in connections:
-            ends = (
-                (one.start_element, one.start_connector, one.start_indices),
-                (one.end_element, one.end_connector, one.end_indices),
-            )
-            for own, other in (ends, ends[::-1]):
-                if own == (element, name, ()) and not other[2]:
-                    owner = holder if other[0] is None else holder.children.get(other[0])
-                    if owner is not None and other[1] in owner.shapes:
-                        yield owner.shapes[other[1]]
+def _joined(root: Part) -> dict[tuple[int, str], list[tuple[Part, str]]]:
+    """For each connector, by its part's id and its name: those it is connected to as a whole."""
+    joined: dict[tuple[int, str], list[tuple[Part, str]]] = {}
+    for part in root.walk():
+        for one in () if part.system is None else part.system.connections:
+            if one.start_indices or one.end_indices:
+                continue
+            start = part if one.start_element is None else part.children.get(one.start_element)
+            end = part if one.end_element is None else part.children.get(one.end_element)
+            if start is not None and end is not None:
+                joined.setdefault((id(start), one.start_connector), []).append((end, one.end_connector))
+                joined.setdefault((id(end), one.end_connector), []).append((start, one.start_connector))
+    return joined
 
 
 def _described(connector: Connector) -> tuple[Any, ...]:

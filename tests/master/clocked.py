@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import Any
 
 from cosim_master.fmu import platform
 from tests.master.conftest import SUFFIX
@@ -24,17 +25,15 @@ KINDS = {
 NUMBER = {name: i for i, name in enumerate(KINDS)}
 
 
-def clocked(
-    stricts3: Stricts3,
-    name: str,
+def description(
     *clocks: str,
     period: float = 0.5,
     shift: float = 0.0,
     step: float = 0.5,
     flags: str = f'{ABLE} hasEventMode="true"',
     **attributes: str,
-) -> Path:
-    """An FMU with some of the Clocks.
+) -> str:
+    """modelDescription.xml of an FMU with some of the Clocks.
 
     Args:
         clocks: which.
@@ -80,16 +79,20 @@ def clocked(
     outputs = [*unknowns, 21, 23, 24, 26, 28]
     structure = "".join(f'<Output valueReference="{r}"/>' for r in sorted(outputs))
     structure += '<InitialUnknown valueReference="23" dependencies="22"/>'
-    text = (
+    return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         f'<fmiModelDescription fmiVersion="3.0" modelName="Clocked" instantiationToken="clocked">'
         f'<CoSimulation modelIdentifier="Unit" {flags}/><DefaultExperiment stepSize="{step}"/>'
         f"<ModelVariables>{''.join(made)}</ModelVariables><ModelStructure>{structure}</ModelStructure>"
         "</fmiModelDescription>"
     )
+
+
+def clocked(stricts3: Stricts3, name: str, *clocks: str, **options: Any) -> Path:
+    """An FMU with some of the Clocks; the arguments are those of `description`."""
     path = stricts3.workshop.root / name
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", text)
+        archive.writestr("modelDescription.xml", description(*clocks, **options))
         library = compiled(Path(__file__).with_name("clocked.c"), stricts3.folder)
         archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
     return path

@@ -80,7 +80,7 @@ def make_fmus(folder: Path) -> None:
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", description(Workshop(folder), **options))
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", b"")
-    for name, text in OF_FMI3.items():
+    for name, (_, text) in OF_FMI3.items():
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", text)
             archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", b"")

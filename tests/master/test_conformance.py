@@ -8,8 +8,8 @@ A case is a folder with a case.toml: `section` and `rule` of the standard it sta
     pack     the folder is given as an .ssp;  variant, steps (default 3, of 0.5 s), end: of the run
 
 Folders named *.ssp inside of a case are packed; folders named *.fmu hold what an FMU has besides a probe (probe.c);
-three.fmu and sized.fmu are of FMI 3 (strict3.c). FMUs are put into resources/ of every package that has none of
-that name.
+three.fmu and sized.fmu (strict3.c), ticking.fmu and ticked.fmu (clocked.c) are of FMI 3. FMUs are put into resources/
+of every package that has none of that name.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import pytest
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.fmu import platform
 from cosim_master.simulation import simulate
-from tests.master import strict3
+from tests.master import clocked, strict3
 from tests.master.conftest import SUFFIX, Workshop, variable
 from tests.master.probe import LEVEL, compiled, probe_library
 
@@ -55,10 +55,15 @@ SIZES = "".join(
 )
 SIZES += '<Int32 name="two" valueReference="92" causality="local" variability="constant" start="2"/>'
 OF_FMI3 = {
-    "three": strict3.description(),
-    "sized": strict3.description(extra=SIZES).replace('<Dimension start="2"/>', '<Dimension valueReference="90"/>'),
+    "three": ("strict3.c", strict3.description()),
+    "sized": (
+        "strict3.c",
+        strict3.description(extra=SIZES).replace('<Dimension start="2"/>', '<Dimension valueReference="90"/>'),
+    ),
+    "ticking": ("clocked.c", clocked.description("constant", "fire", period=0.25)),
+    "ticked": ("clocked.c", clocked.description("go")),
 }
-"""FMUs of FMI 3, by name; the size of all arrays of "sized" is its structural parameter n."""
+"""FMUs of FMI 3, by name: source and description. The size of all arrays of "sized" is its structural parameter n."""
 
 
 def description(
@@ -103,8 +108,8 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", description(Workshop(folder), **options))
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", library)
-    library = compiled(Path(__file__).with_name("strict3.c"), tmp_path_factory.getbasetemp())
-    for name, text in OF_FMI3.items():
+    for name, (source, text) in OF_FMI3.items():
+        library = compiled(Path(__file__).with_name(source), tmp_path_factory.getbasetemp())
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", text)
             archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
