@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.limitations import ARCHIVE, LARGE_DESCRIPTION
+from cosim_master.limitations import ARCHIVE, COMPRESSION, ENCRYPTED, ENTRIES, LARGE_DESCRIPTION, LINK
 
 __all__ = ["MAX_BYTES", "MAX_ENTRIES", "member_names", "pack", "read_member", "unpack"]
 
@@ -33,9 +33,9 @@ def _refuse(shown: str, message: str) -> SystemDescriptionError:
 def _entry_problem(entry: zipfile.ZipInfo) -> str | None:
     name = entry.filename
     if entry.flag_bits & 0x1:
-        return f'entry "{name}" is encrypted'
+        return ENCRYPTED.text(name)
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        return f'entry "{name}" uses compression method {entry.compress_type}; only stored and deflated are allowed'
+        return COMPRESSION.text(name, entry.compress_type)
     if "\\" in entry.orig_filename or "\0" in entry.orig_filename:
         return f'entry "{name}" has a backslash or a NUL in its name; folders are separated by "/"'
     pure = PurePosixPath(name)
@@ -43,7 +43,7 @@ def _entry_problem(entry: zipfile.ZipInfo) -> str | None:
         return f'entry "{name}" would be written outside of the folder'
     kind = stat.S_IFMT(entry.external_attr >> 16)
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-        return f'entry "{name}" is a link or a special file'
+        return LINK.text(name)
     return None
 
 
@@ -65,7 +65,7 @@ def _opened(path: Path, shown: str) -> Iterator[zipfile.ZipFile]:
             entries = archive.infolist()
             problems = [Problem(Where(shown), text) for text in map(_entry_problem, entries) if text is not None]
             if len(entries) > MAX_ENTRIES:
-                problems.append(Problem(Where(shown), f"more than {MAX_ENTRIES} entries"))
+                problems.append(Problem(Where(shown), ENTRIES.text(MAX_ENTRIES)))
             problems += [Problem(Where(shown), text) for text in _ambiguous(entries)]
             if sum(entry.file_size for entry in entries) > MAX_BYTES:
                 problems.append(Problem(Where(shown), ARCHIVE.text(MAX_BYTES)))

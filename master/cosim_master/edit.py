@@ -21,6 +21,7 @@ from cosim_master import archive
 from cosim_master.check import check
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.limitations import ENCODING
 from cosim_master.ssp import FMU_TYPE, ROOT_DOCUMENT, SSP_TYPE, read_system
 from cosim_master.system import Component, Element, System, SystemStructure
 
@@ -165,7 +166,7 @@ class _Reference:
 def _references(data: bytes, document: Path, shown: str) -> list[_Reference]:
     """Every reference of a document to another file, in order."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
-        raise _refusal(shown, "is not encoded in UTF-8; save it as UTF-8 to change it")
+        raise _refusal(shown, ENCODING.text())
     found: list[_Reference] = []
     names: list[str | None] = []
     parser = expat.ParserCreate(namespace_separator=" ")

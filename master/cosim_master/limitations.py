@@ -100,6 +100,28 @@ LONG_ARRAY = Limitation(
 ARCHIVE = Limitation(
     "SSP 2.0, 3", "archives that unpack to more than 2 GiB together", "error", "unpacks to more than {} bytes"
 )
+ENTRIES = Limitation("SSP 2.0, 3", "archives of more than 50000 entries", "error", "more than {} entries")
+ENCRYPTED = Limitation("SSP 2.0, 3", "encrypted entries of archives", "error", 'entry "{}" is encrypted')
+COMPRESSION = Limitation(
+    "SSP 2.0, 3",
+    "archives with other compressions than deflate",
+    "error",
+    'entry "{}" uses compression method {}; only stored and deflated are allowed',
+)
+LINK = Limitation("SSP 2.0, 3", "links in archives", "error", 'entry "{}" is a link or a special file')
+LARGE_DOCUMENT = Limitation("SSP 2.0, 3", "XML files of more than 256 MiB", "error", "is larger than {} bytes")
+ENCODING = Limitation(
+    "SSP 2.0, 3",
+    "changing (swap, save) files in other encodings than UTF-8; they are read",
+    "error",
+    "is not encoded in UTF-8; save it as UTF-8 to change it",
+)
+INNER_FILE = Limitation(
+    "SSP 2.0, 5.4",
+    "saving what has changed inside of a component that is an .ssd or .ssp of its own",
+    "error",
+    'what is inside of "{}" is a file of its own: change it there',
+)
 META_DATA = Limitation("SSP 2.0, 4.5.4", "meta data and signatures (they are not verified)", "note", "<{}> is ignored")
 ANNOTATION = Limitation("SSP 2.0, 4.2", "annotations of other tools", "note", 'annotation "{}" is ignored')
 NO_SOURCE = Limitation(

@@ -19,7 +19,7 @@ from lxml import etree
 from cosim_master import archive
 from cosim_master.document import parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.limitations import ABSOLUTE_URI
+from cosim_master.limitations import ABSOLUTE_URI, LARGE_DOCUMENT
 from cosim_master.system import ExtractedArchive
 
 __all__ = ["File", "Files", "Target", "is_file", "parsed", "read_reference"]
@@ -147,7 +147,7 @@ def parsed(file: File) -> etree._Element:
         return parse(data, file.shown)
     try:
         if file.path.stat().st_size > _MAX_DOCUMENT_BYTES:
-            raise SystemDescriptionError([Problem(Where(file.shown), f"is larger than {_MAX_DOCUMENT_BYTES} bytes")])
+            raise SystemDescriptionError([Problem(Where(file.shown), LARGE_DOCUMENT.text(_MAX_DOCUMENT_BYTES))])
         data = file.path.read_bytes()
     except OSError as error:
         raise SystemDescriptionError([Problem(Where(file.shown), f"cannot be read: {error.strerror}")]) from error

@@ -26,6 +26,7 @@ from cosim_master import archive
 from cosim_master.check import check
 from cosim_master.edit import documents, rebased
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.limitations import INNER_FILE
 from cosim_master.ssp import FMU_TYPE, read_system
 from cosim_master.ssp_grammar import ANNOTATIONS, ANY_TYPE, GRAMMAR, SSC, SSD, SSV, TRANSFORMATIONS, VALUE_TYPES
 from cosim_master.ssp_text import (
@@ -358,7 +359,7 @@ class _Changes:
             if isinstance(old, Component) and isinstance(new, Component):
                 if old.content != new.content and old.source == new.source:
                     where = old.where if old.content is None else old.content.where
-                    raise _refusal(where, f'what is inside of "{old.name}" is a file of its own: change it there')
+                    raise _refusal(where, INNER_FILE.text(old.name))
                 uris = (self._uri(old), self._uri(new)) if old.source != new.source else ("", "")
                 kinds = old.implementation, new.implementation
                 self._attributes(file, node, {"source": uris, "type": (old.type, new.type), "implementation": kinds})

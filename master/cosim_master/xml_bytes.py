@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+from cosim_master.limitations import ENCODING
+
 __all__ = ["Document", "Edit", "Node", "applied", "tag_text"]
 
 _NAME = re.compile(rb"<[^\s/>]+")
@@ -65,7 +67,7 @@ class Document:
 
     def __init__(self, data: bytes) -> None:
         if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
-            raise ValueError("is not encoded in UTF-8; save it as UTF-8 to change it")
+            raise ValueError(ENCODING.text())
         self.data = data
         self._open: list[Node] = []
         self._root: Node | None = None

@@ -5,22 +5,27 @@ from __future__ import annotations
 import ast
 import json
 import re
+import zipfile
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import cosim_master
-from cosim_master import archive, fmu3, limitations, multimodel
+from cosim_master import archive, fmu3, limitations, multimodel, references
 from cosim_master.check import check
+from cosim_master.edit import swap
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.gateways import gateways_of
 from cosim_master.limitations import LIMITATIONS, Limitation, table
 from cosim_master.multimodel import read_multimodel
 from cosim_master.network import network_of
+from cosim_master.saving import save
 from cosim_master.simulation import simulate
 from cosim_master.ssp import SSD_TYPE, read_system
+from cosim_master.system import Component
 from tests.master import strict3
 from tests.master.clocked import clocked
 from tests.master.probe import slave
@@ -114,6 +119,46 @@ def of_ssp(workshop: Any, variable: Any, monkeypatch: pytest.MonkeyPatch) -> Pro
         made: Path = workshop.ssp("s.ssp", {"SystemStructure.ssd": ssd(), "fill": bytes(2000)})
         return made
 
+    def packed(change: Callable[[zipfile.ZipInfo], None], method: int = zipfile.ZIP_STORED) -> Path:
+        """An archive with an entry that is changed."""
+        path: Path = workshop.root / "s.ssp"
+        entry = zipfile.ZipInfo("x")
+        entry.compress_type = method
+        change(entry)
+        with zipfile.ZipFile(path, "w") as made:
+            made.writestr("SystemStructure.ssd", ssd().read_bytes())
+            made.writestr(entry, b"x")
+        return path
+
+    def encrypted() -> Path:
+        path = packed(lambda _: None)
+        data = bytearray(path.read_bytes())
+        data[data.rindex(b"PK\x01\x02") + 8] |= 1
+        path.write_bytes(data)
+        return path
+
+    def limited(module: Any, name: str, path: Path, most: int) -> Path:
+        monkeypatch.setattr(module, name, most)
+        return path
+
+    def changed_inside() -> Said:
+        workshop.ssd("part.ssd", system(component("x", unit), name="inside"))
+        with read_system(ssd(component("part", "part.ssd", type=SSD_TYPE))) as structure:
+            (part,) = structure.system.elements
+            assert isinstance(part, Component) and part.content is not None
+            emptied = replace(part, content=replace(part.content, elements=()))
+            with pytest.raises(SystemDescriptionError) as caught:
+                save(structure, replace(structure.system, elements=(emptied,)))
+        return "error", [str(caught.value)]
+
+    def in_utf_16() -> Said:
+        path = ssd(component("a", unit))
+        path.write_bytes(path.read_text().replace("UTF-8", "UTF-16").encode("utf-16"))
+        check(read_system(path))
+        with pytest.raises(SystemDescriptionError) as caught:
+            swap(path, "a", workshop.root / unit)
+        return "error", [str(caught.value)]
+
     def signals(bindings: str = "", kind: str = "Real") -> str:
         inner = '<ssb:SignalDictionary xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
         entry = f'<ssb:DictionaryEntry name="t"><ssc:{kind}/></ssb:DictionaryEntry>'
@@ -157,6 +202,13 @@ def of_ssp(workshop: Any, variable: Any, monkeypatch: pytest.MonkeyPatch) -> Pro
         "LARGE": multiplied,
         "LONG_ARRAY": lambda: array('<ssc:Dimension size="300"/><ssc:Dimension size="300"/>'),
         "ARCHIVE": swollen,
+        "ENTRIES": lambda: limited(archive, "MAX_ENTRIES", packed(lambda _: None), 1),
+        "ENCRYPTED": encrypted,
+        "COMPRESSION": lambda: packed(lambda _: None, zipfile.ZIP_BZIP2),
+        "LINK": lambda: packed(lambda entry: setattr(entry, "external_attr", 0o120777 << 16)),
+        "LARGE_DOCUMENT": lambda: limited(references, "_MAX_DOCUMENT_BYTES", ssd(), 10),
+        "ENCODING": in_utf_16,
+        "INNER_FILE": changed_inside,
         "META_DATA": lambda: ssd(component("a", unit, after=meta)),
         "ANNOTATION": lambda: ssd(component("a", unit, after=workshop.annotation("com.example", "<x/>"))),
         "NO_SOURCE": lambda: workshop.ssd("s.ssd", system('<ssd:Component name="a"/>'), version="2.0"),
