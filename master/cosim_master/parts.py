@@ -6,7 +6,7 @@ a problem. Array connectors of systems become one port per element. Connections 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -268,8 +268,7 @@ class _Assembly:
 
     @staticmethod
     def _fits(part: Part, name: str, shape: tuple[int, ...]) -> bool:
-        sizes = [dimension.size for dimension in part.open[name][0].dimensions]
-        return len(shape) == len(sizes) and all(size in (None, n) for size, n in zip(sizes, shape, strict=True))
+        return _agree([dimension.size for dimension in part.open[name][0].dimensions], shape)
 
     def _resize(self, part: Part, name: str, shape: tuple[int, ...]) -> None:
         connector, port = part.open[name]
@@ -284,7 +283,8 @@ class _Assembly:
             if None not in (outer.type, inner.type) and outer.type != inner.type:
                 text = f'connector "{inner.name}" is {outer.type} here and {inner.type} inside, at {inner.where}'
                 self.problems.append(Problem(outer.where, text))
-            if outer.dimensions and outer.dimensions != inner.dimensions:
+            sizes = [one.size for one in outer.dimensions]
+            if outer.dimensions and not _agree(sizes, [one.size for one in inner.dimensions]):
                 text = f'connector "{inner.name}" has other dimensions here than inside, at {inner.where}'
                 self.problems.append(Problem(outer.where, text))
             self._same_unit(outer, inner.unit, f"inside, at {inner.where}")
@@ -298,6 +298,9 @@ class _Assembly:
             items=inner.items or (outer.items if outer is not None else None),
             mime_type=inner.mime_type or (outer.mime_type if outer is not None else None),
         )
+        if outer is not None and outer.dimensions:
+            said = zip(inner.dimensions, outer.dimensions, strict=False)
+            inner = replace(inner, dimensions=tuple(a if a.size is not None else Dimension(b.size) for a, b in said))
         self._ports(part, inner, port)
 
     def _fmu_port(self, part: Part, connector: Connector) -> None:
@@ -393,6 +396,11 @@ class _Assembly:
                 f"{fmu.path.name}: {listed(connector.items)} instead of {listed(variable.items)}"
             )
             self.problems.append(Problem(connector.where, text))
+
+
+def _agree(sizes: Sequence[int | None], others: Sequence[int | None]) -> bool:
+    """Whether two may be the dimensions of one array; None is a size that is not said."""
+    return len(sizes) == len(others) and all(None in (a, b) or a == b for a, b in zip(sizes, others, strict=True))
 
 
 def _joined(root: Part) -> dict[tuple[int, str], list[tuple[Part, str]]]:
