@@ -15,6 +15,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Start, Variable
 from cosim_master.limitations import CHANGE, CLOCKED_CHANGE, STRUCTURAL_CHANGE
 from cosim_master.plan import Timing
+from cosim_master.system import INTEGER_RANGES
 
 __all__ = ["Change", "changes"]
 
@@ -121,7 +122,8 @@ def _value(variable: Variable, text: str) -> Start:
     low = -math.inf if variable.minimum is None else variable.minimum
     high = math.inf if variable.maximum is None else variable.maximum
     if not real:
-        low, high = max(low, -(2**31)), min(high, 2**31 - 1)
+        smallest, largest = INTEGER_RANGES.get(variable.fmi_type, INTEGER_RANGES["Integer"])
+        low, high = max(low, smallest), min(high, largest)
     if not low <= value <= high:
         raise ValueError(f"valid: {low:g} to {high:g}")
     return value

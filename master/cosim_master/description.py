@@ -72,6 +72,11 @@ class Variable:
     clocks: tuple[str, ...] = ()
 
     @property
+    def wide(self) -> bool:
+        """Whether it is a whole number that may need more than 32 bits: it takes two places among integers."""
+        return self.type == "Integer" and self.fmi_type in ("UInt32", "Int64", "UInt64")
+
+    @property
     def settable(self) -> bool:
         """Whether a start value may be set before initialization (FMI 2.0.5, 2.2.7); of a Clock, its interval."""
         if self.clock is not None:

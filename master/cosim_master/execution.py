@@ -36,7 +36,7 @@ from cosim_master.limitations import NOT_A_NUMBER as NAN
 from cosim_master.living import Living
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.network import Network
-from cosim_master.plan import GATEWAY_BYTES, KINDS, Layout, Timing, grown, make_plan, make_radio
+from cosim_master.plan import GATEWAY_BYTES, KINDS, Layout, Timing, grown, halves_of, make_plan, make_radio
 from cosim_master.profiling import Profiler
 from cosim_master.radio import (
     DEFERRED,
@@ -380,7 +380,13 @@ class Execution:
             (*self.places.signals["Integer"], *self.places.signals["Boolean"]),
         )
         blocks = ((reals, self.plan.real_block), (integers, self.plan.int_block))
-        return {name: block[:n, i].copy() for columns, block in blocks for i, (name, _) in enumerate(columns)}
+        found = {}
+        for columns, block in blocks:
+            first = 0
+            for name, variable in columns:
+                found[name] = block[:n, first : first + 1 + variable.wide].copy()
+                first += 1 + variable.wide
+        return found
 
     def _discards(self) -> None:
         """If no instance failed otherwise than by discarding or ending: ask what that means, and raise it."""
@@ -587,7 +593,12 @@ class Execution:
         for kind, word in enumerate(KINDS):
             if (j := self._input_places[word].get((number, name))) is not None:
                 j += int(self.plan.feeds[number]["first_in"][kind])
-                return float(self.plan.real_in[j]) if kind == 0 else int(self.plan.int_in[j - self.plan.real_in.size])
+                variable = self.living[number].fmu.variables[name]
+                return (
+                    self.plan.real_in[j].item()
+                    if kind == 0
+                    else _whole(self.plan.int_in, j - self.plan.real_in.size, variable)
+                )
         return self._text_outputs[self._number[link.source[0]], link.source[1]]
 
     def _held_outputs(self, link: Link) -> Any:
@@ -596,8 +607,9 @@ class Execution:
             if (j := self.places.ports[word].index.get(link.source)) is not None:
                 if word == "Boolean":
                     j += len(self.places.ports["Integer"].outputs)
-                values = self.plan.real_out if word == "Real" else self.plan.int_out
-                return link.converted(values[j].item())
+                variable = self.living[self._number[link.source[0]]].fmu.variables[link.source[1]]
+                real = word == "Real"
+                return link.converted(self.plan.real_out[j].item() if real else _whole(self.plan.int_out, j, variable))
         return self._text_outputs[self._number[link.source[0]], link.source[1]]
 
     def _keep_clocked(self) -> None:
@@ -607,7 +619,8 @@ class Execution:
         for word in KINDS:
             ports = self.places.ports[word]
             for i, (first, last) in enumerate(pairwise(ports.first_in)):
-                self._input_places[word] |= {(i, v.name): j for j, v in enumerate(ports.inputs[first:last])}
+                for j, v in enumerate(ports.inputs[first:last]):
+                    self._input_places[word].setdefault((i, v.name), j)
             for instance, name in ports.index:
                 self._keep(instance, name)
         for _, owner, variable in self.places.string_signals:
@@ -629,7 +642,9 @@ class Execution:
             for word in KINDS:
                 if (j := self.places.ports[word].index.get(key)) is not None:
                     values = self.plan.real_out if word == "Real" else self.plan.int_out
-                    values[j + (integers if word == "Boolean" else 0)] = value
+                    j += integers if word == "Boolean" else 0
+                    halves = halves_of(value) if self.living[i].fmu.variables[name].wide else [value]
+                    values[j : j + len(halves)] = halves
             if (i, name) in self._text_outputs:
                 self._text_outputs[i, name] = value
         for i in numbers:
@@ -820,6 +835,13 @@ class Execution:
                 failures.append(error)
         self._libraries.__exit__(None, None, None)
         return failures
+
+
+def _whole(places: np.ndarray[Any, Any], j: int, variable: Variable) -> int:
+    """A whole number from its place in the plan, or its two."""
+    if not variable.wide:
+        return int(places[j])
+    return int(places[j : j + 2].copy().view(np.uint64 if variable.fmi_type == "UInt64" else np.int64)[0])
 
 
 def _threads(wanted: int | None, free: int) -> int:

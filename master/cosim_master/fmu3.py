@@ -217,7 +217,7 @@ class Reading3:
 
     def _number(self, read: Any, attribute: str, text: str) -> float | None:
         try:
-            return float(text)
+            return float(text) if FMI3_TYPES[read.type] == "Real" else int(text)
         except ValueError:
             self._problem(f'{attribute} "{text}" of "{read.name}" is not a number')
             return None

@@ -50,15 +50,27 @@ from cosim_master.stepping import (
     PORTS,
     SEND,
     SET_STRING,
+    SIGN,
     WIRE,
     Plan,
 )
-from cosim_master.typed_calls import TYPED, WIDTHS
+from cosim_master.typed_calls import TYPED, WIDE_WIDTHS, WIDTHS
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
 
-__all__ = ["GATEWAY_BYTES", "KINDS", "Layout", "Timing", "grown", "layout", "make_plan", "make_radio", "timing"]
+__all__ = [
+    "GATEWAY_BYTES",
+    "KINDS",
+    "Layout",
+    "Timing",
+    "grown",
+    "halves_of",
+    "layout",
+    "make_plan",
+    "make_radio",
+    "timing",
+]
 
 KINDS = ("Real", "Integer", "Boolean")
 _NANO = 1_000_000_000
@@ -179,7 +191,7 @@ class Layout:
     mapped: tuple[tuple[int, int, int, int], ...]
     """Rows of `Plan.mapped`."""
     signals: Mapping[str, tuple[tuple[str, Variable], ...]]
-    """Per kind the recorded columns (name, variable), sorted as the instances are."""
+    """Per kind what is recorded (name, variable), sorted as the instances are; `wide` ones have two columns."""
     constants: tuple[tuple[float, ...], tuple[int, ...]]
     """Reals and integers, behind all outputs: values of the elements of an array that nothing is connected to, while
     others are; source -1 of an input is the first of them."""
@@ -213,7 +225,7 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
             kind = set_kind(variable)
             if kind in KINDS:
                 ports[kind].index[instance.name, name] = len(ports[kind].outputs)
-                ports[kind].outputs.append((i, variable))
+                ports[kind].outputs += [(i, variable)] * (1 + variable.wide)
         for kind in KINDS:
             ports[kind].first_out.append(len(ports[kind].outputs))
     mirrors, mapped, constants = _inputs(checked, numeric, ports)
@@ -222,8 +234,9 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
         columns = []
         for key, index in ports[kind].index.items():
             if key in chosen:
-                ports[kind].recorded.append(index)
-                columns.append((f"{key[0]}.{key[1]}", ports[kind].outputs[index][1]))
+                variable = ports[kind].outputs[index][1]
+                ports[kind].recorded += [index, index + 1] if variable.wide else [index]
+                columns.append((f"{key[0]}.{key[1]}", variable))
         signals[kind] = tuple(columns)
     strings = tuple(link for link in links if kinds[link.target] in ("String", "Binary"))
     texts = tuple(
@@ -240,7 +253,12 @@ def _by_type(instance: Instance) -> list[tuple[str, Variable]]:
 
     Variables that belong to Clocks come after the others: the loop has their values, but does not set and get them.
     """
-    return sorted(instance.fmu.variables.items(), key=lambda item: (item[1].fmi_type, bool(item[1].clocks)))
+    return sorted(instance.fmu.variables.items(), key=lambda item: _call_of(item[1]))
+
+
+def _call_of(v: Variable) -> tuple[str, bool, bool]:
+    """What the variables of an instance that are set or got in one call have in common."""
+    return v.fmi_type, v.wide, bool(v.clocks)
 
 
 def _array(v: Variable) -> tuple[str, int] | None:
@@ -301,23 +319,36 @@ def _inputs(
         by_instance.setdefault(one.target[0], {})[one.target[1]] = one
     mirrors: dict[int, int] = {}
     reals, integers, booleans = (len(ports[kind].outputs) for kind in KINDS)
-    places: dict[tuple[int, tuple[tuple[int, int], ...]], int] = {}
+    places: dict[tuple[int, object], int] = {}
     mapped: list[tuple[int, int, int, int]] = []
     constants: tuple[list[float], list[int]] = ([], [])
 
-    def source_of(link: Link, kind: str) -> int:
+    def place_of(key: tuple[int, object], rows: Sequence[tuple[int, int, int]]) -> int:
+        """The place behind all outputs that `rows` (source, key, value) fill, or two; the same for the same key."""
+        if key not in places:
+            places[key] = integers + booleans + len({row[1] for row in mapped})
+            mapped.extend(
+                (source, places[key] + (value if which == COPY and source >= 0 else 0), which, value)
+                for source, which, value in rows
+            )
+        return places[key]
+
+    def sources_of(link: Link, target: Variable) -> list[int]:
+        """Where the value of an input comes from; two places for an integer of 64 bits."""
         source_kind = next(k for k in KINDS if link.source in ports[k].index)
         source = ports[source_kind].index[link.source]
+        wide = ports[source_kind].outputs[source][1].wide
+        first = integers if source_kind == "Boolean" else 0
         if link.mapping:
-            first = integers if source_kind == "Boolean" else 0
-            if (key := (first + source, link.mapping)) not in places:
-                places[key] = integers + booleans + len(places)
-                mapped.append((first + source, places[key], COPY, 0))
-                mapped.extend((first + source, places[key], *entry) for entry in link.mapping)
-            source = places[key] - first
-        if kind == "Real" and source_kind == "Integer":
-            source = mirrors.setdefault(source, reals + len(mirrors))
-        return source
+            at = first + source
+            rows = [(at, COPY, 0), (at + 1, COPY, 1)] if wide else [(at, COPY, 0)]
+            rows += [(-1 - at if wide else at, _signed(key), _signed(value)) for key, value in link.mapping]
+            source = place_of((at, link.mapping), rows) - first
+        if set_kind(target) == "Real" and source_kind == "Integer":
+            source = mirrors.setdefault(-1 - source if wide else source, reals + len(mirrors))
+        if not target.wide:
+            return [source]
+        return [source, source + 1 if wide else place_of((first + source, SIGN), [(first + source, SIGN, 0)]) - first]
 
     for instance in checked.instances:
         own = by_instance.get(instance.name, {})
@@ -325,19 +356,31 @@ def _inputs(
         for name, target in _fetched(instance, {(instance.name, name) for name in own}):
             kind = set_kind(target)
             if (link := own.get(name)) is not None:
-                source, factor, offset = source_of(link, kind), link.factor, link.offset
+                sources, factor, offset = sources_of(link, target), link.factor, link.offset
             else:
                 held = constants[0] if kind == "Real" else constants[1]
-                held.append(starts.get(name, 0))  # type: ignore[arg-type]
-                source, factor, offset = -len(held), 1.0, 0.0
-            ports[kind].in_reference.append(target.value_reference)
-            ports[kind].inputs.append(target)
-            ports[kind].source.append(source)
-            ports[kind].factor.append(factor)
-            ports[kind].offset.append(offset)
+                halves = [starts.get(name, 0)] if not target.wide else halves_of(int(starts.get(name, 0)))
+                sources, factor, offset = [-1 - len(held) - i for i in range(len(halves))], 1.0, 0.0
+                held.extend(halves)  # type: ignore[arg-type]
+            for source in sources:
+                ports[kind].in_reference.append(target.value_reference)
+                ports[kind].inputs.append(target)
+                ports[kind].source.append(source)
+                ports[kind].factor.append(factor)
+                ports[kind].offset.append(offset)
         for kind in KINDS:
             ports[kind].first_in.append(len(ports[kind].in_reference))
     return tuple(mirrors.items()), tuple(mapped), (tuple(constants[0]), tuple(constants[1]))
+
+
+def _signed(value: int) -> int:
+    """The int64 with the bits of a value."""
+    return value - 2**64 if value >= 2**63 else value
+
+
+def halves_of(value: int) -> list[int]:
+    """The two integers of the plan that a value of 64 bits is."""
+    return [int(half) for half in np.array([_signed(value)], np.int64).view(np.int32)]
 
 
 def make_plan(
@@ -588,21 +631,22 @@ def _typed(
     rows: list[tuple[int, ...]] = []
     first = 0
     while first < len(variables):
-        fmi_type, clocked = variables[first].fmi_type, bool(variables[first].clocks)
+        fmi_type, wide, clocked = key = _call_of(variables[first])
         last = first
         references: list[int] = []
-        while last < len(variables) and (variables[last].fmi_type, bool(variables[last].clocks)) == (fmi_type, clocked):
+        while last < len(variables) and _call_of(variables[last]) == key:
             if not variables[last].element:  # a scalar, or where an array begins
                 references.append(variables[last].value_reference)
-            last += 1
+            last += 1 + wide
         if clocked:
             first = last
             continue
-        n, at = last - first, plain + size * first
+        n, at = (last - first) // (1 + wide), plain + size * first
         buffer = at if fmi_type in ("Float64", "Int32") else native.take(8 * n)
         address, number = one.library.address(f"fmi3{verb}{fmi_type}"), FUNCTIONS.index(f"fmi3{verb}{fmi_type}")
         typed = native.typed(values=buffer, n_values=n, sizes=0, plain=at, sets=int(verb == "Set"))
-        rows.append((address, one.handle, native.put(references), typed, len(references), number, WIDTHS[fmi_type]))
+        width = (WIDE_WIDTHS if wide else WIDTHS)[fmi_type]
+        rows.append((address, one.handle, native.put(references), typed, len(references), number, width))
         first = last
     return rows
 

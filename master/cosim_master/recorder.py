@@ -42,6 +42,7 @@ EPOCH = 1_735_689_600_000_000
 _ROW_GROUP = 1024 * 1024
 """Rows; pyarrow divides longer tables."""
 _ARROW = {"Real": pa.float64(), "Integer": pa.int32(), "Boolean": pa.bool_(), "String": pa.string()}
+_WIDE = {"UInt32": pa.uint32(), "Int64": pa.int64(), "UInt64": pa.uint64()}
 
 
 class Recorder:
@@ -71,7 +72,8 @@ class Recorder:
             metadata = {"unit": variable.unit.name if variable.unit else "", "description": variable.description}
             if variable.items:
                 metadata["items"] = json.dumps(dict(variable.items))
-            fields.append(pa.field(name, _ARROW[kind], metadata=metadata))
+            arrow = _WIDE[variable.fmi_type] if variable.wide else _ARROW[kind]
+            fields.append(pa.field(name, arrow, metadata=metadata))
         self._schema = pa.schema(fields)
         # Floating-point time series hardly repeat, so dictionaries only cost; splitting bytes compresses them better.
         floats = [f.name for f in self._schema if pa.types.is_floating(f.type)]
@@ -135,7 +137,12 @@ class Recorder:
     @staticmethod
     def _in_order(checked: CheckedSystem, places: Layout) -> list[tuple[str, str, int, Any]]:
         """Columns in the order of instances and their variables: (name, kind, column of the block, variable)."""
-        known = {name: (kind, i, v) for kind in KINDS for i, (name, v) in enumerate(places.signals[kind])}
+        known = {}
+        for kind in KINDS:
+            column = 0
+            for name, v in places.signals[kind]:
+                known[name] = (kind, column, v)
+                column += 1 + v.wide
         known |= {name: ("String", i, v) for i, (name, _, v) in enumerate(places.string_signals)}
         columns = []
         for instance in checked.instances:
@@ -160,13 +167,17 @@ class Recorder:
             n = min(n, len(self._text_rows))  # interrupted in between, the last row has no strings yet
         if n == 0:
             return
-        integers = sum(kind == "Integer" for _, kind, _, _ in self._columns)
+        integers = sum(1 + v.wide for _, kind, _, v in self._columns if kind == "Integer")
         booleans = plan.int_block[:, integers:]
         blocks: dict[str, Any] = {"Real": plan.real_block, "Integer": plan.int_block, "Boolean": booleans}
         arrays = [pa.array(plan.ticks[:n] / 1e9)]
-        for _, kind, column, _ in self._columns:
+        for _, kind, column, variable in self._columns:
             if kind == "String":
                 arrays.append(pa.array([row[column] for row in self._text_rows[:n]], type=pa.string()))
+            elif variable.wide:
+                halves = np.ascontiguousarray(plan.int_block[:n, column : column + 2])
+                values = halves.view(np.uint64 if variable.fmi_type == "UInt64" else np.int64)[:, 0]
+                arrays.append(pa.array(values).cast(_WIDE[variable.fmi_type]))
             else:
                 values = blocks[kind][:n, column]
                 arrays.append(pa.array(values.astype(bool) if kind == "Boolean" else values))

@@ -75,6 +75,7 @@ __all__ = [
     "NOT_CALLED",
     "PORTS",
     "QUIT",
+    "SIGN",
     "SHOW",
     "WIRE",
     "Plan",
@@ -196,9 +197,10 @@ TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
 flag that ends the workers, failures. Blocks are counted through from the first step on, so that a thread that comes
 late can never take one of an earlier step, and nobody waits for a thread that has nothing to do."""
 
-COPY = 2**40
-"""A key in `Plan.mapped`, which no integer of 32 bits is: the row before the others of its mapping, that takes the
-value as it is. A row with another key replaces it where the value is the key (mapping transformations of SSP)."""
+COPY, SIGN = 2**40, 2**41
+"""Keys in `Plan.mapped`, which no integer of 32 bits is. COPY: the row before the others of its mapping, that takes the
+value as it is. A row with another key replaces it where the value is the key (mapping transformations of SSP). SIGN:
+the upper half that makes 64 bits of a value of 32. A source of -1 - i is an integer of 64 bits at i and i + 1."""
 
 
 inlined = functools.partial(kernel, inline=True)
@@ -208,7 +210,8 @@ class Plan(NamedTuple):
     """Everything the loop touches but the radio, in few arrays: numba's time to compile grows with their number.
 
     Inputs and outputs of all instances are numbered through, reals first, then integers (with enumerations), then
-    booleans. Values of reals are in `real_in` and `real_out`, of the others in `int_in` and `int_out`.
+    booleans. Values of reals are in `real_in` and `real_out`, of the others in `int_in` and `int_out`. Whole numbers
+    that may need 64 bits have two places among integers, the lower half first.
     """
 
     instances: NDArray[Any]  # INSTANCE
@@ -223,7 +226,7 @@ class Plan(NamedTuple):
     out_reference: NDArray[np.uint32]
     real_out: NDArray[np.float64]
     int_out: NDArray[np.int32]
-    mirrors: NDArray[np.int64]  # rows (int_out, real_out): integer outputs that real inputs take
+    mirrors: NDArray[np.int64]  # rows (int_out, real_out): integer outputs that real inputs take; -1 - i: a UInt32 at i
     mapped: NDArray[np.int64]  # rows (int_out, int_out, key, value): see COPY
     ports: NDArray[Any]  # PORTS, of each endpoint
     text: NDArray[np.uint8]  # (endpoints, longest text)
@@ -267,13 +270,28 @@ def _exchange(
     """Inputs of the instances of `feeds` that are due from the outputs they are connected to: all data flows here."""
     reals = np.uintp(real_in.size)
     for j in range(mapped.shape[0]):
-        value = int_out[mapped[j, 0]]
-        if mapped[j, 2] == COPY:
-            int_out[mapped[j, 1]] = value
-        elif mapped[j, 2] == value:
-            int_out[mapped[j, 1]] = mapped[j, 3]
+        source, place, key = mapped[j, 0], mapped[j, 1], mapped[j, 2]
+        if source < 0:
+            low, high = np.int64(int_out[-1 - source]) & 0xFFFFFFFF, np.int64(int_out[-source])
+            if high * 4294967296 + low == key:
+                wide = mapped[j, 3]
+                low = wide & 0xFFFFFFFF
+                int_out[place] = low - 4294967296 if low > 2147483647 else low
+                int_out[place + 1] = wide >> 32
+            continue
+        value = int_out[source]
+        if key == COPY:
+            int_out[place] = value
+        elif key == SIGN:
+            int_out[place] = -1 if value < 0 else 0
+        elif key == value:
+            int_out[place] = mapped[j, 3]
     for j in range(mirrors.shape[0]):
-        real_out[mirrors[j, 1]] = int_out[mirrors[j, 0]]
+        source = mirrors[j, 0]
+        if source < 0:
+            real_out[mirrors[j, 1]] = np.int64(int_out[-1 - source]) & 0xFFFFFFFF
+        else:
+            real_out[mirrors[j, 1]] = int_out[source]
     for i in range(feeds.size):
         feed = feeds[i]
         period = instances[np.uintp(feed.instance)].period

@@ -2,7 +2,7 @@
 
 A CALL row (see `stepping`) of an FMI 3 instance says in `width` how its values get from the plan to the FMU, and its
 `values` is the address of a TYPED record. Float64 and Int32 are the plan's own; others are converted in a buffer of
-the call. An integer that does not fit is an error.
+the call. An integer that does not fit is an error. Those of 64 bits, and UInt32, are two integers of the plan.
 """
 
 from __future__ import annotations
@@ -32,12 +32,13 @@ from cosim_master.calls import (
     store_i8,
 )
 
-__all__ = ["OUT_OF_RANGE", "TYPED", "WIDTHS", "call3"]
+__all__ = ["OUT_OF_RANGE", "TYPED", "WIDE_WIDTHS", "WIDTHS", "call3"]
 
 OUT_OF_RANGE = -5
 """In place of a status: an integer does not fit into the variable's type, or into 32 bits."""
 
 _PLAIN, _BINARY, _FLOAT32, _INT8, _UINT8, _INT16, _UINT16, _UINT32, _INT64, _UINT64, _BOOLEAN = range(1, 12)
+_WIDE, _WIDE_UINT32 = 12, 13
 WIDTHS = {
     "Float64": _PLAIN,
     "Int32": _PLAIN,
@@ -53,6 +54,8 @@ WIDTHS = {
     "Boolean": _BOOLEAN,
 }
 """`width` of a CALL row by FMI 3 type; 0 is FMI 2."""
+WIDE_WIDTHS = {"Int64": _WIDE, "UInt64": _WIDE, "UInt32": _WIDE_UINT32}
+"""The same, where values have two places in the plan."""
 TYPED = np.dtype(
     [
         ("values", "u8"),
@@ -77,6 +80,12 @@ def _to_fmu(width: int, plain: int, native: int, n: int) -> bool:
     for i in range(n):
         if width == _FLOAT32:
             store_f4(_at(native, 4, i), load_f8(_at(plain, 8, i)))
+            continue
+        if width in (_WIDE, _WIDE_UINT32):
+            size = 8 if width == _WIDE else 4
+            store_i4(_at(native, size, i), load_i4(_at(plain, 8, i)))
+            if width == _WIDE:
+                store_i4(_at(native, 4, 2 * i + 1), load_i4(_at(plain, 4, 2 * i + 1)))
             continue
         x = load_i4(_at(plain, 4, i))
         if width in (_INT8, _UINT8):
@@ -105,6 +114,11 @@ def _from_fmu(width: int, native: int, plain: int, n: int) -> bool:
     for i in range(n):
         if width == _FLOAT32:
             store_f8(_at(plain, 8, i), load_f4(_at(native, 4, i)))
+            continue
+        if width in (_WIDE, _WIDE_UINT32):
+            size = 8 if width == _WIDE else 4
+            store_i4(_at(plain, 8, i), load_i4(_at(native, size, i)))
+            store_i4(_at(plain, 4, 2 * i + 1), load_i4(_at(native, 4, 2 * i + 1)) if width == _WIDE else 0)
             continue
         if width == _INT8:
             x = load_i1(_at(native, 1, i))

@@ -4,7 +4,7 @@
    with 1 added to numbers. In Initialization Mode at once, later at the end of a step. `events` counts updates of discrete
    states. `mode` and `when` (s) say what happens in the step that begins at `when` or later:
    1 discard of steps longer than `longest`, 2 fmi3Error, 3 fmi3Fatal, 4 terminateSimulation, 5 early return although it is
-   not allowed, 6 f64 is NaN, 7 i64 is 2^40, 8 fmi3Warning, 9 lastSuccessfulTime a little before the end of the step,
+   not allowed, 6 f64 is NaN, 7 e is 2^40, 8 fmi3Warning, 9 lastSuccessfulTime a little before the end of the step,
    10 a state event in the middle of the step, 11 a time event every `longest` s from `when` on, 12 an event at the end of the step, with
    two updates of discrete states, 13 updates without end, 14 terminateSimulation in Event Mode. 20: fmi3Terminate fails.
    A call that is not allowed is written to the file that STRICT3_LOG names, and is fmi3Error. */
@@ -81,7 +81,7 @@ static void compute(Strict *s) {
     s->sizes[1] = s->sizes[0];
     s->item[1] = s->item[0];
     if (s->mode == 6 && s->time >= s->when) s->number[22][1] = NAN;
-    if (s->mode == 7 && s->time >= s->when) s->wide[29][0] = (int64_t)1 << 40;
+    if (s->mode == 7 && s->time >= s->when) s->item[1] = (int64_t)1 << 40;
 }
 
 EXPORT const char *fmi3GetVersion(void) { return "3.0"; }

@@ -116,6 +116,69 @@ def test_integers_that_do_not_fit(stricts3: Any) -> None:
     assert "a: fmi3GetInt64 failed at t = 0 s: an integer does not fit" in error
 
 
+WIDE = {"i64": (-(2**62) - 1, "int64"), "u64": (2**64 - 5, "uint64"), "u32": (2**32 - 9, "uint32")}
+
+
+@pytest.mark.parametrize("name", list(WIDE))
+def test_integers_of_64_bits_are_carried_exactly(stricts3: Any, tmp_path: Path, name: str) -> None:
+    """As start values, through connections, in results, and when they are changed during a run."""
+    stricts3.fmu()
+    value, kind = WIDE[name]
+    whole = f"{name}_in:input {name}_out:output"
+    parts = stricts3.component("a", ports=whole) + stricts3.component("b", ports=whole)
+    parts += stricts3.component("c")
+    system = stricts3.ssd(parts, f"a/{name}_out b/{name}_in", stop=2.0)
+    starts = {f"a.{name}_in[1]": str(value), f"a.{name}_in[2]": "7", f"c.{name}_in[1]": str(value - 1)}
+    ran(stricts3, system, out=tmp_path / "out", overrides=starts, at=[(1.0, f"a.{name}_in[2]", str(value + 1))])
+    got = signals(tmp_path / "out")
+    assert str(pq.read_schema(tmp_path / "out" / "signals.parquet").field(f"b.{name}_out[1]").type) == kind
+    assert got[f"a.{name}_out[1]"] == [value + 1] * 5
+    assert got[f"b.{name}_out[1]"] == [value + 2] * 5
+    assert got[f"a.{name}_out[2]"] == [8, 8, 8, value + 2, value + 2]
+    assert got[f"b.{name}_out[2]"] == [9, 9, 9, 9, value + 3]
+    assert got[f"c.{name}_out[1]"] == [value] * 5
+
+
+def test_an_element_of_64_bits_that_is_not_connected_keeps_its_value(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu()
+    ports = "i64_in[1]:input i64_in[2]:input i64_out[1]:output"
+    parts = stricts3.component("a", ports=ports) + stricts3.component("b", ports=ports)
+    starts = {"a.i64_in[1]": str(2**40), "b.i64_in[2]": str(-(2**50))}
+    ran(stricts3, stricts3.ssd(parts, "a/i64_out[1] b/i64_in[1]", stop=1.0), out=tmp_path / "out", overrides=starts)
+    got = signals(tmp_path / "out")
+    assert [got[f"b.i64_out[{i}]"][-1] for i in (1, 2)] == [2**40 + 2, 1 - 2**50]
+
+
+def test_integers_are_widened(stricts3: Any, tmp_path: Path) -> None:
+    """With their sign into 64 bits; UInt32 goes into a Real, whole."""
+    stricts3.fmu()
+    ports = "i32_out[1]:output u32_out[1]:output i64_in[1]:input u64_in[1]:input f64_in[1]:input u8_out[1]:output"
+    parts = stricts3.component("a", ports=ports) + stricts3.component("b", ports=ports)
+    wires = ("a/i32_out[1] b/i64_in[1]", "a/u32_out[1] b/f64_in[1]", "a/u8_out[1] b/u64_in[1]")
+    starts = {"a.i32_in[1]": "-41", "a.u32_in[1]": str(2**32 - 2), "a.u8_in[1]": "254"}
+    ran(stricts3, stricts3.ssd(parts, *wires, stop=1.0), out=tmp_path / "out", overrides=starts)
+    got = signals(tmp_path / "out")
+    assert got["b.i64_out[1]"] == [-39] * 3
+    assert got["b.f64_out[1]"] == [2.0**32] * 3
+    assert got["b.u64_out[1]"] == [256] * 3
+
+
+def test_integers_of_64_bits_are_mapped(stricts3: Any, tmp_path: Path) -> None:
+    stricts3.fmu()
+    parts = "".join(stricts3.component(n, ports="i64_in[1]:input i64_out[1]:output") for n in "abc")
+    key, to = 1001, -5
+    table = f'<ssc:MapEntry source="{key}" target="{to}"/>'
+    inner = f"<ssc:IntegerMappingTransformation>{table}</ssc:IntegerMappingTransformation>"
+    workshop = stricts3.workshop
+    wires = "".join(workshop.connection("a/i64_out[1]", f"{n}/i64_in[1]", inner) for n in "bc")
+    experiment = '<ssd:DefaultExperiment startTime="0" stopTime="1"/>'
+    system = workshop.ssd("m.ssd", workshop.system(parts, wires), experiment)
+    for start, expected in ((key - 1, to + 1), (1, 3), (2**40 + key - 1, 2**40 + key + 1)):
+        ran(stricts3, system, out=tmp_path / "out", overrides={"a.i64_in[1]": str(start)})
+        got = signals(tmp_path / "out")
+        assert got["b.i64_out[1]"] == got["c.i64_out[1]"] == [expected] * 3
+
+
 def test_an_integer_that_does_not_fit_into_an_instance(stricts3: Any) -> None:
     with Libraries() as libraries:
         fmu = describe(stricts3.fmu())
