@@ -14,7 +14,7 @@ from typing import Any
 from lxml import etree
 
 from cosim_master.description import Clock, Start, Variable
-from cosim_master.limitations import CLOCKED_PACKETS, LARGE_VARIABLE, NO_MAX_SIZE
+from cosim_master.limitations import CLOCKED_PACKETS, INTERMEDIATE_UPDATE, LARGE_VARIABLE, NO_MAX_SIZE
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
 __all__ = ["FMI3_TYPES", "PACKET_MIME_TYPE", "Reading3", "dependencies3", "element_names"]
@@ -80,6 +80,10 @@ class Reading3:
                 problem(f'variable "{read.name}" is of type {read.type}; valid: {", ".join(FMI3_TYPES)}')
             else:
                 self._add(read, structural)
+        asking = [v.name for v in model.modelVariables if v.name and v.causality == "input" and self._intermediate(v)]
+        if asking and getattr(model.coSimulation, "providesIntermediateUpdate", False):
+            more = f" and {len(asking) - 3} more" if len(asking) > 3 else ""
+            self.notes.append(INTERMEDIATE_UPDATE.text(", ".join(f'"{name}"' for name in asking[:3]) + more))
 
     def _add(self, read: Any, structural: Mapping[int, tuple[str, int | None]]) -> None:
         shape, resized = [], False
@@ -150,6 +154,9 @@ class Reading3:
             clock=Clock(kind, interval, shift or Fraction(0), fraction),
             clocks=_clocks(read),
         )
+
+    def _intermediate(self, read: Any) -> bool:
+        return self._attributes(read).get("intermediateUpdate") in ("true", "1")
 
     def _attributes(self, read: Any) -> Mapping[str, str]:
         """Attributes of a variable's element, and of its declared type, which they go before."""

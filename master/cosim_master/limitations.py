@@ -257,9 +257,9 @@ LARGE_VARIABLE = Limitation(
 )
 WIDE_INTEGER = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "integers that need more than 32 bits",
+    "values of enumerations that need more than 32 bits",
     "failure",
-    "an integer does not fit: the master carries 32 bits, and the variable may have fewer",
+    "an integer does not fit: the master carries 32 bits of an enumeration, and the variable may have fewer",
 )
 UNSETTLED = Limitation(
     "FMI 3.0.2, 4.2",
@@ -273,7 +273,12 @@ NO_MAX_SIZE = Limitation(
     "note",
     '"{}" carries MAVLink packets but has no maxSize: it is not connected to the radio',
 )
-INTERMEDIATE_UPDATE = Limitation("FMI 3.0.2, 4.2", "intermediate update: it is never asked for", "silent", "")
+INTERMEDIATE_UPDATE = Limitation(
+    "FMI 3.0.2, 4.2",
+    "intermediate update: new values of inputs in the middle of a step",
+    "note",
+    "its inputs {} could get new values in the middle of a step (intermediateUpdate); they keep theirs over each step",
+)
 
 # ---- MAVLink ---------------------------------------------------------------------------------------------------------
 

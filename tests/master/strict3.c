@@ -6,7 +6,8 @@
    1 discard of steps longer than `longest`, 2 fmi3Error, 3 fmi3Fatal, 4 terminateSimulation, 5 early return although it is
    not allowed, 6 f64 is NaN, 7 e is 2^40, 8 fmi3Warning, 9 lastSuccessfulTime a little before the end of the step,
    10 a state event in the middle of the step, 11 a time event every `longest` s from `when` on, 12 an event at the end of the step, with
-   two updates of discrete states, 13 updates without end, 14 terminateSimulation in Event Mode. 20: fmi3Terminate fails.
+   two updates of discrete states, 13 updates without end, 14 terminateSimulation in Event Mode, 15 an event at the beginning
+   of the step: early return at once. 20: fmi3Terminate fails.
    A call that is not allowed is written to the file that STRICT3_LOG names, and is fmi3Error. */
 
 #include <math.h>
@@ -35,7 +36,7 @@ typedef struct {
     double time, stop, next, number[40][2];
     int64_t wide[40][2];
     int mode, events;
-    double when, longest;
+    double when, longest, returned;
     char text[2][64];
     unsigned char bytes[2][64];
     size_t sizes[2];
@@ -89,13 +90,15 @@ EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible, bool logging,
                                          bool event_mode, bool early, const uint32_t needed[], size_t n_needed, void *environment,
                                          Logger logger, void *update) {
-    (void)visible, (void)logging, (void)needed, (void)update;
+    (void)visible, (void)logging, (void)needed;
     Strict *s = calloc(1, sizeof *s);
     snprintf(s->name, sizeof s->name, "%s", name);
     s->environment = environment, s->logger = logger, s->event_mode = event_mode, s->early = early;
     s->state = INSTANTIATED;
-    s->longest = 1, s->next = INFINITY, s->item[0] = 1;
-    if (strcmp(token, "strict3") || n_needed || (resources && resources[strlen(resources) - 1] != '/')) {
+    if (!update && n_needed) complain(s, "instantiated with %d intermediate variables and no callback", (int)n_needed);
+    if (update) complain(s, "instantiated with a callback that nobody asked for");
+    s->longest = 1, s->next = INFINITY, s->returned = -1, s->item[0] = 1;
+    if (strcmp(token, "strict3") || (resources && resources[strlen(resources) - 1] != '/')) {
         complain(s, "instantiated with token %s, resources %s, %d required variables", token, resources ? resources : "NULL", (int)n_needed);
         free(s);
         return NULL;
@@ -172,8 +175,12 @@ EXPORT int fmi3DoStep(Strict *s, double t, double h, bool no_set_prior, bool *ev
         end = shown = t + h / 2;
         *early = true;
     }
+    if (mode == 15 && s->early && s->returned < t) {
+        end = shown = s->returned = t;
+        *early = true;
+    }
     if (mode == 9) shown = end - 1e-3 * h;
-    *event = s->event_mode && (mode == 10 || mode == 12 || mode == 13 || mode == 14 || (s->mode == 11 && end > s->next - 1e-9));
+    *event = s->event_mode && ((mode == 15 && end <= t) || mode == 10 || mode == 12 || mode == 13 || mode == 14 || (s->mode == 11 && end > s->next - 1e-9));
     *terminate = mode == 4;
     s->time = end;
     *last = shown;

@@ -46,13 +46,21 @@ def test_without_events_there_is_one_event_mode_at_the_start(stricts3: Any, tmp_
 
 
 def test_an_event_between_communication_points(stricts3: Any, tmp_path: Path) -> None:
-    """The FMU returns early, in the middle of the step from 0.5 s on, and does the rest after its event."""
+    """Pitfall 29: the FMU returns early, in the middle of the step from 0.5 s on, and does the rest after its event."""
     stricts3.fmu(flags=EVENTS)
     ran(stricts3, stricts3.ssd(stricts3.component("a", mode=10, when=0.5), stop=1.5), out=tmp_path / "out")
     assert events(stricts3.calls) == [
         *("a: step 0.5", "a: step 0.5", "a: event 0.75", "a: step 0.25", "a: event 1", "a: step 0.5", "a: event 1.5")
     ]
     assert signals(tmp_path / "out")["a.events"] == [1, 1, 3, 4]
+
+
+def test_a_step_of_no_length(stricts3: Any, tmp_path: Path) -> None:
+    """Pitfall 29: lastSuccessfulTime may be where the step began; after the event, all of it is still to be done."""
+    stricts3.fmu(flags=EVENTS)
+    ran(stricts3, stricts3.ssd(stricts3.component("a", mode=15, when=0.5), stop=1.0), out=tmp_path / "out")
+    assert events(stricts3.calls) == ["a: step 0.5", "a: step 0.5", "a: event 0.5", "a: step 0.5"]
+    assert signals(tmp_path / "out")["a.events"] == [1, 1, 2]
 
 
 def test_an_fmu_that_cannot_step_shorter_does_not_return_early(stricts3: Any, tmp_path: Path) -> None:
@@ -126,7 +134,7 @@ def test_a_slow_instance_with_events(stricts3: Any, tmp_path: Path) -> None:
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
 @given(
-    modes=st.lists(st.sampled_from([0, 1, 2, 4, 8, 9, 10, 11, 12, 13, 14]), min_size=2, max_size=3),
+    modes=st.lists(st.sampled_from([0, 1, 2, 4, 8, 9, 10, 11, 12, 13, 14, 15]), min_size=2, max_size=3),
     when=st.lists(st.sampled_from([0.0, 0.3, 0.5, 0.75, 1.1]), min_size=3, max_size=3),
     longest=st.sampled_from([0.1, 0.25, 0.5]),
     flags=st.lists(st.sampled_from([EVENTS, ABLE, 'hasEventMode="true"', ""]), min_size=3, max_size=3),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import describe
 from cosim_master.loading import Libraries
 from cosim_master.simulation import RunResult, simulate
-from tests.master.strict3 import SHORT, description
+from tests.master.strict3 import ABLE, SHORT, description
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 ARRAYS = tuple(SHORT.values())
@@ -198,6 +199,26 @@ def test_connections_to_narrower_types_are_refused(stricts3: Any, tmp_path: Path
     assert signals(tmp_path / "out")["b.i32_out[1]"][-1] == 7
 
 
+def test_no_intermediate_variables_without_a_callback(stricts3: Any) -> None:
+    """Pitfall 34: intermediateUpdate is NULL, so there must be no required intermediate variables, even where an FMU
+    could take some; the user is told that its inputs keep their values over each step.
+    """
+    path = stricts3.fmu(flags=f'{ABLE} providesIntermediateUpdate="true" canReturnEarlyAfterIntermediateUpdate="true"')
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    text = members["modelDescription.xml"].decode()
+    text = text.replace('causality="input"', 'causality="input" intermediateUpdate="true"')
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in (members | {"modelDescription.xml": text.encode()}).items():
+            archive.writestr(name, content)
+    (note,) = describe(path).notes
+    assert note == (
+        'its inputs "f32_in", "f64_in", "i8_in" and 11 more could get new values in the middle of a step '
+        "(intermediateUpdate); they keep theirs over each step"
+    )
+    assert ran(stricts3, stricts3.ssd(stricts3.component("a"), stop=1.0)).outcome == "done"
+
+
 def test_resource_paths(stricts3: Any) -> None:
     """With a separator at the end (the strict FMU looks), or NULL where there are none."""
     stricts3.fmu()
@@ -226,7 +247,9 @@ def test_a_profile_counts_the_steps(stricts3: Any, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("mode", "word"), [(2, "fmi3Error"), (3, "fmi3Fatal")])
 def test_errors(stricts3: Any, mode: int, word: str) -> None:
-    """Afterwards only what is allowed is called (the strict FMU looks), and its log is in the message."""
+    """Pitfall 30: after fmi3Error the FMU is terminated and may only be freed, after fmi3Fatal not even that. Only what
+    is allowed is called (the strict FMU looks), and its log is in the message.
+    """
     stricts3.fmu()
     error = failed(stricts3, stricts3.component("a", mode=mode, when=1.0) + stricts3.component("b"))
     assert "a: fmi3DoStep" in error and word in error and "it is over" in error
@@ -234,6 +257,7 @@ def test_errors(stricts3: Any, mode: int, word: str) -> None:
 
 
 def test_a_discarded_step_is_repeated_shorter(stricts3: Any, tmp_path: Path) -> None:
+    """Pitfall 30: fmi3Discard has changed nothing, other than fmi2Discard, and how far it got is not asked for."""
     stricts3.fmu()
     parts = stricts3.component("a", mode=1, when=0.5, longest=0.25)
     result = ran(stricts3, stricts3.ssd(parts, stop=1.0), out=tmp_path / "out")
@@ -288,6 +312,7 @@ def test_outputs_that_are_no_numbers(stricts3: Any) -> None:
 
 @pytest.mark.parametrize("mode", [8, 9])
 def test_warnings_and_times_a_little_short_are_no_failures(stricts3: Any, mode: int) -> None:
+    """Pitfall 29: lastSuccessfulTime may differ from t + h without early return."""
     stricts3.fmu()
     assert ran(stricts3, stricts3.ssd(stricts3.component("a", mode=mode, when=0.5))).outcome == "done"
 

@@ -332,6 +332,7 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
     sized = '<UInt64 name="n" valueReference="90" causality="structuralParameter" variability="tunable" start="2"/>'
     binary = 'causality="input" mimeType="application/x-mavlink"'
     packets = f'<Binary name="rx" valueReference="91" {binary}/>'
+    asking = '<Float64 name="v" valueReference="92" causality="input" start="0" intermediateUpdate="true"/>'
     clock = '<Clock name="tick" valueReference="90" causality="input" intervalVariability="triggered"/>'
     clocked_packets = f'{clock}<Binary name="rx" valueReference="91" {binary} maxSize="2048" clocks="90"/>'
     return {
@@ -347,7 +348,7 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
         "WIDE_INTEGER": lambda: ran(alone(mode=7, when=0.5)),
         "UNSETTLED": lambda: ran(alone(flags=f'hasEventMode="true" {ABLE}', mode=13, when=0.5)),
         "NO_MAX_SIZE": lambda: alone(packets),
-        "INTERMEDIATE_UPDATE": lambda: unnoticed(ran(alone(flags=f'providesIntermediateUpdate="true" {ABLE}'))),
+        "INTERMEDIATE_UPDATE": lambda: alone(asking, flags=f'providesIntermediateUpdate="true" {ABLE}'),
     }
 
 
