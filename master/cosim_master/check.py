@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +18,7 @@ from lxml import etree
 
 from cosim_master.binding import Assignment, Bindings, Unmatched
 from cosim_master.document import line_of, near
-from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.errors import FmuError, Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import Stage, exchange_order
 from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, STRUCTURAL, UNIT_GAP
@@ -81,7 +82,8 @@ class Link:
     Unit conversions and linear transformations of all connections on the way are in factor and offset, which are
     1 and 0 for everything but Reals. Mapping transformations are in `mapping`: (source value, target value) of
     Integers, Enumerations or Booleans, sorted; other values stay as they are.
-    `initial_only` links end at a parameter: exchanged while initializing only.
+    `initial_only` links end at a parameter: exchanged while initializing only. `recoded` links carry packets between an
+    FMU of FMI 2 and one of FMI 3: "to bytes" or "to text" (base64); bytes are hexadecimal text in Python.
     """
 
     source: tuple[str, str]
@@ -91,9 +93,22 @@ class Link:
     initial_only: bool
     where: Where
     mapping: tuple[tuple[int, int], ...] = ()
+    recoded: str = ""
 
     def converted(self, value: Any) -> Any:
-        """The target's value for a value of the source."""
+        """The target's value for a value of the source.
+
+        Raises:
+            FmuError: packets of FMI 2 that are not base64 text.
+        """
+        if self.recoded:
+            if self.recoded == "to text":
+                return b64encode(bytes.fromhex(value)).decode()
+            try:
+                return b64decode(value, validate=True).hex()
+            except ValueError:
+                text = f"its packet output {self.source[1]} is not base64 text"
+                raise FmuError(self.source[0], "fmi2GetString", text) from None
         for key, mapped in self.mapping:
             if value == key:
                 value = mapped
@@ -354,7 +369,10 @@ class _Check:
                 initial_only = port.variable.causality in ("parameter", "structuralParameter")
                 mapping = tuple(sorted((key, value) for key, value in route.mapping.items() if key != value))
                 ends = (source, (part.name, port.name))
-                links.append(Link(*ends, route.factor, route.offset, initial_only, connection.where, mapping))
+                recoded = ""
+                if {route.source.type, port.type} == {"String", "Binary"}:
+                    recoded = "to bytes" if port.type == "Binary" else "to text"
+                links.append(Link(*ends, route.factor, route.offset, initial_only, connection.where, mapping, recoded))
         return tuple(sorted(links, key=lambda link: (natural(link.target[0]), natural(link.target[1]))))
 
     def _aliases(self, root: Part, wiring: Wiring) -> tuple[Alias, ...]:

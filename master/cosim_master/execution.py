@@ -94,7 +94,7 @@ __all__ = ["Execution", "RunFailed", "RunTerminated"]
 _OF_FMI3 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2GetString": "fmi3GetBinary"}
 """What the loop's own numbers of functions mean for an FMI 3 instance."""
 
-_TextLink: TypeAlias = tuple[tuple[int, str], int, Variable]
+_TextLink: TypeAlias = tuple[tuple[int, str], int, Variable, Link]
 """From which output (instance, name) a String goes to which instance's input."""
 
 _DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
@@ -599,7 +599,7 @@ class Execution:
                     if kind == 0
                     else _whole(self.plan.int_in, j - self.plan.real_in.size, variable)
                 )
-        return self._text_outputs[self._number[link.source[0]], link.source[1]]
+        return link.converted(self._text_outputs[self._number[link.source[0]], link.source[1]])
 
     def _held_outputs(self, link: Link) -> Any:
         """What an output had when the last step of its instance ended."""
@@ -610,7 +610,7 @@ class Execution:
                 variable = self.living[self._number[link.source[0]]].fmu.variables[link.source[1]]
                 real = word == "Real"
                 return link.converted(self.plan.real_out[j].item() if real else _whole(self.plan.int_out, j, variable))
-        return self._text_outputs[self._number[link.source[0]], link.source[1]]
+        return link.converted(self._text_outputs[self._number[link.source[0]], link.source[1]])
 
     def _keep_clocked(self) -> None:
         """Let `events` keep all outputs that belong to Clocks and have a place in the plan, or are recorded Strings."""
@@ -684,7 +684,7 @@ class Execution:
             source, target = (number[link.source[0]], link.source[1]), number[link.target[0]]
             variable = self.living[target].fmu.variables[link.target[1]]
             if not variable.clocks:
-                links.append((source, target, variable))
+                links.append((source, target, variable, link))
             outputs[source] = ""
         for _, instance, variable in self.places.string_signals:
             outputs[number[instance.name], variable.name] = ""
@@ -693,10 +693,10 @@ class Execution:
     def _set_strings(self) -> None:
         """Inputs of the instances that are due, from the outputs that `_get_strings` got."""
         k, periods = self.plan.clock[K], self.plan.instances["period"]
-        for source, target, variable in self._text_links:
+        for source, target, variable, link in self._text_links:
             if k >= 0 and k % periods[target] == 0:
                 with self._failing(target) as living:
-                    living.set([variable], [self._text_outputs[source]])
+                    living.set([variable], [link.converted(self._text_outputs[source])])
 
     def _get_strings(self, *, recorded: bool) -> None:
         """Outputs of the instances whose step has just ended: what the others would answer now is of the future."""

@@ -74,6 +74,16 @@ class Route:
     mime_type: str | None = None
 
 
+def _packets(route: Route, target: Port) -> bool:
+    """Whether a route carries packets from an FMU of one version of FMI on to one of the other.
+
+    They are base64 text in a String of FMI 2, bytes in a Binary of FMI 3.
+    """
+    ends = [port.variable for port in (route.source, target) if port is not None]
+    both = {route.type, target.type} == {"String", "Binary"}
+    return both and route.source is not None and all(v is None or v.packet_capacity is not None for v in ends)
+
+
 class Wiring:
     """The connections of a system as they flow: per port what drives it, and what it drives.
 
@@ -234,7 +244,7 @@ class Wiring:
 
     def hop(self, route: Route, connection: Connection, target: Port) -> Route:
         """A route extended by one connection: unit conversion first, then the transformation (SSP 2.0, 4.5.2)."""
-        if not compatible(route.type, target.type):
+        if not compatible(route.type, target.type) and not _packets(route, target):
             source = self.incoming[target][1]
             self._problem(connection.where, NARROWING.text(source, route.type, target, target.type))
             return Route(route.source, 1.0, 0.0, target.unit, target.type, target.items)

@@ -11,11 +11,17 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from cosim_master.check import check
 from cosim_master.errors import FmuError, SystemDescriptionError
+from cosim_master.execution import Execution
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import describe
 from cosim_master.loading import Libraries
+from cosim_master.network import network_of
+from cosim_master.plan import layout, timing
 from cosim_master.simulation import RunResult, simulate
+from cosim_master.ssp import read_system
+from tests.master.probe import compiled
 from tests.master.strict3 import ABLE, SHORT, description
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -358,3 +364,74 @@ def test_array_connectors_must_have_the_dimensions_of_the_fmu(stricts3: Any) -> 
     system.write_text(text.replace('version="1.0" name="test"', 'version="2.0" name="test"'))
     with pytest.raises(SystemDescriptionError, match=r"has other dimensions than in strict3\.fmu: 2"):
         simulate(system)
+
+
+# ---- packets between FMI 2 and FMI 3 --------------------------------------------------------------------------------
+
+
+SENT = {"a.d_in": "00fdff80"}
+
+
+@pytest.fixture
+def packets(stricts: Any, stricts3: Any, tmp_path: Path) -> Any:
+    """Component d3 with Binary packet ports, quiet.fmu and loud.fmu with String ones: r is s (and "!")."""
+    ours = 'mimeType="application/x-mavlink" maxSize="300"'
+    text = description().replace('mimeType="application/x-test" maxSize="64"', ours)
+    path = stricts3.fmu("d3.fmu")
+    rewritten(path, lambda _: text)
+    source = tmp_path / "quiet.c"
+    source.write_text(Path(__file__).with_name("strict.c").read_text().replace('"%s!"', '"%s"'))
+    tool = '<VendorAnnotations><Tool name="uav-cosim"><PacketPorts>'
+    tool += "".join(f'<PacketPort variable="{name}" maxSize="300"/>' for name in "sr")
+    tool += "</PacketPorts></Tool></VendorAnnotations>"
+    for name, library in (("loud.fmu", None), ("quiet.fmu", compiled(source, tmp_path))):
+        path = stricts.fmu(name)
+        rewritten(path, lambda old: old.replace("<ModelVariables>", f"{tool}<ModelVariables>"), library)
+    return stricts3
+
+
+def rewritten(path: Path, change: Any, library: bytes | None = None) -> None:
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            if name == "modelDescription.xml":
+                content = change(content.decode()).encode()
+            archive.writestr(name, library or content if name.startswith("binaries") else content)
+
+
+def wired(packets: Any, fmu: str) -> Path:
+    component = packets.workshop.component
+    parts = packets.component("a", "d3.fmu", ports="d_out:output")
+    parts += component("b", fmu, "s:input:String r:output:String") + component("c", "d3.fmu", "d_in:input d_out:output")
+    system: Path = packets.ssd(parts, "a/d_out b/s", "b/r c/d_in", stop=1.0)
+    return system
+
+
+def test_packets_between_a_binary_and_a_string(packets: Any, stricts: Any) -> None:
+    """Bytes of FMI 3 are base64 text in FMI 2 where a connection leads from one to the other, and back."""
+    with read_system(wired(packets, "quiet.fmu")) as structure:
+        checked = check(structure, SENT)
+        clock, network = timing(checked), network_of(checked)
+        with Execution(checked, clock, layout(checked, network), network) as execution:
+            execution.advance(clock.steps)
+            b, c = execution.living[1:]
+            assert b.get([b.fmu.variables["r"]]) == ["AP3/gA=="]
+            assert c.get([c.fmu.variables["d_out"]]) == ["00fdff80"]
+    assert packets.complaints == stricts.complaints == []
+
+
+def test_packets_that_are_not_base64(packets: Any) -> None:
+    result = simulate(wired(packets, "loud.fmu"), overrides=SENT)
+    assert result.outcome == "failed"
+    assert "b: fmi2GetString" in str(result.error) and "its packet output r is not base64 text" in str(result.error)
+
+
+def test_only_packets_go_from_a_binary_to_a_string(stricts: Any, stricts3: Any) -> None:
+    stricts.fmu("b.fmu")
+    stricts3.fmu("a.fmu")
+    parts = stricts3.component("a", "a.fmu", ports="d_out:output") + stricts3.workshop.component(
+        "b", "b.fmu", "s:input"
+    )
+    with pytest.raises(SystemDescriptionError, match=r"a\.d_out is Binary and b\.s is String"):
+        simulate(stricts3.ssd(parts, "a/d_out b/s"))
