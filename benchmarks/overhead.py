@@ -4,11 +4,11 @@ A ring of N instances of one compiled FMU: inputs of each come from the outputs 
 same FMI calls with the same exchange of values, laid out as our plan lays them out; what a master takes beyond it is
 its overhead. All take turns in one run, so that what else the machine does strikes all alike; figures are medians.
 
-    python benchmarks/overhead.py [--instances 1 10 100 1000] [--fmus Relay Quadrotor] [--json FILE]
+    python benchmarks/overhead.py [--instances 1 10 100 1000] [--fmus Relay Quadrotor] [--fmi 3] [--json FILE]
 
 Ours, C and FMPy's calls make the same calls, and their outputs are compared bit by bit first. libcosim and Ecos
 move connected values only and do it their own way. libcosim steps with all cores, the others with one thread.
-libcosimpy and ecospy take part where they are installed.
+libcosimpy and ecospy take part where they are installed. With FMUs of FMI 3.0 there are ours and C (`floor3.c`) only.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from os.path import relpath
 from pathlib import Path
 from typing import Any, Protocol
 
+from floor3 import calls_of
 from report import machine, show, write
 
 from cosim.build import build, load_models
@@ -85,10 +86,15 @@ class Ours:
         fmu = self.execution.living[0].library.fmu
         stop = clock.start + clock.steps * clock.base
         lines = [f"{library} {fmu.guid} {(library.parents[2] / 'resources').as_uri()}"]
+        three = fmu.fmi_version.startswith("3.")
+        if three:
+            lines = [f"{library} {fmu.guid} {library.parents[2] / 'resources'}/"]
         lines.append(f"{clock.start} {clock.base} {stop}")
         n_in, n_out = plan.in_reference.size, plan.out_reference.size
         lines.append(f"{plan.instances.size} {n_in} {n_out} {plan.real_in.size} {plan.real_out.size}")
-        for row in plan.feeds:
+        if three:
+            lines += calls_of(self.execution)
+        for row in () if three else plan.feeds:
             lines.append(
                 " ".join(
                     str(row[name][kind])
@@ -98,8 +104,8 @@ class Ours:
             )
         wires = [*plan.wires.tolist(), *[(1.0, 0.0)] * plan.int_in.size]
         for reference, source, (factor, offset) in zip(plan.in_reference, plan.sources, wires, strict=True):
-            lines.append(f"{reference} {source} {factor!s} {offset!s}")
-        lines.append(" ".join(map(str, plan.out_reference)))
+            lines.append(f"{'' if three else reference} {source} {factor!s} {offset!s}")
+        lines.append("" if three else " ".join(map(str, plan.out_reference)))
         return "\n".join(lines) + "\n"
 
 
@@ -236,7 +242,7 @@ class Ecos:
 
 def write_ring(folder: Path, fmu: Path, n: int) -> None:
     """The system: N components, each connected to the next."""
-    connections = RINGS[fmu.stem][1]
+    connections = RINGS[fmu.name.partition(".")[0]][1]
     connectors = "".join(
         f'<ssd:Connector name="{name}" kind="{kind}"/>'
         for side, kind in ((0, "output"), (1, "input"))
@@ -262,10 +268,11 @@ def write_ring(folder: Path, fmu: Path, n: int) -> None:
     )
 
 
-def compile_floor(folder: Path) -> Path:
-    """floor.c as a program, by the compiler that also builds our FMUs."""
+def compile_floor(folder: Path, fmi: int = 2) -> Path:
+    """floor.c or floor3.c as a program, by the compiler that also builds our FMUs."""
     program = folder / "floor"
-    command = [sys.executable, "-m", "ziglang", "cc", "-O2", "-Wall", "-Wextra", str(HERE / "floor.c"), "-ldl"]
+    source = HERE / ("floor3.c" if fmi == 3 else "floor.c")
+    command = [sys.executable, "-m", "ziglang", "cc", "-O2", "-Wall", "-Wextra", str(source), "-ldl"]
     subprocess.run([*command, "-o", str(program)], check=True)
     return program
 
@@ -354,6 +361,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--instances", type=int, nargs="+", default=[1, 10, 100, 1000], metavar="N")
     parser.add_argument("--fmus", nargs="+", choices=list(RINGS), default=list(RINGS))
+    parser.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of the FMUs")
     parser.add_argument("--masters", nargs="+", choices=list(PER_ROUND)[2:], default=list(PER_ROUND)[2:])
     parser.add_argument("--rounds", type=int, default=15, help="turns of each")
     parser.add_argument("--scale", type=float, default=1.0, help="times the steps of a turn")
@@ -363,12 +371,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows = []
     with tempfile.TemporaryDirectory(prefix="uav-cosim-overhead-") as temporary:
         folder = Path(temporary).resolve()
-        program = compile_floor(folder)
+        program = compile_floor(folder, options.fmi)
         for name in options.fmus:
             (model,) = load_models(RINGS[name][0])
-            fmu = build(model, folder).file
+            fmu = build(model, folder, fmi=options.fmi).file
             for n in options.instances:
-                wanted = ("C", "uav-cosim", *options.masters)
+                wanted = ("C", "uav-cosim", *(options.masters if options.fmi == 2 else ()))
                 rows.append(measure(fmu, n, options.rounds, options.scale, program, wanted))
     columns = ["us per FMU step", "C", "uav-cosim", "/ C"]
     for name in ("FMPy", "libcosim", "Ecos"):
@@ -383,7 +391,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         list(map(_cells, rows)),
         note,
     )
-    write(options.json, host, {"benchmark": "overhead", "rows": rows})
+    write(options.json, host, {"benchmark": "overhead", "fmi": options.fmi, "rows": rows})
 
 
 if __name__ == "__main__":
