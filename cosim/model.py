@@ -69,6 +69,7 @@ class Variable:
     enumeration: type[IntEnum] | None = None
     dtype: str = ""
     capacity: int = 0
+    rare: bool = False
 
     def __post_init__(self) -> None:
         name = self.name
@@ -211,10 +212,11 @@ def Parameter(
     minimum: float | None = None,
     maximum: float | None = None,
     tunable: bool = False,
+    rare: bool = False,
     description: str = "",
 ) -> Variable:
-    """A parameter, fixed after initialization unless `tunable`."""
-    limits = {"minimum": minimum, "maximum": maximum, "tunable": tunable}
+    """A parameter, fixed after initialization unless `tunable`. `rare`: most steps do not read it."""
+    limits = {"minimum": minimum, "maximum": maximum, "tunable": tunable, "rare": rare}
     return _declare("parameter", name, type, shape, start, unit=unit, description=description, **limits)
 
 
@@ -231,10 +233,13 @@ def State(
     return _declare("state", name, type, shape, start, unit=unit, description=description)
 
 
-def Memory(name: str, *, dtype: str = "f8", shape: int | tuple[int, ...] | None = None) -> Variable:
-    """Private memory: part of the saved state, no FMI variable, zero at the start. `dtype`: one of numpy's, as "u1"."""
+def Memory(name: str, *, dtype: str = "f8", shape: int | tuple[int, ...] | None = None, rare: bool = False) -> Variable:
+    """Private memory: part of the saved state, no FMI variable, zero at the start.
+
+    `dtype`: one of numpy's, as "u1"; `rare`: most steps do not touch it.
+    """
     dimensions = () if shape is None else (shape,) if isinstance(shape, int) else shape
-    return Variable(name, "memory", "Memory", shape=dimensions, start=0, dtype=dtype)
+    return Variable(name, "memory", "Memory", shape=dimensions, start=0, dtype=dtype, rare=rare)
 
 
 def PacketInput(name: str, *, capacity: int, description: str = "") -> Variable:
@@ -278,8 +283,8 @@ _LARGE = 1024
 
 
 def _is_buffer(variable: Variable) -> bool:
-    """Bytes of packets and large tables: most steps do not touch them."""
-    if variable.kind == "Packets" or variable.dtype in ("u1", "uint8"):
+    """Bytes of packets, large tables and what is declared rare: most steps do not touch them."""
+    if variable.rare or variable.kind == "Packets" or variable.dtype in ("u1", "uint8"):
         return True
     return variable.kind == "Memory" and np.dtype([_field(variable)]).itemsize >= _LARGE
 
@@ -289,9 +294,9 @@ def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], i
     """The aligned record of a declaration, and the size of its head.
 
     The head holds what the environment sets (parameters, inputs, packets received); everything behind it is
-    reset before each run of `start`. Buffers of bytes stand at both ends of the record, so that what every step
-    touches lies together (`busy_part`). Strings are not in the record: only models without kernels have them. Arrays
-    of bool are arrays of uint8, 0 or 1.
+    reset before each run of `start`. What most steps do not touch stands at both ends of the record, so that what
+    every step touches lies together (`busy_part`). Strings are not in the record: only models without kernels have
+    them. Arrays of bool are arrays of uint8, 0 or 1.
     """
     present = [v for v in variables if v.kind != "String"]
     head = sorted((v for v in present if v.role in _KEPT), key=lambda v: not _is_buffer(v))

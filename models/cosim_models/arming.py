@@ -22,10 +22,12 @@ __all__ = [
     "ALT_HOLD",
     "AUTO",
     "BRAKE",
+    "CIRCLE",
     "CLIMB",
     "DESCEND",
     "GUIDED",
     "LAND",
+    "LANDING",
     "LOITER",
     "POSITION",
     "POSITION_VELOCITY",
@@ -55,18 +57,20 @@ class Mode(IntEnum):
     GUIDED = 4
     LOITER = 5
     RTL = 6
+    CIRCLE = 7
     LAND = 9
     BRAKE = 17
 
 
 # Numpy integers: numba compiles a kernel anew for every Python integer that is passed as a constant.
-STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE = (
+STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE = (
     cast(int, np.int64(0)),
     cast(int, np.int64(2)),
     cast(int, np.int64(3)),
     cast(int, np.int64(4)),
     cast(int, np.int64(5)),
     cast(int, np.int64(6)),
+    cast(int, np.int64(7)),
     cast(int, np.int64(9)),
     cast(int, np.int64(17)),
 )
@@ -75,6 +79,9 @@ STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE = (
 TAKEOFF, POSITION, VELOCITY, POSITION_VELOCITY, ACCELERATION = (cast(int, np.int64(i)) for i in range(5))
 # What RTL is doing.
 CLIMB, RETURN, WAIT, DESCEND = 0, 1, 2, 3
+
+LANDING = 4
+"""MAV_LANDED_STATE."""
 
 _LANDED_TIME = 1.0  # s of stillness that mean landed
 _TOUCHED_TIME = 0.2  # s that mean perhaps landed
@@ -94,7 +101,7 @@ def position_ready(m: Any, t: float) -> bool:
 @kernel
 def needs_position(mode: int) -> bool:
     """Whether a mode cannot be entered, or armed in, without a position estimate."""
-    return mode in (AUTO, GUIDED, LOITER, RTL, BRAKE)
+    return mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE)
 
 
 @kernel
@@ -147,7 +154,7 @@ def detect_landing(m: Any, dt: float) -> None:
         m.on_ground = True
         m.land_time = 0.0
     elif m.on_ground:
-        taking_off = (m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF
+        taking_off = m.pilot_takeoff or ((m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF)
         if not taking_off and m.throttle_out > 0.5 * m.throttle_hover and m.spool_state == THROTTLE_UNLIMITED:
             m.on_ground = False
     elif (
@@ -165,10 +172,11 @@ def detect_landing(m: Any, dt: float) -> None:
         m.land_time = 0.0
     m.touched = m.on_ground or m.land_time >= _TOUCHED_TIME
     wanted = m.ATC_THR_MIX_MAX
-    if (
+    if m.mode == STABILIZE:
+        wanted = m.ATC_THR_MIX_MAN if m.auto_armed else m.ATC_THR_MIX_MIN
+    elif (
         not m.armed
         or m.on_ground
-        or m.mode == STABILIZE
         or (not rough and moving <= _MOVING_ACCEL * _MOVING_ACCEL and m.velocity_desired[2] < 0.0)
     ):
         wanted = m.ATC_THR_MIX_MIN
@@ -180,10 +188,10 @@ def landed_state(m: Any) -> int:
     """MAV_LANDED_STATE: 1 on ground, 2 in air, 3 taking off, 4 landing."""
     if m.on_ground:
         return 1
-    if (m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF and not m.takeoff_done:
+    if m.pilot_takeoff or ((m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF and not m.takeoff_done):
         return 3
     if m.mode == AUTO and m.auto_landing:
-        return 4
+        return LANDING
     if m.mode == LAND or (m.mode == RTL and m.rtl_stage == DESCEND):
-        return 4
+        return LANDING
     return 2

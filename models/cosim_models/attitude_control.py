@@ -25,6 +25,7 @@ __all__ = [
     "forget_torques",
     "relax_yaw",
     "run_rates",
+    "shape_angle",
     "tilt_and_heading_error",
 ]
 
@@ -110,6 +111,12 @@ def _towards_angle(
     if accel_max > 0.0:
         wanted = clip(wanted, rate - accel_max * dt, rate + accel_max * dt)
     return wanted
+
+
+@kernel
+def shape_angle(m: Any, error: float, accel_max: float, rate: float, dt: float) -> float:
+    """Next angular velocity of an angle on the way to a target `error` [rad] away, by `accel_max` [cdeg/s2]."""
+    return _towards_angle(error, m.ATC_INPUT_TC, accel_max * _CDEG, rate, 0.0, 0.0, dt)
 
 
 @kernel

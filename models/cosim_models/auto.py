@@ -19,7 +19,6 @@ import numpy as np
 from cosim.frames import local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
 from cosim_models.arming import TAKEOFF, disarm
-from cosim_models.copter_messages import INFO, MISSION_TEXTS, REACHED, say
 from cosim_models.flight_modes import (
     fly_to_point,
     guide_position,
@@ -34,6 +33,7 @@ from cosim_models.flight_modes import (
 )
 from cosim_models.missions import COMMAND, DONE, FRAME, LATITUDE, P1, P2, Z, mission_count, send_reached
 from cosim_models.shaping import wrap_pi
+from cosim_models.texts import INFO, MISSION_TEXTS, REACHED, say
 
 __all__ = ["run_auto"]
 

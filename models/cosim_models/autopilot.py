@@ -6,8 +6,7 @@ last step wanted, hear the packets, run the flight mode, detect landing, speak. 
 `commands`, `copter_messages`, `status_messages`, `parameters`, `missions`, `failsafes` and `telemetry`. Parameters
 (`autopilot_variables`) have ArduPilot's names, units and defaults.
 
-Not here: radio control; batteries (full voltage is assumed);
-and sensors with noise and an estimator: the true motion is used, so there is no lag of an estimate.
+Not here: sensors with noise and an estimator: the true motion is used, so there is no lag of an estimate.
 """
 
 from __future__ import annotations
@@ -21,12 +20,15 @@ from cosim_models.arming import AUTO, detect_landing, disarm_after_delay
 from cosim_models.attitude_control import run_rates
 from cosim_models.auto import run_auto
 from cosim_models.autopilot_variables import VARIABLES
+from cosim_models.battery import drain
 from cosim_models.commands import receive
 from cosim_models.failsafes import watch
-from cosim_models.flight_modes import run_mode
 from cosim_models.mixer import motor_factors
+from cosim_models.modes import run_mode
 from cosim_models.motors import air_density_ratio, learn_hover_throttle, run_motors
 from cosim_models.parameters import PARAMETER_COUNT
+from cosim_models.pilot import read_sticks
+from cosim_models.pilot_switches import LAST_POSITION
 from cosim_models.position_control import GRAVITY, initialise_ne, initialise_up, set_limits
 from cosim_models.status_messages import going
 from cosim_models.telemetry import start_streams, telemetry
@@ -143,6 +145,12 @@ def start(m: Any) -> int:
     initialise_up(m)
     for i in range(3):
         m.home[i] = m.pos[i]
+    m.throttle_open_at = -1.0
+    m.switch_position = LAST_POSITION
+    m.switch_seen = LAST_POSITION
+    drain(m, 0.0)
+    for i in range(2):
+        m.battery_since[i] = -1.0
     start_streams(m)
     _publish(m)
     return 0
@@ -170,6 +178,8 @@ def advance(m: Any, t: float, h: float) -> int:
     run_motors(m, h)
     if m.mavlink_rx_len > 0:
         receive(m, t)
+    if m.rc_known:
+        read_sticks(m, t)
     watch(m, t)
     if m.mode == AUTO:
         run_auto(m, t, h)

@@ -20,6 +20,7 @@ from cosim.messages import (
     COMMAND_LONG,
     HEARTBEAT,
     HOME_POSITION,
+    MANUAL_CONTROL,
     MESSAGE_INTERVAL,
     MISSION_CLEAR_ALL,
     MISSION_COUNT,
@@ -32,6 +33,7 @@ from cosim.messages import (
     PARAM_REQUEST_LIST,
     PARAM_REQUEST_READ,
     PARAM_SET,
+    RC_CHANNELS_OVERRIDE,
     REQUEST_DATA_STREAM,
     SET_MODE,
     SET_POSITION_TARGET_GLOBAL_INT,
@@ -66,51 +68,16 @@ from cosim.packets import (
     version,
 )
 from cosim_models.arming import (
-    ALT_HOLD,
-    AUTO,
-    BRAKE,
     GUIDED,
     LAND,
-    LOITER,
     POSITION,
     RTL,
-    STABILIZE,
-    arm,
-    disarm,
-    needs_position,
-    position_ready,
 )
 from cosim_models.copter_messages import (
-    ACCELS_INCONSISTENT,
-    AHRS_TYPE,
-    ARM_NEEDS_POSITION,
-    ARMING,
-    ATTITUDE_BAD,
-    AUTO_REFUSED,
-    BRAKE_REFUSED,
-    CRITICAL,
-    GUIDED_REFUSED,
-    INFO,
-    LOITER_REFUSED,
-    MISSING_TAKEOFF,
-    NO_NUMBER,
-    NO_SUCH_MESSAGE,
-    NO_SUCH_MODE,
-    NOT_ARMABLE,
-    PLAN_RECEIVED,
-    PREARM_NEEDS_POSITION,
-    RTL_REFUSED,
-    STREAM_COUNT,
-    WAITING_FOR_HOME,
-    WARNING,
     acknowledge,
     answer_timesync,
-    attitude_ready,
     home_ready,
-    prearm_ready,
-    say,
     send_message,
-    stream_of,
     tell_interval,
 )
 from cosim_models.failsafes import hear_station
@@ -120,37 +87,43 @@ from cosim_models.flight_modes import (
     guide_position_velocity,
     guide_stop,
     guide_velocity,
-    set_mode,
     take_off,
     turn_to,
 )
 from cosim_models.missions import (
-    COMMAND,
+    FENCE,
     ack_mission,
     begin_upload,
     clear_mission,
-    mission_count,
     receive_item,
     send_count,
     send_item,
     send_mission_current,
     set_current,
 )
+from cosim_models.mode_changes import ACCEPTED, DENIED, FAILED, UNSUPPORTED, arm_or_disarm, change_mode, start_mission
 from cosim_models.packet_output import can_answer
 from cosim_models.parameters import list_parameters, read_parameter, set_parameter
+from cosim_models.pilot import hear_manual_control, hear_override
 from cosim_models.shaping import wrap_pi
-from cosim_models.telemetry import default_interval, set_interval, stream_group
+from cosim_models.streams import STREAM_COUNT, stream_group, stream_of
+from cosim_models.telemetry import default_interval, set_interval
+from cosim_models.texts import (
+    INFO,
+    NO_NUMBER,
+    NO_SUCH_MESSAGE,
+    PLAN_RECEIVED,
+    say,
+)
 
 __all__ = ["receive"]
 
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
 
 # MAV_CMD
 _RTL, _LAND, _TAKEOFF, _YAW, _SET_MODE, _SPEED, _REPOSITION = 20, 21, 22, 115, 176, 178, 192
-_SET_ITEM, _START_MISSION = 224, 300
+_ENABLE_FENCE, _SET_ITEM, _START_MISSION = 207, 224, 300
 _ARM, _GET_HOME, _GET_INTERVAL, _INTERVAL, _REQUEST, _CAPABILITIES = 400, 410, 510, 511, 512, 520
 
-_FORCE_ARM, _FORCE = 2989.0, 21196.0
 _CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COMPONENT = 1
@@ -158,96 +131,6 @@ _SHORTEST, _ACK = 13, 22  # bytes of a SET_MODE with one byte of payload, and of
 _NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
 _FORCE_SET, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
 _ABSOLUTE, _RELATIVE = 0, 1
-
-
-# ---- modes and arming ----------------------------------------------------------------------------------------------
-
-
-@kernel
-def _is_mode(mode: int) -> bool:
-    return mode in (STABILIZE, ALT_HOLD, BRAKE, AUTO, GUIDED, LOITER, RTL, LAND)
-
-
-@kernel
-def _mission_can_begin(m: Any) -> bool:
-    """Whether AUTO can be entered: there is a mission, and on the ground it begins with a take-off."""
-    count = mission_count(m)
-    if count <= 1:
-        say(m, WARNING, AUTO_REFUSED, NO_NUMBER)
-        return False
-    if m.armed and m.on_ground:
-        row = 1
-        while row < count and (m.mission[row, COMMAND] == _YAW or m.mission[row, COMMAND] == _SPEED):
-            row += 1
-        if row >= count or m.mission[row, COMMAND] != _TAKEOFF:
-            say(m, WARNING, MISSING_TAKEOFF, NO_NUMBER)
-            return False
-    return True
-
-
-@kernel
-def _start_mission(m: Any, t: float) -> int:
-    if _change_mode(m, AUTO, t) != ACCEPTED:
-        return FAILED
-    m.auto_armed = m.armed
-    return ACCEPTED
-
-
-@kernel
-def _change_mode(m: Any, mode: int, t: float) -> int:
-    if not _is_mode(mode):
-        say(m, WARNING, NO_SUCH_MODE, mode)
-        return FAILED
-    if mode == AUTO and m.mode != AUTO and not _mission_can_begin(m):
-        return FAILED
-    if not set_mode(m, mode, t):
-        text = GUIDED_REFUSED if mode == GUIDED else LOITER_REFUSED if mode == LOITER else RTL_REFUSED
-        if mode == AUTO:
-            text = AUTO_REFUSED
-        elif mode == BRAKE:
-            text = BRAKE_REFUSED
-        say(m, WARNING, text, NO_NUMBER)
-        return FAILED
-    if not m.armed and needs_position(mode) and not position_ready(m, t):
-        say(m, CRITICAL, PREARM_NEEDS_POSITION, NO_NUMBER)
-    return ACCEPTED
-
-
-@kernel
-def _arm(m: Any, forced: bool, t: float) -> int:
-    """Arm after ArduCopter's checks, as far as they can fail here."""
-    if m.armed:
-        return ACCEPTED
-    if m.mode in (LAND, RTL, AUTO, BRAKE):
-        say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
-        return FAILED
-    if not forced:
-        if not attitude_ready(m, t):
-            say(m, CRITICAL, ACCELS_INCONSISTENT, NO_NUMBER)
-            say(m, CRITICAL, ATTITUDE_BAD, NO_NUMBER)
-            say(m, CRITICAL, AHRS_TYPE, NO_NUMBER)
-            return FAILED
-        if needs_position(m.mode) and not position_ready(m, t):
-            say(m, CRITICAL, ARM_NEEDS_POSITION, NO_NUMBER)
-            return FAILED
-        if not prearm_ready(m, t):
-            say(m, CRITICAL, WAITING_FOR_HOME, NO_NUMBER)
-            return FAILED
-    arm(m, t)
-    say(m, INFO, ARMING, NO_NUMBER)
-    return ACCEPTED
-
-
-@kernel
-def _arm_or_disarm(m: Any, p1: float, p2: float, t: float) -> int:
-    if p1 == 1.0:
-        return _arm(m, p2 in (_FORCE_ARM, _FORCE), t)
-    if p1 == 0.0:
-        if m.armed and not m.on_ground and p2 != _FORCE:
-            return FAILED
-        disarm(m)
-        return ACCEPTED
-    return UNSUPPORTED
 
 
 # ---- other commands ------------------------------------------------------------------------------------------------
@@ -322,21 +205,21 @@ def _request_message(m: Any, message: float, argument: float, t: float) -> int:
 def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, height: float, t: float) -> int:
     """Commands that COMMAND_LONG and COMMAND_INT share; `height` is param7 or z. Returns a MAV_RESULT."""
     if command == _ARM:
-        return _arm_or_disarm(m, p1, p2, t)
+        return arm_or_disarm(m, p1, p2, t)
     if command == _TAKEOFF:
         return ACCEPTED if height > 0.0 and take_off(m, height) else FAILED
     if command == _SET_MODE:
         if not 0.0 <= p1 <= 255.0 or (int(p1) & _CUSTOM_MODE) == 0 or not 0.0 <= p2 < 16777216.0:
             return DENIED
-        return _change_mode(m, int(p2), t)
+        return change_mode(m, int(p2), t)
     if command == _LAND:
-        return _change_mode(m, LAND, t)
+        return change_mode(m, LAND, t)
     if command == _RTL:
-        return _change_mode(m, RTL, t)
+        return change_mode(m, RTL, t)
     if command == _INTERVAL:
         return _set_message_interval(m, p1, p2, t)
     if command == _START_MISSION:
-        return _start_mission(m, t)
+        return start_mission(m, t)
     if command == _SET_ITEM:
         return ACCEPTED if 0.0 <= p1 < 65536.0 and set_current(m, int(p1)) else FAILED
     if command == _GET_INTERVAL:
@@ -349,6 +232,11 @@ def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, h
         return _request_message(m, float(AUTOPILOT_VERSION), 0.0, t)
     if command == _SPEED:
         return _change_speed(m, p1, p2)
+    if command == _ENABLE_FENCE:
+        if p1 != 0.0 and p1 != 1.0:
+            return FAILED
+        m.FENCE_ENABLE = int(p1)
+        return ACCEPTED
     if command == _YAW:
         return _turn(m, p1, p4 > 0.0, p3)
     return UNSUPPORTED
@@ -391,7 +279,7 @@ def _reposition(m: Any, frame: int, flags: float, lat: int, lon: int, altitude: 
     reference = _altitude_reference(frame)
     if reference < 0 or not _is_place(lat, lon) or (lat == 0 and lon == 0) or not math.isfinite(altitude):
         return DENIED
-    if m.mode != GUIDED and _change_mode(m, GUIDED, t) != ACCEPTED:
+    if m.mode != GUIDED and change_mode(m, GUIDED, t) != ACCEPTED:
         return FAILED
     n, e, u = _locate(m, lat, lon, altitude, reference)
     guide_position(m, n, e, u, t)
@@ -534,13 +422,13 @@ def _mission_item(m: Any, whole: bool, sender: int, part: int, t: float) -> None
         lat, lon = q[11] * 1e7, q[12] * 1e7
         seq, frame, command, current, carry_on, z, kind = q[2], q[3], q[4], q[5], q[6], q[13], q[14]
         p1, p2, p3, p4 = q[7], q[8], q[9], q[10]
-    if kind != 0:
+    if kind > FENCE:
         ack_mission(m, 3, kind, sender, part)
-    elif current == 2 or current == 3:
+    elif kind == 0 and (current == 2 or current == 3):
         ack_mission(m, 0 if _guided_item(m, current, frame, lat, lon, z, t) else 1, 0, sender, part)
-    elif m.uploading:
+    elif m.uploading and kind == m.upload_kind:
         receive_item(m, seq, frame, command, carry_on, (p1, p2, p3, p4), lat, lon, z, t)
-        if not m.uploading and m.mission_count > 1:
+        if kind == 0 and not m.uploading and m.mission_count > 1:
             say(m, INFO, PLAN_RECEIVED, NO_NUMBER)
 
 
@@ -597,7 +485,7 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         acknowledge(m, command, result, sender, part)
     elif message == SET_MODE:
         _, base_mode, mode = decode_set_mode(m.received)
-        result = _change_mode(m, mode, t) if (base_mode & _CUSTOM_MODE) != 0 else DENIED
+        result = change_mode(m, mode, t) if (base_mode & _CUSTOM_MODE) != 0 else DENIED
         acknowledge(m, SET_MODE, result, sender, part)
     elif message == SET_POSITION_TARGET_LOCAL_NED:
         _local_target(m, t)
@@ -605,6 +493,10 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         _global_target(m, t)
     elif message == REQUEST_DATA_STREAM:
         _request_stream(m, t)
+    elif message == RC_CHANNELS_OVERRIDE:
+        hear_override(m, sender, t)
+    elif message == MANUAL_CONTROL:
+        hear_manual_control(m, sender, t)
     elif message == HEARTBEAT:
         hear_station(m, sender, t)
     elif message == TIMESYNC:

@@ -21,18 +21,22 @@ import numpy as np
 from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
 from cosim.kernel import kernel
 from cosim.messages import (
+    AHRS,
+    AHRS2,
     ATTITUDE,
     AUTOPILOT_VERSION,
     BATTERY_STATUS,
     COMMAND_ACK,
     EKF_STATUS_REPORT,
     EXTENDED_SYS_STATE,
+    FENCE_STATUS,
     GLOBAL_POSITION_INT,
     GPS_GLOBAL_ORIGIN,
     GPS_RAW_INT,
     HEARTBEAT,
     HOME_POSITION,
     LOCAL_POSITION_NED,
+    MEMINFO,
     MESSAGE_INTERVAL,
     MISSION_CURRENT,
     NAV_CONTROLLER_OUTPUT,
@@ -40,15 +44,18 @@ from cosim.messages import (
     POSITION_TARGET_LOCAL_NED,
     POWER_STATUS,
     RAW_IMU,
+    RC_CHANNELS,
+    SCALED_IMU,
+    SCALED_PRESSURE,
     SERVO_OUTPUT_RAW,
     SERVO_OUTPUT_RAW_SERVO1_RAW,
     SERVO_OUTPUT_RAW_TIME_USEC,
     SIMSTATE,
-    STATUSTEXT,
     SYS_STATUS,
     SYSTEM_TIME,
     TIMESYNC,
     VFR_HUD,
+    VIBRATION,
     encode_attitude,
     encode_autopilot_version,
     encode_command_ack,
@@ -61,21 +68,30 @@ from cosim.messages import (
     encode_home_position,
     encode_local_position_ned,
     encode_message_interval,
-    encode_statustext,
     encode_sys_status,
     encode_system_time,
     encode_timesync,
     encode_vfr_hud,
     put_home_position_q,
-    put_statustext_text,
 )
 from cosim.packets import clear, put_u16, put_u32
-from cosim_models.arming import AUTO, BRAKE, GUIDED, LOITER, RTL, landed_state, needs_position, position_ready
+from cosim_models.arming import AUTO, BRAKE, CIRCLE, GUIDED, LOITER, RTL, landed_state, needs_position, position_ready
+from cosim_models.battery import battery_remaining
 from cosim_models.missions import send_mission_current
 from cosim_models.motors import GROUND_IDLE
 from cosim_models.packet_output import microseconds, milliseconds, send
+from cosim_models.sensor_messages import (
+    send_ahrs,
+    send_ahrs2,
+    send_fence,
+    send_memory,
+    send_pressure,
+    send_scaled_imu,
+    send_vibration,
+)
 from cosim_models.status_messages import (
     send_battery,
+    send_channels,
     send_destination,
     send_destination_ned,
     send_imu,
@@ -83,86 +99,20 @@ from cosim_models.status_messages import (
     send_power,
     send_simulated,
 )
+from cosim_models.streams import message_of
 
 __all__ = [
-    "ACCELS_INCONSISTENT",
-    "AHRS_TYPE",
-    "ARMING",
-    "ARM_NEEDS_POSITION",
-    "ATTITUDE_BAD",
-    "AUTO_REFUSED",
-    "BRAKE_REFUSED",
-    "CIRCLE_BREACHED",
-    "CRITICAL",
-    "DISARMING",
-    "GCS_CLEARED",
-    "GCS_LOST",
-    "GUIDED_REFUSED",
-    "HEARTBEAT_ROW",
-    "HIGH_BREACHED",
-    "INFO",
-    "LOITER_REFUSED",
-    "LOW_BREACHED",
-    "MISSING_TAKEOFF",
-    "MISSION_TEXTS",
-    "NOT_ARMABLE",
-    "NO_NUMBER",
-    "NO_SUCH_MESSAGE",
-    "NO_SUCH_MODE",
-    "PREARM_NEEDS_POSITION",
-    "PLAN_RECEIVED",
-    "REACHED",
-    "RTL_REFUSED",
-    "STREAMS",
-    "STREAM_COUNT",
-    "WAITING_FOR_HOME",
-    "WARNING",
     "acknowledge",
     "answer_timesync",
     "attitude_ready",
     "home_ready",
     "prearm_ready",
-    "say",
     "send_heartbeat",
     "send_home",
     "send_message",
     "send_origin",
-    "send_texts",
-    "stream_of",
     "tell_interval",
 ]
-
-CRITICAL, WARNING, INFO = (cast(int, np.int64(severity)) for severity in (2, 4, 6))  # MAV_SEVERITY
-
-STREAMS = (
-    SYS_STATUS,
-    GPS_RAW_INT,
-    LOCAL_POSITION_NED,
-    GLOBAL_POSITION_INT,
-    ATTITUDE,
-    VFR_HUD,
-    EKF_STATUS_REPORT,
-    SYSTEM_TIME,
-    SERVO_OUTPUT_RAW,
-    EXTENDED_SYS_STATE,
-    HOME_POSITION,
-    GPS_GLOBAL_ORIGIN,
-    AUTOPILOT_VERSION,
-    POWER_STATUS,
-    NAV_CONTROLLER_OUTPUT,
-    POSITION_TARGET_GLOBAL_INT,
-    POSITION_TARGET_LOCAL_NED,
-    BATTERY_STATUS,
-    RAW_IMU,
-    SIMSTATE,
-    MISSION_CURRENT,
-    HEARTBEAT,
-)
-"""Messages that can be sent at an interval or on request, in the order in which they are sent."""
-
-STREAM_COUNT = len(STREAMS)
-_IDS = np.array(STREAMS, dtype=np.int64)
-HEARTBEAT_ROW = STREAM_COUNT - 1
 
 # numba compiles a kernel anew for every Python integer that is passed as a constant, but once for all numpy integers.
 _ATTITUDE = cast(int, np.int64(ATTITUDE))
@@ -179,82 +129,9 @@ _LOCAL_POSITION_NED = cast(int, np.int64(LOCAL_POSITION_NED))
 _SERVO_OUTPUT_RAW = cast(int, np.int64(SERVO_OUTPUT_RAW))
 _MESSAGE_INTERVAL = cast(int, np.int64(MESSAGE_INTERVAL))
 _TIMESYNC = cast(int, np.int64(TIMESYNC))
-_STATUSTEXT = cast(int, np.int64(STATUSTEXT))
 _SYSTEM_TIME = cast(int, np.int64(SYSTEM_TIME))
 _SYS_STATUS = cast(int, np.int64(SYS_STATUS))
 _VFR_HUD = cast(int, np.int64(VFR_HUD))
-NO_NUMBER = cast(int, np.int64(-1))
-"""`say` without a number."""
-
-_TEXTS = (
-    b"Arming motors",
-    b"Disarming motors",
-    b"Arm: Accels inconsistent",
-    b"Arm: EKF attitude is bad",
-    b"Arm: AHRS: not using configured AHRS type",
-    b"Arm: AHRS: waiting for home",
-    b"Arm: Need Position Estimate",
-    b"PreArm: Need Position Estimate",
-    b"Mode change to GUIDED failed: requires position",
-    b"Mode change to LOITER failed: requires position",
-    b"Mode change to RTL failed: requires position",
-    b"No such mode %",
-    b"No ap_message for mavlink id (%)",
-    b"Arm: Mode not armable",
-    b"Mode change to AUTO failed: init failed",
-    b"Auto: Missing Takeoff Cmd",
-    b"Flight plan received",
-    b"Reached command #%",
-    b"Mode change to BRAKE failed: requires position",
-    b"GCS Failsafe",
-    b"GCS Failsafe Cleared",
-    b"Max Alt fence breached",
-    b"Circle fence breached",
-    b"Min Alt fence breached",
-    b"Mission: % WP",
-    b"Mission: % LoitUnlim",
-    b"Mission: % LoitTime",
-    b"Mission: % RTL",
-    b"Mission: % Land",
-    b"Mission: % Takeoff",
-    b"Mission: % Delay",
-    b"Mission: % CondDelay",
-    b"Mission: % CondYaw",
-    b"Mission: % ChangeSpeed",
-)
-(
-    ARMING,
-    DISARMING,
-    ACCELS_INCONSISTENT,
-    ATTITUDE_BAD,
-    AHRS_TYPE,
-    WAITING_FOR_HOME,
-    ARM_NEEDS_POSITION,
-    PREARM_NEEDS_POSITION,
-    GUIDED_REFUSED,
-    LOITER_REFUSED,
-    RTL_REFUSED,
-    NO_SUCH_MODE,
-    NO_SUCH_MESSAGE,
-    NOT_ARMABLE,
-    AUTO_REFUSED,
-    MISSING_TAKEOFF,
-    PLAN_RECEIVED,
-    REACHED,
-    BRAKE_REFUSED,
-    GCS_LOST,
-    GCS_CLEARED,
-    HIGH_BREACHED,
-    CIRCLE_BREACHED,
-    LOW_BREACHED,
-    MISSION_TEXTS,
-) = (cast(int, np.int64(i)) for i in range(25))
-_TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)
-for _i, _text in enumerate(_TEXTS):
-    _TEXT_BYTES[_i, : len(_text)] = np.frombuffer(_text, dtype=np.uint8)
-_TEXT_LENGTHS = np.array([len(text) for text in _TEXTS], dtype=np.int64)
-
-_PLACE = 37  # %
 _MULTICOPTER = 3  # MAV_VTOL_STATE_MC
 _SLACK = 1e-9  # s
 
@@ -268,6 +145,7 @@ _PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 _GPS_BIT = 0x20  # MAV_SYS_STATUS_SENSOR_GPS
 _AHRS_BIT = 0x200000  # MAV_SYS_STATUS_AHRS
 _PRESENT, _SENSORS, _HEALTHY = 0x5371FC0F, 0x52419C0F, 0x47519C0F  # as ArduCopter sets them, without GPS and AHRS
+_BATTERY_BIT = 0x2000000  # MAV_SYS_STATUS_SENSOR_BATTERY
 _POSITION_CONTROL = 0x6000  # altitude and position control: healthy, and enabled, when armed
 _ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
 # MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, both
@@ -327,53 +205,6 @@ def tell_interval(m: Any, message: int, row: int) -> None:
     send(m, _MESSAGE_INTERVAL)
 
 
-@kernel
-def say(m: Any, severity: int, text: int, number: int) -> None:
-    """Queue a STATUSTEXT: one of the texts, with `number` in the place of its %. A full queue drops it."""
-    n = m.text_count
-    if n < m.text_queue.shape[0]:
-        m.text_queue[n, 0] = severity
-        m.text_queue[n, 1] = text
-        m.text_queue[n, 2] = number
-        m.text_count = n + 1
-
-
-@kernel
-def send_texts(m: Any) -> None:
-    """Send the queued texts, behind the acknowledgements as ArduCopter does; what does not fit waits."""
-    sent = 0
-    while sent < m.text_count and _send_text(m, m.text_queue[sent, 0], m.text_queue[sent, 1], m.text_queue[sent, 2]):
-        sent += 1
-    if sent > 0:
-        for i in range(sent, m.text_count):
-            for k in range(3):
-                m.text_queue[i - sent, k] = m.text_queue[i, k]
-        m.text_count -= sent
-
-
-@kernel
-def _send_text(m: Any, severity: int, text: int, number: int) -> bool:
-    """A text with `number` in the place of its %."""
-    encode_statustext(m.payload, severity, 0, 0)
-    at = 0
-    for i in range(_TEXT_LENGTHS[text]):
-        if _TEXT_BYTES[text, i] != _PLACE:
-            put_statustext_text(m.payload, at, _TEXT_BYTES[text, i])
-            at += 1
-            continue
-        digits = 1
-        rest = number
-        while rest >= 10:
-            rest //= 10
-            digits += 1
-        rest = number
-        for k in range(digits):
-            put_statustext_text(m.payload, at + digits - 1 - k, 48 + rest % 10)
-            rest //= 10
-        at += digits
-    return send(m, _STATUSTEXT)
-
-
 # ---- what can be streamed ------------------------------------------------------------------------------------------
 
 
@@ -381,11 +212,19 @@ def _send_text(m: Any, severity: int, text: int, number: int) -> bool:
 def send_heartbeat(m: Any, t: float) -> bool:
     mode = m.mode
     base_mode = 1 + 16 + 64
-    if mode in (AUTO, GUIDED, LOITER, RTL, BRAKE):
+    if mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE):
         base_mode += 8
     if m.armed:
         base_mode += 128
-    state = 5 if m.station_lost or m.fence_breach != 0 else 4 if not m.on_ground else 3 if _reached(m, t, _HEARD) else 1
+    state = (
+        5
+        if m.station_lost or m.radio_lost or m.fence_breach != 0 or m.battery_alarm != 0
+        else 4
+        if not m.on_ground
+        else 3
+        if _reached(m, t, _HEARD)
+        else 1
+    )
     kind = 2 if m.motor_count == 4 else 13 if m.motor_count == 6 else 14
     encode_heartbeat(m.payload, kind, 3, base_mode, mode, state, 3)
     return send(m, _HEARTBEAT)
@@ -407,7 +246,27 @@ def _send_sys_status(m: Any, t: float) -> bool:
         health += _POSITION_CONTROL
     if m.armed or prearm_ready(m, t):
         health += _PREARM
-    encode_sys_status(m.payload, present, enabled, health, 0, 12600, 0, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    if m.battery_alarm != 0:
+        health -= _BATTERY_BIT
+    encode_sys_status(
+        m.payload,
+        present,
+        enabled,
+        health,
+        0,
+        int(1000.0 * m.battery_voltage + 0.5),
+        int(100.0 * m.battery_current + 0.5),
+        battery_remaining(m),
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
     return send(m, _SYS_STATUS)
 
 
@@ -556,7 +415,7 @@ def _send_servos(m: Any, t: float) -> bool:
 @kernel
 def send_message(m: Any, row: int, t: float) -> bool:
     """Send the message of a row of STREAMS now; True if that was done, or there is nothing to say yet."""
-    message = _IDS[row]
+    message = message_of(row)
     if message == GLOBAL_POSITION_INT:
         return _send_global_position(m, t)
     if message == ATTITUDE:
@@ -576,6 +435,22 @@ def send_message(m: Any, row: int, t: float) -> bool:
         return send(m, _SYSTEM_TIME)
     if message == SERVO_OUTPUT_RAW:
         return _send_servos(m, t)
+    if message == AHRS2:
+        return send_ahrs2(m)
+    if message == AHRS:
+        return send_ahrs(m)
+    if message == VIBRATION:
+        return send_vibration(m, t)
+    if message == MEMINFO:
+        return send_memory(m)
+    if message == SCALED_IMU:
+        return send_scaled_imu(m, t)
+    if message == SCALED_PRESSURE:
+        return send_pressure(m, t)
+    if message == FENCE_STATUS:
+        return send_fence(m)
+    if message == RC_CHANNELS:
+        return send_channels(m, t)
     if message == EXTENDED_SYS_STATE:
         encode_extended_sys_state(m.payload, _MULTICOPTER, landed_state(m))
         return send(m, _EXTENDED_SYS_STATE)
@@ -602,12 +477,3 @@ def send_message(m: Any, row: int, t: float) -> bool:
     if message == MISSION_CURRENT:
         return send_mission_current(m)
     return send_heartbeat(m, t)
-
-
-@kernel
-def stream_of(message: int) -> int:
-    """The row of STREAMS of a message id, -1 if it has none."""
-    for row in range(STREAM_COUNT):
-        if _IDS[row] == message:
-            return row
-    return -1

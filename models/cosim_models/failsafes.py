@@ -1,10 +1,8 @@
-"""What the autopilot does by itself when something is wrong: the ground station is silent, or a fence is crossed.
+"""What the autopilot does by itself when something is wrong: ground station or radio are lost, a fence is crossed.
 
 `watch` looks ten times a second. The ground station counts as lost when HEARTBEATs of SYSID_MYGCS that have been heard
 stay away for FS_GCS_TIMEOUT; this is also how a lost link shows. Fences are a greatest and a least height and a circle,
-all about home. Kernels over the autopilot's record `m`.
-
-Not here: polygons, battery and estimator (the battery is full and the motion is true).
+all about home, and what has been uploaded. Kernels over the autopilot's record `m`.
 
 Source: ArduPilot, ArduCopter events (failsafe_gcs_check), fence, AC_Fence.
 """
@@ -15,24 +13,56 @@ import math
 from typing import Any
 
 from cosim.kernel import kernel
-from cosim_models.arming import BRAKE, LAND, RTL, STABILIZE, disarm, position_ready
-from cosim_models.copter_messages import (
+from cosim_models.arming import (
+    ALT_HOLD,
+    AUTO,
+    BRAKE,
+    GUIDED,
+    LAND,
+    LANDING,
+    LOITER,
+    RTL,
+    STABILIZE,
+    disarm,
+    landed_state,
+    position_ready,
+)
+from cosim_models.battery import CRITICAL_CHARGE, drain, new_alarm
+from cosim_models.fences import CIRCLE, HIGHEST, LOWEST, POLYGON, within_polygons
+from cosim_models.modes import set_mode
+from cosim_models.pilot import NO_PULSES, channel, hands_on, throttle_zero
+from cosim_models.pilot_switches import watch_switches
+from cosim_models.texts import (
+    BATTERY_DISARMING,
+    BATTERY_LANDING,
+    BATTERY_LOST,
     CIRCLE_BREACHED,
+    GCS_AUTO,
     GCS_CLEARED,
+    GCS_DISARMING,
+    GCS_LANDING,
     GCS_LOST,
+    GCS_PILOT,
     HIGH_BREACHED,
     LOW_BREACHED,
     NO_NUMBER,
+    POLYGON_BREACHED,
+    RADIO_AUTO,
+    RADIO_CLEARED,
+    RADIO_DISARMING,
+    RADIO_GUIDED,
+    RADIO_LANDING,
+    RADIO_LOST,
     WARNING,
     say,
 )
-from cosim_models.flight_modes import set_mode
 
 __all__ = ["hear_station", "watch"]
 
 _PERIOD = 0.1  # s
-_HIGHEST, _CIRCLE, _LOWEST = 1, 2, 8  # bits of FENCE_TYPE
 _GIVE_UP = 100.0  # m beyond a fence from where the vehicle lands instead of returning
+# FS_OPTIONS
+_AUTO_GOES_ON, _AUTO_GOES_ON_ALONE, _GUIDED_GOES_ON, _LANDING_GOES_ON, _PILOT_GOES_ON_ALONE = 1, 2, 4, 8, 16
 _REPORT, _RETURN, _ALWAYS_LAND, _BRAKE = 0, 1, 2, 4  # FENCE_ACTION
 
 
@@ -64,6 +94,19 @@ def _watch_station(m: Any, t: float) -> None:
         return
     if not m.armed:
         return
+    if m.on_ground:
+        say(m, WARNING, GCS_DISARMING, NO_NUMBER)
+        disarm(m)
+        return
+    if (m.FS_OPTIONS & _LANDING_GOES_ON) != 0 and _is_landing(m):
+        say(m, WARNING, GCS_LANDING, NO_NUMBER)
+        return
+    if m.mode == AUTO and (m.FS_OPTIONS & _AUTO_GOES_ON_ALONE) != 0:
+        say(m, WARNING, GCS_AUTO, NO_NUMBER)
+        return
+    if m.mode in (STABILIZE, ALT_HOLD, LOITER) and (m.FS_OPTIONS & _PILOT_GOES_ON_ALONE) != 0:
+        say(m, WARNING, GCS_PILOT, NO_NUMBER)
+        return
     say(m, WARNING, GCS_LOST, NO_NUMBER)
     if m.FS_GCS_ENABLE == 7:
         _change(m, BRAKE, t)
@@ -81,6 +124,66 @@ def _beyond(m: Any) -> tuple[float, float, float]:
 
 
 @kernel
+def _watch_battery(m: Any, t: float) -> None:
+    drain(m, _PERIOD)
+    alarm = new_alarm(m, t)
+    if alarm == 0:
+        return
+    action = m.BATT_FS_CRT_ACT if alarm == CRITICAL_CHARGE else m.BATT_FS_LOW_ACT
+    if m.on_ground or (m.mode == STABILIZE and throttle_zero(m, t)):
+        say(m, WARNING, BATTERY_DISARMING, NO_NUMBER)
+        disarm(m)
+    elif action != 0 and (m.FS_OPTIONS & _LANDING_GOES_ON) != 0 and _is_landing(m):
+        say(m, WARNING, BATTERY_LANDING, NO_NUMBER)
+    else:
+        say(m, WARNING, BATTERY_LOST, NO_NUMBER)
+        if action == 1 or action == 4:
+            _change(m, LAND, t)
+        elif action == 5:
+            disarm(m)
+        elif action == 7:
+            _change(m, BRAKE, t)
+        elif action != 0:
+            _change(m, RTL, t)
+
+
+@kernel
+def _is_landing(m: Any) -> bool:
+    return landed_state(m) == LANDING
+
+
+@kernel
+def _watch_radio(m: Any, t: float) -> None:
+    """The radio is lost when no signal comes, or one with the throttle below FS_THR_VALUE."""
+    if hands_on(m, t) or m.SIM_RC_FAIL != NO_PULSES:
+        m.radio_heard = t
+    pulse = channel(m, m.RCMAP_THROTTLE, t)
+    lost = m.FS_THR_ENABLE > 0 and (t - m.radio_heard >= m.RC_FS_TIMEOUT or (pulse != 0 and pulse < m.FS_THR_VALUE))
+    if lost == m.radio_lost:
+        return
+    m.radio_lost = lost
+    if not lost:
+        say(m, WARNING, RADIO_CLEARED, NO_NUMBER)
+    elif m.on_ground or (m.mode == STABILIZE and throttle_zero(m, t)):
+        say(m, WARNING, RADIO_DISARMING, NO_NUMBER)
+        disarm(m)
+    elif (m.FS_OPTIONS & _LANDING_GOES_ON) != 0 and _is_landing(m):
+        say(m, WARNING, RADIO_LANDING, NO_NUMBER)
+    elif m.mode == AUTO and ((m.FS_OPTIONS & _AUTO_GOES_ON) != 0 or m.FS_THR_ENABLE == 2):
+        say(m, WARNING, RADIO_AUTO, NO_NUMBER)
+    elif m.mode == GUIDED and (m.FS_OPTIONS & _GUIDED_GOES_ON) != 0:
+        say(m, WARNING, RADIO_GUIDED, NO_NUMBER)
+    else:
+        say(m, WARNING, RADIO_LOST, NO_NUMBER)
+        if m.FS_THR_ENABLE == 7:
+            _change(m, BRAKE, t)
+        elif m.FS_THR_ENABLE == 3 or m.FS_THR_ENABLE == 5:
+            _change(m, LAND, t)
+        else:
+            _change(m, RTL, t)
+
+
+@kernel
 def _watch_fence(m: Any, t: float) -> None:
     if m.FENCE_ENABLE == 0 or not m.armed:
         m.fence_breach = 0
@@ -89,23 +192,29 @@ def _watch_fence(m: Any, t: float) -> None:
     above, outside, below = _beyond(m)
     m.fence_low_armed = m.fence_low_armed or below < 0.0  # counts once it has been left behind
     now = 0
-    if (m.FENCE_TYPE & _HIGHEST) != 0 and above >= 0.0:
-        now += _HIGHEST
-    if (m.FENCE_TYPE & _CIRCLE) != 0 and outside >= 0.0:
-        now += _CIRCLE
-    if (m.FENCE_TYPE & _LOWEST) != 0 and m.fence_low_armed and not m.on_ground and below >= 0.0:
-        now += _LOWEST
+    if (m.FENCE_TYPE & HIGHEST) != 0 and above >= 0.0:
+        now += HIGHEST
+    if (m.FENCE_TYPE & CIRCLE) != 0 and outside >= 0.0:
+        now += CIRCLE
+    if (m.FENCE_TYPE & LOWEST) != 0 and m.fence_low_armed and not m.on_ground and below >= 0.0:
+        now += LOWEST
+    if (m.FENCE_TYPE & POLYGON) != 0 and m.fence_count > 0 and not within_polygons(m, m.pos[0], m.pos[1]):
+        now += POLYGON
     if m.mode == LAND or m.mode == RTL:
-        now &= ~_LOWEST  # coming down is what was asked for
+        now &= ~LOWEST  # coming down is what was asked for
     new = now & ~m.fence_breach
     m.fence_breach = now
     if new == 0:
         return
-    if (new & _HIGHEST) != 0:
+    m.breach_count += 1
+    m.breach_time = t
+    if (new & HIGHEST) != 0:
         say(m, WARNING, HIGH_BREACHED, NO_NUMBER)
-    if (new & _CIRCLE) != 0:
+    if (new & CIRCLE) != 0:
         say(m, WARNING, CIRCLE_BREACHED, NO_NUMBER)
-    if (new & _LOWEST) != 0:
+    if (new & POLYGON) != 0:
+        say(m, WARNING, POLYGON_BREACHED, NO_NUMBER)
+    if (new & LOWEST) != 0:
         say(m, WARNING, LOW_BREACHED, NO_NUMBER)
     if m.FENCE_ACTION == _REPORT:
         return
@@ -125,5 +234,8 @@ def watch(m: Any, t: float) -> None:
     if t < m.next_watch - 1e-9:
         return
     m.next_watch = t + _PERIOD
+    _watch_battery(m, t)
     _watch_station(m, t)
+    _watch_radio(m, t)
+    watch_switches(m, t)
     _watch_fence(m, t)

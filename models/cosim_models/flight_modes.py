@@ -1,18 +1,13 @@
-"""What the autopilot flies: modes, take-off and landing, as ArduCopter does it.
+"""What the autopilot flies by itself: GUIDED, take-off, landing and RTL, as ArduCopter does it.
 
-Kernels over the autopilot's record `m`. `run_mode` is called once a step and calls the position and attitude
-controllers with what the mode wants; `set_mode`, `take_off` and the `guide_*` functions are what commands do, the
-first two saying whether it was possible. Vectors are north, east, UP from the local origin, SI units.
-MAVLink is elsewhere.
-
-There is no pilot: in LOITER and ALT_HOLD the sticks are taken as centred. In STABILIZE the throttle stick is taken as
-closed, as in a simulated ArduCopter without a radio: on the ground the motors idle, in the air they idle too and the
-vehicle falls. Do not switch to STABILIZE in flight.
+Kernels over the autopilot's record `m`, called once a step; they call the position and attitude controllers with what
+is wanted. `take_off` and the `guide_*` functions are what commands do. Vectors are north, east, UP from the local
+origin, SI units. What is flown by hand is in `pilot_modes`, which mode runs in `modes`; MAVLink is elsewhere.
 
 RTL flies by the same shaper as GUIDED, not by ArduCopter's waypoint S-curves. BRAKE stops as GUIDED does, with
 WPNAV_ACCEL, not with ArduCopter's harder braking.
 
-Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_land, mode_rtl, mode_loiter, takeoff, land_detector.
+Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_land, mode_rtl, takeoff.
 """
 
 from __future__ import annotations
@@ -24,28 +19,20 @@ from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.arming import (
     ACCELERATION,
-    ALT_HOLD,
-    AUTO,
-    BRAKE,
     CLIMB,
     DESCEND,
     GUIDED,
-    LAND,
-    LOITER,
     POSITION,
     POSITION_VELOCITY,
     RETURN,
     RTL,
-    STABILIZE,
     TAKEOFF,
     VELOCITY,
     WAIT,
     disarm,
-    needs_position,
-    position_ready,
 )
 from cosim_models.attitude_control import follow_heading, follow_yaw_rate, forget_torques, relax_yaw
-from cosim_models.motors import GROUND_IDLE, SHUT_DOWN, THROTTLE_UNLIMITED
+from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED
 from cosim_models.position_control import (
     GRAVITY,
     control_ne,
@@ -67,6 +54,10 @@ from cosim_models.position_control import (
 from cosim_models.shaping import clip, sqrt_controller
 
 __all__ = [
+    "hold_heading",
+    "lean",
+    "run_guided",
+    "standard_limits",
     "fly_to_point",
     "guide_acceleration",
     "guide_position",
@@ -75,10 +66,8 @@ __all__ = [
     "guide_velocity",
     "rest_on_ground",
     "run_land",
-    "run_mode",
     "run_rtl",
     "run_takeoff",
-    "set_mode",
     "start_land",
     "start_rtl",
     "start_takeoff",
@@ -90,7 +79,6 @@ __all__ = [
 # Where the nose points.
 HOLD, ALONG_PATH, FIXED, TURN = 0, 1, 2, 3
 
-_ARMING_DELAY = 2.0  # s between arming and the motors
 _TAKEOFF_THROTTLE = 0.9
 _RTL_ALT_MIN = 2.0  # m
 _RTL_CLIMB_MIN = 2.5  # m, below the cone
@@ -121,7 +109,13 @@ def turn_to(m: Any, heading: float, rate: float, follow: bool) -> None:
 
 
 @kernel
-def _lean(m: Any, dt: float) -> None:
+def hold_heading(m: Any) -> None:
+    """Keep the nose where it points."""
+    m.yaw_mode = HOLD
+
+
+@kernel
+def lean(m: Any, dt: float) -> None:
     """Hand the wanted acceleration and heading to the attitude controller."""
     an, ae = m.acceleration_target[0], m.acceleration_target[1]
     if m.yaw_mode == ALONG_PATH:
@@ -136,14 +130,14 @@ def _lean(m: Any, dt: float) -> None:
 
 
 @kernel
-def _standard_limits(m: Any) -> None:
+def standard_limits(m: Any) -> None:
     set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
 
 
 @kernel
 def _start_control(m: Any) -> None:
     """Standard limits, controllers from the present motion, nose as WP_YAW_BEHAVIOR says."""
-    _standard_limits(m)
+    standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
     _default_heading(m)
@@ -217,7 +211,7 @@ def take_off(m: Any, height: float) -> bool:
 @kernel
 def start_takeoff(m: Any, up: float) -> None:
     """Begin a take-off to `up` [m]."""
-    _standard_limits(m)
+    standard_limits(m)
     m.submode = TAKEOFF
     m.yaw_mode = HOLD
     m.takeoff_from = m.pos[2]
@@ -229,55 +223,8 @@ def start_takeoff(m: Any, up: float) -> None:
 
 
 @kernel
-def set_mode(m: Any, mode: int, t: float) -> bool:
-    """Switch modes; False if armed and the mode needs a position that is not there. The mode must be one of `Mode`.
-
-    Whether there is a mission for AUTO is the caller's to check.
-    """
-    if mode == m.mode:
-        return True
-    if m.armed and needs_position(mode) and not position_ready(m, t):
-        return False
-    m.mode = mode
-    if mode == GUIDED:
-        guide_stop(m, t)
-    elif mode == BRAKE:
-        guide_stop(m, t)
-        m.yaw_mode = HOLD
-    elif mode == ALT_HOLD:
-        _standard_limits(m)
-        initialise_up(m)
-    elif mode == AUTO:
-        guide_stop(m, t)
-        if m.mission_complete or m.mission_current == 0:
-            m.mission_current = 1
-        m.mission_complete = False
-        m.mission_changed = True
-        m.auto_landing = False
-    elif mode == LOITER:
-        _start_loiter(m, t)
-    elif mode == LAND:
-        start_land(m)
-    elif mode == RTL:
-        start_rtl(m)
-    if mode != STABILIZE and not m.on_ground:
-        m.auto_armed = True
-    return True
-
-
-@kernel
-def _start_loiter(m: Any, t: float) -> None:
-    _standard_limits(m)
-    initialise_ne(m)
-    initialise_up(m)
-    m.yaw_mode = HOLD
-    m.loiter_brake = 0.0
-    m.loiter_since = t
-
-
-@kernel
 def start_land(m: Any) -> None:
-    _standard_limits(m)
+    standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
     m.yaw_mode = HOLD
@@ -313,29 +260,6 @@ def rest_on_ground(m: Any, dt: float) -> None:
 
 
 @kernel
-def _run_stabilize(m: Any, dt: float) -> None:
-    m.spool_wanted = GROUND_IDLE
-    if m.spool_state <= GROUND_IDLE:
-        relax_yaw(m)
-        forget_torques(m, m.spool_state == GROUND_IDLE, dt)
-    follow_yaw_rate(m, 0.0, 0.0, -GRAVITY, 0.0, dt)
-    set_throttle(m, 0.0, True, 0.0, dt)
-
-
-@kernel
-def _run_alt_hold(m: Any, dt: float) -> None:
-    """Level, at the height it has: the wind carries it away."""
-    if not m.armed or not m.auto_armed or m.on_ground:
-        rest_on_ground(m, dt)
-        return
-    m.spool_wanted = THROTTLE_UNLIMITED
-    seek_velocity_up(m, 0.0, 0.0, False, dt)
-    control_up(m, dt)
-    relax_ne(m, dt)
-    follow_yaw_rate(m, 0.0, 0.0, -GRAVITY, 0.0, dt)
-
-
-@kernel
 def run_takeoff(m: Any, dt: float) -> None:
     if not m.armed or not m.auto_armed:
         rest_on_ground(m, dt)
@@ -367,16 +291,16 @@ def run_takeoff(m: Any, dt: float) -> None:
         return
     seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
     control_ne(m, dt)
-    seek_position_up(m, m.takeoff_to, dt)
+    seek_position_up(m, m.takeoff_to, 0.0, dt)
     control_up(m, dt)
-    _lean(m, dt)
+    lean(m, dt)
     climbed = m.position_desired[2] - m.takeoff_from >= 0.9 * (m.takeoff_to - m.takeoff_from)
     if climbed and m.velocity_desired[2] < 0.1 * m.speed_up:
         m.takeoff_done = True
 
 
 @kernel
-def _run_guided(m: Any, t: float, dt: float) -> None:
+def run_guided(m: Any, t: float, dt: float) -> None:
     if m.submode == TAKEOFF:
         run_takeoff(m, dt)
         return
@@ -404,34 +328,7 @@ def _run_guided(m: Any, t: float, dt: float) -> None:
         seek_acceleration(m, a[0], a[1], a[2], dt)
     control_ne(m, dt)
     control_up(m, dt)
-    _lean(m, dt)
-
-
-@kernel
-def _run_loiter(m: Any, t: float, dt: float) -> None:
-    if not m.armed or not m.auto_armed or m.on_ground:
-        rest_on_ground(m, dt)
-        return
-    m.spool_wanted = THROTTLE_UNLIMITED
-    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
-    speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
-    wanted = 0.0
-    if t - m.loiter_since > m.LOIT_BRK_DELAY:
-        gain = 0.5 * m.PSC_VELXY_P
-        wanted = clip(sqrt_controller(speed, gain, 0.01 * m.LOIT_BRK_JERK, dt), 0.0, 0.01 * m.LOIT_BRK_ACCEL)
-    step = 0.01 * m.LOIT_BRK_JERK * dt
-    m.loiter_brake += clip(wanted - m.loiter_brake, -step, step)
-    drag = GRAVITY * math.tan(math.radians(0.01 * m.ANGLE_MAX)) * speed / max(0.01 * m.LOIT_SPEED, 0.2)
-    slower = max(speed - (drag + m.loiter_brake) * dt, 0.0)
-    share = slower / speed if speed > 0.0 else 0.0
-    for i in range(2):
-        a[i] = -m.loiter_brake * v[i] / speed if speed > 0.0 else 0.0
-        v[i] *= share
-        p[i] += v[i] * dt
-    seek_velocity_up(m, 0.0, 0.0, False, dt)
-    control_ne(m, dt)
-    control_up(m, dt)
-    _lean(m, dt)
+    lean(m, dt)
 
 
 @kernel
@@ -448,7 +345,7 @@ def _descend(m: Any, dt: float) -> None:
     seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
     control_ne(m, dt)
     control_up(m, dt)
-    _lean(m, dt)
+    lean(m, dt)
 
 
 @kernel
@@ -470,7 +367,7 @@ def fly_to_point(m: Any, dt: float) -> None:
     seek_position(m, p[0], p[1], p[2], dt)
     control_ne(m, dt)
     control_up(m, dt)
-    _lean(m, dt)
+    lean(m, dt)
 
 
 @kernel
@@ -497,24 +394,3 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
     elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME:
         m.rtl_stage = DESCEND
         start_land(m)
-
-
-@kernel
-def run_mode(m: Any, t: float, dt: float) -> None:
-    """One step of the present mode; AUTO has been run before (`auto`)."""
-    if m.arming_delay and (not m.armed or t - m.armed_at >= _ARMING_DELAY - 1e-9):
-        m.arming_delay = False
-    if m.mode == GUIDED or m.mode == BRAKE:
-        _run_guided(m, t, dt)
-    elif m.mode == ALT_HOLD:
-        _run_alt_hold(m, dt)
-    elif m.mode == LOITER:
-        _run_loiter(m, t, dt)
-    elif m.mode == LAND:
-        run_land(m, dt)
-    elif m.mode == RTL:
-        run_rtl(m, t, dt)
-    elif m.mode == STABILIZE:
-        _run_stabilize(m, dt)
-    if not m.armed:
-        m.spool_wanted = SHUT_DOWN

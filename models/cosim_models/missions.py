@@ -2,8 +2,8 @@
 
 A ground station uploads items (asked for one by one, again every second, given up after eight), downloads them, clears
 them and sets the current one. Item 0 is home. Commands that this autopilot does not fly are refused at the upload.
-Kernels over the autopilot's record `m`; `auto` flies the items, `commands` hears of guided targets. Fences and rally
-points (other mission types) are unsupported.
+Fences are items of their own (`fences`); rally points are unsupported. Kernels over the autopilot's record `m`; `auto`
+flies the items, `commands` hears of guided targets.
 
 Sources: the MAVLink guide, "Mission Protocol"; ArduPilot, MissionItemProtocol and AP_Mission.
 """
@@ -33,12 +33,21 @@ from cosim.messages import (
     encode_mission_item_reached,
     encode_mission_request,
 )
+from cosim_models.fences import (
+    FENCE_CAPACITY,
+    check_fence_item,
+    fence_is_whole,
+    keep_fence_item,
+    place_fence,
+    send_fence_item,
+)
 from cosim_models.packet_output import can_answer, send
 
 __all__ = [
     "AUTOCONTINUE",
     "COMMAND",
     "DONE",
+    "FENCE",
     "FRAME",
     "ITEM",
     "LATITUDE",
@@ -61,6 +70,7 @@ __all__ = [
 ]
 
 MISSION_CAPACITY = 100
+FENCE = cast(int, np.int64(1))  # MAV_MISSION_TYPE; 0 is a mission
 COMMAND, FRAME, P1, P2, P3, P4, LATITUDE, LONGITUDE, Z, AUTOCONTINUE, DONE = range(11)
 ITEM = 11
 """Columns of the table of items: as uploaded, places in 1e-7 degrees; DONE counts the jumps taken."""
@@ -98,18 +108,22 @@ def mission_count(m: Any) -> int:
 @kernel
 def send_count(m: Any, kind: int, system: int, component: int) -> None:
     """Answer MISSION_REQUEST_LIST."""
-    if kind != 0:
+    if kind != 0 and kind != FENCE:
         ack_mission(m, UNSUPPORTED, kind, system, component)
         return
-    encode_mission_count(m.payload, system, component, mission_count(m), 0)
+    count = m.fence_count if kind == FENCE else mission_count(m)
+    encode_mission_count(m.payload, system, component, count, kind)
     send(m, _MISSION_COUNT)
 
 
 @kernel
 def send_item(m: Any, sequence: int, kind: int, system: int, component: int, whole: bool) -> None:
     """Answer MISSION_REQUEST or, with `whole` degrees, MISSION_REQUEST_INT."""
+    if kind == FENCE and sequence < m.fence_count:
+        send_fence_item(m, sequence, system, component, whole)
+        return
     if kind != 0 or sequence >= mission_count(m):
-        ack_mission(m, UNSUPPORTED if kind != 0 else BAD_SEQUENCE, kind, system, component)
+        ack_mission(m, UNSUPPORTED if kind > FENCE else BAD_SEQUENCE, kind, system, component)
         return
     r = m.mission[sequence]
     command, frame, carry_on = int(r[COMMAND]), int(r[FRAME]), int(r[AUTOCONTINUE])
@@ -185,28 +199,35 @@ def send_reached(m: Any, sequence: int) -> None:
 @kernel
 def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
     """MISSION_CLEAR_ALL; kind 255 clears all kinds."""
-    if kind != 0 and kind != 255:
+    if kind != 0 and kind != FENCE and kind != 255:
         ack_mission(m, UNSUPPORTED, kind, system, component)
         return
-    m.mission_count = 1
-    m.mission_current = 0
+    if kind != FENCE:
+        m.mission_count = 1
+        m.mission_current = 0
+    if kind != 0:
+        m.fence_count = 0
     m.uploading = False
     ack_mission(m, ACCEPTED, kind, system, component)
 
 
 @kernel
 def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: float) -> None:
-    """MISSION_COUNT: forget the mission and ask for the first item."""
-    if kind != 0 or count > MISSION_CAPACITY:
-        ack_mission(m, UNSUPPORTED if kind != 0 else NO_SPACE, kind, system, component)
+    """MISSION_COUNT: forget the mission or the fence and ask for the first item."""
+    if kind > FENCE or count > (FENCE_CAPACITY if kind == FENCE else MISSION_CAPACITY):
+        ack_mission(m, UNSUPPORTED if kind > FENCE else NO_SPACE, kind, system, component)
         return
-    m.mission_count = 1
-    m.mission_current = 0
-    m.mission_complete = False
+    if kind == FENCE:
+        m.fence_count = 0
+    else:
+        m.mission_count = 1
+        m.mission_current = 0
+        m.mission_complete = False
     m.uploading = count > 0
     if count == 0:
-        ack_mission(m, ACCEPTED, 0, system, component)
+        ack_mission(m, ACCEPTED, kind, system, component)
         return
+    m.upload_kind = kind
     m.upload_count = count
     m.upload_next = 0
     m.upload_system = system
@@ -220,9 +241,9 @@ def continue_upload(m: Any, t: float) -> None:
     """Ask for the next item when it is time to, or give the upload up."""
     if t - m.upload_heard >= _GIVE_UP:
         m.uploading = False
-        ack_mission(m, CANCELLED, 0, m.upload_system, m.upload_component)
+        ack_mission(m, CANCELLED, m.upload_kind, m.upload_system, m.upload_component)
     elif t - m.upload_asked >= _ASK_AGAIN - 1e-9 and can_answer(m):
-        encode_mission_request(m.payload, m.upload_system, m.upload_component, m.upload_next, 0)
+        encode_mission_request(m.payload, m.upload_system, m.upload_component, m.upload_next, m.upload_kind)
         if send(m, _MISSION_REQUEST):
             m.upload_asked = t
 
@@ -262,26 +283,61 @@ def receive_item(
     """The next item of an upload (latitude and longitude in 1e-7 degrees); the last one is acknowledged."""
     if not m.uploading:
         return
+    kind = m.upload_kind
     m.upload_heard = t
     if sequence != m.upload_next:
-        ack_mission(m, BAD_SEQUENCE, 0, m.upload_system, m.upload_component)
+        ack_mission(m, BAD_SEQUENCE, kind, m.upload_system, m.upload_component)
         return
-    result = _check_item(command, frame, values, latitude, longitude, z) if sequence > 0 else ACCEPTED
+    result = ACCEPTED
+    if kind == FENCE:
+        result = check_fence_item(command, frame, values[0], latitude, longitude)
+    elif sequence > 0:
+        result = _check_item(command, frame, values, latitude, longitude, z)
     if result != ACCEPTED:
         m.uploading = False
-        ack_mission(m, result, 0, m.upload_system, m.upload_component)
+        ack_mission(m, result, kind, m.upload_system, m.upload_component)
         return
+    if kind == FENCE:
+        keep_fence_item(m, sequence, command, values[0], latitude, longitude)
+    else:
+        _keep_item(m, sequence, frame, command, carry_on, values, latitude, longitude, z)
+    m.upload_next = sequence + 1
+    m.upload_asked = t - _ASK_AGAIN
+    if m.upload_next == m.upload_count:
+        _finish_upload(m)
+
+
+@kernel
+def _finish_upload(m: Any) -> None:
+    """All items are there."""
+    m.uploading = False
+    result = ACCEPTED
+    if m.upload_kind == 0:
+        m.mission_count = m.upload_count
+    elif fence_is_whole(m, m.upload_count):
+        place_fence(m, m.upload_count)
+    else:
+        result = ERROR
+    ack_mission(m, result, m.upload_kind, m.upload_system, m.upload_component)
+
+
+@kernel
+def _keep_item(
+    m: Any,
+    sequence: int,
+    frame: int,
+    command: int,
+    carry_on: int,
+    values: tuple[float, float, float, float],
+    latitude: float,
+    longitude: float,
+    z: float,
+) -> None:
     r = m.mission[sequence]
     r[COMMAND], r[FRAME], r[AUTOCONTINUE], r[DONE] = float(command), float(frame), float(carry_on), 0.0
     for i in range(4):
         r[P1 + i] = values[i]
     r[LATITUDE], r[LONGITUDE], r[Z] = latitude, longitude, z
-    m.upload_next = sequence + 1
-    m.upload_asked = t - _ASK_AGAIN
-    if m.upload_next == m.upload_count:
-        m.uploading = False
-        m.mission_count = m.upload_count
-        ack_mission(m, ACCEPTED, 0, m.upload_system, m.upload_component)
 
 
 @kernel

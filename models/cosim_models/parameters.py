@@ -31,8 +31,9 @@ from cosim.messages import (
 from cosim.model import record_layout
 from cosim.packets import get_u8, put_u8
 from cosim_models.autopilot_variables import VARIABLES
-from cosim_models.copter_messages import WARNING
 from cosim_models.packet_output import can_answer, send
+from cosim_models.parameter_types import INT8, INT16, INT32
+from cosim_models.texts import WARNING
 
 __all__ = ["PARAMETER_COUNT", "PARAMETER_NAMES", "list_parameters", "read_parameter", "send_list", "set_parameter"]
 
@@ -43,13 +44,6 @@ _CHANGED = 65535  # index of a value that is told because it was set
 _LARGEST = 1e6
 _DENIED = np.frombuffer(b"Param write denied ()", dtype=np.uint8).copy()
 
-# ArduPilot's types, where they are no floats.
-_BYTES = ("ATC_ANGLE_BOOST", "DISARM_DELAY", "MOT_HOVER_LEARN", "WP_YAW_BEHAVIOR", "FS_GCS_ENABLE")
-_FENCE_BYTES = ("FENCE_ACTION", "FENCE_ENABLE", "FENCE_TYPE")
-_SHORTS = ("ANGLE_MAX", "INS_ACCEL_FILTER", "INS_GYRO_FILTER", "LAND_ALT_LOW", "LAND_SPEED", "LAND_SPEED_HIGH")
-_MORE_SHORTS = ("MOT_YAW_HEADROOM", "SYSID_MYGCS", "SYSID_THISMAV")
-_LONGS = ("RTL_ALT", "RTL_LOIT_TIME")
-
 _TABLE = sorted((v for v in VARIABLES if v.role == "parameter" and v.name.isupper()), key=lambda v: v.name)
 PARAMETER_NAMES = tuple(v.name for v in _TABLE)
 """Names of all parameters, in the order of their index."""
@@ -57,11 +51,11 @@ PARAMETER_COUNT = len(_TABLE)
 
 
 def _type(name: str) -> int:
-    if name in _BYTES or name in _FENCE_BYTES:
+    if name in INT8:
         return _INT8
-    if name in _SHORTS or name in _MORE_SHORTS or name.startswith("SR0_"):
+    if name in INT16:
         return _INT16
-    return _INT32 if name in _LONGS else _REAL32
+    return _INT32 if name in INT32 else _REAL32
 
 
 def _ids() -> np.ndarray[Any, np.dtype[np.uint8]]:

@@ -41,6 +41,7 @@ __all__ = [
     "relax_up",
     "seek_acceleration",
     "seek_position",
+    "seek_position_ne",
     "seek_position_up",
     "seek_position_velocity",
     "seek_velocity_ne",
@@ -48,6 +49,7 @@ __all__ = [
     "set_limits",
     "set_throttle",
     "soften_for_landing",
+    "stop_ne",
 ]
 
 GRAVITY = 9.80665  # m/s2, ArduPilot's GRAVITY_MSS
@@ -112,6 +114,21 @@ def initialise_ne(m: Any) -> None:
     m.velocity_pid[6] = 0.0
     m.limit[0] = 0.0
     m.limit[1] = 0.0
+
+
+@kernel
+def stop_ne(m: Any) -> None:
+    """`initialise_ne`, but desired is to rest where the vehicle can come to rest."""
+    initialise_ne(m)
+    vn, ve = m.vel[0], m.vel[1]
+    speed = math.sqrt(vn * vn + ve * ve)
+    if speed > 0.0:
+        way = inverse_sqrt_controller(speed, m.PSC_POSXY_P, m.accel_max) / speed
+        m.position_desired[0] += vn * way
+        m.position_desired[1] += ve * way
+    for i in range(2):
+        m.velocity_desired[i] = 0.0
+        m.acceleration_desired[i] = 0.0
 
 
 @kernel
@@ -202,15 +219,25 @@ def seek_position(m: Any, n: float, e: float, u: float, dt: float) -> None:
 
 
 @kernel
-def seek_position_up(m: Any, u: float, dt: float) -> None:
-    """Desired vertical motion to height u."""
+def seek_position_ne(m: Any, n: float, e: float, dt: float) -> None:
+    """Desired horizontal motion to (n, e), which may be moved on every step."""
+    _advance_ne(m, dt)
+    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    a[0], a[1] = shape_position_ne(
+        n, e, 0.0, 0.0, 0.0, 0.0, p[0], p[1], v[0], v[1], a[0], a[1], m.speed_max, m.accel_max, m.jerk_max, dt, False
+    )
+
+
+@kernel
+def seek_position_up(m: Any, u: float, vu: float, dt: float) -> None:
+    """Desired vertical motion to height u, passed at climb rate vu."""
     gain = _overspeed(m)
     _advance_up(m, dt)
     p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
     accel = m.accel_up * gain
     low = -min(accel, _ACCEL_DOWN_MAX)
     a[2] = shape_position(
-        u, 0.0, 0.0, p[2], v[2], a[2], -m.speed_down, m.speed_up, low, accel, m.jerk_up * gain, dt, False
+        u, vu, 0.0, p[2], v[2], a[2], -m.speed_down, m.speed_up, low, accel, m.jerk_up * gain, dt, False
     )
 
 

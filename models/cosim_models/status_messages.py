@@ -1,7 +1,7 @@
 """Messages on where the autopilot is going and what it measures: the less frequent half of its telemetry.
 
 Kernels over the autopilot's record `m` that append one MAVLink packet each; see `copter_messages` for the rest.
-There is no magnetometer: its fields in RAW_IMU are zero. The battery is full, as SYS_STATUS says.
+There is no magnetometer: its fields in RAW_IMU are zero.
 
 Sources: MAVLink common.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; recorded telemetry of ArduCopter 4.7-dev.
 """
@@ -22,6 +22,12 @@ from cosim.messages import (
     POSITION_TARGET_LOCAL_NED,
     POWER_STATUS,
     RAW_IMU,
+    RC_CHANNELS,
+    RC_CHANNELS_CHAN1_RAW,
+    RC_CHANNELS_CHANCOUNT,
+    RC_CHANNELS_LENGTH,
+    RC_CHANNELS_RSSI,
+    RC_CHANNELS_TIME_BOOT_MS,
     SIMSTATE,
     encode_battery_status,
     encode_nav_controller_output,
@@ -32,12 +38,19 @@ from cosim.messages import (
     encode_simstate,
     put_battery_status_voltages,
 )
+from cosim.packets import clear, put_u8, put_u16, put_u32
 from cosim_models.arming import AUTO, GUIDED, POSITION, RTL
+from cosim_models.autopilot_variables import CHANNELS
+from cosim_models.battery import battery_remaining
 from cosim_models.packet_output import microseconds, milliseconds, send
+from cosim_models.pilot import channel
+from cosim_models.position_control import GRAVITY
+from cosim_models.sensor_messages import short
 
 __all__ = [
     "going",
     "send_battery",
+    "send_channels",
     "send_destination",
     "send_destination_ned",
     "send_imu",
@@ -52,12 +65,12 @@ _POSITION_TARGET_GLOBAL_INT = cast(int, np.int64(POSITION_TARGET_GLOBAL_INT))
 _POSITION_TARGET_LOCAL_NED = cast(int, np.int64(POSITION_TARGET_LOCAL_NED))
 _POWER_STATUS = cast(int, np.int64(POWER_STATUS))
 _RAW_IMU = cast(int, np.int64(RAW_IMU))
+_RC_CHANNELS = cast(int, np.int64(RC_CHANNELS))
 _SIMSTATE = cast(int, np.int64(SIMSTATE))
 
 _ONLY_POSITION = 0xFDF8  # POSITION_TARGET_TYPEMASK, as ArduCopter fills it
-_GRAVITY = 9.80665
-FULL = 12600  # mV
 _UNKNOWN = 65535
+_UNKNOWN_RSSI = 255
 
 
 @kernel
@@ -127,24 +140,19 @@ def send_navigation(m: Any) -> bool:
 
 
 @kernel
-def _short(value: float) -> int:
-    return int(min(max(value, -32768.0), 32767.0))
-
-
-@kernel
 def send_imu(m: Any, t: float) -> bool:
     """RAW_IMU: specific force [mG] and angular velocity [mrad/s], FRD."""
     f, w = m.specific_force, m.gyro
-    g = 1000.0 / _GRAVITY
+    g = 1000.0 / GRAVITY
     encode_raw_imu(
         m.payload,
         microseconds(t),
-        _short(f[0] * g),
-        _short(f[1] * g),
-        _short(f[2] * g),
-        _short(w[0] * 1000.0),
-        _short(w[1] * 1000.0),
-        _short(w[2] * 1000.0),
+        short(f[0] * g),
+        short(f[1] * g),
+        short(f[2] * g),
+        short(w[0] * 1000.0),
+        short(w[1] * 1000.0),
+        short(w[2] * 1000.0),
         0,
         0,
         0,
@@ -168,11 +176,41 @@ def send_simulated(m: Any) -> bool:
 @kernel
 def send_battery(m: Any) -> bool:
     """BATTERY_STATUS of the battery."""
-    encode_battery_status(m.payload, 0, 0, 0, 32767, 0, 0, 0, 100, 0, 1, 0, 0)
-    put_battery_status_voltages(m.payload, 0, FULL)
+    encode_battery_status(
+        m.payload,
+        0,
+        0,
+        0,
+        32767,
+        int(100.0 * m.battery_current + 0.5),
+        int(m.battery_used),
+        int(0.01 * m.battery_energy),
+        battery_remaining(m),
+        0,
+        1 + m.battery_alarm,
+        0,
+        0,
+    )
+    put_battery_status_voltages(m.payload, 0, int(1000.0 * m.battery_voltage + 0.5))
     for i in range(1, 10):
         put_battery_status_voltages(m.payload, i, _UNKNOWN)
     return send(m, _BATTERY_STATUS)
+
+
+@kernel
+def send_channels(m: Any, t: float) -> bool:
+    """RC_CHANNELS: the receiver's channels, as overridden."""
+    clear(m.payload, 0, RC_CHANNELS_LENGTH)
+    put_u32(m.payload, RC_CHANNELS_TIME_BOOT_MS, milliseconds(t))
+    count = 0
+    for number in range(1, CHANNELS + 1):
+        pulse = channel(m, number, t)
+        put_u16(m.payload, RC_CHANNELS_CHAN1_RAW + 2 * (number - 1), pulse)
+        if pulse != 0:
+            count = number
+    put_u8(m.payload, RC_CHANNELS_CHANCOUNT, count)
+    put_u8(m.payload, RC_CHANNELS_RSSI, _UNKNOWN_RSSI)
+    return send(m, _RC_CHANNELS)
 
 
 @kernel

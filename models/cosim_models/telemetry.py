@@ -10,44 +10,22 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from cosim.kernel import kernel
-from cosim_models.copter_messages import (
-    DISARMING,
-    HEARTBEAT_ROW,
-    INFO,
-    NO_NUMBER,
-    STREAM_COUNT,
-    home_ready,
-    say,
-    send_heartbeat,
-    send_home,
-    send_message,
-    send_origin,
-    send_texts,
-)
+from cosim_models.copter_messages import home_ready, send_heartbeat, send_home, send_message, send_origin
 from cosim_models.missions import continue_upload
 from cosim_models.parameters import PARAMETER_COUNT, send_list
+from cosim_models.streams import HEARTBEAT_ROW, STREAM_COUNT, stream_group
+from cosim_models.texts import DISARMING, INFO, NO_NUMBER, say, send_texts
 
-__all__ = ["default_interval", "set_interval", "start_streams", "stream_group", "telemetry"]
+__all__ = ["default_interval", "set_interval", "start_streams", "telemetry"]
 
 _SLACK = 1e-9  # s
-
-# MAV_DATA_STREAM of a row: 1 RAW_SENSORS, 2 EXTENDED_STATUS, 3 RC_CHANNELS, 6 POSITION, 10 to 12 EXTRA1 to 3, 0: none.
-_GROUPS = np.array((2, 2, 6, 6, 10, 11, 12, 12, 3, 0, 0, 0, 0, 2, 2, 2, 0, 12, 1, 10, 2, 0), dtype=np.int64)
-
-
-@kernel
-def stream_group(row: int) -> int:
-    """The MAV_DATA_STREAM to which a row of STREAMS belongs, 0 if to none."""
-    return int(_GROUPS[row])
 
 
 @kernel
 def default_interval(m: Any, row: int) -> float:
     """Interval [s] that the SR0_ parameters ask for; 0: not sent. HEARTBEAT: 1 s."""
-    group = _GROUPS[row]
+    group = stream_group(row)
     rate = 0
     if row == HEARTBEAT_ROW:
         rate = 1

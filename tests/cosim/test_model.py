@@ -441,3 +441,19 @@ def test_description_comes_with_the_build(slave: Any) -> None:
 def test_packet_output_is_in_the_record() -> None:
     dtype, _ = record_layout((PacketOutput("tx", capacity=3),))
     assert dtype.names == ("tx_len", "tx")
+
+
+def test_what_is_rare_stands_apart_from_what_every_step_touches() -> None:
+    variables = (
+        Parameter("rate", start=1.0),
+        Parameter("seldom_read", start=2.0, rare=True),
+        Memory("count"),
+        Memory("seldom_kept", rare=True),
+        Output("level"),
+    )
+    dtype, head = record_layout(variables)
+    begin, end = busy_part(variables)
+    assert dtype.fields is not None
+    at = {name: field[1] for name, field in dtype.fields.items()}
+    assert at["seldom_read"] < begin <= at["rate"] < head <= at["count"]
+    assert at["level"] < end <= at["seldom_kept"]

@@ -94,3 +94,43 @@ def test_timesync_is_answered_and_answers_are_not() -> None:
     (answer,) = copter.messages("TIMESYNC")
     assert answer.ts1 == 123456789012
     assert answer.tc1 == pytest.approx(0.5e9, abs=1e6)
+
+
+def test_attitude_sensors_and_memory_on_request(under_way: Copter) -> None:
+    under_way.heard.clear()
+    for message in (178, 163, 241, 152, 26, 29, 30, 33):
+        under_way.command(512, message)
+    under_way.tick()
+    (second,), (first,) = under_way.messages("AHRS2"), under_way.messages("ATTITUDE")
+    assert (second.roll, second.pitch, second.yaw) == (first.roll, first.pitch, first.yaw)
+    (place,) = under_way.messages("GLOBAL_POSITION_INT")
+    assert (second.lat, second.lng) == (place.lat, place.lon)
+    assert second.altitude == pytest.approx(place.alt * 1e-3, abs=2e-3)
+    (imu,), (pressure,) = under_way.messages("SCALED_IMU"), under_way.messages("SCALED_PRESSURE")
+    assert imu.zacc == pytest.approx(under_way.m["specific_force"][2] / 9.80665 * 1000.0, abs=1.5)
+    # 11.3 Pa per metre there; ArduCopter's own barometer says 945.028 hPa at 584.08 m
+    assert pressure.press_abs == pytest.approx(945.032 + 0.1126 * under_way.v["position"][2], abs=0.02)
+    (vibration,), (memory,) = under_way.messages("VIBRATION"), under_way.messages("MEMINFO")
+    assert 0.0 <= vibration.vibration_z < 1.0
+    assert memory.freemem32 > 0
+    (ahrs,) = under_way.messages("AHRS")
+    assert (ahrs.omegaIx, ahrs.error_rp) == (0.0, 0.0)
+
+
+def test_the_streams_hold_what_arducopter_streams() -> None:
+    """Recorded from ArduCopter under REQUEST_DATA_STREAM 0 at 4 Hz, without terrain and a second and third sensor."""
+    recorded = {
+        *("AHRS", "AHRS2", "ATTITUDE", "BATTERY_STATUS", "EKF_STATUS_REPORT", "GLOBAL_POSITION_INT", "GPS_RAW_INT"),
+        *("LOCAL_POSITION_NED", "MEMINFO", "MISSION_CURRENT", "NAV_CONTROLLER_OUTPUT", "POWER_STATUS", "RAW_IMU"),
+        *("RC_CHANNELS", "SCALED_PRESSURE", "SERVO_OUTPUT_RAW", "SIMSTATE", "SYSTEM_TIME", "SYS_STATUS", "VFR_HUD"),
+        "VIBRATION",
+    }
+    copter = Copter()
+    copter.run(2.1)
+    copter.heard.clear()
+    copter.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+    copter.run(2.01)
+    counts = {kind: len(copter.messages(kind)) for kind in recorded}
+    assert set(counts.values()) == {8}, counts
+    others = {m.get_type() for _, m in copter.heard} - recorded
+    assert others <= {"HEARTBEAT", "HOME_POSITION", "GPS_GLOBAL_ORIGIN", "STATUSTEXT"}

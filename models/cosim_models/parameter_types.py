@@ -1,0 +1,83 @@
+"""ArduPilot's types of the parameters that are no floats, as its parameter protocol tells them. Names only."""
+
+from __future__ import annotations
+
+__all__ = ["INT8", "INT16", "INT32"]
+
+INT8 = frozenset(
+    [
+        "ARMING_RUDDER",
+        "ATC_ANGLE_BOOST",
+        "BATT_FS_CRT_ACT",
+        "BATT_FS_LOW_ACT",
+        "BATT_FS_VOLTSRC",
+        "BATT_LOW_TIMER",
+        "DISARM_DELAY",
+        "FENCE_ACTION",
+        "FENCE_ENABLE",
+        "FENCE_TYPE",
+        "FLTMODE1",
+        "FLTMODE2",
+        "FLTMODE3",
+        "FLTMODE4",
+        "FLTMODE5",
+        "FLTMODE6",
+        "FLTMODE_CH",
+        "FS_GCS_ENABLE",
+        "FS_THR_ENABLE",
+        "MOT_HOVER_LEARN",
+        "RC1_REVERSED",
+        "RC2_REVERSED",
+        "RC3_REVERSED",
+        "RC4_REVERSED",
+        "RCMAP_PITCH",
+        "RCMAP_ROLL",
+        "RCMAP_THROTTLE",
+        "RCMAP_YAW",
+        "SIM_RC_FAIL",
+        "WP_YAW_BEHAVIOR",
+    ]
+)
+INT16 = frozenset(
+    [
+        "ANGLE_MAX",
+        "CIRCLE_OPTIONS",
+        "FS_THR_VALUE",
+        "INS_ACCEL_FILTER",
+        "INS_GYRO_FILTER",
+        "LAND_ALT_LOW",
+        "LAND_SPEED",
+        "LAND_SPEED_HIGH",
+        "MOT_YAW_HEADROOM",
+        "PILOT_ACCEL_Z",
+        "PILOT_SPEED_DN",
+        "PILOT_SPEED_UP",
+        "RC1_DZ",
+        "RC1_MAX",
+        "RC1_MIN",
+        "RC1_TRIM",
+        "RC2_DZ",
+        "RC2_MAX",
+        "RC2_MIN",
+        "RC2_TRIM",
+        "RC3_DZ",
+        "RC3_MAX",
+        "RC3_MIN",
+        "RC3_TRIM",
+        "RC4_DZ",
+        "RC4_MAX",
+        "RC4_MIN",
+        "RC4_TRIM",
+        "SR0_EXTRA1",
+        "SR0_EXTRA2",
+        "SR0_EXTRA3",
+        "SR0_EXT_STAT",
+        "SR0_POSITION",
+        "SR0_RAW_SENS",
+        "SR0_RC_CHAN",
+        "SYSID_MYGCS",
+        "SYSID_THISMAV",
+        "THR_DZ",
+    ]
+)
+INT32 = frozenset(["BATT_ARM_MAH", "BATT_CAPACITY", "FS_OPTIONS", "RTL_ALT", "RTL_LOIT_TIME"])

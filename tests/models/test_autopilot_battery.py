@@ -1,0 +1,142 @@
+"""The battery: what it gives, what is told of it, and what happens when it runs low."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, RTL, Copter
+
+BRAKE = 17
+
+
+def texts(copter: Copter) -> list[tuple[int, str]]:
+    return [(m.severity, m.text) for m in copter.messages("STATUSTEXT")]
+
+
+def battery(copter: Copter) -> tuple[Any, Any]:
+    copter.heard.clear()
+    copter.command(512, 147)
+    copter.command(512, 1)
+    copter.tick()
+    (status,), (system,) = copter.messages("BATTERY_STATUS"), copter.messages("SYS_STATUS")
+    return status, system
+
+
+def test_on_the_ground_nothing_is_used() -> None:
+    copter = Copter()
+    copter.run(10.0)
+    status, system = battery(copter)
+    assert (status.current_consumed, status.energy_consumed, status.battery_remaining) == (0, 0, 100)
+    assert (system.voltage_battery, system.current_battery, system.battery_remaining) == (12600, 0, 100)
+
+
+def test_a_minute_of_hovering_takes_its_share() -> None:
+    copter = Copter(autopilot={"hover_current": 18.0, "BATT_CAPACITY": 1000.0}).in_the_air(5.0, 20.0)
+    before, _ = battery(copter)
+    copter.run(60.0)
+    status, system = battery(copter)
+    assert status.current_battery == pytest.approx(1800, rel=0.02)
+    assert status.current_consumed - before.current_consumed == pytest.approx(300, abs=4)  # 18 A for 60 s
+    assert (status.energy_consumed - before.energy_consumed) * 100 == pytest.approx(18.0 * 12.6 * 60.0, rel=0.02)
+    assert system.battery_remaining == status.battery_remaining == 100 - -(-status.current_consumed // 10)
+    assert status.voltages[0] == 12600  # without a capacity the voltage stays, as ArduPilot's does
+
+
+def test_a_battery_of_a_capacity_runs_empty() -> None:
+    values = {"hover_current": 20.0, "SIM_BATT_CAP_AH": 0.5, "battery_resistance": 0.03}
+    copter = Copter(autopilot=values).in_the_air(5.0, 15.0)
+    copter.run(45.0 - (copter.m["battery_used"] - 250.0) / 1e9)
+    used = float(copter.m["battery_used"]) / 500.0
+    # the curve of a cell, linear between the tenths of charge
+    table = {0.4: 3.79, 0.5: 3.82, 0.6: 3.87, 0.7: 3.92, 0.8: 3.98, 0.2: 3.74, 0.3: 3.77}
+    low = int((1.0 - used) * 10) / 10
+    cell = table[low] + ((1.0 - used) - low) * 10 * (table[round(low + 0.1, 1)] - table[low])
+    current = float(copter.m["battery_current"])
+    assert float(copter.m["battery_voltage"]) == pytest.approx(3 * cell - 0.03 * current, abs=0.01)
+    assert 3 * cell < 11.8
+
+
+@pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, LAND), (2, RTL), (3, RTL), (4, LAND), (7, BRAKE)])
+def test_a_low_voltage_that_lasts(action: int, mode: int) -> None:
+    values = {"BATT_LOW_VOLT": 10.5, "BATT_LOW_TIMER": 3.0, "BATT_FS_LOW_ACT": action}
+    copter = Copter(autopilot=values).in_the_air(5.0, 12.0)
+    copter.heard.clear()
+    copter.m["SIM_BATT_VOLTAGE"] = 10.4
+    copter.run(2.8)
+    assert texts(copter) == []
+    copter.run(0.6)
+    used = round(float(copter.m["battery_used"]))
+    (low, failsafe) = texts(copter)
+    assert low[0] == failsafe[0] == 4
+    assert failsafe[1] == "Battery Failsafe"
+    assert low[1].startswith("Battery 1 is low 10.40V used ")
+    assert low[1].endswith(" mAh")
+    assert abs(int(low[1].split()[-2]) - used) <= 4
+    assert copter.m["mode"] == mode
+    status, system = battery(copter)
+    assert status.charge_state == 2
+    assert not system.onboard_control_sensors_health & 0x2000000
+    copter.run(1.1)
+    assert copter.messages("HEARTBEAT")[-1].system_status == 5
+    copter.heard.clear()
+    copter.run(5.0)
+    assert texts(copter) == []  # once
+
+
+def test_a_short_dip_does_not_count() -> None:
+    copter = Copter(autopilot={"BATT_LOW_TIMER": 3.0, "BATT_FS_LOW_ACT": 1}).in_the_air(5.0, 10.0)
+    copter.heard.clear()
+    for _ in range(3):
+        copter.m["SIM_BATT_VOLTAGE"] = 10.4
+        copter.run(2.5)
+        copter.m["SIM_BATT_VOLTAGE"] = 12.0
+        copter.run(0.5)
+    assert texts(copter) == []
+
+
+def test_first_low_then_critical_by_charge() -> None:
+    values = {"BATT_CAPACITY": 200.0, "BATT_LOW_MAH": 120.0, "BATT_CRT_MAH": 60.0, "BATT_FS_CRT_ACT": 1}
+    copter = Copter(autopilot={**values, "hover_current": 20.0}).in_the_air(5.0, 10.0)
+    copter.run(35.0)
+    said = [text for _, text in texts(copter) if "attery" in text]
+    assert [text.split(" used")[0] for text in said] == [
+        "Battery 1 is low 12.60V",
+        "Battery Failsafe",
+        "Battery 1 is critical 12.60V",
+        "Battery Failsafe",
+    ]
+    assert copter.m["mode"] == LAND
+    assert battery(copter)[0].charge_state == 3
+
+
+def test_a_landing_goes_on_and_the_ground_disarms() -> None:
+    values = {"BATT_LOW_TIMER": 1.0, "BATT_FS_LOW_ACT": 2, "FS_OPTIONS": 8}
+    copter = Copter(autopilot=values).in_the_air(5.0, 10.0)
+    copter.ask(176, 1, LAND)
+    copter.m["SIM_BATT_VOLTAGE"] = 10.4
+    copter.run(1.5)
+    assert texts(copter)[-1] == (4, "Battery Failsafe - Continuing Landing")
+    assert copter.m["mode"] == LAND
+    copter = Copter(autopilot=values)
+    copter.run(2.1)
+    copter.ask(400, 1)
+    copter.m["SIM_BATT_VOLTAGE"] = 10.4
+    copter.run(1.5)
+    assert (4, "Battery Failsafe - Disarming") in texts(copter)
+    assert not copter.m["armed"]
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"BATT_ARM_VOLT": 12.7}, "Arm: Battery 1 below minimum arming voltage"),
+        ({"BATT_ARM_MAH": 3301.0}, "Arm: Battery 1 below minimum arming capacity"),
+    ],
+)
+def test_what_arming_needs(values: dict[str, float], text: str) -> None:
+    copter = Copter(autopilot=values)
+    copter.run(2.1)
+    assert copter.ask(400, 1) == [("ACK", 400, FAILED), ("TEXT", 2, text)]
+    assert copter.ask(400, 1, 2989)[0] == ("ACK", 400, ACCEPTED)

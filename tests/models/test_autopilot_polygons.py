@@ -1,0 +1,185 @@
+"""Fences of polygons and circles: uploaded and read back by the mission protocol, kept in flight."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.path import Path as Polygon
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from cosim_models.autopilot import Autopilot
+from cosim_models.fences import fence_is_whole, keep_fence_item, place_fence, within_polygons
+from tests.models.copter import GUIDED, RTL, Copter
+
+FENCE = 1
+INCLUSION, EXCLUSION, CIRCLE_IN, CIRCLE_OUT, RETURN = 5001, 5002, 5003, 5004, 5000
+LAT, LON = -35.363262, 149.165237
+DEG_PER_M = 1e-7 / 0.011131884502145034
+Item = tuple[int, float, float, float]  # command, param 1, north and east of the origin [m]
+
+
+def degrees(north: float, east: float) -> tuple[int, int]:
+    return round((LAT + north * DEG_PER_M) * 1e7), round((LON + east * DEG_PER_M / math.cos(math.radians(LAT))) * 1e7)
+
+
+def square(command: int, side: float, north: float = 0.0, east: float = 0.0) -> list[Item]:
+    half = 0.5 * side
+    corners = ((-half, -half), (-half, half), (half, half), (half, -half))
+    return [(command, 4.0, north + n, east + e) for n, e in corners]
+
+
+def upload(copter: Copter, items: list[Item], kind: int = FENCE, whole: bool = True) -> int:
+    """Send the items as they are asked for; the result of the MISSION_ACK."""
+    copter.heard.clear()
+    copter.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), kind))
+    for _ in range(len(items) + 3):
+        copter.run(0.0075)
+        asked = [m for m in copter.messages("MISSION_REQUEST") if m.mission_type == kind]
+        acks = copter.messages("MISSION_ACK")
+        copter.heard.clear()
+        if acks:
+            assert acks[-1].mission_type == kind
+            return int(acks[-1].type)
+        for request in asked[-1:]:
+            command, p1, north, east = items[request.seq]
+            lat, lon = degrees(north, east)
+            head = (1, 1, request.seq, 0, command, 0, 1, p1, 0, 0, 0)
+            if whole:
+                copter.send(mavlink.MAVLink_mission_item_int_message(*head, lat, lon, 0, kind))
+            else:
+                copter.send(mavlink.MAVLink_mission_item_message(*head, lat * 1e-7, lon * 1e-7, 0, kind))
+    raise AssertionError("no answer")
+
+
+@pytest.fixture
+def copter() -> Copter:
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_TYPE": 4})
+    copter.run(0.5)
+    return copter
+
+
+def test_a_fence_is_read_back_as_it_was_sent(copter: Copter) -> None:
+    items = [*square(INCLUSION, 40.0), *square(EXCLUSION, 4.0, 10.0), (CIRCLE_OUT, 2.5, -9.0, 1.0), (RETURN, 0.0, 0, 0)]
+    assert upload(copter, items) == 0
+    copter.heard.clear()
+    copter.send(mavlink.MAVLink_mission_request_list_message(1, 1, FENCE))
+    for i in range(len(items)):
+        copter.send(mavlink.MAVLink_mission_request_int_message(1, 1, i, FENCE))
+    copter.run(0.1)
+    (count,) = copter.messages("MISSION_COUNT")
+    assert (count.count, count.mission_type) == (len(items), FENCE)
+    told = copter.messages("MISSION_ITEM_INT")
+    assert [(m.command, m.param1, m.x, m.y) for m in told] == [(c, p, *degrees(n, e)) for c, p, n, e in items]
+    assert {(m.frame, m.mission_type) for m in told} == {(0, FENCE)}
+    copter.send(mavlink.MAVLink_mission_request_message(1, 1, 1, FENCE))
+    copter.run(0.01)
+    (item,) = copter.messages("MISSION_ITEM")
+    assert item.x == pytest.approx(degrees(-20.0, 20.0)[0] * 1e-7, abs=1e-5)
+
+
+def test_missions_and_fences_do_not_disturb_each_other(copter: Copter) -> None:
+    mission = [(16, 0.0, 0.0, 0.0), (22, 0.0, 0.0, 0.0), (16, 0.0, 5.0, 5.0)]
+    assert upload(copter, mission, kind=0) == 0
+    assert upload(copter, square(INCLUSION, 40.0), whole=False) == 0
+    assert (copter.m["mission_count"], copter.m["fence_count"]) == (3, 4)
+    copter.send(mavlink.MAVLink_mission_clear_all_message(1, 1, FENCE))
+    copter.run(0.01)
+    assert (copter.m["mission_count"], copter.m["fence_count"]) == (3, 0)
+    upload(copter, square(INCLUSION, 40.0))
+    copter.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    copter.run(0.01)
+    assert (copter.m["mission_count"], copter.m["fence_count"]) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    ("items", "result"),
+    [
+        (square(INCLUSION, 9.0)[:3], 1),  # a vertex is missing
+        ([*square(INCLUSION, 9.0)[:2], *square(EXCLUSION, 9.0)[:2]], 1),
+        ([(INCLUSION, 2.0, 0.0, 0.0)], 6),
+        ([(CIRCLE_IN, 0.0, 0.0, 0.0)], 6),
+        ([(16, 0.0, 0.0, 0.0)], 3),
+        (square(INCLUSION, 9.0) * 18, 4),  # no space
+    ],
+)
+def test_fences_that_cannot_be(copter: Copter, items: list[Item], result: int) -> None:
+    assert upload(copter, items) == result
+    assert copter.m["fence_count"] == 0
+
+
+def test_rally_points_are_unsupported(copter: Copter) -> None:
+    assert upload(copter, [(5100, 0.0, 0.0, 0.0)], kind=2) == 3
+
+
+@pytest.mark.parametrize(
+    ("items", "way"),
+    [
+        (square(INCLUSION, 20.0), (30.0, 0.0)),
+        (square(EXCLUSION, 6.0, 12.0), (30.0, 0.0)),
+        ([(CIRCLE_IN, 10.0, 0.0, 0.0)], (0.0, 30.0)),
+        ([(CIRCLE_OUT, 4.0, 0.0, 12.0)], (0.0, 30.0)),
+    ],
+)
+def test_crossing_a_fence_returns(items: list[Item], way: tuple[float, float]) -> None:
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_TYPE": 4}).in_the_air(5.0, 10.0)
+    assert upload(copter, items) == 0
+    copter.run(1.0)
+    assert copter.m["mode"] == GUIDED
+    copter.heard.clear()
+    copter.go(*way, -5.0)
+    began = copter.time
+    while copter.m["mode"] == GUIDED:
+        copter.tick()
+        assert copter.time < began + 8.0
+    assert copter.m["mode"] == RTL
+    assert max(abs(x) for x in copter.v["position"][:2]) == pytest.approx(10.0, abs=1.5)
+    copter.command(512, 162)
+    copter.run(0.01)
+    assert (4, "Polygon fence breached") in [(m.severity, m.text) for m in copter.messages("STATUSTEXT")]
+    (status,) = copter.messages("FENCE_STATUS")
+    assert (status.breach_status, status.breach_count, status.breach_type) == (1, 1, 3)
+    assert status.breach_time == pytest.approx(copter.time * 1000.0, abs=120)
+
+
+def test_a_fence_is_switched_by_command() -> None:
+    copter = Copter(autopilot={"FENCE_TYPE": 4}).in_the_air(5.0, 10.0)
+    upload(copter, square(INCLUSION, 4.0))
+    assert copter.ask(512, 162) == [("ACK", 512, 0)]
+    assert copter.messages("FENCE_STATUS") == []  # not watched: nothing to say
+    copter.go(10.0, 0.0, -5.0)
+    copter.run(4.0)
+    assert copter.m["mode"] == GUIDED
+    assert copter.ask(207, 2) == [("ACK", 207, 4)]
+    copter.command(207, 1)
+    copter.run(0.3)
+    assert copter.m["mode"] == RTL
+
+
+coordinate = st.integers(-50_000, 50_000).map(lambda x: x / 1000.0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    corners=st.lists(st.tuples(coordinate, coordinate), min_size=3, max_size=8, unique=True),
+    point=st.tuples(coordinate, coordinate),
+    exclusion=st.booleans(),
+)
+def test_within_a_polygon_is_what_matplotlib_says(
+    corners: list[tuple[float, float]], point: tuple[float, float], exclusion: bool
+) -> None:
+    north, east = (sum(c[i] for c in corners) / len(corners) for i in range(2))
+    corners = sorted(corners, key=lambda c: math.atan2(c[1] - east, c[0] - north))  # so that no sides cross
+    m: Any = Autopilot.record()
+    for i, corner in enumerate(corners):
+        lat, lon = degrees(*corner)
+        keep_fence_item(m, i, EXCLUSION if exclusion else INCLUSION, float(len(corners)), float(lat), float(lon))
+    assert fence_is_whole(m, len(corners))
+    place_fence(m, len(corners))
+    polygon = Polygon([*corners, corners[0]], closed=True)
+    near, far = polygon.contains_point(point, radius=0.03), polygon.contains_point(point, radius=-0.03)
+    if near == far:  # not on the line, as far as rounding to 1e-7 degrees goes
+        assert within_polygons(m, *point) == (bool(near) != exclusion)
