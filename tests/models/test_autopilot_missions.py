@@ -118,7 +118,7 @@ def test_items_that_cannot_be_flown_are_refused(copter: Copter, bad: Any, result
 def test_counts_that_cannot_be_held_are_refused(copter: Copter) -> None:
     (ack,) = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, MISSION_CAPACITY + 1, 0))
     assert ack.type == 4
-    (ack,) = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
+    (ack,) = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, 3, 2))
     assert ack.type == 3
 
 
