@@ -23,7 +23,7 @@ from cosim_master.units import Unit, UnitError, conversion
 
 __all__ = ["MAX_DEPTH", "MAX_PARTS", "Part", "Port", "assemble", "element_name", "indices_of", "measure"]
 
-MAX_DEPTH = 100
+MAX_DEPTH = 60
 MAX_PARTS = 200_000
 
 

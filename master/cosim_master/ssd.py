@@ -17,6 +17,7 @@ from lxml import etree
 from cosim_master.document import Reader, line_of, local_name, near, whole
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.limitations import DEEP, IMPLEMENTATION, MODELICA, NO_SOURCE, OTHER_SSD
+from cosim_master.parts import MAX_DEPTH
 from cosim_master.references import File, Files, is_file, parsed, read_reference
 from cosim_master.schema import validate
 from cosim_master.ssc import Definitions, note_ignored, read_connector, read_transformation, read_version
@@ -46,7 +47,6 @@ COMPONENT_TYPES = (FMU_TYPE, SSD_TYPE, SSP_TYPE)
 _SET, _MAPPING, _DICTIONARY = (
     f"application/x-ssp-{kind}" for kind in ("parameter-set", "parameter-mapping", "signal-dictionary")
 )
-_MAX_DEPTH = 60
 _T = TypeVar("_T")
 
 
@@ -125,8 +125,8 @@ class Document:
     # ---- elements ----------------------------------------------------------------------------------------------------
 
     def _system(self, element: etree._Element) -> System:
-        if self.files.depth >= _MAX_DEPTH:
-            self.reader.problem(element, DEEP.text(_MAX_DEPTH))
+        if self.files.depth >= MAX_DEPTH:
+            self.reader.problem(element, DEEP.text(MAX_DEPTH))
             return System(element.get("name", ""), (), (), (), (), (), self.path, self.reader.where(element))
         self.files.depth += 1
         try:

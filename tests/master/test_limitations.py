@@ -22,6 +22,7 @@ from cosim_master.gateways import gateways_of
 from cosim_master.limitations import LIMITATIONS, Limitation, table
 from cosim_master.multimodel import read_multimodel
 from cosim_master.network import network_of
+from cosim_master.parts import MAX_DEPTH
 from cosim_master.saving import save
 from cosim_master.simulation import simulate
 from cosim_master.ssp import SSD_TYPE, read_system
@@ -99,6 +100,22 @@ def of_ssp(workshop: Any, variable: Any, monkeypatch: pytest.MonkeyPatch) -> Pro
         for i in range(1, depth):
             made = system(made, name=f"s{i}")
         return made
+
+    def referred(depth: int) -> str:
+        """As deep, but each system is a component with the one before as its source."""
+        made: str = system(name="s0").replace("<ssd:System ", '<ssd:System id="s0" ')
+        for i in range(1, depth):
+            one = system(component("c", f"#s{i - 1}", type=SSD_TYPE), name=f"s{i}")
+            made += one.replace("<ssd:System ", f'<ssd:System id="s{i}" ')
+        return made
+
+    def deep() -> Said:
+        """Written out or referred to, 60 are possible and 61 are not; the root system is one of them."""
+        for make in (nested, referred):
+            assert said(ssd(make(MAX_DEPTH - 1)))[0] == "note"
+            last = said(ssd(make(MAX_DEPTH)))
+            assert last[0] == "error"
+        return last
 
     def multiplied() -> Path:
         made = system(name="s0").replace("<ssd:System ", '<ssd:System id="s0" ')
@@ -198,7 +215,7 @@ def of_ssp(workshop: Any, variable: Any, monkeypatch: pytest.MonkeyPatch) -> Pro
             system(component("a", unit, "m:output"), wire("a/m", "o", mapping), name="s", connectors="o:output"),
             bindings=workshop.bindings({"s.o": 2}),
         ),
-        "DEEP": lambda: ssd(nested(65)),
+        "DEEP": deep,
         "LARGE": multiplied,
         "LONG_ARRAY": lambda: array('<ssc:Dimension size="300"/><ssc:Dimension size="300"/>'),
         "ARCHIVE": swollen,
