@@ -131,6 +131,18 @@ def test_without_terminate(stricts: Any, tmp_path: Path) -> None:
     assert simulate(stricts.ssd(stricts.component("a")), out=tmp_path / "out").outcome == "done"
 
 
+def test_without_free_instance(stricts: Any, tmp_path: Path) -> None:
+    """It is needed, and missed when all is over: the recording is complete, and other FMUs are freed."""
+    without(stricts.fmu("other.fmu"), tmp_path, "fmi2FreeInstance")
+    stricts.fmu()
+    parts = stricts.component("a", "other.fmu") + stricts.component("b")
+    result = simulate(stricts.ssd(parts), out=tmp_path / "out")
+    assert (result.outcome, result.simulated_s, stricts.complaints) == ("failed", 2.0, [])
+    assert "fmi2FreeInstance failed: the binary of " in str(result.error)
+    assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert stricts.calls[-1] == "b: fmi2FreeInstance"
+
+
 # ---- names and descriptions -------------------------------------------------------------------
 
 
