@@ -62,12 +62,12 @@ def _get_or_set(typing: Any, function: Any, instance: Any, references: Any, n: A
     return types.int32(*[types.uintp] * 5), codegen
 
 
-def _do_step2(typing: Any, function: Any, instance: Any, t: Any, h: Any) -> Any:
+def _do_step2(typing: Any, function: Any, instance: Any, t: Any, h: Any, final: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(_I32, [_I64, _F64, _F64, _I32]).as_pointer()
-        return builder.call(builder.inttoptr(arguments[0], kind), [*arguments[1:], ir.Constant(_I32, 1)])
+        return builder.call(builder.inttoptr(arguments[0], kind), arguments[1:])
 
-    return types.int32(types.uintp, types.uintp, types.double, types.double), codegen
+    return types.int32(types.uintp, types.uintp, types.double, types.double, types.int32), codegen
 
 
 def _get_or_set3(typing: Any, function: Any, instance: Any, references: Any, n: Any, values: Any, n_values: Any) -> Any:
@@ -88,14 +88,13 @@ def _get_or_set_binary(
     return types.int32(*[types.uintp] * 7), codegen
 
 
-def _do_step3(typing: Any, function: Any, instance: Any, t: Any, h: Any, answers: Any) -> Any:
+def _do_step3(typing: Any, function: Any, instance: Any, t: Any, h: Any, final: Any, answers: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(_I32, [_I64, _F64, _F64, _I32, *[_I64] * 4]).as_pointer()
-        answers = [builder.add(arguments[4], ir.Constant(_I64, offset)) for offset in (0, 1, 2, 8)]
-        given = [*arguments[1:4], ir.Constant(_I32, 1), *answers]
-        return builder.call(builder.inttoptr(arguments[0], kind), given)
+        answers = [builder.add(arguments[5], ir.Constant(_I64, offset)) for offset in (0, 1, 2, 8)]
+        return builder.call(builder.inttoptr(arguments[0], kind), [*arguments[1:5], *answers])
 
-    return types.int32(types.uintp, types.uintp, types.double, types.double, types.uintp), codegen
+    return types.int32(types.uintp, types.uintp, types.double, types.double, types.int32, types.uintp), codegen
 
 
 def _load_number(stored: ir.Type, *, signed: bool = True) -> Any:
@@ -197,9 +196,9 @@ def _plain_get_or_set(function: int, instance: int, references: int, n: int, val
     return int(call(int(function))(int(instance), int(references), int(n), int(values)))
 
 
-def _plain_do_step2(function: int, instance: int, t: float, h: float) -> int:
+def _plain_do_step2(function: int, instance: int, t: float, h: float, final: int) -> int:
     call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int)
-    return int(call(int(function))(int(instance), t, h, 1))
+    return int(call(int(function))(int(instance), t, h, int(final)))
 
 
 def _plain_get_or_set3(function: int, *arguments: int) -> int:
@@ -214,11 +213,11 @@ def _plain_get_or_set_binary(function: int, *arguments: int) -> int:
     return int(call(int(function))(*map(int, arguments)))
 
 
-def _plain_do_step3(function: int, instance: int, t: float, h: float, answers: int) -> int:
+def _plain_do_step3(function: int, instance: int, t: float, h: float, final: int, answers: int) -> int:
     pointer, real = ctypes.c_void_p, ctypes.c_double
     call = ctypes.CFUNCTYPE(ctypes.c_int, pointer, real, real, ctypes.c_bool, *[pointer] * 4)
     places = [int(answers) + offset for offset in (0, 1, 2, 8)]
-    return int(call(int(function))(int(instance), t, h, True, *places))
+    return int(call(int(function))(int(instance), t, h, bool(final), *places))
 
 
 def _plain_load(kind: Any) -> Any:
@@ -252,13 +251,13 @@ def table(rows: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 get_or_set: Any = _plain_get_or_set if PLAIN else intrinsic(_get_or_set)
 """fmi2GetXXX or fmi2SetXXX(instance, references, n, values) -> status"""
 do_step2: Any = _plain_do_step2 if PLAIN else intrinsic(_do_step2)
-"""fmi2DoStep(instance, t, h, fmi2True) -> status; t and h in s"""
+"""fmi2DoStep(instance, t, h, final) -> status; t and h in s; `final`: no state of before t will be restored"""
 get_or_set3: Any = _plain_get_or_set3 if PLAIN else intrinsic(_get_or_set3)
 """fmi3GetXXX or fmi3SetXXX(instance, references, n, values, n_values) -> status"""
 get_or_set_binary: Any = _plain_get_or_set_binary if PLAIN else intrinsic(_get_or_set_binary)
 """fmi3GetBinary or fmi3SetBinary(instance, references, n, sizes, values, n_values) -> status"""
 do_step3: Any = _plain_do_step3 if PLAIN else intrinsic(_do_step3)
-"""fmi3DoStep(instance, t, h, true, answers...) -> status; 16 bytes of answers: event handling needed, terminate
+"""fmi3DoStep(instance, t, h, final, answers...) -> status; 16 bytes of answers: event handling needed, terminate
 simulation, early return (a byte each), at 8 the last successful time"""
 load_f4: Any = _plain_load(ctypes.c_float) if PLAIN else intrinsic(_load_number(ir.FloatType()))
 load_f8: Any = _plain_load(ctypes.c_double) if PLAIN else intrinsic(_load_number(_F64))

@@ -5,7 +5,6 @@ Between two steps FMI 2 allows no others to be set (FMI 2.0.5, section 4.2.4).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,12 +14,10 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Start, Variable
 from cosim_master.limitations import CHANGE, CLOCKED_CHANGE, STRUCTURAL_CHANGE
 from cosim_master.plan import Timing
-from cosim_master.system import INTEGER_RANGES
 
 __all__ = ["Change", "changes"]
 
 _WHERE = Where("--at")
-_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +57,7 @@ def changes(checked: CheckedSystem, clock: Timing, wanted: Sequence[tuple[float,
             period = clock.periods[number]
             if k is None or k % period:
                 raise ValueError(_expected(clock, period, checked.instances[number].name))
-            found.append(Change(k, number, variable, _value(variable, text)))
+            found.append(Change(k, number, variable, variable.parsed(text)))
         except ValueError as error:
             problems.append(Problem(_WHERE, f"{time:g} {name}={text}: {error}"))
     if problems:
@@ -98,32 +95,3 @@ def _check_changeable(variable: Variable, *, driven: bool) -> None:
     if not tunable and variable.causality != "input":
         what = f"{variable.causality}, {variable.variability}"
         raise ValueError(f"it is {what}; only tunable parameters and inputs can be changed during a run")
-
-
-def _value(variable: Variable, text: str) -> Start:
-    value: Start
-    if variable.type == "String":
-        return text
-    text = text.strip()
-    if variable.type == "Boolean":
-        if text.lower() not in _BOOLEANS:
-            raise ValueError("valid: true or false")
-        return _BOOLEANS[text.lower()]
-    if variable.type == "Enumeration" and variable.items:
-        known = {**variable.items, **{str(value): value for value in variable.items.values()}}
-        if text not in known:
-            raise ValueError(f"its enumeration has no such item; {near(text, variable.items)}")
-        return known[text]
-    real = variable.type in ("Real", "Clock")
-    try:
-        value = float(text) if real else int(text)
-    except ValueError:
-        raise ValueError("valid: a number" if real else "valid: an integer") from None
-    low = -math.inf if variable.minimum is None else variable.minimum
-    high = math.inf if variable.maximum is None else variable.maximum
-    if not real:
-        smallest, largest = INTEGER_RANGES.get(variable.fmi_type, INTEGER_RANGES["Integer"])
-        low, high = max(low, smallest), min(high, largest)
-    if not low <= value <= high:
-        raise ValueError(f"valid: {low:g} to {high:g}")
-    return value

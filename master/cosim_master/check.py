@@ -31,7 +31,7 @@ from cosim_master.wiring import Wiring
 __all__ = ["ANNOTATION_TYPES", "Alias", "CheckedSystem", "Instance", "Link", "OwnedAnnotation", "check", "natural"]
 
 STEPPING = "org.uav-cosim.stepping"
-ANNOTATION_TYPES = (STEPPING, "org.uav-cosim.network", "org.uav-cosim.recording")
+ANNOTATION_TYPES = (STEPPING, "org.uav-cosim.network", "org.uav-cosim.recording", "org.uav-cosim.master")
 _NAMESPACE = "https://uav-cosim.org/ns/1"
 
 

@@ -28,13 +28,13 @@ from cosim_master.stepping import PHASE, K, Plan
 
 __all__ = ["Checkpoint", "Identity", "Position", "cannot_be_serialised", "find", "restore", "save"]
 
-_VALUES = ("real_in", "real_out", "int_in", "int_out", "text", "tx")
+_VALUES = ("real_in", "real_out", "int_in", "int_out", "text", "tx", "kept")
 _PORT_FIELDS = ("filled", "sent", "rx_size")
 _INSTANCE_FIELDS = ("length", "h")
 """What of the tables is no address and changes in a run."""
 _RADIO = ("endpoints", "places", "data", "order", "along", "counters")
 _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -292,7 +292,8 @@ def check(
     with _errors(), read_system(system, variant) as structure:
         checked = check_system(structure, _overrides(settings))
         ready = prepare(checked, until=until, step=step)
-        layout(checked, ready.network, ready.recording.signals)
+        checked = ready.checked
+        layout(checked, ready.network, ready.recording.signals, ready.coupling)
         _print_notes(ready)
         n = ready.clock.steps
         if init:

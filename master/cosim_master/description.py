@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import TypeAlias
 
+from cosim_master.document import near
+from cosim_master.system import INTEGER_RANGES
 from cosim_master.units import Unit
 
 __all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable"]
 
 Start: TypeAlias = float | int | bool | str
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +88,39 @@ class Variable:
         if self.variability == "constant":
             return False
         return self.causality == "input" or self.initial in ("exact", "approx")
+
+    def parsed(self, text: str) -> Start:
+        """A value written as text; of an enumeration the item's name or number.
+
+        Raises:
+            ValueError: it is none of this variable's; says what is valid.
+        """
+        value: Start
+        if self.type == "String":
+            return text
+        text = text.strip()
+        if self.type == "Boolean":
+            if text.lower() not in _BOOLEANS:
+                raise ValueError("valid: true or false")
+            return _BOOLEANS[text.lower()]
+        if self.type == "Enumeration" and self.items:
+            known = {**self.items, **{str(value): value for value in self.items.values()}}
+            if text not in known:
+                raise ValueError(f"its enumeration has no such item; {near(text, self.items)}")
+            return known[text]
+        real = self.type in ("Real", "Clock")
+        try:
+            value = float(text) if real else int(text)
+        except ValueError:
+            raise ValueError("valid: a number" if real else "valid: an integer") from None
+        low = -math.inf if self.minimum is None else self.minimum
+        high = math.inf if self.maximum is None else self.maximum
+        if not real:
+            smallest, largest = INTEGER_RANGES.get(self.fmi_type, INTEGER_RANGES["Integer"])
+            low, high = max(low, smallest), min(high, largest)
+        if not low <= value <= high:
+            raise ValueError(f"valid: {low:g} to {high:g}")
+        return value
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,11 +26,13 @@ import numpy as np
 from cosim_master.changes import Change
 from cosim_master.check import CheckedSystem, Link
 from cosim_master.checkpoint import Checkpoint, Position, cannot_be_serialised, restore, save
+from cosim_master.coupling import Coupling
 from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError
 from cosim_master.events import EndedByEvent, Events
 from cosim_master.fmi2 import STATUS, set_kind
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
+from cosim_master.iteration import Iteration
 from cosim_master.limitations import CHECKPOINT, DISCARDED, PENDING, WIDE_INTEGER
 from cosim_master.limitations import NOT_A_NUMBER as NAN
 from cosim_master.living import Living
@@ -53,19 +55,24 @@ from cosim_master.radio import (
 )
 from cosim_master.recorder import Recorder
 from cosim_master.repetition import Grid, Snapshot, cannot_be_repeated
+from cosim_master.richardson import Rejected, Richardson
+from cosim_master.rollback import self_test
 from cosim_master.startup import initialize, instantiate
 from cosim_master.stepping import (
     BASE,
     BEGIN,
     BLOCK_FULL,
+    DELIVER,
     DO_STEP,
     DONE,
     EARLY,
     END,
     ENDED,
     EVENTS_DUE,
+    EVERY,
     FAILED,
     FAILURES,
+    FINAL,
     FUNCTIONS,
     LAST,
     NEED_LOG,
@@ -73,16 +80,20 @@ from cosim_master.stepping import (
     NOT_A_NUMBER,
     NOT_BASE64,
     NOT_CALLED,
+    PHASE,
     QUIT,
     ROWS,
+    SEND,
     SHOW,
     START,
+    STEPS_DUE,
     TOO_LONG,
     K,
     collect_again,
     collect_all,
     end_here,
     places_needed,
+    record,
     run,
     sent_bytes,
     work,
@@ -102,6 +113,7 @@ _DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
 _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 _SNAPSHOT_EVERY = 0.2
 """Wall-clock seconds."""
+_NEVER = 1 << 60
 _WORTH_THREADS = 64
 """Free instances from which on several threads step by default."""
 
@@ -155,6 +167,7 @@ class Execution:
         changes: values to be set while it runs, in the order of time.
         profiler: measures where the time goes.
         checkpoint: go on from there.
+        coupling: the master; None is Jacobi.
 
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.
@@ -175,6 +188,7 @@ class Execution:
         changes: Sequence[Change] = (),
         profiler: Profiler | None = None,
         checkpoint: Checkpoint | None = None,
+        coupling: Coupling | None = None,
     ) -> None:
         self.checked, self.clock, self.places, self.network = checked, clock, places, network
         self.living: list[Living] = []
@@ -182,6 +196,9 @@ class Execution:
         self._recorder: Recorder | None = None
         self._workers: list[threading.Thread] = []
         self._changes = list(changes)
+        self._iteration: Iteration | None = None
+        self._richardson: Richardson | None = None
+        self._every = every
         self._snapshot: Snapshot | None = None
         self._saved_at = -math.inf
         self._crossing = np.zeros(GATEWAY_BYTES, dtype=np.uint8)
@@ -195,13 +212,29 @@ class Execution:
                 self._events = Events(checked, self.living, clock.start)
                 self._keep_clocked()
                 initialize(checked, self.living, *span, self._events)
-            free = [i for i, living in enumerate(self.living) if living.library.thread_safe]
+            sequence = coupling.sequence if coupling is not None else ()
+            free = [i for i, living in enumerate(self.living) if living.library.thread_safe and not sequence]
             self.threads = _threads(threads, len(free))
-            self.plan = make_plan(places, clock, network, self.living, every, free=free, threads=self.threads)
+            self.plan = make_plan(
+                places,
+                clock,
+                network,
+                self.living,
+                every,
+                free=free,
+                threads=self.threads,
+                coupling=coupling,
+            )
             if profiler is not None:
                 profiler.attach(self.plan, self.living)
             keep = recorder_for is not None and keep_packets
             self.radio = make_radio(network, places, keep=keep)
+            if coupling is not None and coupling.loops:
+                self._trust([i for loop in coupling.loops for i in loop], coupling.algorithm)
+                self._iteration = Iteration(self.plan, places, self.living, coupling)
+            if coupling is not None and coupling.variable:
+                self._trust(range(len(self.living)), coupling.algorithm)
+                self._richardson = Richardson(self.plan, places, coupling, clock)
             collect_all(self.plan)
             self._raise_failures()
             if recorder_for is not None:
@@ -216,7 +249,9 @@ class Execution:
             if checkpoint is not None:
                 self.refuse_checkpoints()
                 self.radio = restore(checkpoint, self.plan, self.radio, self.living, self._text_outputs)
-            if not self._unrepeatable and not all(one.library.thread_safe for one in self.living):
+            if self._richardson is not None:
+                self._snapshot = Snapshot(self.living)
+            elif not self._unrepeatable and not all(one.library.thread_safe for one in self.living):
                 self._snapshot = Snapshot(self.living)
                 self._save()
             if network.gateways:
@@ -238,6 +273,8 @@ class Execution:
     @property
     def k(self) -> int:
         """Base steps done, of the system's own grid."""
+        if self._richardson is not None and self.plan.clock[K] >= 0:
+            return (self._now - self.clock.start) // self.clock.base
         return int(self.plan.clock[K]) // self._grid.factor
 
     @property
@@ -247,13 +284,16 @@ class Execution:
         return float(clock[START] + max(clock[K], 0) * clock[BASE]) / 1e9
 
     def advance(self, k_stop: int) -> None:
-        """Macro steps until base step `k_stop`.
+        """Macro steps until base step `k_stop`; if the error decides their size, until the next row at least.
 
         Raises:
             RunFailed: instances failed; the others have finished this macro step, recorded data reaches its start.
             RunTerminated: an FMU wants the simulation to end; the same is true.
         """
         stop = min(k_stop, self.clock.steps)
+        if self._richardson is not None:
+            self._advance_by_error(stop)
+            return
         if self._snapshot is not None and time.perf_counter() - self._saved_at > _SNAPSHOT_EVERY:
             self._save()
         while self.k < stop:
@@ -281,12 +321,13 @@ class Execution:
     def _change(self) -> None:
         """Set what is to be changed at this communication point."""
         changed = False
-        while self._changes and self._changes[0].k * self._grid.factor == self.plan.clock[K]:
+        now = self.k if self._richardson is not None else int(self.plan.clock[K])
+        while self._changes and self._changes[0].k * self._grid.factor == now:
             change = self._changes.pop(0)
             with self._failing(change.instance):
                 self._set(change)
             changed = True
-        if changed and self._snapshot is not None:
+        if changed and self._snapshot is not None and self._richardson is None:
             self._save()
 
     def _set(self, change: Change) -> None:
@@ -297,6 +338,90 @@ class Execution:
         except EndedByEvent as ended:
             raise RunTerminated(self.living[ended.number].name, ended.time, said="terminateSimulation") from None
         self._show(touched)
+
+    # ---- steps whose size the error decides --------------------------------------------------------------------------
+
+    def _advance_by_error(self, stop: int) -> None:
+        """To the first row at or behind base step `stop`: steps end at rows, changes and the end of the run."""
+        assert self._richardson is not None
+        if self.plan.clock[K] < 0:
+            self._macro_steps(0)
+        while (k := self.k) < stop:
+            self._change()
+            target = min((k // self._every + 1) * self._every, self.clock.steps, *(c.k for c in self._changes[:1]))
+            self._richardson.to(self._now, self.clock.start + target * self.clock.base, _Trials(self))
+            if target % self._every == 0 or target == self.clock.steps:
+                record(self.plan)
+                if self._text_outputs:
+                    self._get_strings(recorded=True)
+                if self.plan.clock[ROWS] == self.plan.ticks.size:
+                    self._flush_rows()
+
+    def save_trial(self) -> None:
+        """Keep the present state, to come back to it after a trial; `restore_trial` does."""
+        assert self._snapshot is not None
+        if self._text_outputs:
+            self.plan.instances["period"] = 1
+            self.plan.clock[START], self.plan.clock[K] = self._now, 0
+            self._set_strings()
+        counters, radio = self.radio.counters, self.radio
+        if 2 * counters[USED_EVENTS] > radio.events.size or 2 * counters[USED_LOG] > radio.log.size:
+            self._write_packets()
+        self._attempt(lambda snapshot: snapshot.save(self.plan, self.radio))
+        self._trial_events = self._events.saved()
+
+    def restore_trial(self) -> None:
+        self.radio = self._attempt(lambda snapshot: snapshot.restore(self.plan))
+        self._events.restore(self._trial_events)
+
+    def _attempt(self, what: Callable[[Snapshot], Any]) -> Any:
+        assert self._snapshot is not None
+        for one in self.living:
+            one.time = self.time
+        try:
+            return what(self._snapshot)
+        except FmuError as error:
+            raise RunFailed([error]) from None
+
+    def step_trial(self, t: int, h: int) -> None:
+        """A macro step from `t`, `h` long, ns.
+
+        Raises:
+            Rejected: an FMU discards it, or an event ends it earlier.
+            RunFailed, RunTerminated: as `advance`.
+        """
+        clock, rows = self.plan.clock, self.plan.instances
+        for place, value in ((START, t), (K, 0), (BASE, h), (LAST, 2), (EVERY, _NEVER), (PHASE, DELIVER)):
+            clock[place] = value
+        rows["period"] = rows["length"] = 1
+        rows["h"] = h / 1e9
+        while (reason := run(self.plan, self.radio, 1)) != DONE:
+            if reason == NEED_PLACES:
+                self.radio = grown(self.radio, int(places_needed(self.plan, self.radio)))
+            elif reason == NEED_LOG:
+                events, log = np.zeros(2 * self.radio.events.size, self.radio.events.dtype), self.radio.log
+                events[: self.radio.events.size] = self.radio.events
+                self.radio = self.radio._replace(events=events, log=np.concatenate([log, np.zeros_like(log)]))
+            elif reason == EVENTS_DUE:
+                self._cut_at_event(t, h)
+                self._handle_events()
+            else:
+                try:
+                    self._discards()
+                except _Discarded:
+                    raise Rejected from None
+                self._raise_failures()
+
+    def _cut_at_event(self, t: int, h: int) -> None:
+        """An FMU that has returned early has met an event: all others are to stop there, too."""
+        early = [self._living3(i).answers for i in self._events.numbers if self._living3(i).pending == END]
+        first = min((last for _, ends, is_early, last in early if is_early and not ends), default=math.inf)
+        if first < (t + h - 1) / 1e9:
+            raise Rejected(max(t + 1, math.ceil(first * 1e9)))
+
+    def next_event(self) -> float:
+        """Time of the next event that an FMU has announced, s; infinity if there is none."""
+        return min((self._living3(i).next_event for i in self._events.numbers), default=math.inf)
 
     # ---- checkpoints -------------------------------------------------------------------------------------------------
 
@@ -534,12 +659,41 @@ class Execution:
             elif reason == EVENTS_DUE:
                 self._handle_events()
                 continue
+            elif reason == STEPS_DUE:
+                self._step_coupled()
+                continue
             elif reason == FAILED:
                 self._discards()
                 self._raise_failures()
             if self._snapshot is not None:
                 self._save()
                 rows = int(self.plan.clock[ROWS])
+
+    def _trust(self, numbers: Sequence[int], why: str) -> None:
+        """Let instances show that they can go back to an earlier state."""
+        start, base, steps = self.clock.start / 1e9, self.clock.base, self.clock.steps
+        sizes = []
+        for i in numbers:
+            period = self.clock.periods[i]
+            sizes.append([period * base / 1e9] * max(1, min(2, steps // period)))
+            if self.living[i].fmi == 3 and self.plan.clock[FINAL] == 0:
+                self._living3(i).final = False
+        if failures := self_test([self.living[i] for i in numbers], start, sizes, why):
+            raise RunFailed(failures)
+
+    def _step_coupled(self) -> None:
+        """The steps of a macro step, where it is not the compiled loop that makes them."""
+        assert self._iteration is not None
+        try:
+            self._iteration.step(self.time)
+        except FmuError as error:
+            raise RunFailed([error]) from None
+        if self.plan.clock[FAILURES] > 0:
+            self._discards()
+            self._raise_failures()
+        self.plan.clock[PHASE] = SEND
+        if any(self._living3(i).pending for i in self._events.numbers):
+            self._handle_events()
 
     def _handle_events(self) -> None:
         """Steps in which there are events: their rest, then the events at their end, then their outputs."""
@@ -823,6 +977,8 @@ class Execution:
         if self._snapshot is not None:
             self._snapshot.close()
             self._snapshot = None
+        if self._iteration is not None:
+            self._iteration.close()
         for living in self.living:
             try:
                 living.terminate()
@@ -842,6 +998,14 @@ def _whole(places: np.ndarray[Any, Any], j: int, variable: Variable) -> int:
     if not variable.wide:
         return int(places[j])
     return int(places[j : j + 2].copy().view(np.uint64 if variable.fmi_type == "UInt64" else np.int64)[0])
+
+
+class _Trials:
+    """An execution as Richardson's `World`."""
+
+    def __init__(self, execution: Execution) -> None:
+        self.save, self.restore = execution.save_trial, execution.restore_trial
+        self.step, self.next_event = execution.step_trial, execution.next_event
 
 
 def _threads(wanted: int | None, free: int) -> int:

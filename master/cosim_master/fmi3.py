@@ -78,6 +78,7 @@ class Instance3:
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
         self._span = (0.0, 0.0)
         self.event_mode = self.fmu.capabilities.hasEventMode
+        self.final = True  # no state of before a step is restored after it
         self._answers = (ctypes.c_ubyte * _ANSWERS)()
         self.next_event = math.inf
         # What it points to must live as long as the instance.
@@ -323,7 +324,7 @@ class Instance3:
         """fmi3DoStep; `answers` has what it answers."""
         at = ctypes.addressof(self._answers)
         places = [ctypes.c_void_p(at + offset) for offset in (0, 1, 2, 8)]
-        self.call("fmi3DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_bool(True), *places)
+        self.call("fmi3DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_bool(self.final), *places)
 
     def enter_event_mode(self) -> None:
         self.call("fmi3EnterEventMode")

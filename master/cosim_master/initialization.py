@@ -11,15 +11,17 @@ only because of that are found to be none at the first repetition.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from cosim_master.fmu import FmuDescription
 
-__all__ = ["Stage", "exchange_order"]
+__all__ = ["Stage", "components", "exchange_order"]
 
 _Node = tuple[str, str, str]  # what ("in", "out", "all" inputs of an instance), instance, variable
 _Ends = tuple[tuple[str, str], tuple[str, str]]
+_Any = TypeVar("_Any", bound=Hashable)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,7 @@ def exchange_order(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription], n
         notes: appended to.
     """
     edges, assumed = _graph(links, fmus)
-    component = _components(edges)
+    component = components(edges)
     members: dict[int, list[_Node]] = {}
     for node, number in component.items():
         members.setdefault(number, []).append(node)
@@ -91,15 +93,15 @@ def _graph(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]) -> tuple[
     return edges, assumed
 
 
-def _components(edges: Mapping[_Node, Sequence[_Node]]) -> dict[_Node, int]:
+def components(edges: Mapping[_Any, Sequence[_Any]]) -> dict[_Any, int]:
     """Number of the strongly connected component of each node, against the direction of the edges.
 
     Tarjan, Depth-first search and linear graph algorithms, SIAM J. Comput. 1 (1972), without recursion.
     """
-    index: dict[_Node, int] = {}
-    low: dict[_Node, int] = {}
-    component: dict[_Node, int] = {}
-    open_nodes: list[_Node] = []
+    index: dict[_Any, int] = {}
+    low: dict[_Any, int] = {}
+    component: dict[_Any, int] = {}
+    open_nodes: list[_Any] = []
     count = 0
     for root in edges:
         if root in index:

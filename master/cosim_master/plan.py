@@ -18,6 +18,7 @@ from cosim_master import radio as radio_kernels
 from cosim_master.calls import table
 from cosim_master.check import CheckedSystem, Instance, Link
 from cosim_master.clocks import lockstep
+from cosim_master.coupling import Coupling
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmi3 import Instance3
@@ -41,16 +42,21 @@ from cosim_master.radio import (
 )
 from cosim_master.stepping import (
     ANSWERS,
+    BY_PYTHON,
     CALL,
     COPY,
+    DELAY,
     FEED,
     FUNCTIONS,
     GET_STRING,
+    IN_ORDER,
     INSTANCE,
+    JACOBI,
     PORTS,
     SEND,
     SET_STRING,
     SIGN,
+    SLOPE,
     WIRE,
     Plan,
 )
@@ -69,6 +75,7 @@ __all__ = [
     "layout",
     "make_plan",
     "make_radio",
+    "shows_error",
     "timing",
 ]
 
@@ -197,18 +204,37 @@ class Layout:
     others are; source -1 of an input is the first of them."""
     strings: tuple[Link, ...]
     string_signals: tuple[tuple[str, Instance, Variable], ...]
+    delays: tuple[Delayed, ...] = ()
+    links: tuple[Link, ...] = ()
+    """All of numbers."""
 
 
-def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ()) -> Layout:
+@dataclass(frozen=True, slots=True)
+class Delayed:
+    """A delayed connection: from which output of a kind to which of `Layout.constants`, and how."""
+
+    kind: int
+    source: int
+    link: Link
+    constant: int
+    ns: int
+    start: float
+
+
+def layout(
+    checked: CheckedSystem, network: Network, record: Sequence[str] = (), coupling: Coupling | None = None
+) -> Layout:
     """Assign places to all values.
 
     Args:
         record: patterns (fnmatch) of ``instance.variable`` to record; outputs and local variables can be. Nothing
             given: all outputs.
+        coupling: delays of connections; None has none.
 
     Raises:
         SystemDescriptionError: a pattern matches nothing.
     """
+    delayed: list[Delayed] = []
     ports = {kind: _Ports() for kind in KINDS}
     kinds = {
         (instance.name, name): set_kind(v)
@@ -219,6 +245,8 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
     numeric = [link for link in links if kinds[link.target] in KINDS]
     needed = {link.source for link in numeric}
     needed |= {(instance, v.name) for node in network.nodes for instance, v in node.position}
+    if coupling is not None and coupling.variable:
+        needed |= {(i.name, v.name) for i in checked.instances for v in i.fmu.variables.values() if shows_error(v)}
     chosen = _chosen(checked, record)
     for i, instance in enumerate(checked.instances):
         for name, variable in _fetched(instance, needed | chosen):
@@ -228,7 +256,7 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
                 ports[kind].outputs += [(i, variable)] * (1 + variable.wide)
         for kind in KINDS:
             ports[kind].first_out.append(len(ports[kind].outputs))
-    mirrors, mapped, constants = _inputs(checked, numeric, ports)
+    mirrors, mapped, constants = _inputs(checked, numeric, ports, coupling or Coupling(), delayed)
     signals: dict[str, tuple[tuple[str, Variable], ...]] = {}
     for kind in KINDS:
         columns = []
@@ -245,7 +273,14 @@ def layout(checked: CheckedSystem, network: Network, record: Sequence[str] = ())
         for name, v in instance.fmu.variables.items()
         if v.type in ("String", "Binary") and (instance.name, name) in chosen
     )
-    return Layout(checked.instances, ports, mirrors, mapped, signals, constants, strings, texts)
+    return Layout(
+        checked.instances, ports, mirrors, mapped, signals, constants, strings, texts, tuple(delayed), tuple(numeric)
+    )
+
+
+def shows_error(variable: Variable) -> bool:
+    """Whether the error of a step is seen in it."""
+    return (variable.causality, variable.type, variable.variability) == ("output", "Real", "continuous")
 
 
 def _by_type(instance: Instance) -> list[tuple[str, Variable]]:
@@ -304,7 +339,11 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
 
 
 def _inputs(
-    checked: CheckedSystem, links: Sequence[Link], ports: Mapping[str, _Ports]
+    checked: CheckedSystem,
+    links: Sequence[Link],
+    ports: Mapping[str, _Ports],
+    coupling: Coupling,
+    delayed: list[Delayed],
 ) -> tuple[
     tuple[tuple[int, int], ...], tuple[tuple[int, int, int, int], ...], tuple[tuple[float, ...], tuple[int, ...]]
 ]:
@@ -357,6 +396,13 @@ def _inputs(
             kind = set_kind(target)
             if (link := own.get(name)) is not None:
                 sources, factor, offset = sources_of(link, target), link.factor, link.offset
+                if (delay := coupling.delays.get(link.target)) is not None:
+                    held = constants[0] if kind == "Real" else constants[1]
+                    begins: list[Any] = halves_of(int(delay.start)) if target.wide else [delay.start]
+                    for n, (source, begin) in enumerate(zip(sources, begins, strict=True), start=len(held)):
+                        delayed.append(Delayed(KINDS.index(kind), source, link, n, delay.ns, begin))
+                    sources, factor, offset = [-1 - len(held) - i for i in range(len(begins))], 1.0, 0.0
+                    held.extend(begins)
             else:
                 held = constants[0] if kind == "Real" else constants[1]
                 halves = [starts.get(name, 0)] if not target.wide else halves_of(int(starts.get(name, 0)))
@@ -392,6 +438,7 @@ def make_plan(
     *,
     free: Sequence[int] = (),
     threads: int = 1,
+    coupling: Coupling | None = None,
 ) -> Plan:
     """The plan of a run over living instances, in the order of `places.instances`.
 
@@ -399,6 +446,7 @@ def make_plan(
         every: rows every so many base steps.
         free: numbers of the instances that any thread may step.
         threads: how many will step them, the main one included.
+        coupling: the master; None is Jacobi.
     """
     kinds = [places.ports[kind] for kind in KINDS]
     real = kinds[0]
@@ -427,9 +475,14 @@ def make_plan(
         real_out=np.concatenate([np.zeros(own[0]), places.constants[0]]),
         int_out=np.concatenate([np.zeros(own[1], np.int32), np.array(places.constants[1], np.int32)]),
     )
+    delays, kept = _delay_table(places, clock, own, len(kinds[1].outputs))
     native = _Native(len(living), kinds)
     eventful = sum(isinstance(one, Instance3) and one.event_mode for one in living)
     instances = _instance_table(clock, network, living, native)
+    sequence = coupling.sequence if coupling is not None else ()
+    order = BY_PYTHON if coupling and coupling.loops else IN_ORDER if sequence else JACOBI
+    if coupling is not None and coupling.variable:
+        kept = np.zeros(1)
     return Plan(
         instances=table(instances),
         calls=table(_calls(instances, feeds, values, ports, living, kinds, native)),
@@ -455,13 +508,53 @@ def make_plan(
         int_block=np.zeros((rows, len(int_recorded)), dtype=np.int32),
         ticks=np.zeros(rows, dtype=np.int64),
         clock=np.array(
-            [-1, SEND, 0, 0, clock.start, clock.base, clock.steps, every, reals_in, reals_out, block, eventful]
+            [
+                -1,
+                SEND,
+                0,
+                0,
+                clock.start,
+                clock.base,
+                clock.steps,
+                every,
+                reals_in,
+                reals_out,
+                block,
+                eventful,
+                order,
+                1,
+                int(not (coupling and coupling.variable)),
+            ]
         ),
-        confined=np.array(sorted(set(range(len(living))) - set(free)), dtype=np.int64),
+        delays=delays,
+        slopes=np.zeros(0, dtype=SLOPE),
+        kept=kept,
+        confined=np.array(sequence or sorted(set(range(len(living))) - set(free)), dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
         shared=np.zeros(40, dtype=np.int64),
         native=native.memory,
     )
+
+
+def _delay_table(
+    places: Layout, clock: Timing, own: tuple[int, int], integers: int
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """The DELAY table, and the values that are on their way at the start.
+
+    Args:
+        own: where constants begin, of reals and of integers.
+        integers: how many integer outputs come before the booleans.
+    """
+    table = np.zeros(len(places.delays), dtype=DELAY)
+    kept: list[float] = []
+    for row, one in zip(table, places.delays, strict=True):
+        whole = min(one.kind, 1)
+        row["whole"], row["source"] = whole, one.source + (integers if one.kind == 2 else 0)
+        row["place"] = own[whole] + one.constant
+        row["factor"], row["offset"] = one.link.factor, one.link.offset
+        row["first"], row["length"] = len(kept), one.ns // clock.base
+        kept += [float(one.start)] * int(row["length"])
+    return table, np.array(kept)
 
 
 class _Native:

@@ -148,10 +148,10 @@ def _functions() -> tuple[Any, ...]:
     """
 
     @numba.cfunc(types.int32(types.uintp, types.double, types.double, types.int32), nogil=True)
-    def step(row: int, t: float, h: float, _: int) -> int:
+    def step(row: int, t: float, h: float, final: int) -> int:
         function, handle = np.uintp(atomic_load(row)), np.uintp(atomic_load(np.uintp(row + np.uintp(8))))
         began = nanoseconds()
-        status = do_step2(function, handle, t, h)
+        status = do_step2(function, handle, t, h, final)
         atomic_add(np.uintp(row + np.uintp(16)), nanoseconds() - began)
         atomic_add(np.uintp(row + np.uintp(24)), 1)
         return int(status)
@@ -166,10 +166,10 @@ def _functions() -> tuple[Any, ...]:
         return int(status)
 
     @numba.cfunc(types.int32(types.uintp, types.double, types.double, types.int32, *[types.uintp] * 4), nogil=True)
-    def step3(row: int, t: float, h: float, _: int, answers: int, _1: int, _2: int, _3: int) -> int:
+    def step3(row: int, t: float, h: float, final: int, answers: int, _1: int, _2: int, _3: int) -> int:
         function, handle = np.uintp(atomic_load(row)), np.uintp(atomic_load(np.uintp(row + np.uintp(8))))
         began = nanoseconds()
-        status = do_step3(function, handle, t, h, answers)
+        status = do_step3(function, handle, t, h, final, answers)
         atomic_add(np.uintp(row + np.uintp(16)), nanoseconds() - began)
         atomic_add(np.uintp(row + np.uintp(24)), 1)
         return int(status)

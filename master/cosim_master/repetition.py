@@ -21,14 +21,14 @@ import numpy as np
 
 from cosim_master.living import Living
 from cosim_master.radio import Radio
-from cosim_master.stepping import BASE, EVERY, FAULTS, LAST, K, Plan
+from cosim_master.rollback import STATE_FUNCTIONS
+from cosim_master.stepping import BASE, EVERY, FAULTS, FINER, LAST, K, Plan
 
 __all__ = ["FINEST", "Grid", "Snapshot", "cannot_be_repeated"]
 
 FINEST = 1000
 """A step is divided into at most so many. An FMU that discards even those will never do it."""
 
-_STATE_FUNCTIONS = {"2": ("fmi2GetFMUstate", "fmi2SetFMUstate"), "3": ("fmi3GetFMUState", "fmi3SetFMUState")}
 _UNCHANGED = {"real_block", "int_block", "ticks", "shared", "scratch", "calls", "feeds", "runs", "sources", "wires"}
 """Arrays of the plan that a run does not change, or that are empty when a snapshot is made."""
 
@@ -38,7 +38,7 @@ def cannot_be_repeated(living: Sequence[Living]) -> str:
     lacking = {}
     for one in living:
         flags = one.fmu.capabilities
-        if not flags.canGetAndSetFMUstate or not one.library.has(*_STATE_FUNCTIONS[one.fmu.fmi_version[:1]]):
+        if not flags.canGetAndSetFMUstate or not one.library.has(*STATE_FUNCTIONS[one.fmu.fmi_version[:1]]):
             lacking[one.name] = "canGetAndSetFMUstate"
         elif not flags.canHandleVariableCommunicationStepSize:
             lacking[one.name] = "canHandleVariableCommunicationStepSize"
@@ -142,12 +142,14 @@ class Grid:
         self._shorter[:] = False
         self._begin(clock[K] % self._periods == 0)
         self.factor, self.until = 1, 0
+        clock[FINER] = 1
 
     def _scale(self, n: int) -> None:
         clock = self._plan.clock
         clock[[K, LAST, EVERY]] *= n
         clock[BASE] //= n
         self.factor *= n
+        clock[FINER] = self.factor
 
     def _last(self) -> int:
         return int(self._plan.clock[LAST]) // self.factor

@@ -21,6 +21,7 @@ from cosim_master.annotation import root_annotation
 from cosim_master.changes import Change, changes
 from cosim_master.check import CheckedSystem, check
 from cosim_master.checkpoint import Identity, find
+from cosim_master.coupling import Coupling, connected, coupling_of
 from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution, RunFailed, RunTerminated
 from cosim_master.fmu import Start
@@ -102,10 +103,11 @@ class Prepared:
     recording: Recording
     every: int
     changes: tuple[Change, ...] = ()
+    coupling: Coupling = field(default_factory=Coupling)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return (*self.checked.notes, *self.clock.notes, *self.network.notes)
+        return (*self.checked.notes, *self.clock.notes, *self.network.notes, *self.coupling.notes)
 
 
 def prepare(
@@ -134,6 +136,9 @@ def prepare(
     recording = gathered(lambda: _recording(checked, record))
     clock = gathered(lambda: timing(checked, until, step))
     network = gathered(lambda: network_of(checked, seed))
+    coupling = gathered(lambda: coupling_of(checked))
+    if clock is not None and coupling is not None:
+        gathered(lambda: coupling.check(checked, clock.base, clock.periods))
     if problems:
         raise SystemDescriptionError(problems)
     every = 1
@@ -142,7 +147,8 @@ def prepare(
         if every < 1 or not math.isclose(every * clock.base, recording.interval * 1e9, rel_tol=1e-9):
             text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{clock.base / 1e9:g}")
             raise SystemDescriptionError([Problem(checked.structure.where, text)])
-    return Prepared(checked, clock, network, recording, every, changes(checked, clock, at))
+    checked = connected(checked, coupling)
+    return Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling)
 
 
 def _recording(checked: CheckedSystem, record: Sequence[str]) -> Recording:
@@ -224,6 +230,7 @@ def simulate(
     with read_system(system, variant) as structure:
         checked = check(structure, overrides)
         ready = prepare(checked, until=until, step=step, seed=seed, record=record, at=at)
+        checked = ready.checked
         saving = _Checkpoints(ready, out, checkpoint_every, overrides or {}, record)
         if checkpoint is not None:
             checkpoint.check(saving.identity)
@@ -234,7 +241,7 @@ def simulate(
             ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
         asked = gateways_of(ready.network, gcs, ports)
         ready = replace(ready, network=replace(ready.network, gateways=tuple(gateway for gateway, _ in asked)))
-        places = layout(checked, ready.network, ready.recording.signals)
+        places = layout(checked, ready.network, ready.recording.signals, ready.coupling)
         if on_start is not None:
             on_start(ready)
 
@@ -261,6 +268,7 @@ def simulate(
                     changes=ready.changes,
                     profiler=profiler,
                     checkpoint=checkpoint,
+                    coupling=ready.coupling,
                 )
             except SystemDescriptionError:
                 raise
@@ -481,6 +489,15 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
             }
             for change in ready.changes
         ],
+        "master": {
+            "algorithm": ready.coupling.algorithm,
+            "tolerance": ready.coupling.tolerance,
+            "iterations": ready.coupling.iterations,
+            "relaxation": ready.coupling.relaxation,
+            "minimum_step": ready.coupling.minimum_step / 1e9,
+            "maximum_step": ready.coupling.maximum_step / 1e9,
+            "delays": {".".join(target): delay.ns / 1e9 for target, delay in ready.coupling.delays.items()},
+        },
         "seed": ready.network.seed,
         "network": network,
         "packets": dict(result.packets),

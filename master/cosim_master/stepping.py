@@ -8,6 +8,9 @@
     SEND      their mavlink_tx -> router -> channel -> in flight
     RECORD    a row of values at t_k + h, when due; k := k + 1
 
+With Gauss-Seidel, instances step one after the other, and each takes its inputs from what the others have by then.
+Delayed connections and extrapolated inputs remember earlier values (`Plan.kept`).
+
 `run` returns to Python only where Python is needed, and goes on from the phase in which it left. If an instance
 fails, the others of the macro step still finish; `failed` then names every failure and k stays where it was.
 
@@ -57,11 +60,13 @@ from cosim_master.typed_calls import WIDTHS, call3
 
 __all__ = [
     "BLOCK_FULL",
+    "BY_PYTHON",
     "CALL",
     "COPY",
     "DO_STEP",
     "BEGIN",
     "EARLY",
+    "DELAY",
     "END",
     "ENDED",
     "EVENTS_DUE",
@@ -69,6 +74,7 @@ __all__ = [
     "FAILED",
     "FEED",
     "FUNCTIONS",
+    "IN_ORDER",
     "INSTANCE",
     "NEED_LOG",
     "NEED_PLACES",
@@ -77,18 +83,23 @@ __all__ = [
     "QUIT",
     "SIGN",
     "SHOW",
+    "SLOPE",
+    "STEPS_DUE",
     "WIRE",
     "Plan",
     "collect_again",
     "collect_all",
     "end_here",
     "places_needed",
+    "record",
     "run",
     "sent_bytes",
+    "step_each",
+    "step_together",
     "work",
 ]
 
-DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE = 0, 1, 2, 3, 4, 5
+DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE, STEPS_DUE = 0, 1, 2, 3, 4, 5, 6
 """Why `run` returned."""
 
 DELIVER, STEP, SEND = 0, 1, 2
@@ -106,6 +117,7 @@ FUNCTIONS = (
     "fmi2GetBoolean",
     "fmi2GetString",
     *(f"fmi3{verb}{fmi_type}" for verb in ("Set", "Get") for fmi_type in WIDTHS),
+    "fmi2SetRealInputDerivatives",
 )
 """What `failed[0]` of an instance counts through."""
 SET_STRING, DO_STEP, GET_REAL, GET_STRING = 4, 5, 6, 9
@@ -169,6 +181,29 @@ CALL = np.dtype(
 """A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan. Small as well."""
 WIRE = np.dtype([("factor", "f8"), ("offset", "f8")])
 """input = factor * output[source] + offset"""
+DELAY = np.dtype(
+    [
+        ("whole", "i8"),  # 1: an integer or boolean
+        ("source", "i8"),  # in real_out or int_out
+        ("place", "i8"),  # there, too: what the input takes
+        ("factor", "f8"),
+        ("offset", "f8"),
+        ("first", "i8"),  # in kept: the values on their way, one for each base step of the system's own grid
+        ("length", "i8"),
+    ]
+)
+"""A delayed connection."""
+SLOPE = np.dtype(
+    [
+        ("input", "i8"),  # in real_in
+        ("instance", "i8"),
+        ("place", "i8"),  # in kept: its derivative
+        ("before", "f8"),  # its value in the step before,
+        ("at", "i8"),  # which began then, ns,
+        ("known", "i8"),  # if there was one
+    ]
+)
+"""An extrapolated input."""
 PORTS = np.dtype(
     [
         ("instance", "i8"),
@@ -188,9 +223,14 @@ PORTS = np.dtype(
 )
 """The packet ports of one endpoint."""
 
-K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL = range(12)
+K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL, ORDER, FINER, FINAL = range(
+    15
+)
 """Places in `Plan.clock`. START and BASE in ns; REALS_IN, REALS_OUT: how many of the inputs and outputs are real;
-BLOCK: how many instances a thread takes at a time, 0 without threads. EVENTFUL: how many instances use Event Mode."""
+BLOCK: how many instances a thread takes at a time, 0 without threads. EVENTFUL: how many instances use Event Mode.
+ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: into how many parts base steps are divided now.
+FINAL: whether no FMU state of before a step is restored after it."""
+JACOBI, IN_ORDER, BY_PYTHON = 0, 1, 2
 
 TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
 """Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a
@@ -238,7 +278,10 @@ class Plan(NamedTuple):
     int_block: NDArray[np.int32]
     ticks: NDArray[np.int64]  # time of each row of the block, ns
     clock: NDArray[np.int64]
-    confined: NDArray[np.int64]  # instances that only the main thread steps
+    delays: NDArray[Any]  # DELAY
+    slopes: NDArray[Any]  # SLOPE, instance by instance
+    kept: NDArray[np.float64]  # values on their way through delays, derivatives of inputs
+    confined: NDArray[np.int64]  # instances that only the main thread steps, in the order in which it does
     free: NDArray[np.int64]  # instances that any thread may step
     shared: NDArray[np.int64]
     native: NDArray[np.uint8]  # of FMI 3: value references, buffers and answers that `calls` and `instances` point to
@@ -390,14 +433,14 @@ def _corrupted(instances: NDArray[Any], library: int) -> bool:
 
 
 @kernel
-def _do_step3(m: Any, t: float, h: float) -> Any:
+def _do_step3(m: Any, t: float, h: float, final: int) -> Any:
     """fmi3DoStep: a status, ENDED or EARLY; LEFT for a step with an event in it."""
     slack = 1e-9 * max(h, abs(t) * 1e-3)
     has_events = load_u1(np.uintp(m.answers + np.uintp(24))) != 0
     if has_events and load_f8(np.uintp(m.answers + np.uintp(16))) < t + h - slack:
         store_i1(np.uintp(m.answers + np.uintp(25)), BEGIN)
         return LEFT
-    status = do_step3(m.do_step, m.handle, t, h, m.answers)
+    status = do_step3(m.do_step, m.handle, t, h, final, m.answers)
     if status > 1:
         return status
     if load_u1(np.uintp(m.answers + np.uintp(1))) != 0:
@@ -429,6 +472,7 @@ def _step_some(
     """
     k, base = clock[K], clock[BASE]
     left = clock[LAST] - k
+    final = clock[FINAL]
     t = (clock[START] + k * base) / 1e9
     failed = 0
     for chosen_one in chosen:
@@ -447,9 +491,9 @@ def _step_some(
                     m.length = min(m.period, left)
                     m.h = m.length * base / 1e9
                 if m.answers == np.uintp(0):
-                    status = do_step2(m.do_step, m.handle, t, m.h)
+                    status = do_step2(m.do_step, m.handle, t, m.h, final)
                 else:
-                    status = _do_step3(m, t, m.h)
+                    status = _do_step3(m, t, m.h, final)
                 later = status == LEFT
                 if not later and (status > 1 or status < 0):
                     _fail(instances, i, DO_STEP, status, 0)
@@ -462,6 +506,87 @@ def _step_some(
         if not well:
             failed += 1
     return failed
+
+
+@kernel
+def _feed(p: Plan, k: int, feeds: NDArray[Any]) -> None:
+    """`_exchange` for some instances; what all of them share is done for none, too."""
+    _exchange(
+        p.instances, feeds, p.sources, p.wires, p.mirrors, p.mapped, p.real_out, p.int_out, p.real_in, p.int_in, k
+    )
+
+
+@kernel
+def _step_chosen(p: Plan, chosen: NDArray[np.int64]) -> int:
+    return _step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, p.clock, chosen)
+
+
+@kernel
+def _delay(p: Plan, k: int) -> None:
+    """Outputs of now into delayed connections, and earlier ones out of them."""
+    if k % p.clock[FINER] != 0:
+        return
+    _feed(p, k, p.feeds[:0])
+    step = k // p.clock[FINER]
+    for j in range(p.delays.size):
+        d = p.delays[j]
+        value = d.factor * p.real_out[d.source] + d.offset if d.whole == 0 else float(p.int_out[d.source])
+        if d.length > 0:
+            at = d.first + step % d.length
+            new, value = value, p.kept[at]
+            p.kept[at] = new
+        if d.whole == 0:
+            p.real_out[d.place] = value
+        else:
+            p.int_out[d.place] = np.int32(value)
+
+
+@kernel
+def _extrapolate(p: Plan, k: int, first: int, last: int) -> None:
+    """Derivatives of the extrapolated inputs of the instances first to last - 1, if they begin a step."""
+    t = p.clock[START] + k * p.clock[BASE]
+    for j in range(p.slopes.size):
+        s = p.slopes[j]
+        if s.instance < first or s.instance >= last or k % p.instances[s.instance].period != 0:
+            continue
+        value = p.real_in[s.input]
+        p.kept[s.place] = (value - s.before) / ((t - s.at) / 1e9) if s.known != 0 and t > s.at else 0.0
+        s.before = value
+        s.at = t
+        s.known = 1
+
+
+@kernel
+def _step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
+    """Gauss-Seidel: exchange and step, one instance after the other; returns how many have failed."""
+    failed = 0
+    for j in range(chosen.size):
+        i = chosen[j]
+        if failed > 0 and _corrupted(p.instances, p.instances[i].library):
+            _fail(p.instances, i, DO_STEP, NOT_CALLED, 0)
+            failed += 1
+            continue
+        _feed(p, k, p.feeds[i : i + 1])
+        if p.slopes.size > 0:
+            _extrapolate(p, k, i, i + 1)
+        failed += _step_chosen(p, chosen[j : j + 1])
+    return failed
+
+
+@kernel
+def step_each(p: Plan, chosen: NDArray[np.int64]) -> None:
+    """Exchange and step the instances `chosen`, one after the other."""
+    p.clock[FAILURES] += _step_in_order(p, p.clock[K], chosen)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
+
+
+@kernel
+def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
+    """Exchange for all instances `chosen`, then step them."""
+    for i in chosen:
+        _feed(p, p.clock[K], p.feeds[i : i + 1])
+    p.clock[FAILURES] += _step_chosen(p, chosen)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
 
 
 @kernel
@@ -602,6 +727,12 @@ def _record(p: Plan, k: int) -> None:
 
 
 @kernel
+def record(p: Plan) -> None:
+    """A row of the present time."""
+    _record(p, p.clock[K])
+
+
+@kernel
 def collect_all(p: Plan) -> None:
     """Outputs of every instance, after initialization."""
     for i in range(p.instances.size):
@@ -671,22 +802,31 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 _deliver_all(p, r, k)
             clock[PHASE] = STEP
         if clock[PHASE] == STEP:
-            _exchange(
-                p.instances,
-                p.runs,
-                p.sources,
-                p.wires,
-                p.mirrors,
-                p.mapped,
-                p.real_out,
-                p.int_out,
-                p.real_in,
-                p.int_in,
-                k,
-            )
+            if p.delays.size > 0:
+                _delay(p, k)
+            if clock[ORDER] == BY_PYTHON:
+                return STEPS_DUE
+            if clock[ORDER] == JACOBI:
+                _exchange(
+                    p.instances,
+                    p.runs,
+                    p.sources,
+                    p.wires,
+                    p.mirrors,
+                    p.mapped,
+                    p.real_out,
+                    p.int_out,
+                    p.real_in,
+                    p.int_in,
+                    k,
+                )
+                if p.slopes.size > 0:
+                    _extrapolate(p, k, 0, p.instances.size)
             if clock[BLOCK] > 0:
                 _hand_out(p)
-            if p.confined.size > 0:
+            if clock[ORDER] == IN_ORDER:
+                clock[FAILURES] += _step_in_order(p, k, p.confined)
+            elif p.confined.size > 0:
                 clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, p.confined)
             if clock[BLOCK] > 0:
                 clock[FAILURES] += _join_in(p)

@@ -244,3 +244,11 @@ def stricts3(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monke
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     """Python FMUs are unpacked below pytest's folder instead of the user's cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+@pytest.fixture
+def linears(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Linear FMUs (see linear.c) in a workshop."""
+    from tests.master.linear import Linears
+
+    return Linears(workshop, tmp_path_factory.getbasetemp())
