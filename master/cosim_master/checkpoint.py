@@ -31,6 +31,7 @@ __all__ = ["Checkpoint", "Identity", "Position", "cannot_be_serialised", "find",
 _VALUES = ("real_in", "real_out", "int_in", "int_out", "text", "tx", "kept")
 _PORT_FIELDS = ("filled", "sent", "rx_size")
 _INSTANCE_FIELDS = ("length", "h")
+_SLOPE_FIELDS = ("before", "at", "known")
 """What of the tables is no address and changes in a run."""
 _RADIO = ("endpoints", "places", "data", "order", "along", "counters")
 _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
@@ -128,6 +129,7 @@ def save(
     arrays: dict[str, np.ndarray[Any, Any]] = {name: getattr(plan, name) for name in _VALUES}
     arrays |= {f"ports.{name}": plan.ports[name] for name in _PORT_FIELDS}
     arrays |= {f"instances.{name}": plan.instances[name] for name in _INSTANCE_FIELDS}
+    arrays |= {f"slopes.{name}": plan.slopes[name] for name in _SLOPE_FIELDS}
     arrays |= {f"radio.{name}": getattr(radio, name) for name in _RADIO}
     sizes, states = [], []
     for one in living:
@@ -225,6 +227,7 @@ def restore(
         for table, prefix, fields in (
             (plan.ports, "ports", _PORT_FIELDS),
             (plan.instances, "instances", _INSTANCE_FIELDS),
+            (plan.slopes, "slopes", _SLOPE_FIELDS),
         ):
             for name in fields:
                 table[name] = arrays[f"{prefix}.{name}"]

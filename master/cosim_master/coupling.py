@@ -11,6 +11,7 @@ what each guarantees, and when it refuses.
 `order`: of instances that depend on each other, as far as it is to be a certain one.
 `tolerance`, `iterations`, `relaxation`: of the two that iterate. `tolerance`, `minimumStep`, `maximumStep` (s): of
 Richardson.
+`extrapolation`: 1 gives Real inputs their derivatives along, of all connections or of one.
 `connection`: the one that drives the input `to`. `delay` in s: the input at t is the output of t - delay, until then
 `start` (in the input's unit; without it, what the input starts with). A delayed connection takes no part in the
 exchange of initialization.
@@ -69,6 +70,7 @@ class Coupling:
             for Jacobi.
         loops: the groups that depend on themselves, if they are iterated.
         delays: by input.
+        extrapolated: inputs that are given their derivatives.
         tolerance: by how much the outputs of a loop may still change, or by how much the error of a step may grow in a
             second; relative to 1 or to their size.
         iterations: how often a loop is stepped at most, until they do not change by more.
@@ -79,6 +81,7 @@ class Coupling:
     algorithm: str = "jacobi"
     groups: tuple[tuple[int, ...], ...] = ()
     delays: Mapping[Target, Delay] = field(default_factory=dict)
+    extrapolated: frozenset[Target] = frozenset()
     loops: tuple[tuple[int, ...], ...] = ()
     tolerance: float = 1e-8
     iterations: int = 50
@@ -140,7 +143,9 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
         return Coupling()
     algorithm = reader.choice("algorithm", "jacobi", ALGORITHMS)
     order = tuple(reader.text("order", "").split())
-    delays = _delays(checked, reader.children("connection")["connection"])
+    every = reader.integer("extrapolation", 0, 0, 1)
+    delays, wanted = _connections(checked, reader.children("connection")["connection"], every)
+    extrapolated = _extrapolated(checked, wanted, every, algorithm, problems)
     numbers = _numbers(reader, algorithm)
     groups: tuple[tuple[int, ...], ...] = ()
     loops: tuple[tuple[int, ...], ...] = ()
@@ -156,7 +161,7 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     reader.finish()
     if problems:
         raise SystemDescriptionError(problems)
-    return Coupling(algorithm, groups, delays, loops, *numbers, where=reader.where, notes=notes)
+    return Coupling(algorithm, groups, delays, extrapolated, loops, *numbers, where=reader.where, notes=notes)
 
 
 def connected(checked: CheckedSystem, coupling: Coupling) -> CheckedSystem:
@@ -182,14 +187,19 @@ def connected(checked: CheckedSystem, coupling: Coupling) -> CheckedSystem:
     )
 
 
-def _delays(checked: CheckedSystem, children: Sequence[Attributes]) -> dict[Target, Delay]:
+def _connections(
+    checked: CheckedSystem, children: Sequence[Attributes], every: int
+) -> tuple[dict[Target, Delay], dict[Target, tuple[int, Where]]]:
+    """Delays, and which inputs are said to be extrapolated or not."""
     links = {".".join(link.target): link for link in checked.links}
     instances = {one.name: one for one in checked.instances}
     delays: dict[Target, Delay] = {}
+    extrapolated: dict[Target, tuple[int, Where]] = {}
     for child in children:
         name = child.text("to", "")
         delay = child.number("delay", 0.0, 0.0, 1e6)
         text = child.text("start", "")
+        order = child.integer("extrapolation", every, 0, 1)
         child.finish()
         link = links.get(name)
         if link is None:
@@ -199,16 +209,51 @@ def _delays(checked: CheckedSystem, children: Sequence[Attributes]) -> dict[Targ
         variable = instance.fmu.variables[link.target[1]]
         if link.initial_only:
             child.problem(f'to="{name}": it is a parameter, which is set at the start only')
+        elif link.target in extrapolated:
+            child.problem(f'to="{name}": a second <connection> for it')
+        elif not child.text("delay", ""):
+            if text:
+                child.problem(f'to="{name}": start is for connections with a delay')
+            extrapolated[link.target] = (order, child.where)
         elif variable.type in ("String", "Binary"):
             child.problem(
                 f'to="{name}": it is a {variable.type}; Reals, Integers, Enumerations and Booleans are delayed'
             )
-        elif link.target in delays:
-            child.problem(f'to="{name}": a second <connection> for it')
         else:
+            extrapolated[link.target] = (order, child.where)
             start = _start(child, instance, variable, text)
             delays[link.target] = Delay(round(delay * 1e9), start, child.where)
-    return delays
+    return delays, extrapolated
+
+
+def _extrapolated(
+    checked: CheckedSystem,
+    said: Mapping[Target, tuple[int, Where]],
+    every: int,
+    algorithm: str,
+    problems: list[Problem],
+) -> frozenset[Target]:
+    """The inputs that are extrapolated: those of which it is said, with `every` all Real ones of which it is not."""
+    fmus = {one.name: one for one in checked.instances}
+    found: dict[Target, Where] = {target: where for target, (order, where) in said.items() if order}
+    for link in checked.links if every else ():
+        real = fmus[link.target[0]].fmu.variables[link.target[1]].type == "Real"
+        if real and not link.initial_only and link.target not in said:
+            found[link.target] = link.where
+    for (name, variable), where in found.items():
+        fmu = fmus[name].fmu
+        cannot = ""
+        if algorithm not in ("jacobi", "gauss-seidel"):
+            cannot = f"it is for jacobi and gauss-seidel, this is {algorithm}"
+        elif fmu.variables[variable].type != "Real":
+            cannot = f"it is a {fmu.variables[variable].type}"
+        elif fmu.fmi_version.startswith("3."):
+            cannot = "FMI 3 has no derivatives of inputs"
+        elif not fmu.capabilities.canInterpolateInputs:
+            cannot = f"canInterpolateInputs of {name} is false"
+        if cannot:
+            problems.append(Problem(where, f"{name}.{variable} cannot be extrapolated: {cannot}"))
+    return frozenset(found)
 
 
 def _start(child: Attributes, instance: Instance, variable: Variable, text: str) -> Start:

@@ -380,7 +380,7 @@ CHECKPOINT = Limitation(
     "a run of this system has no checkpoints: {}",
 )
 EXTRAPOLATION = Limitation(
-    "Masters", "inputs that change within a step (canInterpolateInputs): they are held constant", "silent", ""
+    "Masters", "inputs that change within a step: they are held constant, unless the master extrapolates", "silent", ""
 )
 
 LIMITATIONS = tuple(value for value in tuple(globals().values()) if isinstance(value, Limitation))

@@ -481,11 +481,11 @@ def make_plan(
     instances = _instance_table(clock, network, living, native)
     sequence = coupling.sequence if coupling is not None else ()
     order = BY_PYTHON if coupling and coupling.loops else IN_ORDER if sequence else JACOBI
-    if coupling is not None and coupling.variable:
-        kept = np.zeros(1)
+    slopes = _slope_table(places, coupling, kept.size)
+    kept = np.concatenate([kept, np.zeros(slopes.size + int(coupling is not None and coupling.variable))])
     return Plan(
         instances=table(instances),
-        calls=table(_calls(instances, feeds, values, ports, living, kinds, native)),
+        calls=table(_calls(instances, feeds, values, ports, living, kinds, native, slopes, kept)),
         feeds=table(feeds),
         runs=table(_runs(feeds, clock.periods)),
         sources=np.array(sources, dtype=np.uint32),
@@ -526,8 +526,8 @@ def make_plan(
                 int(not (coupling and coupling.variable)),
             ]
         ),
-        delays=delays,
-        slopes=np.zeros(0, dtype=SLOPE),
+        delays=table(delays),
+        slopes=table(slopes),
         kept=kept,
         confined=np.array(sequence or sorted(set(range(len(living))) - set(free)), dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
@@ -555,6 +555,21 @@ def _delay_table(
         row["first"], row["length"] = len(kept), one.ns // clock.base
         kept += [float(one.start)] * int(row["length"])
     return table, np.array(kept)
+
+
+def _slope_table(places: Layout, coupling: Coupling | None, first: int) -> np.ndarray[Any, Any]:
+    """The SLOPE table; derivatives are in `Plan.kept` from `first` on."""
+    real, wanted = places.ports["Real"], coupling.extrapolated if coupling is not None else frozenset()
+    found = [
+        (j, i)
+        for i, instance in enumerate(places.instances)
+        for j in range(real.first_in[i], real.first_in[i + 1])
+        if wanted and (instance.name, real.inputs[j].name) in wanted
+    ]
+    table = np.zeros(len(found), dtype=SLOPE)
+    for n, (row, (j, i)) in enumerate(zip(table, found, strict=True)):
+        row["input"], row["instance"], row["place"] = j, i, first + n
+    return table
 
 
 class _Native:
@@ -657,6 +672,8 @@ def _calls(
     living: Sequence[Living],
     kinds: Sequence[_Ports],
     native: _Native,
+    slopes: np.ndarray[Any, Any],
+    kept: np.ndarray[Any, Any],
 ) -> np.ndarray[Any, Any]:
     """The CALL table; notes in `instances` which calls are whose."""
     rows: list[tuple[int, ...]] = []
@@ -692,8 +709,26 @@ def _calls(
                     rows.append((address, one.handle, references + 4 * first, at, last - first, number, 0))
             if verb == "Get":
                 rows += _packet_call(verb, one, ports, int(row["endpoint"]), native)
+            elif (own := slopes[slopes["instance"] == i]).size:
+                rows.append(_slope_call(one, own, values.in_reference, kept, native))
         row["last_get"] = len(rows)
     return np.array(rows, dtype=CALL)
+
+
+def _slope_call(
+    one: Living,
+    slopes: np.ndarray[Any, Any],
+    references: np.ndarray[Any, Any],
+    kept: np.ndarray[Any, Any],
+    native: _Native,
+) -> tuple[int, ...]:
+    """fmi2SetRealInputDerivatives: as FMI 3 calls it has five arguments; the last two are orders and derivatives."""
+    name = "fmi2SetRealInputDerivatives"
+    derivatives = kept.ctypes.data + kept.itemsize * int(slopes["place"][0])
+    typed = native.typed(values=native.put([1] * slopes.size), n_values=derivatives, sizes=0, plain=0, sets=1)
+    numbers = native.put([int(references[j]) for j in slopes["input"]])
+    address, n, width = one.library.address(name), slopes.size, WIDTHS["Float64"]
+    return (address, one.handle, numbers, typed, n, FUNCTIONS.index(name), width)
 
 
 def _packet_call(

@@ -491,6 +491,7 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
         ],
         "master": {
             "algorithm": ready.coupling.algorithm,
+            "extrapolated": sorted(".".join(target) for target in ready.coupling.extrapolated),
             "tolerance": ready.coupling.tolerance,
             "iterations": ready.coupling.iterations,
             "relaxation": ready.coupling.relaxation,

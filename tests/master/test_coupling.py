@@ -292,6 +292,68 @@ def test_a_delay_is_the_same_while_steps_are_repeated_shorter(stricts: Any, tmp_
     assert recorded(tmp_path / "out")["b.y"] == [0.0, 1.0, 1.0, 1.25, 1.75]
 
 
+# ---- extrapolated inputs ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_a_ramp_is_followed_exactly_from_the_second_step_on(linears: Any, tmp_path: Path, algorithm: str) -> None:
+    """y = u at the end of a step; u is a ramp that another one makes, y = 2 t.
+
+    Without extrapolation y is u at the beginning. A slower one divides by its own, longer steps.
+    """
+    linears.fmu()
+    ramp = {"x0": 0.0, "v0": 2.0, "w2": 1e-12, "step": 0.1}
+    parts = linears.component("ramp", **ramp) + linears.component("y", gain=1.0, rate=-1.0, step=0.1)
+    parts += linears.component("z", gain=1.0, rate=-1.0, step=0.2) + linears.component(
+        "held", gain=1.0, rate=-1.0, step=0.1
+    )
+    inner = f'algorithm="{algorithm}" extrapolation="1"><connection to="held.u" extrapolation="0"/></master>'
+    system = linears.ssd(parts, "ramp/y y/u", "ramp/y z/u", "ramp/y held/u", master=inner, stop=1.0)
+    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    got = recorded(tmp_path / "out")
+    late = 0.0 if algorithm == "jacobi" else 0.2
+    wanted = [0.0, late, *(0.2 * k + late for k in range(2, 11))]
+    assert got["held.y"] == pytest.approx([0.0, *(0.2 * k + late - 0.2 for k in range(1, 11))], abs=1e-9)
+    assert got["y.y"] == pytest.approx(wanted, abs=1e-9)
+    ends = [0.0, 0.0, late, late, *(0.2 * k + late for k in (4, 4, 6, 6, 8, 8, 10))]
+    assert got["z.y"] == pytest.approx(ends, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("flags", "inner", "said"),
+    [
+        ("", 'extrapolation="1"/>', "b.u cannot be extrapolated: canInterpolateInputs of b is false"),
+        ("", '><connection to="b.u" extrapolation="1"/></master>', "canInterpolateInputs of b is false"),
+        (None, 'extrapolation="2"/>', 'extrapolation="2" must be a whole number from 0 to 1'),
+        (None, '><connection to="b.u" start="1"/></master>', "start is for connections with a delay"),
+        (
+            None,
+            'algorithm="quasi-newton" extrapolation="1"/>',
+            "b.u cannot be extrapolated: it is for jacobi and gauss-seidel, this is quasi-newton",
+        ),
+    ],
+)
+def test_what_cannot_be_extrapolated(linears: Any, flags: str | None, inner: str, said: str) -> None:
+    if flags is None:
+        linears.fmu()
+    else:
+        linears.fmu(flags=flags)
+    parts = linears.component("a", step=0.1) + linears.component("b", step=0.1)
+    with pytest.raises(SystemDescriptionError) as caught:
+        simulate(linears.ssd(parts, "a/y b/u", master=inner))
+    assert said in str(caught.value)
+
+
+def test_fmi_3_has_no_derivatives_of_inputs(stricts3: Any) -> None:
+    workshop = stricts3.workshop
+    stricts3.fmu()
+    ports = "f64_in[1]:input f64_out[1]:output"
+    parts = workshop.component("a", "strict3.fmu", ports) + workshop.component("b", "strict3.fmu", ports)
+    system = annotated(workshop, parts, ["a/f64_out[1] b/f64_in[1]"], 'extrapolation="1"/>')
+    with pytest.raises(SystemDescriptionError, match="cannot be extrapolated: FMI 3 has no derivatives of inputs"):
+        simulate(system)
+
+
 # ---- what is refused --------------------------------------------------------------------------
 
 
