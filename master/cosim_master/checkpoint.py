@@ -2,6 +2,8 @@
 
     RUN/checkpoints/T/state.npz         FMU states (serialised), values, packets in flight and their counters
     RUN/checkpoints/T/checkpoint.json   of which system, which FMUs, when; how much of RUN's recording belongs to it
+    RUN/checkpoints/T/signals.parquet   what has been recorded since the checkpoint before (packets.parquet, too):
+                                        RUN's own files cannot be read if it was killed
 
 A run that goes on from a checkpoint makes the same FMU instances anew, puts their states back, takes over the
 recording up to there, and then has the same future, bit for bit.
@@ -22,11 +24,12 @@ from typing import Any
 import numpy as np
 
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmi3 import Instance3
 from cosim_master.living import Living
 from cosim_master.radio import Radio
 from cosim_master.stepping import PHASE, K, Plan
 
-__all__ = ["Checkpoint", "Identity", "Position", "cannot_be_serialised", "find", "restore", "save"]
+__all__ = ["Checkpoint", "Identity", "Position", "cannot_be_serialised", "find", "restore", "save", "segments"]
 
 _VALUES = ("real_in", "real_out", "int_in", "int_out", "text", "tx", "kept")
 _PORT_FIELDS = ("filled", "sent", "rx_size")
@@ -73,6 +76,7 @@ class Checkpoint:
     overrides: Mapping[str, str]
     record: tuple[str, ...]
     texts: Mapping[str, str]
+    events: Any
 
     def check(self, identity: Identity) -> None:
         """Whether this is a checkpoint of the very system that is to go on.
@@ -118,10 +122,16 @@ def save(
     radio: Radio,
     living: Sequence[Living],
     texts: Mapping[tuple[int, str], str],
+    events: Any,
     position: Position,
+    segments: Sequence[Path],
     about: Mapping[str, Any],
 ) -> Path:
     """Write a checkpoint into `folder`; returns its own folder. Rows and packets must have been written out.
+
+    Args:
+        events: `Events.as_json`.
+        segments: files with what was recorded since the last checkpoint; they become part of this one.
 
     Raises:
         FmuError: an FMU cannot save its state after all.
@@ -131,6 +141,9 @@ def save(
     arrays |= {f"instances.{name}": plan.instances[name] for name in _INSTANCE_FIELDS}
     arrays |= {f"slopes.{name}": plan.slopes[name] for name in _SLOPE_FIELDS}
     arrays |= {f"radio.{name}": getattr(radio, name) for name in _RADIO}
+    three = [one if isinstance(one, Instance3) else None for one in living]
+    arrays["next_events"] = np.array([np.inf if one is None else one.next_event for one in three])
+    arrays["pending"] = np.array([0 if one is None else one.pending for one in three], dtype=np.int64)
     sizes, states = [], []
     for one in living:
         state = ctypes.c_void_p()
@@ -156,10 +169,13 @@ def save(
         "k": k,
         "phase": int(plan.clock[PHASE]),
         **about,
+        "events": events,
         "texts": {f"{living[i].name}.{name}": text for (i, name), text in texts.items()},
         "position": asdict(position),
     }
     (part / "checkpoint.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
+    for segment in segments:
+        segment.rename(part / segment.name)
     part.rename(own)
     return own
 
@@ -205,9 +221,17 @@ def find(wanted: str) -> Checkpoint:
             content["overrides"],
             tuple(content["record"]),
             content["texts"],
+            content["events"],
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise wrong(f"{own} is damaged: {error}") from None
+
+
+def segments(checkpoint: Checkpoint, name: str) -> list[Path]:
+    """The files of a run's checkpoints that hold its recording up to this one, in the order of time."""
+    folders = [file.parent for file in checkpoint.folder.parent.glob("*/checkpoint.json")]
+    before = sorted((float(folder.name), folder) for folder in folders if float(folder.name) <= checkpoint.time)
+    return [folder / name for _, folder in before if (folder / name).is_file()]
 
 
 def restore(
@@ -248,8 +272,10 @@ def restore(
     except (OSError, ValueError, KeyError, EOFError) as error:
         text = f"the checkpoint is damaged: {error}"
         raise SystemDescriptionError([Problem(Where(str(checkpoint.folder)), text)]) from None
-    for one, bytes_ in zip(living, states, strict=True):
+    for one, bytes_, next_event, pending in zip(living, states, arrays["next_events"], arrays["pending"], strict=True):
         one.time = checkpoint.time
+        if isinstance(one, Instance3):
+            one.next_event, one.pending = float(next_event), int(pending)
         state = one.deserialise(bytes_)
         try:
             one.restore_state(state)

@@ -13,9 +13,10 @@ is computed with fractions and never accumulated. Who sets Clocks, and what else
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 from cosim_master.check import CheckedSystem
 from cosim_master.errors import FmuError
@@ -178,6 +179,15 @@ class Schedule:
     def restore(self, saved: tuple[_Ticks, ...]) -> None:
         for name, t in zip(self._ticks, saved, strict=True):
             self._ticks[name] = _Ticks(t.interval, t.first, t.n, t.when)
+
+    def as_json(self) -> list[Any]:
+        """The same as plain data, for `from_json` of another run."""
+        return [[None if t.interval is None else str(t.interval), str(t.first), t.n, t.when] for t in self.saved()]
+
+    def from_json(self, content: Sequence[Sequence[Any]]) -> None:
+        self.restore(
+            tuple(_Ticks(None if i is None else Fraction(i), Fraction(first), n, when) for i, first, n, when in content)
+        )
 
 
 def _kind(clock: Variable) -> str:

@@ -157,6 +157,21 @@ class Events:
         for i, schedule in self._schedules.items():
             schedule.restore(schedules[i])
 
+    def as_json(self) -> Any:
+        """What `saved` has, as plain data, for `from_json` of another run."""
+        return {
+            "schedules": {str(i): schedule.as_json() for i, schedule in self._schedules.items()},
+            "kept": [[i, name, value] for (i, name), value in self.kept.items()],
+            "announced": {str(i): time for i, time in self._announced.items()},
+        }
+
+    def from_json(self, content: Any) -> None:
+        """Raises KeyError, ValueError or TypeError if it is not of these instances."""
+        for i, schedule in self._schedules.items():
+            schedule.from_json(content["schedules"][str(i)])
+        self.kept |= {(i, name): value for i, name, value in content["kept"]}
+        self._announced = {i: float(content["announced"][str(i)]) for i in self._announced}
+
     # ---- at one time -------------------------------------------------------------------------------------------------
 
     def enter(self, numbers: Iterable[int]) -> list[int]:

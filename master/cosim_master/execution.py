@@ -249,6 +249,7 @@ class Execution:
             if checkpoint is not None:
                 self.refuse_checkpoints()
                 self.radio = restore(checkpoint, self.plan, self.radio, self.living, self._text_outputs)
+                self._events.from_json(checkpoint.events)
             if self._richardson is not None:
                 self._snapshot = Snapshot(self.living)
             elif not self._unrepeatable and not all(one.library.thread_safe for one in self.living):
@@ -428,9 +429,6 @@ class Execution:
     def refuse_checkpoints(self) -> None:
         """Raises SystemDescriptionError if this system can have none, and says why."""
         reason = "what has passed a gateway cannot be taken back" if self.network.gateways else ""
-        if self._events.numbers and not reason:
-            names = ", ".join(self.living[i].name for i in self._events.numbers[:3])
-            reason = f"the next events of {names} are no part of an FMU state"
         if reason := reason or cannot_be_serialised(self.living):
             raise SystemDescriptionError([Problem(self.checked.structure.where, CHECKPOINT.text(reason))])
 
@@ -456,7 +454,9 @@ class Execution:
                 radio=self.radio,
                 living=self.living,
                 texts=self._text_outputs,
+                events=self._events.as_json(),
                 position=position,
+                segments=() if self._recorder is None else self._recorder.segments(),
                 about=about,
             )
         except FmuError as error:

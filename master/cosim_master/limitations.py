@@ -375,7 +375,7 @@ INITIAL_LOOP = Limitation(
 )
 CHECKPOINT = Limitation(
     "Masters",
-    "checkpoints of systems with gateways, with FMUs in Event Mode, and with FMUs that cannot serialise their state",
+    "checkpoints of systems with gateways, and with FMUs that cannot serialise their state",
     "error",
     "a run of this system has no checkpoints: {}",
 )

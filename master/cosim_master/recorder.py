@@ -10,7 +10,8 @@ A .tlog is a sequence of 8-byte big-endian microseconds and one packet. Its cloc
 read it as a date.
 
 The recorder reads; it never touches what it observes. Files are complete up to the last flush at any time but for
-Parquet's footer, which `close` writes.
+Parquet's footer, which `close` writes. For a run that may be killed before that, what is recorded between two
+checkpoints is written to files of its own as well (segments), which are complete at each of them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.check import CheckedSystem
-from cosim_master.checkpoint import Checkpoint, Position
+from cosim_master.checkpoint import Checkpoint, Position, segments
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.network import Network
 from cosim_master.plan import KINDS, Layout
@@ -57,8 +58,11 @@ class Recorder:
         *,
         keep: bool,
         checkpoint: Checkpoint | None = None,
+        in_segments: bool = False,
     ) -> None:
         self.folder = folder
+        self._in_segments = in_segments
+        self._open_segments: dict[str, Any] = {}
         folder.mkdir(parents=True, exist_ok=True)
         # An old manifest would call the results complete while they are not.
         for old in ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog", "packets/*.tlog"):
@@ -110,7 +114,23 @@ class Recorder:
 
     def _write(self, what: str, writer: Any, table: pa.Table) -> None:
         writer.write_table(table)
+        if self._in_segments:
+            if what not in self._open_segments:
+                (self.folder / "checkpoints").mkdir(exist_ok=True)
+                self._open_segments[what] = pq.ParquetWriter(self._segment(what), table.schema, compression="zstd")
+            self._open_segments[what].write_table(table)
         self._groups[what] += -(-table.num_rows // _ROW_GROUP) or 1
+
+    def _segment(self, what: str) -> Path:
+        return self.folder / "checkpoints" / f"{what}.parquet"
+
+    def segments(self) -> list[Path]:
+        """The segments since this was last called, complete; they are the caller's now."""
+        for writer in self._open_segments.values():
+            writer.close()
+        done = [self._segment(what) for what in self._open_segments]
+        self._open_segments.clear()
+        return done
 
     def _take_over(self, checkpoint: Checkpoint) -> None:
         """Begin with what the run of a checkpoint recorded until then: the same row groups, the same bytes."""
@@ -120,11 +140,15 @@ class Recorder:
         )
         try:
             for name, writer, schema, groups in sources:
-                with pq.ParquetFile(checkpoint.run / f"{name}.parquet") as old:
-                    if not old.schema_arrow.equals(schema, check_metadata=False):
-                        raise ValueError(f"{name}.parquet has other columns than this run records")
-                    for group in range(groups):
-                        self._write(name, writer, old.read_row_group(group).cast(schema))
+                before = self._groups[name]
+                for file in _readable(checkpoint, f"{name}.parquet"):
+                    with pq.ParquetFile(file) as old:
+                        if not old.schema_arrow.equals(schema, check_metadata=False):
+                            raise ValueError(f"{name}.parquet has other columns than this run records")
+                        for group in range(min(old.num_row_groups, groups - self._groups[name])):
+                            self._write(name, writer, old.read_row_group(group).cast(schema))
+                if (found := self._groups[name] - before) != groups:
+                    raise ValueError(f"of {groups} row groups of {name}.parquet there are {found}")
             for file in self._tlogs.values():
                 name = str(Path(file.name).relative_to(self.folder))
                 with (checkpoint.run / name).open("rb") as old_log:
@@ -234,11 +258,23 @@ class Recorder:
 
     def close_files(self) -> None:
         """All but the manifest: for a run that never began."""
+        for segment in self.segments():
+            segment.unlink()
         self._signals.close()
         if self._events is not None:
             self._events.close()
         for file in self._tlogs.values():
             file.close()
+
+
+def _readable(checkpoint: Checkpoint, name: str) -> list[Path]:
+    """The file of that name of a run, or the segments of its checkpoints if it was killed before it was complete."""
+    whole = checkpoint.run / name
+    try:
+        pq.ParquetFile(whole).close()
+    except (OSError, ValueError):
+        return segments(checkpoint, name)
+    return [whole]
 
 
 def _file_name(node: str) -> str:

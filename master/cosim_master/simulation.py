@@ -247,7 +247,15 @@ def simulate(
 
         def recorder() -> Recorder:
             assert out is not None
-            return Recorder(out, checked, places, ready.network, keep=ready.recording.packets, checkpoint=checkpoint)
+            return Recorder(
+                out,
+                checked,
+                places,
+                ready.network,
+                keep=ready.recording.packets,
+                checkpoint=checkpoint,
+                in_segments=checkpoint_every is not None,
+            )
 
         if out is not None:
             _make_folder(out)
