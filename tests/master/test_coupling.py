@@ -292,6 +292,21 @@ def test_a_delay_is_the_same_while_steps_are_repeated_shorter(stricts: Any, tmp_
     assert recorded(tmp_path / "out")["b.y"] == [0.0, 1.0, 1.0, 1.25, 1.75]
 
 
+def test_integers_of_64_bits_are_delayed_whole(stricts3: Any, tmp_path: Path) -> None:
+    """One element of an array; the other keeps what it starts with."""
+    stricts3.fmu()
+    ports = "i64_in[1]:input i64_in[2]:input i64_out[1]:output i64_out[2]:output"
+    parts = stricts3.component("a", ports=ports) + stricts3.component("b", ports=ports)
+    inner = f'><connection to="b.i64_in[1]" delay="0.5" start="{-(2**50)}"/></master>'
+    system = annotated(stricts3.workshop, parts, ["a/i64_out[1] b/i64_in[1]"], inner)
+    starts = {"a.i64_in[1]": str(2**40), "b.i64_in[2]": "-9"}
+    result = simulate(system, out=tmp_path / "out", overrides=starts)
+    assert result.outcome == "done", result.error
+    got = recorded(tmp_path / "out")
+    assert got["b.i64_out[1]"] == [1 - 2**50, 1 - 2**50, 2**40 + 2, 2**40 + 2, 2**40 + 2]
+    assert got["b.i64_out[2]"] == [-8] * 5
+
+
 # ---- extrapolated inputs ----------------------------------------------------------------------
 
 
