@@ -20,8 +20,6 @@ from tests.master.clocked import clocked
 from tests.master.linear import BALL_PORTS, ball
 from tests.master.strict3 import ABLE
 
-pytestmark = pytest.mark.usefixtures("own_cache")
-
 DELAYED = '<connection to="a.u" delay="0.03" start="1"/></master>'
 MASTERS = {
     "delay and extrapolation": 'extrapolation="1">' + DELAYED,
