@@ -25,8 +25,10 @@ from cosim_models.line_agent import LineAgent
 from cosim_models.parameters import PARAMETER_NAMES
 
 BATCH = 20
-MESSAGES = (0, 11, 20, 21, 23, 33, 39, 40, 41, 43, 44, 45, 47, 51, 66, 69, 70, 73, 75, 76, 77, 84, 86, 111, 253)
-COMMANDS = (20, 21, 22, 115, 176, 178, 192, 224, 300, 400, 410, 510, 511, 512, 520)
+MESSAGES = (
+    *(0, 11, 20, 21, 23, 33, 39, 40, 41, 43, 44, 45, 47, 51, 66, 69, 70, 73, 75, 76, 77, 84, 86, 110, 111, 253),
+)
+COMMANDS = (20, 21, 22, 115, 176, 178, 192, 207, 224, 300, 400, 410, 510, 511, 512, 520)
 TRIES = 12
 KINDS = ("whole", "bit", "crc", "length", "cut", "id", "signature", "noise")
 

@@ -3004,6 +3004,52 @@ def decode_radio_status(payload: Bytes) -> tuple[int, int, int, int, int, int, i
     )
 
 
+# -- FILE_TRANSFER_PROTOCOL -------------------------------------------------------------------------------------------
+
+FILE_TRANSFER_PROTOCOL = 110
+FILE_TRANSFER_PROTOCOL_LENGTH = 254
+FILE_TRANSFER_PROTOCOL_TARGET_NETWORK = 0  # uint8_t
+FILE_TRANSFER_PROTOCOL_TARGET_SYSTEM = 1  # uint8_t
+FILE_TRANSFER_PROTOCOL_TARGET_COMPONENT = 2  # uint8_t
+FILE_TRANSFER_PROTOCOL_PAYLOAD = 3  # uint8_t[251]
+
+
+@kernel
+def encode_file_transfer_protocol(
+    payload: Bytes, target_network: int, target_system: int, target_component: int
+) -> int:
+    """Fill `payload` with a FILE_TRANSFER_PROTOCOL; returns FILE_TRANSFER_PROTOCOL_LENGTH."""
+    zero = int(np.int64(0))
+    put_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_NETWORK, target_network)
+    put_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_COMPONENT, target_component)
+    clear(payload, zero + FILE_TRANSFER_PROTOCOL_PAYLOAD, zero + FILE_TRANSFER_PROTOCOL_PAYLOAD + 251)
+    return FILE_TRANSFER_PROTOCOL_LENGTH
+
+
+@kernel
+def decode_file_transfer_protocol(payload: Bytes) -> tuple[int, int, int]:
+    """The scalar fields of a FILE_TRANSFER_PROTOCOL: target_network, target_system, target_component."""
+    zero = int(np.int64(0))
+    return (
+        get_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_NETWORK),
+        get_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_SYSTEM),
+        get_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_COMPONENT),
+    )
+
+
+@kernel
+def put_file_transfer_protocol_payload(payload: Bytes, i: int, value: int) -> None:
+    """Set element i (0 to 250) of `payload`."""
+    put_u8(payload, FILE_TRANSFER_PROTOCOL_PAYLOAD + i, value)
+
+
+@kernel
+def get_file_transfer_protocol_payload(payload: Bytes, i: int) -> int:
+    """Element i (0 to 250) of `payload`."""
+    return get_u8(payload, FILE_TRANSFER_PROTOCOL_PAYLOAD + i)
+
+
 # -- TIMESYNC ---------------------------------------------------------------------------------------------------------
 
 TIMESYNC = 111

@@ -33,6 +33,7 @@ Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
 _CDEG = math.radians(0.01)  # rad per centidegree
+_DEG = math.radians(1.0)
 _THRUST_ERROR = math.radians(30.0)  # beyond, heading gives way
 _YAW_ERROR_MAX = math.radians(45.0)
 _TILT_ACCEL_MIN, _TILT_ACCEL_MAX = math.radians(40.0), math.radians(720.0)
@@ -131,8 +132,8 @@ def _shape_tilt(m: Any, wanted: Quaternion, dt: float) -> float:
     """Shape the target's roll and pitch rates towards `wanted`; returns the heading error of the target."""
     x, y, z, _ = tilt_and_heading_error(wanted, _target(m))
     w = m.rate_target
-    w[0] = _towards_angle(x, m.ATC_INPUT_TC, m.ATC_ACCEL_R_MAX * _CDEG, w[0], 0.0, 0.0, dt)
-    w[1] = _towards_angle(y, m.ATC_INPUT_TC, m.ATC_ACCEL_P_MAX * _CDEG, w[1], 0.0, 0.0, dt)
+    w[0] = _towards_angle(x, m.ATC_INPUT_TC, m.ATC_ACCEL_R_MAX * _CDEG, w[0], 0.0, m.ATC_RATE_R_MAX * _DEG, dt)
+    w[1] = _towards_angle(y, m.ATC_INPUT_TC, m.ATC_ACCEL_P_MAX * _CDEG, w[1], 0.0, m.ATC_RATE_P_MAX * _DEG, dt)
     return z
 
 
@@ -140,6 +141,8 @@ def _shape_tilt(m: Any, wanted: Quaternion, dt: float) -> float:
 def follow_heading(m: Any, n: float, e: float, d: float, heading: float, heading_rate: float, dt: float) -> None:
     """One step towards thrust along (n, e, d) [NED] with the nose at `heading` [rad], itself turning [rad/s]."""
     slew = m.ATC_SLEW_YAW * _CDEG
+    if m.ATC_RATE_Y_MAX > 0.0:
+        slew = min(slew, m.ATC_RATE_Y_MAX * _DEG)
     _advance_target(m, dt)
     error = _shape_tilt(m, attitude_from_thrust(n, e, d, heading), dt)
     ff = clip(heading_rate, -slew, slew)
@@ -155,6 +158,8 @@ def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float
     heading = euler_from_quaternion(_target(m))[2]
     _shape_tilt(m, attitude_from_thrust(n, e, d, heading), dt)
     step = m.ATC_ACCEL_Y_MAX * _CDEG * dt
+    if m.ATC_RATE_Y_MAX > 0.0:
+        rate = clip(rate, -m.ATC_RATE_Y_MAX * _DEG, m.ATC_RATE_Y_MAX * _DEG)
     m.rate_target[2] += clip(rate - m.rate_target[2], -step, step)
     _follow_target(m, dt)
 
@@ -209,6 +214,8 @@ def run_rates(m: Any, dt: float) -> None:
         lowpass_alpha(dt, m.ATC_RAT_RLL_FLTD),
         dt,
         m.limit_roll_pitch,
+        m.ATC_RAT_RLL_FF,
+        m.ATC_RAT_RLL_PDMX,
     )
     m.torque[1] = pid(
         m.rate_pid[1],
@@ -223,6 +230,8 @@ def run_rates(m: Any, dt: float) -> None:
         lowpass_alpha(dt, m.ATC_RAT_PIT_FLTD),
         dt,
         m.limit_roll_pitch,
+        m.ATC_RAT_PIT_FF,
+        m.ATC_RAT_PIT_PDMX,
     )
     m.torque[2] = pid(
         m.rate_pid[2],
@@ -237,6 +246,8 @@ def run_rates(m: Any, dt: float) -> None:
         lowpass_alpha(dt, m.ATC_RAT_YAW_FLTD),
         dt,
         m.limit_yaw,
+        m.ATC_RAT_YAW_FF,
+        m.ATC_RAT_YAW_PDMX,
     )
 
 

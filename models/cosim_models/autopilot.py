@@ -1,12 +1,13 @@
 """The autopilot FMU: ArduCopter's cascade, modes and MAVLink conversation at 400 Hz, for multirotors of 4, 6, 8 motors.
 
 A step: filter the motion inputs as the inertial sensors would, run the rate controllers and the motors on what the
-last step wanted, hear the packets, run the flight mode, detect landing, speak. The laws are in `shaping`, `pid`,
-`attitude_control`, `position_control`, `mixer` and `motors`, the modes in `flight_modes` and `auto`, MAVLink in
-`commands`, `copter_messages`, `status_messages`, `parameters`, `missions`, `failsafes` and `telemetry`. Parameters
-(`autopilot_variables`) have ArduPilot's names, units and defaults.
+last step wanted, hear the packets, look for what is wrong, run the flight mode, detect landing, speak. The laws are in
+`shaping`, `pid`, `attitude_control`, `position_control`, `mixer` and `motors`; the modes in `modes`, `flight_modes`,
+`pilot_modes` and `auto`; the pilot in `pilot` and `pilot_switches`; MAVLink in `commands`, `mode_changes`, `missions`,
+`fences`, `parameters`, `file_transfer`, `telemetry`, `streams`, `texts` and the `*_messages`; what it does by itself in
+`failsafes` and `battery`. Parameters (`autopilot_parameters`) have ArduPilot's names, units and defaults.
 
-Not here: sensors with noise and an estimator: the true motion is used, so there is no lag of an estimate.
+Not here: sensors with noise and an estimator: what comes in is taken for the truth. An `Estimator` may stand before it.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from cosim import Parameter, Variable
 
-__all__ = ["PARAMETERS"]
+__all__ = ["PARAMETERS", "STICK_CHANNELS"]
 
 _POSITIVE = 1e-3  # least value of what the laws divide by
 
@@ -50,6 +50,8 @@ def _rate_parameters(axis: str, name: str, p: float, i: float, d: float, error_f
         _real(prefix + "FLTT", "Hz", 20.0, f"{name} rate: filter of the target"),
         _real(prefix + "FLTE", "Hz", error_filter, f"{name} rate: filter of the error"),
         _real(prefix + "FLTD", "Hz", 20.0, f"{name} rate: filter of the derivative"),
+        _real(prefix + "FF", "s/rad", 0.0, f"{name} rate: feed-forward of the target"),
+        _real(prefix + "PDMX", "1", 0.0, f"{name} rate: limit of the proportional and derivative part, 0: none"),
     )
 
 
@@ -63,6 +65,9 @@ ATTITUDE_PARAMETERS = (
     _real("ATC_ACCEL_R_MAX", "cdeg/s2", 110000.0, "roll: greatest angular acceleration"),
     _real("ATC_ACCEL_P_MAX", "cdeg/s2", 110000.0, "pitch: greatest angular acceleration"),
     _real("ATC_ACCEL_Y_MAX", "cdeg/s2", 27000.0, "yaw: greatest angular acceleration"),
+    _real("ATC_RATE_R_MAX", "deg/s", 0.0, "roll: greatest rate of the attitude target, 0: no limit"),
+    _real("ATC_RATE_P_MAX", "deg/s", 0.0, "pitch: greatest rate of the attitude target, 0: no limit"),
+    _real("ATC_RATE_Y_MAX", "deg/s", 0.0, "yaw: greatest rate of the attitude target, 0: no limit"),
     _real("ATC_SLEW_YAW", "cdeg/s", 6000.0, "greatest rate of turning the nose"),
     _real("ATC_INPUT_TC", "s", 0.15, "time constant of the attitude target"),
     _real("ATC_ANG_LIM_TC", "s", 1.0, "time constant of the lean limit that keeps height"),
@@ -91,6 +96,8 @@ POSITION_PARAMETERS = (
     _real("PSC_VELXY_IMAX", "cm/s2", 1000.0, "horizontal velocity: limit of the integral"),
     _real("PSC_VELXY_FLTE", "Hz", 5.0, "horizontal velocity: filter of the error"),
     _real("PSC_VELXY_FLTD", "Hz", 5.0, "horizontal velocity: filter of the derivative"),
+    _real("PSC_VELXY_FF", "1/s", 0.0, "horizontal velocity: feed-forward of the target"),
+    _real("PSC_ANGLE_MAX", "deg", 0.0, "greatest lean for position control, 0: ANGLE_MAX"),
     _real("PSC_POSZ_P", "1/s", 1.0, "height: gain", _POSITIVE),
     _real("PSC_VELZ_P", "1/s", 5.0, "climb rate: proportional gain"),
     _real("PSC_VELZ_I", "1/s2", 0.0, "climb rate: integral gain"),
@@ -98,6 +105,7 @@ POSITION_PARAMETERS = (
     _real("PSC_VELZ_IMAX", "cm/s2", 1000.0, "climb rate: limit of the integral"),
     _real("PSC_VELZ_FLTE", "Hz", 5.0, "climb rate: filter of the error"),
     _real("PSC_VELZ_FLTD", "Hz", 5.0, "climb rate: filter of the derivative"),
+    _real("PSC_VELZ_FF", "1/s", 0.0, "climb rate: feed-forward of the target"),
     _real("PSC_ACCZ_P", "1", 0.5, "vertical acceleration: proportional gain, per mille of throttle per cm/s2"),
     _real("PSC_ACCZ_I", "1/s", 1.0, "vertical acceleration: integral gain, per mille of throttle per cm/s2"),
     _real("PSC_ACCZ_D", "s", 0.0, "vertical acceleration: derivative gain, per mille of throttle per cm/s2"),
@@ -105,6 +113,8 @@ POSITION_PARAMETERS = (
     _real("PSC_ACCZ_FLTT", "Hz", 0.0, "vertical acceleration: filter of the target"),
     _real("PSC_ACCZ_FLTE", "Hz", 20.0, "vertical acceleration: filter of the error"),
     _real("PSC_ACCZ_FLTD", "Hz", 0.0, "vertical acceleration: filter of the derivative"),
+    _real("PSC_ACCZ_FF", "1", 0.0, "vertical acceleration: feed-forward, per mille of throttle per cm/s2"),
+    _real("PSC_ACCZ_PDMX", "1", 0.0, "vertical acceleration: limit of P and D, per mille of throttle, 0: none"),
     _real("PSC_JERK_XY", "m/s3", 5.0, "greatest horizontal jerk", _POSITIVE),
     _real("PSC_JERK_Z", "m/s3", 5.0, "greatest vertical jerk", _POSITIVE),
     _real("WPNAV_SPEED", "cm/s", 1000.0, "horizontal speed"),
@@ -131,10 +141,15 @@ MODE_PARAMETERS = (
         _whole("CIRCLE_OPTIONS", 1, "sum of 1 sticks change circle, 2 nose along it, 4 begin at its centre", 0, 7),
         _real("RTL_ALT", "cm", 1500.0, "least height above home of the way back"),
         _real("RTL_CONE_SLOPE", "1", 3.0, "height over distance below which RTL need not climb"),
+        _real("RTL_CLIMB_MIN", "cm", 0.0, "least climb before the way back"),
+        _real("RTL_SPEED", "cm/s", 0.0, "speed of the way back, 0: WPNAV_SPEED"),
+        _real("RTL_ALT_FINAL", "cm", 0.0, "height above home at which the vehicle stays, 0: it lands"),
         _real("RTL_LOIT_TIME", "ms", 5000.0, "time above home before landing"),
         _real("LAND_SPEED", "cm/s", 50.0, "descent rate below LAND_ALT_LOW"),
         _real("LAND_SPEED_HIGH", "cm/s", 0.0, "descent rate above LAND_ALT_LOW, 0: WPNAV_SPEED_DN"),
         _real("LAND_ALT_LOW", "cm", 1000.0, "height below which landing is slow"),
+        _whole("MIS_RESTART", 0, "AUTO: 0 goes on with the mission, 1 begins it again", 0, 1),
+        _whole("AUTO_OPTIONS", 0, "sum of 1 armed in AUTO, 2 takes off in AUTO without throttle", 0, 3),
         _real("TKOFF_SLEW_TIME", "s", 2.0, "time from no to full throttle while lifting off"),
         _real("TKOFF_THR_MAX", "1", 0.9, "throttle that counts as lifted off"),
     ),
@@ -152,10 +167,17 @@ def _channel(number: int, dead_zone: float) -> tuple[Variable, ...]:
     )
 
 
+STICK_CHANNELS = 8
+"""Channels that a stick may be on."""
+
 PILOT_PARAMETERS = _rare(
-    *(variable for i, zone in enumerate((20.0, 20.0, 30.0, 20.0)) for variable in _channel(i + 1, zone)),
     *(
-        _whole(f"RCMAP_{name}", number, f"channel of the {name.lower()} stick", 1, 4)
+        variable
+        for number, zone in enumerate((20.0, 20.0, 30.0, 20.0, 0.0, 0.0, 0.0, 0.0), 1)
+        for variable in _channel(number, zone)
+    ),
+    *(
+        _whole(f"RCMAP_{name}", number, f"channel of the {name.lower()} stick", 1, STICK_CHANNELS)
         for number, name in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), 1)
     ),
     Parameter(
@@ -187,6 +209,10 @@ PILOT_PARAMETERS = _rare(
 )
 
 MOTOR_PARAMETERS = (
+    *_rare(
+        _real("MOT_PWM_MIN", "us", 1000.0, "pulse of a motor that stands, as SERVO_OUTPUT_RAW tells it"),
+        _real("MOT_PWM_MAX", "us", 2000.0, "pulse of a motor at full command"),
+    ),
     _real("MOT_THST_EXPO", "1", 0.65, "curve of thrust over command: 0 linear, 1 quadratic"),
     _real("MOT_THST_HOVER", "1", 0.35, "throttle of hovering, at the start"),
     _whole("MOT_HOVER_LEARN", 2, "0: keep MOT_THST_HOVER, 1 and 2: learn it in flight"),
@@ -194,6 +220,9 @@ MOTOR_PARAMETERS = (
     _real("MOT_SPIN_MIN", "1", 0.15, "least command in flight"),
     _real("MOT_SPIN_MAX", "1", 0.95, "greatest command"),
     _real("MOT_SPOOL_TIME", "s", 0.5, "time to spool up"),
+    _real("MOT_SPOOL_TIM_DN", "s", 0.0, "time to spool down, 0: MOT_SPOOL_TIME"),
+    _real("MOT_SLEW_UP_TIME", "s", 0.0, "time of a command from least to greatest, 0: at once"),
+    _real("MOT_SLEW_DN_TIME", "s", 0.0, "time of a command from greatest to least, 0: at once"),
     _real("MOT_YAW_HEADROOM", "1", 200.0, "yaw that is always possible, per mille"),
 )
 
@@ -210,6 +239,7 @@ SAFETY_PARAMETERS = _rare(
         0,
         31,
     ),
+    _whole("ARMING_CHECK", 1, "0: only the position is asked for", 0),
     _whole("FENCE_ENABLE", 0, "1: fences are watched", 0, 1),
     _whole("FENCE_TYPE", 7, "sum of 1 greatest height, 2 circle, 4 polygons, 8 least height", 0, 15),
     _whole("FENCE_ACTION", 1, "0: tell only, 1: RTL, 2: LAND, 4: BRAKE", 0, 4),

@@ -140,6 +140,15 @@ MEMORY = (
     Memory("circle_asked", shape=2, rare=True),  # CIRCLE_RADIUS and CIRCLE_RATE when last looked at
     Memory("circle_angle", rare=True),
     Memory("circle_turning", rare=True),
+    Memory("file_bursting", dtype="?"),
+    Memory("file_open", dtype="?", rare=True),
+    Memory("file_session", dtype="i4", rare=True),
+    Memory("file_sequence", dtype="i4", rare=True),
+    Memory("file_at", dtype="i4", rare=True),
+    Memory("file_piece", dtype="i4", rare=True),
+    Memory("file_system", dtype="i4", rare=True),
+    Memory("file_component", dtype="i4", rare=True),
+    Memory("file_due", rare=True),
     # fail-safes
     Memory("next_watch"),
     Memory("station_heard", rare=True),

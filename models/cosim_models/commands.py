@@ -18,6 +18,7 @@ from cosim.messages import (
     AUTOPILOT_VERSION,
     COMMAND_INT,
     COMMAND_LONG,
+    FILE_TRANSFER_PROTOCOL,
     HEARTBEAT,
     HOME_POSITION,
     MANUAL_CONTROL,
@@ -81,6 +82,7 @@ from cosim_models.copter_messages import (
     tell_interval,
 )
 from cosim_models.failsafes import hear_station
+from cosim_models.file_transfer import answer_file_transfer
 from cosim_models.flight_modes import (
     guide_acceleration,
     guide_position,
@@ -503,6 +505,8 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         theirs, sent = decode_timesync(m.received)
         if theirs == 0 and can_answer(m):
             answer_timesync(m, sent, t)
+    elif message == FILE_TRANSFER_PROTOCOL:
+        answer_file_transfer(m, sender, part, t)
     elif message == PARAM_REQUEST_READ:
         read_parameter(m)
     elif message == PARAM_SET:

@@ -89,6 +89,7 @@ from cosim_models.sensor_messages import (
     send_scaled_imu,
     send_vibration,
 )
+from cosim_models.shaping import clip
 from cosim_models.status_messages import (
     send_battery,
     send_channels,
@@ -148,9 +149,9 @@ _PRESENT, _SENSORS, _HEALTHY = 0x5371FC0F, 0x52419C0F, 0x47519C0F  # as ArduCopt
 _BATTERY_BIT = 0x2000000  # MAV_SYS_STATUS_SENSOR_BATTERY
 _POSITION_CONTROL = 0x6000  # altitude and position control: healthy, and enabled, when armed
 _ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
-# MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, both
-# SET_POSITION_TARGETs, MAVLink 2
-_CAPABILITIES = 1 + 2 + 4 + 8 + 128 + 256 + 8192
+# MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, file transfer, both
+# SET_POSITION_TARGETs, MAVLink 2, fences
+_CAPABILITIES = 1 + 2 + 4 + 8 + 32 + 128 + 256 + 8192 + 16384
 _SOFTWARE = 0x04070000  # the ArduCopter whose ways these are: 4.7-dev
 
 
@@ -407,8 +408,9 @@ def _send_version(m: Any) -> bool:
 def _send_servos(m: Any, t: float) -> bool:
     clear(m.payload, 0, 37)
     put_u32(m.payload, SERVO_OUTPUT_RAW_TIME_USEC, microseconds(t) % 4294967296)
+    least, most = clip(m.MOT_PWM_MIN, 0.0, 65535.0), clip(m.MOT_PWM_MAX, 0.0, 65535.0)
     for i in range(m.motor_count):
-        put_u16(m.payload, SERVO_OUTPUT_RAW_SERVO1_RAW + 2 * i, 1000 + int(m.motor[i] * 1000.0 + 0.5))
+        put_u16(m.payload, SERVO_OUTPUT_RAW_SERVO1_RAW + 2 * i, int(least + m.motor[i] * (most - least) + 0.5))
     return send(m, _SERVO_OUTPUT_RAW)
 
 

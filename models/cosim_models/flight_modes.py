@@ -242,7 +242,9 @@ def start_rtl(m: Any) -> None:
         wanted = min(wanted, max(distance * m.RTL_CONE_SLOPE, height + _RTL_CLIMB_MIN))
     m.guided_position[0] = m.position_desired[0]
     m.guided_position[1] = m.position_desired[1]
-    m.guided_position[2] = m.home[2] + max(wanted, height)
+    m.guided_position[2] = m.home[2] + max(wanted, height + 0.01 * m.RTL_CLIMB_MIN)
+    if m.RTL_SPEED > 0.0:
+        m.speed_max = 0.01 * m.RTL_SPEED
 
 
 @kernel
@@ -392,5 +394,8 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
             m.rtl_stage = WAIT
             m.loiter_since = t
     elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME:
+        if m.RTL_ALT_FINAL > 0.0:
+            p[2] = m.home[2] + 0.01 * m.RTL_ALT_FINAL
+            return
         m.rtl_stage = DESCEND
         start_land(m)

@@ -73,6 +73,7 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 """MAV_RESULT."""
 
 _TAKEOFF, _YAW, _SPEED = 22, 115, 178  # MAV_CMD
+_ARM_IN_AUTO, _FLY_AT_ONCE = 1, 2  # AUTO_OPTIONS
 _FORCE_ARM, _FORCE = 2989.0, 21196.0
 
 
@@ -138,11 +139,13 @@ def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
     """Arm after ArduCopter's checks, as far as they can fail here; a MAV_RESULT."""
     if m.armed:
         return ACCEPTED
-    if m.mode in (LAND, RTL, AUTO, BRAKE, CIRCLE) or (m.mode == GUIDED and by_stick):
+    auto = m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0
+    if m.mode in (LAND, RTL, BRAKE, CIRCLE) or auto or (m.mode == GUIDED and by_stick):
         say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
         return FAILED
     if not forced:
-        if not attitude_ready(m, t):
+        checked = m.ARMING_CHECK != 0
+        if checked and not attitude_ready(m, t):
             say(m, CRITICAL, ACCELS_INCONSISTENT, NO_NUMBER)
             say(m, CRITICAL, ATTITUDE_BAD, NO_NUMBER)
             say(m, CRITICAL, AHRS_TYPE, NO_NUMBER)
@@ -150,19 +153,25 @@ def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
         if needs_position(m.mode) and not position_ready(m, t):
             say(m, CRITICAL, ARM_NEEDS_POSITION, NO_NUMBER)
             return FAILED
-        if not prearm_ready(m, t):
+        if checked and not prearm_ready(m, t):
             say(m, CRITICAL, WAITING_FOR_HOME, NO_NUMBER)
             return FAILED
-        if m.mode != GUIDED and (pilot_climb_rate(m, t) > 0.0 or (m.mode == STABILIZE and throttle_open(m, t))):
+        if (
+            checked
+            and m.mode not in (GUIDED, AUTO)
+            and (pilot_climb_rate(m, t) > 0.0 or (m.mode == STABILIZE and throttle_open(m, t)))
+        ):
             say(m, CRITICAL, ARM_THROTTLE, NO_NUMBER)
             return FAILED
-        if 0.0 < m.battery_voltage < m.BATT_ARM_VOLT:
+        if checked and 0.0 < m.battery_voltage < m.BATT_ARM_VOLT:
             say(m, CRITICAL, ARM_VOLTAGE, NO_NUMBER)
             return FAILED
-        if m.BATT_ARM_MAH > 0.0 and m.BATT_CAPACITY - m.battery_used < m.BATT_ARM_MAH:
+        if checked and m.BATT_ARM_MAH > 0.0 and m.BATT_CAPACITY - m.battery_used < m.BATT_ARM_MAH:
             say(m, CRITICAL, ARM_CHARGE, NO_NUMBER)
             return FAILED
     arm(m, t)
+    if m.mode == AUTO and (m.AUTO_OPTIONS & _FLY_AT_ONCE) != 0:
+        m.auto_armed = True
     say(m, INFO, ARMING, NO_NUMBER)
     return ACCEPTED
 

@@ -62,7 +62,7 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
         start_alt_hold(m)
     elif mode == AUTO:
         guide_stop(m, t)
-        if m.mission_complete or m.mission_current == 0:
+        if m.mission_complete or m.mission_current == 0 or m.MIS_RESTART == 1:
             m.mission_current = 1
         m.mission_complete = False
         m.mission_changed = True

@@ -52,6 +52,7 @@ def air_density_ratio(altitude: float) -> float:
 def _spool(m: Any, dt: float) -> None:
     """Next spool state, on the way to `m.spool_wanted`."""
     step = dt / max(m.MOT_SPOOL_TIME, 0.05)
+    step_down = dt / max(m.MOT_SPOOL_TIM_DN, 0.05) if m.MOT_SPOOL_TIM_DN > 0.0 else step
     wanted = m.spool_wanted if m.armed and not m.arming_delay else SHUT_DOWN
     if wanted == SHUT_DOWN and (not m.armed or m.arming_delay):
         m.spool_state = SHUT_DOWN
@@ -63,7 +64,7 @@ def _spool(m: Any, dt: float) -> None:
     elif m.spool_state == GROUND_IDLE:
         m.thrust_max = 0.0
         if wanted == SHUT_DOWN:
-            m.spin_up = max(m.spin_up - step, 0.0)
+            m.spin_up = max(m.spin_up - step_down, 0.0)
             if m.spin_up == 0.0:
                 m.spool_state = SHUT_DOWN
         elif wanted == THROTTLE_UNLIMITED:
@@ -73,7 +74,7 @@ def _spool(m: Any, dt: float) -> None:
                 m.spool_state = SPOOLING_UP
         else:
             idle = m.MOT_SPIN_ARM / m.MOT_SPIN_MIN if m.MOT_SPIN_MIN > 0.0 else 0.0
-            m.spin_up += clip(idle - m.spin_up, -step, step)
+            m.spin_up += clip(idle - m.spin_up, -step_down, step)
     elif m.spool_state == SPOOLING_UP:
         m.spin_up = 1.0
         if wanted != THROTTLE_UNLIMITED:
@@ -92,7 +93,7 @@ def _spool(m: Any, dt: float) -> None:
         m.spool_state = SPOOLING_UP
     else:
         m.spin_up = 1.0
-        m.thrust_max -= step
+        m.thrust_max -= step_down
         if m.thrust_max <= 0.0:
             m.thrust_max = 0.0
             m.spool_state = GROUND_IDLE
@@ -105,6 +106,17 @@ def _filter_throttle(m: Any, dt: float) -> None:
         return
     m.throttle_filtered += lowpass_alpha(dt, m.throttle_cutoff) * (m.throttle_command - m.throttle_filtered)
     m.throttle_filtered = clip(m.throttle_filtered, 0.0, 1.0)
+
+
+@kernel
+def _slewed(m: Any, last: float, wanted: float, dt: float) -> float:
+    """The next command on the way from `last` to `wanted`, whose range MOT_SLEW_UP_TIME and MOT_SLEW_DN_TIME take."""
+    room = m.MOT_SPIN_MAX - m.MOT_SPIN_MIN
+    if m.MOT_SLEW_UP_TIME > 0.0:
+        wanted = min(wanted, last + room * dt / m.MOT_SLEW_UP_TIME)
+    if m.MOT_SLEW_DN_TIME > 0.0:
+        wanted = max(wanted, last - room * dt / m.MOT_SLEW_DN_TIME)
+    return wanted
 
 
 @kernel
@@ -133,7 +145,9 @@ def run_motors(m: Any, dt: float) -> None:
             m.motor[i] = idle
     else:
         for i in range(m.motor_count):
-            m.motor[i] = thrust_to_command(m.thrust[i], m.MOT_THST_EXPO, m.MOT_SPIN_MIN, m.MOT_SPIN_MAX)
+            m.motor[i] = _slewed(
+                m, m.motor[i], thrust_to_command(m.thrust[i], m.MOT_THST_EXPO, m.MOT_SPIN_MIN, m.MOT_SPIN_MAX), dt
+            )
     m.limit_roll_pitch = (limits & LIMIT_ROLL_PITCH) != 0
     m.limit_yaw = (limits & LIMIT_YAW) != 0
     m.limit_throttle_lower = (limits & LIMIT_THROTTLE_LOWER) != 0

@@ -35,7 +35,16 @@ from cosim_models.packet_output import can_answer, send
 from cosim_models.parameter_types import INT8, INT16, INT32
 from cosim_models.texts import WARNING
 
-__all__ = ["PARAMETER_COUNT", "PARAMETER_NAMES", "list_parameters", "read_parameter", "send_list", "set_parameter"]
+__all__ = [
+    "PARAMETER_COUNT",
+    "PARAMETER_NAMES",
+    "list_parameters",
+    "parameter_type",
+    "parameter_value",
+    "read_parameter",
+    "send_list",
+    "set_parameter",
+]
 
 _ID_LENGTH = 16
 _INT8, _INT16, _INT32, _REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
@@ -98,7 +107,14 @@ def _find(m: Any, at: int) -> int:
 
 
 @kernel
-def _value(m: Any, i: int) -> float:
+def parameter_type(i: int) -> int:
+    """MAV_PARAM_TYPE of the parameter of index i."""
+    return int(_TYPES[i])
+
+
+@kernel
+def parameter_value(m: Any, i: int) -> float:
+    """The parameter of index i."""
     if _IS_WHOLE[i] != 0:
         return float(get_whole(m, _OFFSETS[i]))
     return get_real(m, _OFFSETS[i])
@@ -107,7 +123,7 @@ def _value(m: Any, i: int) -> float:
 @kernel
 def _tell(m: Any, i: int, index: int) -> bool:
     """PARAM_VALUE of parameter i, told as number `index`."""
-    encode_param_value(m.payload, _value(m, i), _TYPES[i], PARAMETER_COUNT, index)
+    encode_param_value(m.payload, parameter_value(m, i), _TYPES[i], PARAMETER_COUNT, index)
     for k in range(_ID_LENGTH):
         put_u8(m.payload, PARAM_VALUE_PARAM_ID + k, _IDS[i, k])
     return send(m, _PARAM_VALUE)

@@ -45,10 +45,13 @@ def pid(
     derivative_alpha: float,
     dt: float,
     saturated: bool,
+    kff: float,
+    pd_max: float,
 ) -> float:
-    """One step of the controller; returns P + I + D.
+    """One step of the controller; returns P + I + D and `kff` times the target.
 
-    `*_alpha` are weights of new samples (`lowpass_alpha`). While `saturated` the integral can only shrink.
+    `*_alpha` are weights of new samples (`lowpass_alpha`). While `saturated` the integral can only shrink. P + D is
+    limited to `pd_max`, if that is positive.
     """
     if s[RUNNING] == 0.0:
         s[RUNNING] = 1.0
@@ -64,7 +67,12 @@ def pid(
         s[INTEGRAL] = 0.0
     elif not saturated or s[INTEGRAL] * s[ERROR] < 0.0:
         s[INTEGRAL] = clip(s[INTEGRAL] + s[ERROR] * ki * dt, -integral_max, integral_max)
-    return float(s[ERROR] * kp + s[INTEGRAL] + s[DERIVATIVE] * kd)
+    result = s[ERROR] * kp + s[INTEGRAL] + s[DERIVATIVE] * kd
+    if pd_max > 0.0:
+        result = s[INTEGRAL] + clip(s[ERROR] * kp + s[DERIVATIVE] * kd, -pd_max, pd_max)
+    if kff != 0.0:
+        result += kff * s[TARGET]
+    return float(result)
 
 
 @kernel
@@ -83,6 +91,7 @@ def pid_plane(
     dt: float,
     limit_n: float,
     limit_e: float,
+    kff: float,
 ) -> tuple[float, float]:
     """`pid` in the horizontal plane; the integral does not grow towards the saturated direction (limit_n, limit_e)."""
     error_n = target_n - n
@@ -107,4 +116,9 @@ def pid_plane(
     if gain_n * limit_n + gain_e * limit_e > 0.0:
         longest = min(before, integral_max)
     s[4], s[5] = limit_length(s[4] + gain_n, s[5] + gain_e, longest)
-    return float(s[0] * kp + s[4] + s[2] * kd), float(s[1] * kp + s[5] + s[3] * kd)
+    result_n = s[0] * kp + s[4] + s[2] * kd
+    result_e = s[1] * kp + s[5] + s[3] * kd
+    if kff != 0.0:
+        result_n += kff * target_n
+        result_e += kff * target_e
+    return float(result_n), float(result_e)

@@ -24,6 +24,7 @@ from cosim.messages import RC_CHANNELS_OVERRIDE_CHAN1_RAW, RC_CHANNELS_OVERRIDE_
 from cosim.model import record_layout
 from cosim.packets import get_u16
 from cosim_models.arming import STABILIZE
+from cosim_models.autopilot_parameters import STICK_CHANNELS
 from cosim_models.autopilot_variables import CHANNELS, VARIABLES
 from cosim_models.shaping import clip
 
@@ -64,7 +65,7 @@ assert _FIELDS is not None
 _RC = int(_FIELDS["RC1_MIN"][1])
 _MIN, _TRIM, _MAX, _DZ, _REVERSED = range(5)
 _CALIBRATION = 8 * (_REVERSED + 1)  # bytes
-assert _FIELDS["RC4_REVERSED"][1] == _RC + 3 * _CALIBRATION + 8 * _REVERSED
+assert _FIELDS[f"RC{STICK_CHANNELS}_REVERSED"][1] == _RC + (STICK_CHANNELS - 1) * _CALIBRATION + 8 * _REVERSED
 
 
 # ---- what is heard -------------------------------------------------------------------------------------------------
@@ -107,7 +108,7 @@ def _heard_station(m: Any, t: float) -> None:
 @kernel
 def _axis(m: Any, number: int, value: int, offset: int, scale: float, t: float) -> None:
     """One axis of MANUAL_CONTROL on channel `number`, scaled to its pulses."""
-    if not 1 <= number <= 4:
+    if not 1 <= number <= STICK_CHANNELS:
         return
     pulse = 0
     if value != _NO_VALUE and value != -_NO_VALUE:
@@ -155,9 +156,9 @@ def _receiver(m: Any, number: int) -> int:
         if m.on_ground or m.mode == STABILIZE:
             return _CLOSED
         return int(0.5 * (_calibration(m, number, _MIN) + _calibration(m, number, _MAX)))
-    if number <= 4:
+    if number == m.RCMAP_ROLL or number == m.RCMAP_PITCH or number == m.RCMAP_YAW or number <= 4:
         return int(_calibration(m, number, _TRIM))
-    return int(_SWITCHES[number - 5]) if number <= 8 else 0
+    return int(_SWITCHES[number - 5]) if number <= STICK_CHANNELS else 0
 
 
 @kernel

@@ -59,7 +59,8 @@ _OVERSPEED_GAIN = 2.0  # on the vertical acceleration limit beyond the speed lim
 _ACCEL_DOWN_MAX = 7.5  # m/s2
 _THROTTLE_SHARE = 0.8  # of full thrust that leaning may use
 _LEAN_MIN = math.radians(10.0)
-_ALWAYS = 0.85  # m/s2, less than any lean limit gives (ANGLE_MAX is 5 degrees at least)
+_ALWAYS = 0.85  # m/s2, less than any lean limit gives (ANGLE_MAX and PSC_ANGLE_MAX are 5 degrees at least)
+_PER_MILLE = 0.001
 _THROUGHPUT = 0.1  # throttle per (m/s2) and unit of an acceleration gain: gains are per mille per cm/s2
 
 
@@ -367,6 +368,7 @@ def control_ne(m: Any, dt: float) -> None:
         dt,
         m.limit[0],
         m.limit[1],
+        m.PSC_VELXY_FF,
     )
     an += m.acceleration_desired[0]
     ae += m.acceleration_desired[1]
@@ -374,7 +376,8 @@ def control_ne(m: Any, dt: float) -> None:
     m.limit[1] = 0.0
     size = an * an + ae * ae
     if size > _ALWAYS * _ALWAYS:
-        lean = min(max(m.lean_max, _LEAN_MIN), math.radians(0.01 * m.ANGLE_MAX))
+        most = m.PSC_ANGLE_MAX if m.PSC_ANGLE_MAX > 0.0 else 0.01 * m.ANGLE_MAX
+        lean = min(max(m.lean_max, _LEAN_MIN), math.radians(most))
         largest = GRAVITY * math.tan(lean)
         if size > largest * largest:
             m.limit[0] = an
@@ -423,6 +426,8 @@ def control_up(m: Any, dt: float) -> None:
         lowpass_alpha(dt, m.PSC_VELZ_FLTD),
         dt,
         held,
+        m.PSC_VELZ_FF,
+        0.0,
     )
     throttle = m.throttle_hover + pid(
         m.accel_pid,
@@ -437,6 +442,8 @@ def control_up(m: Any, dt: float) -> None:
         lowpass_alpha(dt, m.PSC_ACCZ_FLTD),
         dt,
         m.limit_throttle_lower or m.limit_throttle_upper,
+        m.PSC_ACCZ_FF * _THROUGHPUT,
+        m.PSC_ACCZ_PDMX * _PER_MILLE,
     )
     set_throttle(m, throttle, True, _THROTTLE_FILTER, dt)
     m.limit[2] = 1.0 if m.limit_throttle_upper else -1.0 if m.limit_throttle_lower else 0.0

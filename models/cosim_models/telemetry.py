@@ -12,6 +12,7 @@ from typing import Any
 
 from cosim.kernel import kernel
 from cosim_models.copter_messages import home_ready, send_heartbeat, send_home, send_message, send_origin
+from cosim_models.file_transfer import continue_burst
 from cosim_models.missions import continue_upload
 from cosim_models.parameters import PARAMETER_COUNT, send_list
 from cosim_models.streams import HEARTBEAT_ROW, STREAM_COUNT, stream_group
@@ -83,6 +84,8 @@ def telemetry(m: Any, t: float) -> None:
         m.told_mode = m.mode
     if m.parameter_next < PARAMETER_COUNT:
         send_list(m, t)
+    if m.file_bursting:
+        continue_burst(m, t)
     if m.uploading:
         continue_upload(m, t)
     if t < m.next_due - _SLACK:

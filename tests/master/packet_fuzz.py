@@ -134,7 +134,7 @@ class Fuzz:
         send(r, np.zeros(0), 0, A, np.frombuffer(block, np.uint8).copy(), len(block))
         events = r.events[: r.counters[USED_EVENTS]]
         bad = events["outcome"] == MALFORMED
-        assert _sent(r) == expected, block.hex()
+        assert sent(r) == expected, block.hex()
         assert int(events["length"][bad].sum()) == len(block) - sum(map(len, expected)), block.hex()
         assert int(r.counters[MALFORMED]) - before == int(bad.sum())
         assert int(r.endpoints[A]["heard"]) == (_system(expected[-1]) if expected else heard), block.hex()
@@ -167,7 +167,7 @@ def _system(packet: bytes) -> int:
     return packet[3] if packet[0] == 0xFE else packet[5]
 
 
-def _sent(radio: Radio) -> list[bytes]:
+def sent(radio: Radio) -> list[bytes]:
     """The packets in the radio's log that were sent: each good one, once."""
     log = radio.log[: radio.counters[USED_LOG]].tobytes()
     packets = []

@@ -200,3 +200,23 @@ def test_items_are_guided_targets(whole: bool) -> None:
     copter.ask(176, 1, 5)
     (ack,) = replies(copter, one)
     assert ack.type == 1
+
+
+@pytest.mark.parametrize(("restart", "current"), [(0, 2), (1, 1)])
+def test_a_mission_goes_on_or_begins_again(copter: Copter, restart: int, current: int) -> None:
+    copter.m["MIS_RESTART"] = restart
+    upload(copter, *FLIGHT)
+    copter.send(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
+    copter.run(0.01)
+    copter.ask(176, 1, AUTO)
+    assert copter.m["mission_current"] == current
+
+
+def test_auto_can_be_armed_in_and_begin_at_once(copter: Copter) -> None:
+    upload(copter, *FLIGHT)
+    copter.ask(176, 1, AUTO)
+    assert copter.ask(400, 1)[0] == ("ACK", 400, FAILED)
+    copter.m["AUTO_OPTIONS"] = 3
+    assert copter.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+    copter.run(6.0)
+    assert copter.v["position"][2] < -1.0

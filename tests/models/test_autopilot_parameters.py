@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+import cosim_models
 from cosim_models.parameters import PARAMETER_COUNT, PARAMETER_NAMES
-from tests.models.copter import GUIDED, RECORDED_AUTOPILOT, RECORDINGS, Copter
+from tests.models.copter import ACCEPTED, FAILED, GUIDED, ONLY_VELOCITY, RECORDED_AUTOPILOT, RECORDINGS, RTL, Copter
 
 RENAMED = ("SYSID_THISMAV", "SYSID_MYGCS", "SR0_")
 """ArduCopter 4.6's names: MAV_SYSID, MAV_GCS_SYSID and MAV1_ in 4.7."""
@@ -116,3 +119,90 @@ def test_a_parameter_that_is_set_acts() -> None:
     copter.command(176, 1, GUIDED)
     copter.go(30.0, 0.0, -5.0)
     assert copter.run(6.0)[:, 4].max() < 2.2
+
+
+def test_every_parameter_is_read_by_the_laws() -> None:
+    """None is listed that does nothing. Calibrations of channels and modes of the switch are read by their place."""
+    folder = Path(cosim_models.__file__).parent
+    sources = "".join(file.read_text() for file in folder.glob("*.py") if file.name != "parameters.py")
+    for name in PARAMETER_NAMES:
+        if not re.fullmatch(r"RC\d_(MIN|TRIM|MAX|DZ|REVERSED)|FLTMODE\d", name):
+            assert f"m.{name}" in sources, name
+
+
+def test_there_are_a_few_hundred() -> None:
+    assert PARAMETER_COUNT >= 200
+
+
+def test_pulses_of_the_motors_are_told_in_their_range() -> None:
+    copter = Copter(autopilot={"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}).in_the_air(5.0, 10.0)
+    copter.heard.clear()
+    copter.command(512, 36)
+    copter.tick()
+    (servos,) = copter.messages("SERVO_OUTPUT_RAW")
+    assert servos.servo1_raw == pytest.approx(1100 + 800 * copter.m["motor"][0], abs=1)
+    assert servos.servo5_raw == 0
+
+
+def test_commands_are_slewed() -> None:
+    copter = Copter(autopilot={"MOT_SLEW_UP_TIME": 0.5, "MOT_SLEW_DN_TIME": 0.8}).in_the_air(5.0, 12.0)
+    copter.go(20.0, 0.0, -8.0)
+    motors = []
+    for _ in range(1200):
+        copter.tick()
+        motors.append(copter.m["motor"][:4].copy())
+    change = np.diff(np.array(motors), axis=0) / 0.0025
+    assert change.max() == pytest.approx(0.8 / 0.5, rel=1e-6)
+    assert change.min() >= -0.8 / 0.8 - 1e-9
+
+
+def test_limits_of_turning_and_leaning() -> None:
+    copter = Copter(autopilot={"ATC_RATE_Y_MAX": 20.0, "PSC_ANGLE_MAX": 8.0}).in_the_air(5.0, 10.0)
+    copter.command(115, 170, 0, 0, 0)
+    turned = [0.0]
+    for _ in range(1200):
+        copter.tick()
+        turned.append(abs(float(copter.m["rate_target"][2])))
+    assert np.degrees(max(turned)) == pytest.approx(20.0, rel=1e-6)
+    copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=8.0)
+    leans = []
+    for _ in range(1200):
+        copter.tick()
+        leans.append(np.hypot(*copter.m["acceleration_target"][:2]))
+    assert max(leans) < 9.80665 * np.tan(np.radians(10.0)) + 1e-6  # no lean limit is below 10 degrees
+
+
+def test_the_way_back_is_as_the_parameters_say() -> None:
+    values = {"RTL_SPEED": 200.0, "RTL_CLIMB_MIN": 300.0, "RTL_ALT_FINAL": 400.0, "RTL_LOIT_TIME": 1000.0}
+    copter = Copter(autopilot=values).in_the_air(20.0, 20.0)
+    copter.go(15.0, 0.0, -20.0)
+    copter.run(10.0)
+    copter.command(20)
+    path = copter.run(22.0)
+    assert (-path[:, 3]).max() == pytest.approx(23.0, abs=0.3)
+    assert np.hypot(path[:, 4], path[:, 5]).max() == pytest.approx(2.0, abs=0.25)
+    copter.run(25.0)
+    rest = copter.run(5.0)
+    assert -rest[-1, 3] == pytest.approx(4.0, abs=0.2)
+    assert copter.m["armed"]
+    assert copter.m["mode"] == RTL
+
+
+def test_arming_checks_can_be_left_out() -> None:
+    for check, result in ((1, FAILED), (0, ACCEPTED)):
+        copter = Copter(autopilot={"ARMING_CHECK": check})
+        copter.run(0.05)
+        assert copter.ask(400, 1)[0] == ("ACK", 400, result)
+
+
+def test_motors_spool_down_as_slowly_as_asked_for() -> None:
+    times = {}
+    for down in (0.0, 2.0):
+        copter = Copter(autopilot={"MOT_SPOOL_TIM_DN": down}).in_the_air(1.0, 8.0)
+        copter.m["mode"] = 0  # STABILIZE with closed throttle
+        began = copter.time
+        while copter.m["spool_state"] > 1:
+            copter.tick()
+        times[down] = copter.time - began
+    assert times[0.0] == pytest.approx(0.5, abs=0.01)
+    assert times[2.0] == pytest.approx(2.0, abs=0.01)
