@@ -26,20 +26,21 @@ _UNIT = 1.0 / 4294967296.0
 @kernel
 def threefry(key0: int, key1: int, counter0: int, counter1: int) -> tuple[int, int]:
     """Two random 32-bit words for a key and a counter of two 32-bit words each."""
-    key0, key1 = key0 & _MASK, key1 & _MASK
-    key2 = _PARITY ^ key0 ^ key1
-    x, y = (counter0 + key0) & _MASK, (counter1 + key1) & _MASK
+    # Through int64: what comes from a record has 32 bits and a sign.
+    a0, a1 = np.int64(key0) & _MASK, np.int64(key1) & _MASK
+    a2 = _PARITY ^ a0 ^ a1
+    x, y = (np.int64(counter0) + a0) & _MASK, (np.int64(counter1) + a1) & _MASK
     for i in range(_ROUNDS):
         turn = int(_ROTATIONS[i % 8])
         x = (x + y) & _MASK
         y = (((y << turn) & _MASK) | (y >> (32 - turn))) ^ x
         if i % 4 == 3:
             group = i // 4 + 1
-            a = key0 if group % 3 == 0 else key1 if group % 3 == 1 else key2
-            b = key1 if group % 3 == 0 else key2 if group % 3 == 1 else key0
-            x = (x + a) & _MASK
-            y = (y + b + group) & _MASK
-    return x, y
+            first = a0 if group % 3 == 0 else a1 if group % 3 == 1 else a2
+            second = a1 if group % 3 == 0 else a2 if group % 3 == 1 else a0
+            x = (x + first) & _MASK
+            y = (y + second + group) & _MASK
+    return int(x), int(y)
 
 
 @kernel

@@ -33,7 +33,7 @@ from tests.master.scripted import variable
 
 LINK, AUTOPILOT, AGENT, JAMMER, GATEWAY = 0, 0, 1, 2, 3
 MODELS = (Autopilot, LineAgent)
-BATCH = 12
+BATCH = 24
 POOL = 5000
 SYSTEM = 1
 
