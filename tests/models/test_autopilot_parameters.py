@@ -145,15 +145,24 @@ def test_pulses_of_the_motors_are_told_in_their_range() -> None:
 
 
 def test_commands_are_slewed() -> None:
-    copter = Copter(autopilot={"MOT_SLEW_UP_TIME": 0.5, "MOT_SLEW_DN_TIME": 0.8}).in_the_air(5.0, 12.0)
-    copter.go(20.0, 0.0, -8.0)
-    motors = []
-    for _ in range(1200):
-        copter.tick()
-        motors.append(copter.m["motor"][:4].copy())
-    change = np.diff(np.array(motors), axis=0) / 0.0025
-    assert change.max() == pytest.approx(0.8 / 0.5, rel=1e-6)
-    assert change.min() >= -0.8 / 0.8 - 1e-9
+    """Between least and greatest command (0.8 apart) in a second up and two down, where they would be faster."""
+
+    def rates(**values: float) -> np.ndarray[Any, Any]:
+        copter = Copter(autopilot=values).in_the_air(5.0, 12.0)
+        for name, value in values.items():
+            copter.m[name] = value
+        copter.m["rate_wanted"][:] = (1.0, 0.0, 0.0)
+        motors = [copter.m["motor"][:4].copy()]
+        for _ in range(200):
+            copter.tick()
+            motors.append(copter.m["motor"][:4].copy())
+        return np.diff(np.array(motors), axis=0) / 0.0025
+
+    free, slewed = rates(), rates(MOT_SLEW_UP_TIME=1.0, MOT_SLEW_DN_TIME=2.0)
+    assert free.max() > 0.8
+    assert free.min() < -0.4
+    assert slewed.max() == pytest.approx(0.8, rel=1e-6)
+    assert slewed.min() == pytest.approx(-0.4, rel=1e-6)
 
 
 def test_limits_of_turning_and_leaning() -> None:
