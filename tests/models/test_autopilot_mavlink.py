@@ -447,7 +447,7 @@ def test_other_requests() -> None:
     assert len(copter.messages("HOME_POSITION")) == 1
     (version,) = copter.messages("AUTOPILOT_VERSION")
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    assert not version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_FTP
+    assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_FTP
     assert copter_at(0.3).ask(410) == [ack(410, FAILED)]
 
 
