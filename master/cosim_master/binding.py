@@ -123,6 +123,27 @@ class Bindings:
             hint = "the parameter mapping of its binding does not name it"
             self.unmatched.append(Unmatched(full, named[name].where, hint))
 
+    def take_constants(self) -> None:
+        """Give structural parameters the values of the constants that are connected to them; these win over all else.
+
+        Arrays have their sizes from them, which must be known before any FMU is loaded: they are taken from the
+        descriptions.
+        """
+        for port, (connection, _) in self._wiring.incoming.items():
+            variable, route = port.variable, self._wiring.route(port)
+            if variable is None or variable.causality != "structuralParameter" or route.source is None:
+                continue
+            constant = route.source.variable
+            if constant is None or isinstance(constant.start, float | str):
+                continue  # of a type that `Wiring` has refused
+            if constant.start is None:
+                self._problems.append(Problem(connection.where, f"{route.source}: its FMU does not say its value"))
+                continue
+            value = route.mapping.get(constant.start, constant.start)
+            parameter = Parameter(constant.name, "Integer", value, connection.where)
+            self._applied = route.source.part, constant.name, parameter
+            self._store_value(port.part, variable, value, parameter)
+
     def override(self, values: Mapping[str, str]) -> None:
         """Set by hierarchical name, over everything else; here a name that matches nothing is a problem."""
         root = self._wiring.root

@@ -21,7 +21,7 @@ from cosim_master.document import line_of, near
 from cosim_master.errors import FmuError, Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import Stage, exchange_order
-from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, STRUCTURAL, UNIT_GAP
+from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, UNIT_GAP
 from cosim_master.parts import Part, assemble, measure
 from cosim_master.sizes import check_sizes
 from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
@@ -211,6 +211,7 @@ class _Check:
         bindings = Bindings(wiring, self.problems, self.notes)
         bindings.apply(root)
         bindings.override(self.overrides)
+        bindings.take_constants()
         check_sizes(wiring, bindings.values, self.problems)
         annotations = self._annotations(root)
         instances = self._instances(parts, bindings)
@@ -300,6 +301,7 @@ class _Check:
         bindings = Bindings(Wiring(root, []), [], [])
         bindings.apply(root)
         bindings.override(self.overrides)
+        bindings.take_constants()
         sized: dict[str, FmuDescription] = {}
         known: dict[tuple[Path, tuple[tuple[str, int], ...]], FmuDescription | None] = {}
         for part in root.walk():
@@ -360,13 +362,10 @@ class _Check:
                     self.problems.append(Problem(connection.where, text))
                 written[key] = str(port)
                 route = wiring.route(port)
-                if route.source is None:
+                if route.source is None or port.variable.causality == "structuralParameter":
                     continue
-                if port.variable.causality == "structuralParameter":
-                    text = STRUCTURAL.text(port)
-                    self.problems.append(Problem(connection.where, text))
                 source = (route.source.part.name, route.source.name)
-                initial_only = port.variable.causality in ("parameter", "structuralParameter")
+                initial_only = port.variable.causality == "parameter"
                 mapping = tuple(sorted((key, value) for key, value in route.mapping.items() if key != value))
                 ends = (source, (part.name, port.name))
                 recoded = ""

@@ -243,12 +243,6 @@ CLOCKED_PACKETS = Limitation(
     "note",
     '"{}" carries MAVLink packets but belongs to a Clock: it is not connected to the radio',
 )
-STRUCTURAL = Limitation(
-    "FMI 3.0.2, 2.4.7",
-    "structural parameters that the constant of another FMU is connected to",
-    "error",
-    "{} is a structural parameter, which is set before anything has a value; give it one",
-)
 LARGE_VARIABLE = Limitation(
     "FMI 3.0.2, 2.4.7",
     "arrays of more than 1048576 elements",

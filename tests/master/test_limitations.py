@@ -333,14 +333,6 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
         made: Path = stricts3.ssd(stricts3.component("b", "b.fmu"))
         return made
 
-    def driven() -> Path:
-        constant = '<UInt64 name="c" valueReference="89" causality="local" variability="constant" start="3"/>'
-        stricts3.fmu(extra=sized + constant)
-        parts = stricts3.component("a", ports="c:constant") + stricts3.component("b", ports="n:structuralParameter")
-        wires = stricts3.workshop.connection("a/c", "b/n")
-        made: Path = stricts3.workshop.ssd("driven.ssd", stricts3.workshop.system(parts, wires), version="2.0")
-        return made
-
     def changed(name: str) -> Said:
         clocked(stricts3, "c.fmu", "constant", "fixed")
         stricts3.fmu(extra=sized)
@@ -360,7 +352,6 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
         "CLOCKED_CHANGE": lambda: changed("a.u"),
         "STRUCTURAL_CHANGE": lambda: changed("b.n"),
         "CLOCKED_PACKETS": lambda: alone(clocked_packets, flags=f'hasEventMode="true" {ABLE}'),
-        "STRUCTURAL": driven,
         "LARGE_VARIABLE": long,
         "WIDE_INTEGER": lambda: ran(alone(mode=7, when=0.5)),
         "UNSETTLED": lambda: ran(alone(flags=f'hasEventMode="true" {ABLE}', mode=13, when=0.5)),

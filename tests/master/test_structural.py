@@ -14,6 +14,7 @@ import pytest
 
 from cosim_master.check import check
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.explanation import explain
 from cosim_master.fmu import describe, platform
 from cosim_master.simulation import simulate
 from cosim_master.ssp import read_system
@@ -143,17 +144,51 @@ def test_sizes_are_not_changed_during_a_run(stricts3: Any, sized: Path) -> None:
     assert "it is a structural parameter, which sizes arrays: it can be set before the run only" in error
 
 
-def test_sizes_are_not_connected_to_outputs(stricts3: Any, sized: Path) -> None:
-    constant = '<UInt64 name="c" valueReference="9" causality="output" variability="constant" start="3"/>'
-    text = DESCRIPTION.replace("<ModelVariables>", f"<ModelVariables>{constant}")
-    stricts3.workshop.pack("constant.fmu", text)
+def constants(stricts3: Any, sized: Path, value: int, kind: str = "UInt64") -> Path:
+    """The same FMU with a constant c."""
+    start = "" if kind == "String" else f'start="{value}"'
+    inner = f'<Start value="{value}"/>' if kind == "String" else ""
+    variable = f'<{kind} name="c" valueReference="9" causality="local" variability="constant" {start}>{inner}</{kind}>'
     with zipfile.ZipFile(sized) as archive:
         library = archive.read(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}")
-    with zipfile.ZipFile(stricts3.workshop.root / "constant.fmu", "w") as archive:
-        archive.writestr("modelDescription.xml", text)
+    path: Path = stricts3.workshop.root / "constant.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", DESCRIPTION.replace("<ModelVariables>", f"<ModelVariables>{variable}"))
         archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
-    parts = stricts3.component("a", "constant.fmu", ports="c:constant")
-    parts += stricts3.component("b", "sized.fmu", ports="n:structuralParameter")
-    system = stricts3.ssd(parts, "a/c b/n")
-    system.write_text(system.read_text().replace('version="1.0" name="test"', 'version="2.0" name="test"'))
-    assert "b.n is a structural parameter, which is set before anything has a value" in refused(system)
+    return path
+
+
+def driven(stricts3: Any, **values: Any) -> Path:
+    """The constant of a says n of b, through the structural parameter of a system, whose array has that size."""
+    workshop = stricts3.workshop
+    bindings = workshop.bindings(values) if values else ""
+    inner = workshop.component("b", "sized.fmu", "n:structuralParameter u:input y:output", bindings)
+    wires = workshop.connection("k", "b/n") + workshop.connection("in", "b/u")
+    made = workshop.system(inner, wires, name="s", connectors="k:structuralParameter in:input:Real")
+    made = made.replace("<ssc:Real/></ssd:C", '<ssc:Real/><ssc:Dimension sizeConnector="k"/></ssd:C')
+    parts = workshop.component("a", "constant.fmu", "c:constant y:output", workshop.bindings({"n": 3, "u[3]": 4.0}))
+    wires = workshop.connection("a/c", "s/k") + workshop.connection("a/y", "s/in")
+    experiment = '<ssd:DefaultExperiment startTime="0" stopTime="1"/>'
+    path: Path = workshop.ssd("s.ssd", workshop.system(parts + made, wires), experiment, version="2.0")
+    return path
+
+
+def test_a_constant_says_a_size(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    constants(stricts3, sized, 3)
+    system = driven(stricts3, n=7)
+    got = ran(stricts3, system, tmp_path / "out")
+    assert [got[f"s.b.y[{i}]"][-1] for i in (1, 2, 3)] == [0.0, 0.0, 16.0]
+    assert "s.b.y[4]" not in got
+    with read_system(system) as structure:
+        lines = explain(check(structure), "s.b.n")
+    assert any('c = 3, bound to "a"' in line for line in lines)
+    assert any(line.startswith("  overridden: 7, set by ") for line in lines)
+
+
+@pytest.mark.parametrize(("value", "kind", "message"), [
+    (17, "UInt64", 's.ssd:30: "c" is set to 17, which is outside of its range; valid: -inf to 16'),
+    (3, "String", "s.ssd:30: s.k is String and b.n is UInt64; types must be equal"),
+])  # fmt: skip
+def test_constants_that_say_no_size(stricts3: Any, sized: Path, value: int, kind: str, message: str) -> None:
+    constants(stricts3, sized, value, kind)
+    assert message in refused(driven(stricts3))
