@@ -7,7 +7,7 @@ from typing import Any
 
 from cosim_master.execution import Execution
 from cosim_master.stepping import FUNCTIONS
-from cosim_master.typed_calls import TYPED
+from cosim_master.typed_calls import PACKED, TYPED
 
 __all__ = ["calls_of"]
 
@@ -29,9 +29,13 @@ def calls_of(execution: Execution) -> list[str]:
 
 def _line(plan: Any, call: Any) -> str:
     """ "Set Float64 PLACE N N_VALUES REFERENCE ..." """
-    typed = dict(zip(TYPED.names or (), (ctypes.c_uint64 * 5).from_address(int(call["values"])), strict=True))
     name = FUNCTIONS[int(call["number"])]
     verb, fmi_type, n = name[4:7], name[7:], int(call["n"])
+    if int(call["width"]) == PACKED:
+        typed = {"plain": int(call["values"]), "n_values": n >> 16}
+        n &= 0xFFFF
+    else:
+        typed = dict(zip(TYPED.names or (), (ctypes.c_uint64 * 5).from_address(int(call["values"])), strict=True))
     reals, integers = (plan.real_in, plan.int_in) if verb == "Set" else (plan.real_out, plan.int_out)
     array = reals if fmi_type == "Float64" else integers
     place = (typed["plain"] - array.ctypes.data) // array.itemsize

@@ -60,7 +60,7 @@ from cosim_master.stepping import (
     WIRE,
     Plan,
 )
-from cosim_master.typed_calls import TYPED, WIDE_WIDTHS, WIDTHS
+from cosim_master.typed_calls import PACKED, TYPED, WIDE_WIDTHS, WIDTHS
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
@@ -580,6 +580,7 @@ class _Native:
         calls = values + 2 * instances
         self.memory = np.zeros(ANSWERS * (instances + 1) + 32 * values + TYPED.itemsize * calls + 256, dtype=np.uint8)
         self._used = -self.memory.ctypes.data % 16
+        self._known: dict[tuple[int, ...], int] = {}
 
     def take(self, size: int) -> int:
         """The address of `size` bytes, a multiple of 8."""
@@ -589,8 +590,10 @@ class _Native:
         return int(self.memory.ctypes.data) + first
 
     def put(self, numbers: Sequence[int]) -> int:
-        """The address of value references."""
-        address = self.take(4 * len(numbers))
+        """The address of value references; instances of one FMU have the same."""
+        if (known := self._known.get(tuple(numbers))) is not None:
+            return known
+        address = self._known[tuple(numbers)] = self.take(4 * len(numbers))
         first = address - self.memory.ctypes.data
         self.memory[first : first + 4 * len(numbers)] = np.array(numbers, np.uint32).view(np.uint8)
         return address
@@ -772,6 +775,11 @@ def _typed(
         n, at = (last - first) // (1 + wide), plain + size * first
         buffer = at if fmi_type in ("Float64", "Int32") else native.take(8 * n)
         address, number = one.library.address(f"fmi3{verb}{fmi_type}"), FUNCTIONS.index(f"fmi3{verb}{fmi_type}")
+        if buffer == at and n < 1 << 16:
+            packed = len(references) | n << 16
+            rows.append((address, one.handle, native.put(references), at, packed, number, PACKED))
+            first = last
+            continue
         typed = native.typed(values=buffer, n_values=n, sizes=0, plain=at, sets=int(verb == "Set"))
         width = (WIDE_WIDTHS if wide else WIDTHS)[fmi_type]
         rows.append((address, one.handle, native.put(references), typed, len(references), number, width))

@@ -37,7 +37,9 @@ from cosim_master.calls import (
     do_step3,
     exchange_if,
     get_or_set,
+    get_or_set3,
     load_f8,
+    load_i4,
     load_u1,
     rest,
     store_i1,
@@ -56,7 +58,7 @@ from cosim_master.radio import (
     send,
     sort_along,
 )
-from cosim_master.typed_calls import WIDTHS, call3
+from cosim_master.typed_calls import PACKED, WIDTHS, call3
 
 __all__ = [
     "BLOCK_FULL",
@@ -130,6 +132,8 @@ ANSWERS = 32
 at 25 whether its step has still to be begun (BEGIN) or to be ended (END) by `events`, or what `events` has got from it
 to be shown at its end (SHOW)."""
 BEGIN, END, SHOW = 1, 2, 3
+NO_EVENT = 0xFFFF00
+"""Of the first four bytes of ANSWERS, those that say that there is more to a step than an event."""
 LEFT = -8
 """In place of a status: the step is left to `events`."""
 ENDED, EARLY = -6, -7
@@ -358,6 +362,9 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
         call = calls[c]
         if call.width == 0:
             status = get_or_set(call.function, call.handle, call.references, np.uintp(call.n), call.values)
+        elif call.width == PACKED:
+            n, n_values = np.uintp(call.n & np.uint32(0xFFFF)), np.uintp(call.n >> np.uint32(16))
+            status = get_or_set3(call.function, call.handle, call.references, n, call.values, n_values)
         else:
             status = call3(call)
         if status > 1 or status < 0:
@@ -435,9 +442,16 @@ def _corrupted(instances: NDArray[Any], library: int) -> bool:
 @kernel
 def _do_step3(m: Any, t: float, h: float, final: int) -> Any:
     """fmi3DoStep: a status, ENDED or EARLY; LEFT for a step with an event in it."""
-    slack = 1e-9 * max(h, abs(t) * 1e-3)
     has_events = load_u1(np.uintp(m.answers + np.uintp(24))) != 0
-    if has_events and load_f8(np.uintp(m.answers + np.uintp(16))) < t + h - slack:
+    if not has_events:
+        status = do_step3(m.do_step, m.handle, t, h, m.answers)
+        # Where it has got to may lie a little before t + h all the same: that is its affair (FMI 3.0.2, section 4.2.1).
+        if status > 1 or load_i4(m.answers) & NO_EVENT == 0:
+            return status
+        return ENDED if load_u1(np.uintp(m.answers + np.uintp(1))) != 0 else EARLY
+    slack = 1e-9 * max(h, abs(t) * 1e-3)
+    following = load_f8(np.uintp(m.answers + np.uintp(16)))
+    if following < t + h - slack:
         store_i1(np.uintp(m.answers + np.uintp(25)), BEGIN)
         return LEFT
     status = do_step3(m.do_step, m.handle, t, h, final, m.answers)
@@ -445,12 +459,8 @@ def _do_step3(m: Any, t: float, h: float, final: int) -> Any:
         return status
     if load_u1(np.uintp(m.answers + np.uintp(1))) != 0:
         return ENDED
-    # Where it has got to may lie a little before t + h all the same: that is its own affair (FMI 3.0.2, section 4.2.1).
     early = load_u1(np.uintp(m.answers + np.uintp(2))) != 0
-    if not has_events:
-        return EARLY if early else status
-    event = load_u1(m.answers) != 0 or load_f8(np.uintp(m.answers + np.uintp(16))) <= t + h + slack
-    if early or event:
+    if early or load_u1(m.answers) != 0 or following <= t + h + slack:
         store_i1(np.uintp(m.answers + np.uintp(25)), END)
         return LEFT
     return status

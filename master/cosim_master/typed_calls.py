@@ -32,13 +32,16 @@ from cosim_master.calls import (
     store_i8,
 )
 
-__all__ = ["OUT_OF_RANGE", "TYPED", "WIDE_WIDTHS", "WIDTHS", "call3"]
+__all__ = ["OUT_OF_RANGE", "PACKED", "TYPED", "WIDE_WIDTHS", "WIDTHS", "call3"]
 
 OUT_OF_RANGE = -5
 """In place of a status: an integer does not fit into the variable's type, or into 32 bits."""
 
 _PLAIN, _BINARY, _FLOAT32, _INT8, _UINT8, _INT16, _UINT16, _UINT32, _INT64, _UINT64, _BOOLEAN = range(1, 12)
 _WIDE, _WIDE_UINT32 = 12, 13
+PACKED = 14
+"""`width` of a CALL row whose values are the plan's own, and whose numbers of references and of values are less than
+65536: `values` is where they are, and both numbers are in `n`, that of values in the upper half."""
 WIDTHS = {
     "Float64": _PLAIN,
     "Int32": _PLAIN,
