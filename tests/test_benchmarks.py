@@ -39,6 +39,14 @@ def test_overhead_compares_masters_that_compute_the_same(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+def test_overhead_of_fmi_3_is_compared_with_a_program_that_computes_the_same(tmp_path: Path) -> None:
+    words = ("--instances", "2", "--rounds", "2", "--scale", "0.002", "--fmi", "3")
+    rows = benchmark("overhead", tmp_path, *words)["rows"]
+    assert [(row["fmu"], row["instances"]) for row in rows] == [("Relay.fmi3", 2), ("Quadrotor.fmi3", 2)]
+    assert all(set(row["us_per_fmu_step"]) == {"C", "uav-cosim"} for row in rows)
+
+
+@pytest.mark.slow
 def test_swarm_flies_and_accounts_for_every_phase(tmp_path: Path, fmus: Path) -> None:
     words = ("--drones", "3", "--seconds", "2", "--fmus", str(fmus))
     (row,) = benchmark("swarm", tmp_path, *words)["rows"]
