@@ -51,11 +51,10 @@ class Instance:
     step_size: float | None
     where: Where
 
-    def structural_values(self) -> dict[str, int]:
+    def structural_values(self) -> dict[str, Start]:
         """What the system sets structural parameters of FMI 3 to."""
         variables = self.fmu.variables
-        structural = {n: x for n, x in self.start_values.items() if variables[n].causality == "structuralParameter"}
-        return {name: int(value) for name, value in structural.items()}
+        return {n: x for n, x in self.start_values.items() if variables[n].causality == "structuralParameter"}
 
     def clock_intervals(self) -> dict[str, float]:
         """What the system sets as intervals of Clocks, s."""
@@ -308,7 +307,8 @@ class _Check:
             if part.fmu is None:
                 continue
             given = bindings.values.get(part.name, {})
-            structural = [v for v in part.fmu.variables.values() if v.causality == "structuralParameter"]
+            variables = part.fmu.variables.values()
+            structural = [v for v in variables if v.causality == "structuralParameter" and v.type == "Integer"]
             sizes = {v.name: int(given[v.name]) for v in structural if given.get(v.name, v.start) != v.start}
             if not sizes:
                 continue

@@ -67,9 +67,10 @@ class Reading3:
         self._units, self._elements, self._problem = units, elements, problem
         structural: dict[int, tuple[str, int | None]] = {}
         for v in model.modelVariables:
-            if v.causality == "structuralParameter":
-                own = None if v.start is None else int(v.start)
-                structural[int(v.valueReference)] = (v.name, sizes.get(v.name, own))
+            # One that is no whole number sizes nothing.
+            if v.causality == "structuralParameter" and FMI3_TYPES.get(v.type) == "Integer":
+                own = str(v.start).strip()
+                structural[int(v.valueReference)] = (v.name, sizes.get(v.name, int(own) if own.isdecimal() else None))
         self._resized = {*sizes}
         for read in model.modelVariables:
             if not read.name:

@@ -1,7 +1,7 @@
 /* An FMI 3.0 co-simulation FMU whose arrays are sized by structural parameters, for tests.
 
    n and m (UInt64, fixed and tunable): u[n] -> y[n] = 2u, at the end of a step; p[n][m] (Int32 parameters) -> sums[n], over rows;
-   s[n] (String) -> t[n]. It counts from zero again when it is resized: all values are 0 then.
+   s[n] (String) -> t[n]. doubled (Boolean, a structural parameter, too): y is 4u. It counts from zero again when it is resized: all values are 0 then.
    What is not allowed is written to the file that STRICT3_LOG names. */
 
 #include <stdarg.h>
@@ -20,11 +20,12 @@
 typedef void (*Logger)(void *, int, const char *, const char *);
 enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 };
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
-enum { N, M, U, Y, P, SUMS, S, T, MOST = 16 };
+enum { N, M, U, Y, P, SUMS, S, T, DOUBLED, MOST = 16 };
 
 typedef struct {
     int state;
     uint64_t n, m;
+    bool doubled;
     double u[MOST], y[MOST];
     int32_t p[MOST * MOST], sums[MOST];
     char s[MOST][32], t[MOST][32];
@@ -53,7 +54,7 @@ static int complain(Sized *z, const char *format, ...) {
 
 static void compute(Sized *z) {
     for (uint64_t i = 0; i < z->n; i++) {
-        z->y[i] = 2 * z->u[i];
+        z->y[i] = (z->doubled ? 4 : 2) * z->u[i];
         z->sums[i] = 0;
         for (uint64_t j = 0; j < z->m; j++) z->sums[i] += z->p[i * z->m + j];
         memcpy(z->t[i], z->s[i], sizeof z->t[i]);
@@ -121,6 +122,12 @@ EXPORT int fmi3SetUInt64(Sized *z, const uint32_t vr[], size_t n, const uint64_t
         if (vr[i] > M || value[i] < 1 || value[i] > MOST) return complain(z, "fmi3SetUInt64 of %d", (int)vr[i]);
         *(vr[i] == N ? &z->n : &z->m) = value[i];
     }
+    return OK;
+}
+EXPORT int fmi3SetBoolean(Sized *z, const uint32_t vr[], size_t n, const bool value[], size_t n_values) {
+    ALLOWED("fmi3SetBoolean", CONFIGURATION);
+    if (n != 1 || n_values != 1 || vr[0] != DOUBLED) return complain(z, "fmi3SetBoolean");
+    z->doubled = value[0];
     return OK;
 }
 EXPORT int fmi3GetUInt64(Sized *z, const uint32_t vr[], size_t n, uint64_t value[], size_t n_values) {

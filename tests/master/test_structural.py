@@ -35,6 +35,7 @@ DESCRIPTION = (
     '<Int32 name="sums" valueReference="5" causality="output" variability="discrete"><Dimension valueReference="0"/>'
     '</Int32><String name="s" valueReference="6" causality="input"><Dimension valueReference="0"/><Start value="-"/>'
     '</String><String name="t" valueReference="7" causality="output"><Dimension valueReference="0"/></String>'
+    '<Boolean name="doubled" valueReference="8" causality="structuralParameter" variability="fixed" start="false"/>'
     '</ModelVariables><ModelStructure><Output valueReference="3" dependencies="2"/>'
     '<Output valueReference="5" dependencies=""/><Output valueReference="7" dependencies="6"/>'
     '<InitialUnknown valueReference="3" dependencies="2"/><InitialUnknown valueReference="5" dependencies=""/>'
@@ -96,6 +97,14 @@ def test_sizes_from_a_system_and_from_the_command_line(stricts3: Any, sized: Pat
     with read_system(system) as structure:
         notes = check(structure, {"a.n": "2"}).notes
     assert any('parameter "a.u[3]" matches nothing' in note for note in notes)
+
+
+def test_a_structural_parameter_that_sizes_nothing(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    """It may be of any type, and is set in Configuration Mode all the same."""
+    parts = stricts3.component("a", "sized.fmu", n=3, doubled=True, **{"u[3]": 5.0})
+    parts += stricts3.component("b", "sized.fmu", doubled=True, **{"u[2]": 5.0})
+    got = ran(stricts3, stricts3.ssd(parts, stop=0.5), tmp_path / "out")
+    assert got["a.y[3]"] == got["b.y[2]"] == [20.0] * 2
 
 
 def test_start_values_for_another_size_are_not_used(stricts3: Any, sized: Path, tmp_path: Path) -> None:
