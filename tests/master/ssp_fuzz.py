@@ -20,7 +20,7 @@ import traceback
 import warnings
 import zipfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -217,15 +217,15 @@ class Finding:
 @contextmanager
 def described_once() -> Any:
     """FMUs are described once per file; what is fuzzed are systems."""
-    original: Callable[[Path], FmuDescription] = checking.describe
-    known: dict[tuple[Path, int], FmuDescription] = {}
+    original: Callable[..., FmuDescription] = checking.describe
+    known: dict[Any, FmuDescription] = {}
 
-    def describe(path: Path) -> FmuDescription:
+    def describe(path: Path, sizes: Mapping[str, int] | None = None) -> FmuDescription:
         if not path.is_file():
-            return original(path)
-        key = path.resolve(), path.stat().st_size
+            return original(path, sizes)
+        key = path.resolve(), path.stat().st_size, tuple(sorted((sizes or {}).items()))
         if key not in known:
-            known[key] = original(path)
+            known[key] = original(path, sizes)
         return known[key]
 
     checking.describe = describe  # type: ignore[assignment]
