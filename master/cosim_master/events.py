@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from cosim_master.check import CheckedSystem, Link
@@ -86,6 +86,7 @@ class Events:
         checked: the system.
         living: its instances.
         start: of the run, ns.
+        delayed: inputs (instance, name) that get what their source had some time ago; events do not hurry that.
 
     Attributes:
         numbers: of the instances that use Event Mode.
@@ -94,8 +95,14 @@ class Events:
             a place in it.
     """
 
-    def __init__(self, checked: CheckedSystem, living: Sequence[Living], start: int) -> None:
-        self._living = living
+    def __init__(
+        self,
+        checked: CheckedSystem,
+        living: Sequence[Living],
+        start: int,
+        delayed: Collection[tuple[str, str]] = (),
+    ) -> None:
+        self._living, self._delayed = living, delayed
         self.numbers = [i for i, one in enumerate(living) if isinstance(one, Instance3) and one.event_mode]
         self.groups: dict[int, tuple[int, ...]] = {i: (i,) for i in self.numbers}
         for members in lockstep(checked):
@@ -341,7 +348,7 @@ class Events:
     def _value(self, source: int, link: Link, at: _Instant) -> Any:
         one = self._living[source]
         variable = one.fmu.variables[link.source[1]]
-        if source not in at.reached:
+        if source not in at.reached or link.target in self._delayed:
             return at.held(link)
         if variable.clocks and at.ticking.get(source, set()).isdisjoint(variable.clocks):
             return link.converted(self.kept[source, variable.name])

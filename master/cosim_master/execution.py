@@ -209,7 +209,8 @@ class Execution:
                 instantiate(checked, self._libraries, self.living)
             with self._phase("initialize"):
                 span = (clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
-                self._events = Events(checked, self.living, clock.start)
+                self._delayed = coupling.delays if coupling is not None else {}
+                self._events = Events(checked, self.living, clock.start, self._delayed)
                 self._keep_clocked()
                 initialize(checked, self.living, *span, self._events)
             sequence = coupling.sequence if coupling is not None else ()
@@ -756,7 +757,9 @@ class Execution:
         return link.converted(self._text_outputs[self._number[link.source[0]], link.source[1]])
 
     def _held_outputs(self, link: Link) -> Any:
-        """What an output had when the last step of its instance ended."""
+        """What an output had when the last step of its instance ended; a delayed connection has what it had before."""
+        if link.target in self._delayed:
+            return self._held_inputs(link)
         for word in KINDS:
             if (j := self.places.ports[word].index.get(link.source)) is not None:
                 if word == "Boolean":

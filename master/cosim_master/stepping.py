@@ -444,7 +444,7 @@ def _do_step3(m: Any, t: float, h: float, final: int) -> Any:
     """fmi3DoStep: a status, ENDED or EARLY; LEFT for a step with an event in it."""
     has_events = load_u1(np.uintp(m.answers + np.uintp(24))) != 0
     if not has_events:
-        status = do_step3(m.do_step, m.handle, t, h, m.answers)
+        status = do_step3(m.do_step, m.handle, t, h, final, m.answers)
         # Where it has got to may lie a little before t + h all the same: that is its affair (FMI 3.0.2, section 4.2.1).
         if status > 1 or load_i4(m.answers) & NO_EVENT == 0:
             return status

@@ -155,3 +155,20 @@ def test_whatever_happens_the_state_table_is_kept(
     assert result.outcome in ("done", "failed", "terminated")
     if not set(modes) & {1, 2, 4, 13, 14}:
         assert result.outcome == "done", result.error
+
+
+def test_events_do_not_hurry_a_delayed_connection(stricts3: Any, tmp_path: Path) -> None:
+    """b takes what a had 0.5 s ago, at events too: a's `events` are 2, 4, 6, ... from 0 s on."""
+    stricts3.fmu(flags=EVENTS)
+    parts = stricts3.component("a", ports=PORTS, mode=12) + stricts3.component("b", ports=PORTS, mode=12)
+    workshop = stricts3.workshop
+    inner = '<connection to="b.i32_in[1]" delay="0.5" start="-1"/>'
+    master = workshop.annotation("org.uav-cosim.master", f'<master xmlns="https://uav-cosim.org/ns/1">{inner}</master>')
+    wires = workshop.connection("a/events", "b/i32_in[1]")
+    experiment = '<ssd:DefaultExperiment startTime="0" stopTime="2"/>'
+    system = workshop.ssd("d.ssd", workshop.system(parts, wires, after=master), experiment)
+    ran(stricts3, system, out=tmp_path / "out")
+    got = signals(tmp_path / "out")
+    assert got["a.events"] == [2, 4, 6, 8, 10]
+    # In the step to t, b has what a had 0.5 s before that step began.
+    assert got["b.i32_out[1]"] == [0, 0, 3, 5, 7]
