@@ -82,7 +82,7 @@ def _stepped(one: Living, time: float, steps: Sequence[float]) -> dict[str, Any]
                 raise
             break  # shorter steps may help, and will be tried in the run
         t += h
-    outputs = [v for v in one.fmu.variables.values() if v.causality == "output"]
+    outputs = [v for v in one.fmu.variables.values() if v.causality == "output" and v.clock is None and not v.clocks]
     kinds: dict[str, list[Variable]] = {}
     for v in outputs:
         kinds.setdefault(set_kind(v), []).append(v)
@@ -90,13 +90,16 @@ def _stepped(one: Living, time: float, steps: Sequence[float]) -> dict[str, Any]
 
 
 def _step(one: Living, t: float, h: float) -> bool:
-    """Whether what comes now does not depend on others."""
+    """A step, or up to an event; whether what comes then does not depend on others."""
     if not isinstance(one, Instance3):
         one.call("fmi2DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_int(0))
         return True
-    one.do_step(t, h)
+    until = min(t + h, one.next_event)
+    if until <= t:
+        return False
+    one.do_step(t, until - t)
     event, ends, early, _ = one.answers
-    return not (event or ends or early)
+    return not (event or ends or early or until < t + h)
 
 
 def _same(a: Any, b: Any) -> bool:

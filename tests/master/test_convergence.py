@@ -17,7 +17,9 @@ import pytest
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.richardson import StepTooSmall
 from cosim_master.simulation import simulate
+from tests.master.clocked import clocked
 from tests.master.linear import BALL_PORTS, ball, exact, impacts, signals
+from tests.master.strict3 import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -189,6 +191,45 @@ def test_a_bouncing_ball_bounces_on_time(
             assert min(abs(end - t) for end in ends) <= 1e-9
         # the integral of the speed is the height
         np.testing.assert_allclose(got["seen.y"], got["ball.height"] - 1.0, atol=0.05)
+
+
+def by_error(stricts3: Any, parts: str, *wires: str, stop: float) -> Path:
+    element = f'<master xmlns="https://uav-cosim.org/ns/1" {RICHARDSON} tolerance="0.1"/>'
+    after = stricts3.workshop.annotation("org.uav-cosim.master", element)
+    connections = "".join(stricts3.workshop.connection(*wire.split()) for wire in wires)
+    experiment = f'<ssd:DefaultExperiment startTime="0" stopTime="{stop}"/>'
+    system = stricts3.workshop.system(parts, connections, after=after)
+    return Path(stricts3.workshop.ssd("strict3.ssd", system, experiment))
+
+
+@pytest.mark.parametrize("mode", [10, 11, 12])
+def test_trials_with_events_are_legal(stricts3: Any, tmp_path: Path, mode: int) -> None:
+    """A state event within a step, events that are announced, one at the end of a step; FMUs check every call."""
+    stricts3.fmu(flags=f'{ABLE} hasEventMode="true"')
+    parts = stricts3.component("a", mode=mode, when=0.6, longest=0.2, ports="f64_out:output events:output")
+    parts += stricts3.component("b", ports="f64_in:input f64_out:output")
+    system = by_error(stricts3, parts, "a/f64_out b/f64_in", stop=1.5)
+    result = simulate(system, out=tmp_path / "out")
+    assert result.outcome == "done", result.error
+    assert stricts3.complaints == []
+    got = signals(tmp_path / "out")
+    assert list(got["time"]) == [0.0, 0.5, 1.0, 1.5]
+    assert got["a.events"][-1] > got["a.events"][0]
+
+
+def test_clocks_tick_on_time_in_trials_too(stricts3: Any, tmp_path: Path) -> None:
+    """Each at its own times, the one that is connected with the other; the FMUs complain of every other time."""
+    clocked(stricts3, "a.fmu", "constant", "fire", period=0.3, shift=0.1)
+    clocked(stricts3, "b.fmu", "go")
+    parts = stricts3.component("a", "a.fmu", ports="fire:output y:output", rule=1, u=10.0)
+    parts += stricts3.component("b", "b.fmu", ports="go:input u:input y:output")
+    result = simulate(by_error(stricts3, parts, "a/fire b/go", "a/y b/u", stop=1.5), out=tmp_path / "out")
+    assert result.outcome == "done", result.error
+    assert stricts3.complaints == []
+    lines = [line.split() for line in stricts3.calls]
+    times = {name: {line[2] for line in lines if line[:2] == name.split()} for name in ("a: constant", "b: go")}
+    assert times["a: constant"] == times["b: go"] == {"0.1", "0.4", "0.7", "1", "1.3"}
+    assert list(signals(tmp_path / "out")["b.ticks_go"]) == [0, 2, 4, 5]
 
 
 # ---- what is refused --------------------------------------------------------------------------
