@@ -576,10 +576,23 @@ def _step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
             _fail(p.instances, i, DO_STEP, NOT_CALLED, 0)
             failed += 1
             continue
-        _feed(p, k, p.feeds[i : i + 1])
+        # Inlined: to pass the plan on takes longer than a step.
+        _exchange(
+            p.instances,
+            p.feeds[i : i + 1],
+            p.sources,
+            p.wires,
+            p.mirrors,
+            p.mapped,
+            p.real_out,
+            p.int_out,
+            p.real_in,
+            p.int_in,
+            k,
+        )
         if p.slopes.size > 0:
             _extrapolate(p, k, i, i + 1)
-        failed += _step_chosen(p, chosen[j : j + 1])
+        failed += _step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, p.clock, chosen[j : j + 1])
     return failed
 
 
