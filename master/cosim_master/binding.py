@@ -126,21 +126,22 @@ class Bindings:
     def take_constants(self) -> None:
         """Give structural parameters the values of the constants that are connected to them; these win over all else.
 
-        Arrays have their sizes from them, which must be known before any FMU is loaded: they are taken from the
-        descriptions.
+        Arrays have their sizes from them, which must be known before any FMU is loaded: the values of constants are
+        taken from descriptions.
         """
         for port, (connection, _) in self._wiring.incoming.items():
             variable, route = port.variable, self._wiring.route(port)
             if variable is None or variable.causality != "structuralParameter" or route.source is None:
                 continue
             constant = route.source.variable
-            if constant is None or isinstance(constant.start, float | str):
-                continue  # of a type that `Wiring` has refused
-            if constant.start is None:
+            if constant is None or constant.start is None:
                 self._problems.append(Problem(connection.where, f"{route.source}: its FMU does not say its value"))
                 continue
-            value = route.mapping.get(constant.start, constant.start)
-            parameter = Parameter(constant.name, "Integer", value, connection.where)
+            value: Value = constant.start
+            if not isinstance(value, str):
+                value = type(value)(route.mapping[int(value)]) if value in route.mapping else value
+                value = value if (route.factor, route.offset) == (1.0, 0.0) else route.factor * value + route.offset
+            parameter = Parameter(constant.name, constant.type, value, connection.where)
             self._applied = route.source.part, constant.name, parameter
             self._store_value(port.part, variable, value, parameter)
 

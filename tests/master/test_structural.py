@@ -155,7 +155,7 @@ def test_sizes_are_not_changed_during_a_run(stricts3: Any, sized: Path) -> None:
 
 def constants(stricts3: Any, sized: Path, value: int, kind: str = "UInt64") -> Path:
     """The same FMU with a constant c."""
-    start = "" if kind == "String" else f'start="{value}"'
+    start = "" if kind == "String" else f'start="{str(bool(value)).lower() if kind == "Boolean" else value}"'
     inner = f'<Start value="{value}"/>' if kind == "String" else ""
     variable = f'<{kind} name="c" valueReference="9" causality="local" variability="constant" {start}>{inner}</{kind}>'
     with zipfile.ZipFile(sized) as archive:
@@ -192,6 +192,24 @@ def test_a_constant_says_a_size(stricts3: Any, sized: Path, tmp_path: Path) -> N
         lines = explain(check(structure), "s.b.n")
     assert any('c = 3, bound to "a"' in line for line in lines)
     assert any(line.startswith("  overridden: 7, set by ") for line in lines)
+
+
+@pytest.mark.parametrize(("mapping", "y"), [("", 10.0), ("false true", 20.0)])
+def test_a_constant_of_another_type(stricts3: Any, sized: Path, tmp_path: Path, mapping: str, y: float) -> None:
+    """A Boolean, as it is and mapped on its way."""
+    constants(stricts3, sized, 0, "Boolean")
+    workshop, inner = stricts3.workshop, ""
+    if mapping:
+        source, target = mapping.split()
+        entry = f'<ssc:MapEntry source="{source}" target="{target}"/>'
+        inner = f"<ssc:BooleanMappingTransformation>{entry}</ssc:BooleanMappingTransformation>"
+    parts = workshop.component("a", "constant.fmu", "c:constant")
+    ports = "doubled:structuralParameter y:output"
+    parts += workshop.component("b", "sized.fmu", ports, workshop.bindings({"u[2]": 5.0}))
+    experiment = '<ssd:DefaultExperiment startTime="0" stopTime="0.5"/>'
+    wires = workshop.connection("a/c", "b/doubled", inner)
+    system = workshop.ssd("s.ssd", workshop.system(parts, wires), experiment, version="2.0")
+    assert ran(stricts3, system, tmp_path / "out")["b.y[2]"] == [y] * 2
 
 
 @pytest.mark.parametrize(("value", "kind", "message"), [
