@@ -31,6 +31,7 @@ from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Start, Variable
 from cosim_master.initialization import Stage, components, exchange_order
+from cosim_master.limitations import EXTRAPOLATION, LOOP_EVENTS, LOOP_STATE, STEP_CONTROL, STEP_DELAY
 
 __all__ = ["ANNOTATION", "Coupling", "Delay", "Target", "connected", "coupling_of"]
 
@@ -252,7 +253,7 @@ def _extrapolated(
         elif not fmu.capabilities.canInterpolateInputs:
             cannot = f"canInterpolateInputs of {name} is false"
         if cannot:
-            problems.append(Problem(where, f"{name}.{variable} cannot be extrapolated: {cannot}"))
+            problems.append(Problem(where, EXTRAPOLATION.text(name, variable, cannot)))
     return frozenset(found)
 
 
@@ -344,10 +345,10 @@ def _refuse(checked: CheckedSystem, loops: Sequence[Sequence[int]], algorithm: s
     for one in (checked.instances[i] for loop in loops for i in loop):
         flags = one.fmu.capabilities
         if not flags.canGetAndSetFMUstate:
-            text = f"{algorithm}: {one.name} is part of a loop, and canGetAndSetFMUstate of its FMU is false"
+            text = LOOP_STATE.text(algorithm, one.name)
             problems.append(Problem(one.where, text))
         if flags.hasEventMode:
-            text = f"{algorithm}: {one.name} is part of a loop, and its FMU has Event Mode, which cannot be iterated"
+            text = LOOP_EVENTS.text(algorithm, one.name)
             problems.append(Problem(one.where, text))
 
 
@@ -356,9 +357,9 @@ def _refuse_steps(checked: CheckedSystem, delays: Mapping[Target, Delay], proble
     for one in checked.instances:
         for flag in ("canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"):
             if not getattr(one.fmu.capabilities, flag):
-                problems.append(Problem(one.where, f"richardson: {flag} of {one.name} is false"))
+                problems.append(Problem(one.where, STEP_CONTROL.text(flag, one.name)))
     for target, delay in delays.items():
-        text = f"richardson: the connection to {'.'.join(target)} is delayed, which needs steps of one size"
+        text = STEP_DELAY.text(".".join(target))
         problems.append(Problem(delay.where, text))
 
 

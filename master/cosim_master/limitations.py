@@ -374,7 +374,34 @@ CHECKPOINT = Limitation(
     "a run of this system has no checkpoints: {}",
 )
 EXTRAPOLATION = Limitation(
-    "Masters", "inputs that change within a step: they are held constant, unless the master extrapolates", "silent", ""
+    "Masters",
+    "extrapolated inputs that are no Reals, of FMI 3, without canInterpolateInputs, or with iterating masters",
+    "error",
+    "{}.{} cannot be extrapolated: {}",
+)
+LOOP_STATE = Limitation(
+    "Masters",
+    "iterated loops with FMUs that cannot save their state",
+    "error",
+    "{}: {} is part of a loop, and canGetAndSetFMUstate of its FMU is false",
+)
+LOOP_EVENTS = Limitation(
+    "Masters",
+    "iterated loops with FMUs that have Event Mode",
+    "error",
+    "{}: {} is part of a loop, and its FMU has Event Mode, which cannot be iterated",
+)
+STEP_CONTROL = Limitation(
+    "Masters",
+    "steps that the error decides, with FMUs that cannot go back or whose steps have one size",
+    "error",
+    "richardson: {} of {} is false",
+)
+STEP_DELAY = Limitation(
+    "Masters",
+    "steps that the error decides, with delayed connections",
+    "error",
+    "richardson: the connection to {} is delayed, which needs steps of one size",
 )
 
 LIMITATIONS = tuple(value for value in tuple(globals().values()) if isinstance(value, Limitation))

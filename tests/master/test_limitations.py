@@ -27,6 +27,7 @@ from cosim_master.saving import save
 from cosim_master.simulation import simulate
 from cosim_master.ssp import SSD_TYPE, read_system
 from cosim_master.system import Component
+from tests.master import strict as strict2
 from tests.master import strict3
 from tests.master.clocked import clocked
 from tests.master.probe import slave
@@ -457,10 +458,22 @@ def of_multimodels(stricts: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
 
 
 @pytest.fixture
-def of_masters(stricts: Any, probes: Any, tmp_path: Path) -> Provoked:
+def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Provoked:
     def strict(stop: float = 2.0, step: float | None = None, flags: str = "", **options: Any) -> Said:
         stricts.fmu(flags=flags)
         return ran(stricts.ssd(stricts.component("a", step=step), stop=stop), **options)
+
+    def coupled(master: str, inner: str = "", flags: str = "", *, events: bool = False) -> Said:
+        """Two FMUs that depend on each other, under a master."""
+        maker, ends = (stricts3, ("f64_out[1]", "f64_in[1]")) if events else (stricts, ("y", "u"))
+        maker.fmu(flags=f'hasEventMode="true" {ABLE}' if events else flags)
+        options = {"ports": f"{ends[0]}:output {ends[1]}:input"} if events else {}
+        parts = "".join(maker.component(name, **options) for name in "ab")
+        wires = "".join(maker.workshop.connection(f"{a}/{ends[0]}", f"{b}/{ends[1]}") for a, b in ("ab", "ba"))
+        inside = f'<master xmlns="https://uav-cosim.org/ns/1" {master}>{inner}</master>'
+        after = maker.workshop.annotation("org.uav-cosim.master", inside)
+        experiment = '<ssd:DefaultExperiment startTime="0" stopTime="2"/>'
+        return ran(maker.workshop.ssd("m.ssd", maker.workshop.system(parts, wires, after=after), experiment))
 
     def growing() -> Said:
         """y = u + p and u = 2 y has a solution; that of u = y has none."""
@@ -489,7 +502,13 @@ def of_masters(stricts: Any, probes: Any, tmp_path: Path) -> Provoked:
         "CHANGE": lambda: strict(at=[(0.75, "a.p", "2")]),
         "NOT_A_NUMBER": not_a_number,
         "INITIAL_LOOP": growing,
-        "EXTRAPOLATION": lambda: unnoticed(strict(flags='canInterpolateInputs="true"')),
+        "EXTRAPOLATION": lambda: coupled('algorithm="jacobi" extrapolation="1"'),
+        "LOOP_STATE": lambda: coupled('algorithm="fixed-point"'),
+        "LOOP_EVENTS": lambda: coupled('algorithm="quasi-newton"', events=True),
+        "STEP_CONTROL": lambda: coupled('algorithm="richardson"'),
+        "STEP_DELAY": lambda: coupled(
+            'algorithm="richardson"', '<connection to="b.u" delay="0.5"/>', flags=strict2.ABLE
+        ),
         "CHECKPOINT": lambda: strict(out=tmp_path / "out", checkpoint_every=1.0),
     }
 
