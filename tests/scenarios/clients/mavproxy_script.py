@@ -46,8 +46,9 @@ class Script(mp_module.MPModule):  # type: ignore[misc]
             return
         limit, _, rest = self.lines[0].partition(" ")
         condition, _, command = rest.partition(" | ")
+        known = {f"param_{name}": value for name, value in self.mav_param.items()}  # fetched as a file or one by one
         try:
-            holds = bool(eval(condition, {"abs": abs}, self.seen))
+            holds = bool(eval(condition, {"abs": abs}, {**known, **self.seen}))
         except NameError:
             holds = False
         if holds:
