@@ -34,9 +34,10 @@ from report import machine, show, write
 from cosim.build import build, load_models
 from cosim_master.check import check
 from cosim_master.execution import Execution
+from cosim_master.layout import layout
 from cosim_master.network import network_of
-from cosim_master.plan import layout, timing
 from cosim_master.ssp import read_system
+from cosim_master.timing import timing
 
 HERE = Path(__file__).parent
 STEP = 0.0025

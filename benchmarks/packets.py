@@ -33,10 +33,11 @@ from cosim.kernel import kernel
 from cosim.messages import GLOBAL_POSITION_INT, decode_global_position_int, encode_global_position_int
 from cosim.packets import GOOD, find, pack, unpack
 from cosim_master.check import check
+from cosim_master.layout import layout
 from cosim_master.network import Network, network_of
 from cosim_master.new import new_system
-from cosim_master.plan import grown, layout, make_radio
 from cosim_master.radio import DELIVERED, Radio, deliver, send
+from cosim_master.radio_plan import grown, make_radio
 from cosim_master.ssp import read_system
 
 ROOT = Path(__file__).resolve().parents[1]

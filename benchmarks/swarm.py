@@ -31,13 +31,15 @@ from cosim.kernel import kernel
 from cosim_master import stepping
 from cosim_master.check import check
 from cosim_master.execution import Execution
+from cosim_master.layout import layout
 from cosim_master.network import network_of
 from cosim_master.new import new_system
-from cosim_master.plan import grown, layout, timing
 from cosim_master.radio import Radio
+from cosim_master.radio_plan import grown
 from cosim_master.recorder import Recorder
 from cosim_master.simulation import Progress, simulate
 from cosim_master.ssp import read_system
+from cosim_master.timing import timing
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDED = ("*.vehicle.position*",)

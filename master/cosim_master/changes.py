@@ -13,7 +13,7 @@ from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Start, Variable
 from cosim_master.limitations import CHANGE, CLOCKED_CHANGE, STRUCTURAL_CHANGE
-from cosim_master.plan import Timing
+from cosim_master.timing import Timing
 
 __all__ = ["Change", "changes"]
 
@@ -39,6 +39,8 @@ def changes(checked: CheckedSystem, clock: Timing, wanted: Sequence[tuple[float,
     Raises:
         SystemDescriptionError: all that is wrong with them.
     """
+    if not wanted:
+        return ()
     problems: list[Problem] = []
     found: list[Change] = []
     variables = {

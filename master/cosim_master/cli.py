@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from cosim_master.check import CheckedSystem
-    from cosim_master.plan import Timing
     from cosim_master.simulation import Prepared, Progress, RunResult
+    from cosim_master.timing import Timing
 
 __all__ = ["main"]
 
@@ -285,7 +285,7 @@ def check(
 ) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
     from cosim_master.check import check as check_system
-    from cosim_master.plan import layout
+    from cosim_master.layout import layout
     from cosim_master.simulation import prepare
     from cosim_master.ssp import read_system
 

@@ -33,12 +33,13 @@ from cosim_master.fmi2 import STATUS, set_kind
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
 from cosim_master.iteration import Iteration
+from cosim_master.layout import KINDS, Layout, halves_of
 from cosim_master.limitations import CHECKPOINT, DISCARDED, PENDING, WIDE_INTEGER
 from cosim_master.limitations import NOT_A_NUMBER as NAN
 from cosim_master.living import Living
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.network import Network
-from cosim_master.plan import GATEWAY_BYTES, KINDS, Layout, Timing, grown, halves_of, make_plan, make_radio
+from cosim_master.plan import make_plan
 from cosim_master.profiling import Profiler
 from cosim_master.radio import (
     DEFERRED,
@@ -53,6 +54,7 @@ from cosim_master.radio import (
     arrived,
     deliver,
 )
+from cosim_master.radio_plan import GATEWAY_BYTES, grown, make_radio
 from cosim_master.recorder import Recorder
 from cosim_master.repetition import Grid, Snapshot, cannot_be_repeated
 from cosim_master.richardson import Rejected, Richardson
@@ -98,6 +100,7 @@ from cosim_master.stepping import (
     sent_bytes,
     work,
 )
+from cosim_master.timing import Timing
 from cosim_master.typed_calls import OUT_OF_RANGE
 
 __all__ = ["Execution", "RunFailed", "RunTerminated"]

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 
 from cosim_master.coupling import Coupling
 from cosim_master.errors import CosimError
+from cosim_master.layout import KINDS, Layout
 from cosim_master.living import Living
-from cosim_master.plan import KINDS, Layout
 from cosim_master.stepping import FAILURES, Plan, step_each, step_together
 
 __all__ = ["Iteration", "NotConverged"]

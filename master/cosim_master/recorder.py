@@ -30,8 +30,8 @@ import pyarrow.parquet as pq
 from cosim_master.check import CheckedSystem
 from cosim_master.checkpoint import Checkpoint, Position, segments
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.layout import KINDS, Layout
 from cosim_master.network import Network
-from cosim_master.plan import KINDS, Layout
 from cosim_master.radio import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
 from cosim_master.stepping import ROWS, Plan
 

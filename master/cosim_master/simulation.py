@@ -26,13 +26,14 @@ from cosim_master.errors import CosimError, FmuError, Problem, SystemDescription
 from cosim_master.execution import Execution, RunFailed, RunTerminated
 from cosim_master.fmu import Start
 from cosim_master.gateways import Gateways, gateways_of
+from cosim_master.layout import layout
 from cosim_master.limitations import RECORDING_INTERVAL
 from cosim_master.network import Network, network_of
-from cosim_master.plan import Timing, layout, timing
 from cosim_master.profiling import Profile, Profiler
 from cosim_master.recorder import Recorder
 from cosim_master.ssp import read_system
 from cosim_master.system import Component, System
+from cosim_master.timing import Timing, timing
 
 __all__ = ["RECORDING", "Progress", "Prepared", "Recording", "RunResult", "prepare", "simulate"]
 

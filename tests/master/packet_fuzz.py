@@ -19,8 +19,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.gateways import Parser
 from cosim_master.network import Endpoint, Gateway, Network, Node
-from cosim_master.plan import grown, make_radio
 from cosim_master.radio import IN_FLIGHT, MALFORMED, USED_EVENTS, USED_LOG, Radio, admit, deliver, send
+from cosim_master.radio_plan import grown, make_radio
 from cosim_master.signing import Signing
 from tests.master.scripted import variable
 

@@ -14,10 +14,13 @@ from hypothesis import strategies as st
 from cosim_master.check import CheckedSystem
 from cosim_master.coupling import Coupling, Delay, coupling_of
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.layout import layout
 from cosim_master.network import Network
-from cosim_master.plan import layout, make_plan, make_radio, timing
+from cosim_master.plan import make_plan
+from cosim_master.radio_plan import make_radio
 from cosim_master.simulation import simulate
 from cosim_master.stepping import DONE, collect_all, run
+from cosim_master.timing import timing
 from tests.master.scripted import HERE, Scripted, system_of, variable
 
 pytestmark = pytest.mark.usefixtures("own_cache")

@@ -16,11 +16,12 @@ from cosim_master.errors import FmuError, SystemDescriptionError
 from cosim_master.execution import Execution
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import describe
+from cosim_master.layout import layout
 from cosim_master.loading import Libraries
 from cosim_master.network import network_of
-from cosim_master.plan import layout, timing
 from cosim_master.simulation import RunResult, simulate
 from cosim_master.ssp import read_system
+from cosim_master.timing import timing
 from tests.master.probe import compiled
 from tests.master.strict3 import ABLE, SHORT, description
 

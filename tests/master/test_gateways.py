@@ -22,7 +22,6 @@ from cosim.build.messages import Field, Message
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.gateways import Address, Gateways, Parser, gateways_of
 from cosim_master.network import Endpoint, Gateway, Network, Node
-from cosim_master.plan import grown, make_radio
 from cosim_master.radio import (
     DELIVERED,
     EVENT,
@@ -36,6 +35,7 @@ from cosim_master.radio import (
     deliver,
     send,
 )
+from cosim_master.radio_plan import grown, make_radio
 from cosim_master.sockets import Report, Socket, TcpServer, Udp, open_socket
 from tests.master.scripted import variable
 

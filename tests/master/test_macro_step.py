@@ -10,10 +10,13 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.layout import layout
 from cosim_master.network import Endpoint, Network, Node
-from cosim_master.plan import grown, layout, make_plan, make_radio, timing
+from cosim_master.plan import make_plan
 from cosim_master.radio import FREE_PLACES, IN_FLIGHT
+from cosim_master.radio_plan import grown, make_radio
 from cosim_master.stepping import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K, collect_all, places_needed, run
+from cosim_master.timing import timing
 from tests.master.scripted import Scripted, system_of, variable
 
 U, Y = variable("u", "input", reference=0), variable("y", "output", reference=1)

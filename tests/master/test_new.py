@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +12,10 @@ import pytest
 
 from cosim_master.check import check
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.layout import layout
 from cosim_master.network import network_of
 from cosim_master.new import new_system
-from cosim_master.simulation import simulate
+from cosim_master.simulation import prepare, simulate
 from cosim_master.ssp import read_system
 
 
@@ -56,6 +59,24 @@ def test_ids_repeat_where_mavlink_has_no_more_and_neighbours_still_differ(fmus: 
     assert [a["sysid"] for a in agents[248:]] == [249, 250, 1, 2]
     assert (agents[249]["left_sysid"], agents[249]["right_sysid"]) == (249, 1)
     assert len(checked.instances) == 756
+
+
+def _processor_time_to_check(folder: Path) -> float:
+    gc.collect()
+    began = time.process_time()
+    with read_system(folder) as structure:
+        ready = prepare(check(structure))
+        layout(ready.checked, ready.network, ready.recording.signals, ready.coupling)
+    return time.process_time() - began
+
+
+def test_checking_is_linear_in_the_number_of_drones(fmus: Path, tmp_path: Path) -> None:
+    """Eight times the drones take about eight times the work; with one pass over all per instance it was 46 times."""
+    few = new_system("line", 100, tmp_path / "few", fmus=fmus)
+    many = new_system("line", 800, tmp_path / "many", fmus=fmus)
+    small = min(_processor_time_to_check(few) for _ in range(3))
+    large = min(_processor_time_to_check(many) for _ in range(2))
+    assert large / small < 16.0
 
 
 def test_a_new_line_flies_and_spreads(fmus: Path, tmp_path: Path) -> None:

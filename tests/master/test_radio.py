@@ -17,7 +17,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.fmu import Variable
 from cosim_master.network import Endpoint, Network, Node
-from cosim_master.plan import grown, make_radio
 from cosim_master.radio import (
     DEFERRED,
     DELIVERED,
@@ -35,6 +34,7 @@ from cosim_master.radio import (
     send,
     sort_along,
 )
+from cosim_master.radio_plan import grown, make_radio
 from tests.master.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)

@@ -28,9 +28,10 @@ from cosim_master.changes import Change
 from cosim_master.check import check
 from cosim_master.execution import Execution, RunFailed, RunTerminated
 from cosim_master.fmi2 import Instance
+from cosim_master.layout import layout
 from cosim_master.network import network_of
-from cosim_master.plan import layout, timing
 from cosim_master.ssp import read_system
+from cosim_master.timing import timing
 from tests.master.strict import ABLE, Stricts
 
 BASE = 0.25

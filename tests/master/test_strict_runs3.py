@@ -26,9 +26,10 @@ from hypothesis.stateful import (
 from cosim_master.changes import Change
 from cosim_master.check import check
 from cosim_master.execution import Execution, RunFailed, RunTerminated
+from cosim_master.layout import layout
 from cosim_master.network import network_of
-from cosim_master.plan import layout, timing
 from cosim_master.ssp import read_system
+from cosim_master.timing import timing
 from tests.master.clocked import clocked
 from tests.master.strict3 import ABLE, Stricts3
 

@@ -23,8 +23,8 @@ from benchmarks.fuzz import Fuzz as Maker
 from benchmarks.fuzz import deliver as step_with
 from cosim_master.gateways import Parser
 from cosim_master.network import Endpoint, Gateway, Network, Node
-from cosim_master.plan import grown, make_radio
 from cosim_master.radio import MALFORMED, USED_EVENTS, USED_LOG, Radio, admit, deliver, send
+from cosim_master.radio_plan import grown, make_radio
 from cosim_models.autopilot import Autopilot
 from cosim_models.line_agent import LineAgent
 from tests.master.packet_fuzz import good as good_packets
