@@ -9,8 +9,9 @@ How a run ended is a value, not an error; misuse of an API is a `ValueError` or 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
 __all__ = ["CosimError", "FmuError", "Problem", "SystemDescriptionError", "Where"]
 
@@ -63,7 +64,7 @@ class FmuError(CosimError):
         function: the FMI function that was called.
         status: what it answered, in the standard's words ("fmi2Error"), or what was wrong with the answer.
         time: simulation time of the call in s, None before initialization.
-        log: the last lines the FMU logged.
+        log: the last lines the FMU logged; in the message equal ones that follow each other are one.
     """
 
     def __init__(
@@ -75,5 +76,12 @@ class FmuError(CosimError):
         self.time = time
         self.log = tuple(log)
         at = "" if time is None else f" at t = {time:.9g} s"
-        lines = [f"{instance}: {function} failed{at}: {status}", *(f"    {line}" for line in self.log)]
+        lines = [f"{instance}: {function} failed{at}: {status}", *(f"    {line}" for line in _together(self.log))]
         super().__init__("\n".join(lines))
+
+
+def _together(log: Iterable[str]) -> Iterator[str]:
+    """Lines, those that are repeated once and with their number."""
+    for line, same in groupby(log):
+        n = len([*same])
+        yield line if n == 1 else f"{line} ({n} times)"

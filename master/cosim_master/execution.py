@@ -14,28 +14,26 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from itertools import pairwise
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 import numpy as np
 
 from cosim_master.changes import Change
-from cosim_master.check import CheckedSystem, Link
+from cosim_master.check import CheckedSystem
 from cosim_master.checkpoint import Checkpoint, Position, cannot_be_serialised, restore, save
 from cosim_master.coupling import Coupling
-from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError
-from cosim_master.events import EndedByEvent, Events
-from cosim_master.fmi2 import STATUS, set_kind
+from cosim_master.errors import FmuError, Problem, SystemDescriptionError
+from cosim_master.event_mode import EventMode
+from cosim_master.failures import DISCARD, RunFailed, RunTerminated, discard_failure, raise_failures, reached
+from cosim_master.fmi2 import STATUS
 from cosim_master.fmi3 import Instance3
-from cosim_master.fmu import Variable
 from cosim_master.iteration import Iteration
-from cosim_master.layout import KINDS, Layout, halves_of
-from cosim_master.limitations import CHECKPOINT, DISCARDED, PENDING, WIDE_INTEGER
-from cosim_master.limitations import NOT_A_NUMBER as NAN
+from cosim_master.layout import Layout
+from cosim_master.limitations import CHECKPOINT
 from cosim_master.living import Living
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.network import Network
@@ -62,36 +60,25 @@ from cosim_master.rollback import self_test
 from cosim_master.startup import initialize, instantiate
 from cosim_master.stepping import (
     BASE,
-    BEGIN,
     BLOCK_FULL,
     DELIVER,
-    DO_STEP,
     DONE,
-    EARLY,
-    END,
     ENDED,
     EVENTS_DUE,
     EVERY,
     FAILED,
     FAILURES,
     FINAL,
-    FUNCTIONS,
     LAST,
     NEED_LOG,
     NEED_PLACES,
-    NOT_A_NUMBER,
-    NOT_BASE64,
-    NOT_CALLED,
     PHASE,
     QUIT,
     ROWS,
     SEND,
-    SHOW,
     START,
     STEPS_DUE,
-    TOO_LONG,
     K,
-    collect_again,
     collect_all,
     end_here,
     places_needed,
@@ -100,51 +87,17 @@ from cosim_master.stepping import (
     sent_bytes,
     work,
 )
+from cosim_master.texts import Texts, failing
 from cosim_master.timing import Timing
-from cosim_master.typed_calls import OUT_OF_RANGE
 
 __all__ = ["Execution", "RunFailed", "RunTerminated"]
 
-_OF_FMI3 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2GetString": "fmi3GetBinary"}
-"""What the loop's own numbers of functions mean for an FMI 3 instance."""
-
-_TextLink: TypeAlias = tuple[tuple[int, str], int, Variable, Link]
-"""From which output (instance, name) a String goes to which instance's input."""
-
-_DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
-"""Function and status in a row's `failed`, of a step that was discarded."""
 _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 _SNAPSHOT_EVERY = 0.2
 """Wall-clock seconds."""
 _NEVER = 1 << 60
 _WORTH_THREADS = 64
 """Free instances from which on several threads step by default."""
-
-
-class RunFailed(CosimError):
-    """One or more instances failed in the same macro step.
-
-    Attributes:
-        failures: an FmuError for each of them.
-    """
-
-    def __init__(self, failures: Sequence[FmuError]) -> None:
-        self.failures = tuple(failures)
-        super().__init__("\n".join(str(failure) for failure in failures))
-
-
-class RunTerminated(CosimError):
-    """An FMU wants the simulation to end; that is no failure.
-
-    Attributes:
-        instance: which.
-        time: until when it has something to simulate, s.
-    """
-
-    def __init__(self, instance: str, time: float, *, said: str = "fmi2Terminated", hint: str = "") -> None:
-        self.instance, self.time = instance, time
-        more = f" {hint}" if hint else ""
-        super().__init__(f"{instance}: it wants the run to end at t = {time:.9g} s ({said}){more}")
 
 
 class _Discarded(Exception):
@@ -212,9 +165,9 @@ class Execution:
                 instantiate(checked, self._libraries, self.living)
             with self._phase("initialize"):
                 span = (clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
-                self._delayed = coupling.delays if coupling is not None else {}
-                self._events = Events(checked, self.living, clock.start, self._delayed)
-                self._keep_clocked()
+                delayed = coupling.delays if coupling is not None else {}
+                self._event_mode = EventMode(checked, places, self.living, clock.start, delayed)
+                self._events = self._event_mode.events
                 initialize(checked, self.living, *span, self._events)
             sequence = coupling.sequence if coupling is not None else ()
             free = [i for i, living in enumerate(self.living) if living.library.thread_safe and not sequence]
@@ -240,19 +193,19 @@ class Execution:
                 self._trust(range(len(self.living)), coupling.algorithm)
                 self._richardson = Richardson(self.plan, places, coupling, clock)
             collect_all(self.plan)
-            self._raise_failures()
+            raise_failures(self.plan, self.places, self.living)
             if recorder_for is not None:
                 self._recorder = recorder_for()
             # One call up to k = 0 sends what the instances have to send at the start and records the first row.
-            self._text_links, self._text_outputs = self._strings()
-            self._show(self._events.numbers)
+            self._texts = Texts(places, self.living)
+            self._event_mode.attach(self.plan, self._texts)
             self._grid = Grid(self.plan, clock.periods)
             # What this project compiled never discards a step, so that swarms of it need no copies of their states.
             passed = "what has passed a gateway cannot be taken back" if network.gateways else ""
             self._unrepeatable = cannot_be_repeated(self.living) or passed
             if checkpoint is not None:
                 self.refuse_checkpoints()
-                self.radio = restore(checkpoint, self.plan, self.radio, self.living, self._text_outputs)
+                self.radio = restore(checkpoint, self.plan, self.radio, self.living, self._texts.outputs)
                 self._events.from_json(checkpoint.events)
             if self._richardson is not None:
                 self._snapshot = Snapshot(self.living)
@@ -285,8 +238,7 @@ class Execution:
     @property
     def time(self) -> float:
         """Simulation time reached, s."""
-        clock = self.plan.clock
-        return float(clock[START] + max(clock[K], 0) * clock[BASE]) / 1e9
+        return reached(self.plan)
 
     def advance(self, k_stop: int) -> None:
         """Macro steps until base step `k_stop`; if the error decides their size, until the next row at least.
@@ -315,12 +267,12 @@ class Execution:
                 self._save()
 
     def _macro_steps(self, stop: int) -> None:
-        if not self._text_outputs:
+        if not self._texts:
             self._run(stop)
             return
         # Strings that are no packets are rare and slow to exchange: Python does it, one macro step at a time.
         while self.plan.clock[K] < stop:
-            self._set_strings()
+            self._texts.set_inputs(self.plan)
             self._run(int(self.plan.clock[K]) + 1)
 
     def _change(self) -> None:
@@ -329,20 +281,11 @@ class Execution:
         now = self.k if self._richardson is not None else int(self.plan.clock[K])
         while self._changes and self._changes[0].k * self._grid.factor == now:
             change = self._changes.pop(0)
-            with self._failing(change.instance):
-                self._set(change)
+            with failing(self.plan, self.living[change.instance]):
+                self._event_mode.change(change)
             changed = True
         if changed and self._snapshot is not None and self._richardson is None:
             self._save()
-
-    def _set(self, change: Change) -> None:
-        """Set a variable, or the interval of a Clock, with the events that come of it."""
-        try:
-            given = (change.instance, change.variable, change.value)
-            touched = self._events.change(*given, self._now, self._held_outputs)
-        except EndedByEvent as ended:
-            raise RunTerminated(self.living[ended.number].name, ended.time, said="terminateSimulation") from None
-        self._show(touched)
 
     # ---- steps whose size the error decides --------------------------------------------------------------------------
 
@@ -357,18 +300,18 @@ class Execution:
             self._richardson.to(self._now, self.clock.start + target * self.clock.base, _Trials(self))
             if target % self._every == 0 or target == self.clock.steps:
                 record(self.plan)
-                if self._text_outputs:
-                    self._get_strings(recorded=True)
+                if self._texts:
+                    self._read_texts(recorded=True)
                 if self.plan.clock[ROWS] == self.plan.ticks.size:
                     self._flush_rows()
 
     def save_trial(self) -> None:
         """Keep the present state, to come back to it after a trial; `restore_trial` does."""
         assert self._snapshot is not None
-        if self._text_outputs:
+        if self._texts:
             self.plan.instances["period"] = 1
             self.plan.clock[START], self.plan.clock[K] = self._now, 0
-            self._set_strings()
+            self._texts.set_inputs(self.plan)
         counters, radio = self.radio.counters, self.radio
         if 2 * counters[USED_EVENTS] > radio.events.size or 2 * counters[USED_LOG] > radio.log.size:
             self._write_packets()
@@ -408,25 +351,16 @@ class Execution:
                 events[: self.radio.events.size] = self.radio.events
                 self.radio = self.radio._replace(events=events, log=np.concatenate([log, np.zeros_like(log)]))
             elif reason == EVENTS_DUE:
-                self._cut_at_event(t, h)
-                self._handle_events()
+                first = self._event_mode.returned_early()
+                if first < (t + h - 1) / 1e9:
+                    raise Rejected(max(t + 1, math.ceil(first * 1e9)))
+                self._event_mode.handle()
             else:
                 try:
                     self._discards()
                 except _Discarded:
                     raise Rejected from None
-                self._raise_failures()
-
-    def _cut_at_event(self, t: int, h: int) -> None:
-        """An FMU that has returned early has met an event: all others are to stop there, too."""
-        early = [self._living3(i).answers for i in self._events.numbers if self._living3(i).pending == END]
-        first = min((last for _, ends, is_early, last in early if is_early and not ends), default=math.inf)
-        if first < (t + h - 1) / 1e9:
-            raise Rejected(max(t + 1, math.ceil(first * 1e9)))
-
-    def next_event(self) -> float:
-        """Time of the next event that an FMU has announced, s; infinity if there is none."""
-        return min((self._living3(i).next_event for i in self._events.numbers), default=math.inf)
+                raise_failures(self.plan, self.places, self.living)
 
     # ---- checkpoints -------------------------------------------------------------------------------------------------
 
@@ -457,7 +391,7 @@ class Execution:
                 plan=self.plan,
                 radio=self.radio,
                 living=self.living,
-                texts=self._text_outputs,
+                texts=self._texts.outputs,
                 events=self._events.as_json(),
                 position=position,
                 segments=() if self._recorder is None else self._recorder.segments(),
@@ -476,7 +410,7 @@ class Execution:
             self._snapshot.save(self.plan, self.radio)
         except FmuError as error:
             raise RunFailed([error]) from None
-        self._saved_texts, self._saved_events = dict(self._text_outputs), self._events.saved()
+        self._saved_texts, self._saved_events = dict(self._texts.outputs), self._events.saved()
         self._saved_at = time.perf_counter()
 
     def _repeat(self, discarded: _Discarded) -> None:
@@ -485,7 +419,7 @@ class Execution:
         rows, reached = self._rows(), int(self.plan.clock[K])
         try:
             self.radio = self._snapshot.restore(self.plan)
-            self._text_outputs = dict(self._saved_texts)
+            self._texts.outputs |= self._saved_texts
             self._events.restore(self._saved_events)
             if self._recorder is not None:
                 self._recorder.take_back()
@@ -522,7 +456,7 @@ class Execution:
         rows = self.plan.instances
         failed = [int(i) for i in np.flatnonzero(rows["failed"][:, 0])]
         ended = [i for i in failed if rows["failed"][i][1] == ENDED]
-        discarded = [i for i in failed if tuple(rows["failed"][i][:2]) == _DISCARD]
+        discarded = [i for i in failed if tuple(rows["failed"][i][:2]) == DISCARD]
         if len(ended) + len(discarded) < len(failed):
             return
         failures, shrink = [], 2.0
@@ -537,30 +471,12 @@ class Execution:
             reason = self._unrepeatable or f"shorter steps down to {h:.9g} s did not help"
             if last is not None and last > self.time:
                 shrink = max(shrink, h / (last - self.time))
-            failures.append(self._discard(i, last, reason))
+            failures.append(discard_failure(self.plan, living, i, last, reason))
         if ends:
             self._terminate(sorted(ends), complete=len(ends) == len(failed))
         if self._unrepeatable or self._snapshot is None:
             raise RunFailed(failures)
         raise _Discarded(failures, shrink)
-
-    def _discard(self, i: int, last: float | None, reason: str) -> FmuError:
-        """The error of an instance that has discarded its step; `last` is how far it got, s."""
-        living, h = self.living[i], float(self.plan.instances["h"][i])
-        reached = "" if last is None else f", only to {last:.9g} s"
-        text = DISCARDED.text(living.fmi, f"{self.time:.9g}", f"{self.time + h:.9g}", reached, reason)
-        return living.failure(f"fmi{living.fmi}DoStep", _DISCARD[1], text)
-
-    def _beside(self, i: int, others: Sequence[FmuError]) -> FmuError:
-        """The error of an instance that has discarded a step in which others have failed: it is not repeated.
-
-        FMI leaves an instance after an error nothing but to be freed, or to be set back; in what it has failed at, it
-        would fail again, and shorter steps would hide that.
-        """
-        living, names = self.living[i], ", ".join(error.instance for error in others[:3])
-        living.time = self.time
-        last = None if living.library.corrupted else living.last_successful_time()
-        return self._discard(i, last, f"it is not repeated, since {names} failed in the same step")
 
     def _terminate(self, ends: Sequence[tuple[int, float]], *, complete: bool) -> None:
         """Instances (number, until when) want the run to end. If they did this step, it is the last one."""
@@ -572,7 +488,7 @@ class Execution:
             raise RunFailed([self.living[ends[0][0]].failure("fmi2DoStep", STATUS.index("fmi2Discard"), text)])
         end = (clock[START] + (clock[K] + 1) * clock[BASE]) / 1e9
         stepped = all(rows[i]["length"] == 1 and time >= end - 1e-9 for i, time in ends)
-        if complete and stepped and not self._text_outputs and clock[K] + 1 <= clock[LAST] and self._grid.factor == 1:
+        if complete and stepped and not self._texts and clock[K] + 1 <= clock[LAST] and self._grid.factor == 1:
             end_here(self.plan, np.array([i for i, _ in ends]))
         raise RunTerminated(name, min(time for _, time in ends), said=said, hint=_FORGETFUL if python else "")
 
@@ -648,12 +564,12 @@ class Execution:
         while True:
             reason = run(self.plan, self.radio, stop)
             if reason == DONE:
-                if self._text_outputs:
-                    self._get_strings(recorded=int(self.plan.clock[ROWS]) != rows)
+                if self._texts:
+                    self._read_texts(recorded=int(self.plan.clock[ROWS]) != rows)
                 return
             if reason == BLOCK_FULL:
-                if self._text_outputs:
-                    self._get_strings(recorded=True)
+                if self._texts:
+                    self._read_texts(recorded=True)
                 self._flush_rows()
                 rows = 0
             elif reason == NEED_PLACES:
@@ -661,14 +577,14 @@ class Execution:
             elif reason == NEED_LOG:
                 self._flush_packets()
             elif reason == EVENTS_DUE:
-                self._handle_events()
+                self._event_mode.handle()
                 continue
             elif reason == STEPS_DUE:
                 self._step_coupled()
                 continue
             elif reason == FAILED:
                 self._discards()
-                self._raise_failures()
+                raise_failures(self.plan, self.places, self.living)
             if self._snapshot is not None:
                 self._save()
                 rows = int(self.plan.clock[ROWS])
@@ -680,8 +596,9 @@ class Execution:
         for i in numbers:
             period = self.clock.periods[i]
             sizes.append([period * base / 1e9] * max(1, min(2, steps // period)))
-            if self.living[i].fmi == 3 and self.plan.clock[FINAL] == 0:
-                self._living3(i).final = False
+            one = self.living[i]
+            if isinstance(one, Instance3) and self.plan.clock[FINAL] == 0:
+                one.final = False
         if failures := self_test([self.living[i] for i in numbers], start, sizes, why):
             raise RunFailed(failures)
 
@@ -694,127 +611,20 @@ class Execution:
             raise RunFailed([error]) from None
         if self.plan.clock[FAILURES] > 0:
             self._discards()
-            self._raise_failures()
+            raise_failures(self.plan, self.places, self.living)
         self.plan.clock[PHASE] = SEND
-        if any(self._living3(i).pending for i in self._events.numbers):
-            self._handle_events()
+        if self._event_mode.pending:
+            self._event_mode.handle()
 
-    def _handle_events(self) -> None:
-        """Steps in which there are events: their rest, then the events at their end, then their outputs."""
-        rows, k = self.plan.instances, int(self.plan.clock[K])
-        # Outputs are known at the end of a step; that of a slow instance may lie some base steps ahead.
-        here = [i for i in range(rows.size) if k % int(rows[i]["period"]) + 1 == int(rows[i]["length"])]
-        ends = [i for i in self._events.numbers if i in here]
-        pending = {
-            i: self._living3(i).pending for i in self._events.numbers if self._living3(i).pending in (BEGIN, END)
-        }
+    def _read_texts(self, *, recorded: bool) -> None:
+        """The Strings at the end of a macro step; `recorded`: a row is of this time."""
         try:
-            at_end = self._finish(pending)
-            together = [i for i in at_end if i in ends]
-            touched = {*pending}
-            for members in {self._events.groups[i] for i in at_end if i not in ends}:
-                now = self._now + round(1e9 * float(rows[members[0]]["h"]))
-                own = [i for i in members if i in at_end]
-                touched |= {*self._events.settle(now, self._events.enter(own), members, held=self._held_inputs)}
-            if together:
-                now = self._now + int(self.plan.clock[BASE])
-                entered = self._events.enter(together)
-                touched |= {*self._events.settle(now, entered, ends, here, self._held_outputs)}
-        except FmuError as error:
-            raise RunFailed([error]) from None
-        except EndedByEvent as ended:
-            raise RunTerminated(self.living[ended.number].name, ended.time, said="terminateSimulation") from None
-        for i in touched - {*ends}:
-            self._living3(i).pending = SHOW
-        self._show(ends)
-        collect_again(self.plan, np.array(sorted(touched & set(ends)), dtype=np.int64))
-        self._raise_failures()
-
-    def _finish(self, pending: Mapping[int, int]) -> list[int]:
-        """The rest of the steps that the loop has left to events; returns who has an event at the end of it."""
-        at_end: list[int] = []
-        for i in pending:
-            # Those tied together by Clocks have one next event, so all of them have begun their step, or none has.
-            begun = pending[i] == END
-            members = (i,) if begun else self._events.groups[i]
-            if self._living3(i).pending == 0:
-                continue
-            for one in members:
-                self._living3(one).pending = 0
-            end = self.time + float(self.plan.instances[i]["h"])
-            at_end += self._events.finish(members, self.time, end, begun=begun, held=self._held_inputs)
-        return at_end
-
-    def _held_inputs(self, link: Link) -> Any:
-        """What an input got at the beginning of the present step of its instance."""
-        number, name = self._number[link.target[0]], link.target[1]
-        for kind, word in enumerate(KINDS):
-            if (j := self._input_places[word].get((number, name))) is not None:
-                j += int(self.plan.feeds[number]["first_in"][kind])
-                variable = self.living[number].fmu.variables[name]
-                return (
-                    self.plan.real_in[j].item()
-                    if kind == 0
-                    else _whole(self.plan.int_in, j - self.plan.real_in.size, variable)
-                )
-        return link.converted(self._text_outputs[self._number[link.source[0]], link.source[1]])
-
-    def _held_outputs(self, link: Link) -> Any:
-        """What an output had when the last step of its instance ended; a delayed connection has what it had before."""
-        if link.target in self._delayed:
-            return self._held_inputs(link)
-        for word in KINDS:
-            if (j := self.places.ports[word].index.get(link.source)) is not None:
-                if word == "Boolean":
-                    j += len(self.places.ports["Integer"].outputs)
-                variable = self.living[self._number[link.source[0]]].fmu.variables[link.source[1]]
-                real = word == "Real"
-                return link.converted(self.plan.real_out[j].item() if real else _whole(self.plan.int_out, j, variable))
-        return link.converted(self._text_outputs[self._number[link.source[0]], link.source[1]])
-
-    def _keep_clocked(self) -> None:
-        """Let `events` keep all outputs that belong to Clocks and have a place in the plan, or are recorded Strings."""
-        self._number = {one.name: i for i, one in enumerate(self.checked.instances)}
-        self._input_places: dict[str, dict[tuple[int, str], int]] = {word: {} for word in KINDS}
-        for word in KINDS:
-            ports = self.places.ports[word]
-            for i, (first, last) in enumerate(pairwise(ports.first_in)):
-                for j, v in enumerate(ports.inputs[first:last]):
-                    self._input_places[word].setdefault((i, v.name), j)
-            for instance, name in ports.index:
-                self._keep(instance, name)
-        for _, owner, variable in self.places.string_signals:
-            self._keep(owner.name, variable.name)
-
-    def _keep(self, instance: str, name: str) -> None:
-        i = self._number[instance]
-        variable = self.checked.instances[i].fmu.variables[name]
-        if variable.clocks:
-            self._events.keep(i, variable)
-
-    def _show(self, numbers: Sequence[int]) -> None:
-        """Put what outputs that belong to Clocks had at their last tick to where the loop has their values."""
-        integers = len(self.places.ports["Integer"].outputs)
-        for (i, name), value in self._events.kept.items():
-            if i not in numbers:
-                continue
-            key = (self.living[i].name, name)
-            for word in KINDS:
-                if (j := self.places.ports[word].index.get(key)) is not None:
-                    values = self.plan.real_out if word == "Real" else self.plan.int_out
-                    j += integers if word == "Boolean" else 0
-                    halves = halves_of(value) if self.living[i].fmu.variables[name].wide else [value]
-                    values[j : j + len(halves)] = halves
-            if (i, name) in self._text_outputs:
-                self._text_outputs[i, name] = value
-        for i in numbers:
-            if self._living3(i).pending == SHOW:
-                self._living3(i).pending = 0
-
-    def _living3(self, i: int) -> Instance3:
-        one = self.living[i]
-        assert isinstance(one, Instance3)
-        return one
+            self._texts.get_outputs(self.plan, self._events.kept)
+        except RunFailed:
+            self.plan.clock[ROWS] -= int(recorded)  # a row without its strings is none
+            raise
+        if recorded and self._recorder is not None and self.places.string_signals:
+            self._recorder.texts(self._texts.row)
 
     def _flush_rows(self) -> None:
         if self._recorder is not None:
@@ -834,100 +644,6 @@ class Execution:
             with self._phase("write results"):
                 self._recorder.packets(self.radio)
         self.radio.counters[[USED_EVENTS, USED_LOG]] = 0
-
-    def _strings(self) -> tuple[list[_TextLink], dict[tuple[int, str], str]]:
-        """Connections of Strings, and the value of every String output that is connected or recorded."""
-        number = {living.name: i for i, living in enumerate(self.living)}
-        links: list[_TextLink] = []
-        outputs: dict[tuple[int, str], str] = {}
-        for link in self.places.strings:
-            source, target = (number[link.source[0]], link.source[1]), number[link.target[0]]
-            variable = self.living[target].fmu.variables[link.target[1]]
-            if not variable.clocks:
-                links.append((source, target, variable, link))
-            outputs[source] = ""
-        for _, instance, variable in self.places.string_signals:
-            outputs[number[instance.name], variable.name] = ""
-        return links, outputs
-
-    def _set_strings(self) -> None:
-        """Inputs of the instances that are due, from the outputs that `_get_strings` got."""
-        k, periods = self.plan.clock[K], self.plan.instances["period"]
-        for source, target, variable, link in self._text_links:
-            if k >= 0 and k % periods[target] == 0:
-                with self._failing(target) as living:
-                    living.set([variable], [link.converted(self._text_outputs[source])])
-
-    def _get_strings(self, *, recorded: bool) -> None:
-        """Outputs of the instances whose step has just ended: what the others would answer now is of the future."""
-        k, periods = self.plan.clock[K], self.plan.instances["period"]
-        try:
-            for i, name in self._text_outputs:
-                if (i, name) not in self._events.kept and (k % periods[i] == 0 or k == self.plan.clock[LAST]):
-                    with self._failing(i) as living:
-                        (self._text_outputs[i, name],) = living.get([living.fmu.variables[name]])
-        except RunFailed:
-            self.plan.clock[ROWS] -= int(recorded)  # a row without its strings is none
-            raise
-        if recorded and self._recorder is not None and self.places.string_signals:
-            number = {living.name: i for i, living in enumerate(self.living)}
-            signals = self.places.string_signals
-            self._recorder.texts([self._text_outputs[number[one.name], v.name] for _, one, v in signals])
-
-    @contextmanager
-    def _failing(self, i: int) -> Iterator[Living]:
-        self.living[i].time = self.time
-        try:
-            yield self.living[i]
-        except FmuError as error:
-            raise RunFailed([error]) from None
-
-    def _raise_failures(self) -> None:
-        if self.plan.clock[FAILURES] == 0:
-            return
-        failed = self.plan.instances["failed"]
-        failures: dict[int, FmuError] = {}
-        for i in np.flatnonzero(failed[:, 0]):
-            if failed[i, 1] == NOT_CALLED or tuple(failed[i][:2]) == _DISCARD:
-                continue
-            function, status, detail = (int(x) for x in failed[i])
-            living = self.living[i]
-            living.time = self.time
-            text, code = "", status
-            if status == NOT_A_NUMBER:
-                name = self.places.ports["Real"].outputs[detail][1].name
-                text, code = NAN.text(name), 0
-            elif status in (TOO_LONG, NOT_BASE64):
-                wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
-                text, code = f"its packet output {wrong}", 0
-            elif status == STATUS.index("fmi2Discard") and function in (1, 2, 3):
-                text = f"fmi2Discard: it takes one of these values for wrong: {self._inputs(int(i), function - 1)}"
-            elif status == OUT_OF_RANGE:
-                text, code = WIDE_INTEGER.text(), 0
-            elif status == EARLY:
-                text, code = "it has not simulated all of the step, though early return is not allowed", 0
-            elif status == ENDED:
-                text, code = "it wants the run to end (terminateSimulation)", 0
-            elif status == STATUS.index("fmi2Pending"):
-                text = PENDING.text()
-                living.cancel_step()
-            failures[int(i)] = living.failure(_named(function, living), code, text)
-        others = list(failures.values())
-        for i in np.flatnonzero(failed[:, 0]):
-            if tuple(failed[i][:2]) == _DISCARD:
-                failures[int(i)] = self._beside(int(i), others)
-        raise RunFailed([failures[i] for i in sorted(failures)])
-
-    def _inputs(self, i: int, kind: int) -> str:
-        """The first values that an instance's inputs of one kind were just given."""
-        first, last = (int(self.plan.feeds[i][side][kind]) for side in ("first_in", "last_in"))
-        p = self.plan
-        values = p.real_in[first:last] if kind == 0 else p.int_in[first - p.real_in.size : last - p.real_in.size]
-        fmu = self.living[i].fmu
-        of = {v.value_reference: v.name for v in fmu.variables.values() if set_kind(v) == KINDS[kind]}
-        pairs = zip(p.in_reference[first:last], values, strict=True)
-        shown = [f"{of[int(reference)]} = {value:.9g}" for reference, value in pairs]
-        return ", ".join(shown[:5]) + (" ..." if len(shown) > 5 else "")
 
     # ---- results -----------------------------------------------------------------------------------------------------
 
@@ -999,19 +715,12 @@ class Execution:
         return failures
 
 
-def _whole(places: np.ndarray[Any, Any], j: int, variable: Variable) -> int:
-    """A whole number from its place in the plan, or its two."""
-    if not variable.wide:
-        return int(places[j])
-    return int(places[j : j + 2].copy().view(np.uint64 if variable.fmi_type == "UInt64" else np.int64)[0])
-
-
 class _Trials:
     """An execution as Richardson's `World`."""
 
     def __init__(self, execution: Execution) -> None:
         self.save, self.restore = execution.save_trial, execution.restore_trial
-        self.step, self.next_event = execution.step_trial, execution.next_event
+        self.step, self.next_event = execution.step_trial, execution._event_mode.next_event
 
 
 def _threads(wanted: int | None, free: int) -> int:
@@ -1019,9 +728,3 @@ def _threads(wanted: int | None, free: int) -> int:
     if wanted is None:
         wanted = (os.cpu_count() or 1) if free >= _WORTH_THREADS else 1
     return max(1, min(wanted, free))
-
-
-def _named(function: int, living: Living) -> str:
-    """The name of an FMI function by its number in FUNCTIONS."""
-    name = FUNCTIONS[function]
-    return _OF_FMI3.get(name, name) if living.fmi == 3 else name

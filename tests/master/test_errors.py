@@ -29,3 +29,9 @@ def test_an_fmu_error_says_who_what_when_and_its_last_words() -> None:
         1.5,
     )
     assert str(FmuError("a", "fmi2Instantiate", "no instance")) == "a: fmi2Instantiate failed: no instance"
+
+
+def test_what_an_fmu_logs_again_and_again_is_shown_once() -> None:
+    error = FmuError("a", "fmi2SetReal", "fmi2Error", 0.0, ["out of range", "no", "no", "no", "out of range"])
+    assert str(error).splitlines()[1:] == ["    out of range", "    no (3 times)", "    out of range"]
+    assert error.log == ("out of range", "no", "no", "no", "out of range")
