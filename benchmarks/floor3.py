@@ -6,7 +6,7 @@ import ctypes
 from typing import Any
 
 from cosim_master.execution import Execution
-from cosim_master.stepping import FUNCTIONS
+from cosim_master.tables import FUNCTIONS
 from cosim_master.typed_calls import PACKED, TYPED
 
 __all__ = ["calls_of"]

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from report import machine, show, write
 
 from cosim.kernel import kernel
-from cosim_master import stepping
+from cosim_master import stepping, tables
 from cosim_master.check import check
 from cosim_master.execution import Execution
 from cosim_master.layout import layout
@@ -107,7 +107,7 @@ def _lap(stamp: NDArray[np.int64]) -> int:
 
 @kernel
 def _timed_steps(
-    p: stepping.Plan,
+    p: tables.Plan,
     r: Radio,
     k_stop: int,
     grouped: NDArray[np.int64],
@@ -120,8 +120,8 @@ def _timed_steps(
     """
     clock = p.clock
     stamp = spent[-3:]
-    while clock[stepping.K] < k_stop:
-        k = clock[stepping.K]
+    while clock[tables.K] < k_stop:
+        k = clock[tables.K]
         _lap(stamp)
         stepping._deliver_all(p, r, k)
         spent[1] += _lap(stamp)
@@ -145,15 +145,15 @@ def _timed_steps(
                 p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, grouped[first : ends[n]]
             )
             if failed > 0:
-                return stepping.FAILED
+                return tables.FAILED
             first = ends[n]
             spent[2 + n] += _lap(stamp)
         reason = stepping._send_all(p, r, k)
-        if reason != stepping.DONE:
+        if reason != tables.DONE:
             return int(reason)
         spent[1] += _lap(stamp)
-        clock[stepping.K] = k + 1
-    return stepping.DONE
+        clock[tables.K] = k + 1
+    return tables.DONE
 
 
 def phases(folder: Path) -> dict[str, float]:

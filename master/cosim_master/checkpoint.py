@@ -27,7 +27,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi3 import Instance3
 from cosim_master.living import Living
 from cosim_master.radio import Radio
-from cosim_master.stepping import PHASE, K, Plan
+from cosim_master.tables import PHASE, K, Plan
 
 __all__ = ["Checkpoint", "Identity", "Position", "cannot_be_serialised", "find", "restore", "save", "segments"]
 

@@ -22,7 +22,8 @@ from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
 from cosim_master.layout import KINDS, Layout, halves_of
 from cosim_master.living import Living
-from cosim_master.stepping import BASE, BEGIN, END, SHOW, START, K, Plan, collect_again
+from cosim_master.stepping import collect_again
+from cosim_master.tables import BASE, BEGIN, END, SHOW, START, K, Plan
 from cosim_master.texts import Texts
 
 __all__ = ["EventMode"]

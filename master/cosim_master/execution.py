@@ -58,7 +58,8 @@ from cosim_master.repetition import Grid, Snapshot, cannot_be_repeated
 from cosim_master.richardson import Rejected, Richardson
 from cosim_master.rollback import self_test
 from cosim_master.startup import initialize, instantiate
-from cosim_master.stepping import (
+from cosim_master.stepping import collect_all, end_here, places_needed, record, run, sent_bytes, work
+from cosim_master.tables import (
     BASE,
     BLOCK_FULL,
     DELIVER,
@@ -79,13 +80,6 @@ from cosim_master.stepping import (
     START,
     STEPS_DUE,
     K,
-    collect_all,
-    end_here,
-    places_needed,
-    record,
-    run,
-    sent_bytes,
-    work,
 )
 from cosim_master.texts import Texts, failing
 from cosim_master.timing import Timing

@@ -12,7 +12,7 @@ from cosim_master.layout import KINDS, Layout
 from cosim_master.limitations import DISCARDED, PENDING, WIDE_INTEGER
 from cosim_master.limitations import NOT_A_NUMBER as NAN
 from cosim_master.living import Living
-from cosim_master.stepping import (
+from cosim_master.tables import (
     BASE,
     DO_STEP,
     EARLY,

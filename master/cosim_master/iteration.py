@@ -33,7 +33,8 @@ from cosim_master.coupling import Coupling
 from cosim_master.errors import CosimError
 from cosim_master.layout import KINDS, Layout
 from cosim_master.living import Living
-from cosim_master.stepping import FAILURES, Plan, step_each, step_together
+from cosim_master.stepping import step_each, step_together
+from cosim_master.tables import FAILURES, Plan
 
 __all__ = ["Iteration", "NotConverged"]
 

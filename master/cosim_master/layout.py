@@ -18,7 +18,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmu import FmuDescription, Variable
 from cosim_master.network import Network
-from cosim_master.stepping import COPY, SIGN
+from cosim_master.tables import COPY, SIGN
 
 __all__ = ["KINDS", "Delayed", "Layout", "Ports", "call_of", "halves_of", "layout", "shows_error"]
 

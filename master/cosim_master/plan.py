@@ -15,7 +15,7 @@ from cosim_master.fmu import Variable
 from cosim_master.layout import KINDS, Layout, Ports, call_of
 from cosim_master.living import Living
 from cosim_master.network import Network
-from cosim_master.stepping import (
+from cosim_master.tables import (
     ANSWERS,
     BY_PYTHON,
     CALL,

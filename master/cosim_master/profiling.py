@@ -31,7 +31,7 @@ from cosim_master.calls import (
     nanoseconds,
 )
 from cosim_master.living import Living
-from cosim_master.stepping import Plan
+from cosim_master.tables import Plan
 from cosim_master.typed_calls import WIDTHS
 
 __all__ = ["FmuTime", "Profile", "Profiler"]

@@ -33,7 +33,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.layout import KINDS, Layout
 from cosim_master.network import Network
 from cosim_master.radio import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
-from cosim_master.stepping import ROWS, Plan
+from cosim_master.tables import ROWS, Plan
 
 __all__ = ["EPOCH", "Recorder"]
 

@@ -22,7 +22,7 @@ import numpy as np
 from cosim_master.living import Living
 from cosim_master.radio import Radio
 from cosim_master.rollback import STATE_FUNCTIONS
-from cosim_master.stepping import BASE, EVERY, FAULTS, FINER, LAST, K, Plan
+from cosim_master.tables import BASE, EVERY, FAULTS, FINER, LAST, K, Plan
 
 __all__ = ["FINEST", "Grid", "Snapshot", "cannot_be_repeated"]
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from cosim_master.coupling import Coupling
 from cosim_master.errors import CosimError
 from cosim_master.layout import Layout, shows_error
-from cosim_master.stepping import Plan
+from cosim_master.tables import Plan
 from cosim_master.timing import Timing
 
 __all__ = ["Rejected", "Richardson", "StepTooSmall", "World"]

@@ -9,7 +9,7 @@ from cosim_master.errors import FmuError
 from cosim_master.failures import RunFailed, reached
 from cosim_master.layout import Layout
 from cosim_master.living import Living
-from cosim_master.stepping import LAST, K, Plan
+from cosim_master.tables import LAST, K, Plan
 
 __all__ = ["Texts", "failing"]
 

@@ -19,7 +19,8 @@ from cosim_master.network import Network
 from cosim_master.plan import make_plan
 from cosim_master.radio_plan import make_radio
 from cosim_master.simulation import simulate
-from cosim_master.stepping import DONE, collect_all, run
+from cosim_master.stepping import collect_all, run
+from cosim_master.tables import DONE
 from cosim_master.timing import timing
 from tests.master.scripted import HERE, Scripted, system_of, variable
 

@@ -15,7 +15,8 @@ from cosim_master.network import Endpoint, Network, Node
 from cosim_master.plan import make_plan
 from cosim_master.radio import FREE_PLACES, IN_FLIGHT
 from cosim_master.radio_plan import grown, make_radio
-from cosim_master.stepping import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K, collect_all, places_needed, run
+from cosim_master.stepping import collect_all, places_needed, run
+from cosim_master.tables import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K
 from cosim_master.timing import timing
 from tests.master.scripted import Scripted, system_of, variable
 
