@@ -10,23 +10,9 @@
    was given before.
    What is not allowed is written to the file that STRICT3_LOG names, ticks and steps to that of STRICT3_CALLS. */
 
-#include <math.h>
-#include <stdarg.h>
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include "fmi3_fmu.h"
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
-typedef void (*Logger)(void *, int, const char *, const char *);
 enum { INSTANTIATED = 1, INITIALIZATION = 2, EVENT = 4, STEP = 8, TERMINATED = 16 };
-enum { OK, WARNING, DISCARD, ERROR, FATAL };
 enum { NOT_YET_KNOWN, UNCHANGED, CHANGED };
 enum { CONSTANT, FIXED, ASKED, TUNABLE, RETUNED, CHANGING, COUNTDOWN, GO, FIRE, CLOCKS };
 static const char *NAME[] = {"constant", "fixed", "asked", "tunable", "retuned", "changing", "countdown", "go", "fire"};
@@ -34,42 +20,15 @@ static const char *NAME[] = {"constant", "fixed", "asked", "tunable", "retuned",
 enum { U = 20, Y, V, W, ALL, TEXT_IN, TEXT_OUT, BYTES_IN, BYTES_OUT, PERIOD = 40, SHIFT, DELAY, WHEN, USES, RULE, EARLY, TIME };
 
 typedef struct {
-    int state, uses, rule, all, updates, early, fired;
+    INSTANCE;
+    int uses, rule, all, updates, early, fired;
     bool event_mode, may_return, more, signalled, active[CLOCKS], asked[CLOCKS], ticked[CLOCKS], told[CLOCKS];
     int qualifier[CLOCKS], count[CLOCKS], since[CLOCKS];
-    double time, stop, period, shift, delay, when, u, v, w, first[CLOCKS], interval[CLOCKS], next[CLOCKS];
+    double stop, period, shift, delay, when, u, v, w, first[CLOCKS], interval[CLOCKS], next[CLOCKS];
     char text[64];
     unsigned char bytes[64];
     size_t size;
-    void *environment;
-    Logger logger;
-    char name[64];
 } Clocked;
-
-static int complain(Clocked *s, const char *format, ...) {
-    const char *path = getenv("STRICT3_LOG");
-    char text[256];
-    va_list rest;
-    va_start(rest, format);
-    vsnprintf(text, sizeof text, format, rest);
-    va_end(rest);
-    FILE *file = path ? fopen(path, "a") : NULL;
-    if (file) {
-        fprintf(file, "%s: %s (state %d, time %.9g)\n", s->name, text, s->state, s->time);
-        fclose(file);
-    }
-    if (s->logger) s->logger(s->environment, ERROR, "logStatusError", text);
-    return ERROR;
-}
-static void note(const Clocked *s, const char *what, double t) {
-    const char *path = getenv("STRICT3_CALLS");
-    FILE *file = path ? fopen(path, "a") : NULL;
-    if (!file) return;
-    fprintf(file, "%s: %s %.9g\n", s->name, what, t);
-    fclose(file);
-}
-#define ALLOWED(function, states)                                                                                      \
-    if (!(s->state & (states))) return complain(s, "%s is not allowed", function)
 
 static bool used(const Clocked *s, int clock) { return s->uses >> clock & 1; }
 static bool periodic(int clock) { return clock <= RETUNED; }
@@ -79,8 +38,6 @@ static bool open(const Clocked *s) {
     bool any = used(s, CONSTANT) || used(s, GO) || used(s, FIRE);
     return !any || s->state == INITIALIZATION || s->active[CONSTANT] || s->active[GO] || s->active[FIRE];
 }
-
-EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 
 EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible, bool logging,
                                          bool event_mode, bool early, const uint32_t needed[], size_t n_needed, void *environment,
@@ -95,14 +52,13 @@ EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
     note(s, "instantiated", early);
     return s;
 }
-EXPORT void fmi3FreeInstance(Clocked *s) { free(s); }
 
 static void restart(Clocked *s, int clock, double first, double interval) {
     s->first[clock] = s->next[clock] = first, s->interval[clock] = interval, s->since[clock] = 0;
 }
 EXPORT int fmi3EnterInitializationMode(Clocked *s, bool has_tolerance, double tolerance, double start, bool has_stop, double stop) {
     (void)has_tolerance, (void)tolerance;
-    ALLOWED("fmi3EnterInitializationMode", INSTANTIATED);
+    ALLOWED(s, "fmi3EnterInitializationMode", INSTANTIATED);
     s->time = start, s->stop = has_stop ? stop : INFINITY, s->state = INITIALIZATION;
     for (int i = CONSTANT; i <= RETUNED; i++)
         if (used(s, i)) restart(s, i, start + s->shift, s->period);
@@ -111,7 +67,7 @@ EXPORT int fmi3EnterInitializationMode(Clocked *s, bool has_tolerance, double to
     return OK;
 }
 EXPORT int fmi3ExitInitializationMode(Clocked *s) {
-    ALLOWED("fmi3ExitInitializationMode", INITIALIZATION);
+    ALLOWED(s, "fmi3ExitInitializationMode", INITIALIZATION);
     for (int i = ASKED; i <= COUNTDOWN; i++)
         if (used(s, i) && i != TUNABLE && !s->asked[i]) complain(s, "the interval of %s was not asked for", NAME[i]);
     for (int i = FIXED; i <= TUNABLE; i += TUNABLE - FIXED)
@@ -122,12 +78,12 @@ EXPORT int fmi3ExitInitializationMode(Clocked *s) {
     return OK;
 }
 EXPORT int fmi3Terminate(Clocked *s) {
-    ALLOWED("fmi3Terminate", EVENT | STEP);
+    ALLOWED(s, "fmi3Terminate", EVENT | STEP);
     s->state = TERMINATED;
     return OK;
 }
 EXPORT int fmi3EnterEventMode(Clocked *s) {
-    ALLOWED("fmi3EnterEventMode", STEP);
+    ALLOWED(s, "fmi3EnterEventMode", STEP);
     s->state = EVENT, s->updates = 0;
     memset(s->asked, 0, sizeof s->asked);
     memset(s->ticked, 0, sizeof s->ticked);
@@ -136,7 +92,7 @@ EXPORT int fmi3EnterEventMode(Clocked *s) {
     return OK;
 }
 EXPORT int fmi3EnterStepMode(Clocked *s) {
-    ALLOWED("fmi3EnterStepMode", EVENT);
+    ALLOWED(s, "fmi3EnterStepMode", EVENT);
     if (!s->updates) return complain(s, "fmi3EnterStepMode before the discrete states are updated");
     for (int i = 0; i < CLOCKS; i++)
         if (s->active[i]) return complain(s, "fmi3EnterStepMode while %s ticks", NAME[i]);
@@ -148,7 +104,7 @@ EXPORT int fmi3EnterStepMode(Clocked *s) {
     return OK;
 }
 EXPORT int fmi3UpdateDiscreteStates(Clocked *s, bool *again, bool *terminate, bool *nominals, bool *values, bool *has_next, double *next) {
-    ALLOWED("fmi3UpdateDiscreteStates", EVENT);
+    ALLOWED(s, "fmi3UpdateDiscreteStates", EVENT);
     *again = *terminate = *nominals = *values = *has_next = false;
     *next = 0;
     s->updates++;
@@ -162,7 +118,7 @@ EXPORT int fmi3UpdateDiscreteStates(Clocked *s, bool *again, bool *terminate, bo
 
 EXPORT int fmi3DoStep(Clocked *s, double t, double h, bool no_set_prior, bool *event, bool *terminate, bool *early, double *last) {
     (void)no_set_prior;
-    ALLOWED("fmi3DoStep", STEP);
+    ALLOWED(s, "fmi3DoStep", STEP);
     if (!(h > 0) || !same(t, s->time) || t + h > s->stop + 1e-9) return complain(s, "fmi3DoStep from %.9g by %.9g", t, h);
     for (int i = 0; i < GO; i++)
         if (used(s, i) && t + h > s->next[i] + 6e-10) return complain(s, "fmi3DoStep to %.9g, beyond the tick of %s at %.9g", t + h, NAME[i], s->next[i]);
@@ -181,7 +137,7 @@ EXPORT int fmi3DoStep(Clocked *s, double t, double h, bool no_set_prior, bool *e
 /* ---- Clocks ------------------------------------------------------------------------------------------------------ */
 
 EXPORT int fmi3SetClock(Clocked *s, const uint32_t vr[], size_t n, const bool value[]) {
-    ALLOWED("fmi3SetClock", EVENT);
+    ALLOWED(s, "fmi3SetClock", EVENT);
     for (size_t k = 0; k < n; k++) {
         int i = (int)vr[k] - 1;
         if (i < 0 || i >= FIRE || !used(s, i)) return complain(s, "fmi3SetClock of %d", (int)vr[k]);
@@ -200,7 +156,7 @@ EXPORT int fmi3SetClock(Clocked *s, const uint32_t vr[], size_t n, const bool va
     return OK;
 }
 EXPORT int fmi3GetClock(Clocked *s, const uint32_t vr[], size_t n, bool value[]) {
-    ALLOWED("fmi3GetClock", EVENT);
+    ALLOWED(s, "fmi3GetClock", EVENT);
     for (size_t k = 0; k < n; k++) {
         if (vr[k] != FIRE + 1) return complain(s, "fmi3GetClock of %d", (int)vr[k]);
         value[k] = s->active[FIRE];
@@ -213,7 +169,7 @@ EXPORT int fmi3GetClock(Clocked *s, const uint32_t vr[], size_t n, bool value[])
 }
 static int interval_of(Clocked *s, uint32_t vr, double *interval, int *qualifier) {
     int i = (int)vr - 1;
-    ALLOWED("fmi3GetInterval", INITIALIZATION | EVENT);
+    ALLOWED(s, "fmi3GetInterval", INITIALIZATION | EVENT);
     if (i < 0 || i >= GO || !used(s, i)) return complain(s, "the interval of %d was asked for", (int)vr);
     s->asked[i] = true;
     *qualifier = s->qualifier[i];
@@ -238,7 +194,7 @@ EXPORT int fmi3GetIntervalFraction(Clocked *s, const uint32_t vr[], size_t n, ui
     return status;
 }
 EXPORT int fmi3GetShiftDecimal(Clocked *s, const uint32_t vr[], size_t n, double shift[]) {
-    ALLOWED("fmi3GetShiftDecimal", INITIALIZATION);
+    ALLOWED(s, "fmi3GetShiftDecimal", INITIALIZATION);
     for (size_t k = 0; k < n; k++) {
         if (!periodic((int)vr[k] - 1)) return complain(s, "the shift of %d was asked for", (int)vr[k]);
         shift[k] = s->shift;
@@ -246,7 +202,7 @@ EXPORT int fmi3GetShiftDecimal(Clocked *s, const uint32_t vr[], size_t n, double
     return OK;
 }
 EXPORT int fmi3GetShiftFraction(Clocked *s, const uint32_t vr[], size_t n, uint64_t counter[], uint64_t resolution[]) {
-    ALLOWED("fmi3GetShiftFraction", INITIALIZATION);
+    ALLOWED(s, "fmi3GetShiftFraction", INITIALIZATION);
     for (size_t k = 0; k < n; k++) {
         if (!periodic((int)vr[k] - 1)) return complain(s, "the shift of %d was asked for", (int)vr[k]);
         counter[k] = (uint64_t)llround(s->shift * 3e6), resolution[k] = 3000000;
@@ -279,7 +235,7 @@ EXPORT int fmi3SetIntervalFraction(Clocked *s, const uint32_t vr[], size_t n, co
 #define SETTABLE (INSTANTIATED | INITIALIZATION | EVENT | STEP)
 
 EXPORT int fmi3GetFloat64(Clocked *s, const uint32_t vr[], size_t n, double value[], size_t n_values) {
-    ALLOWED("fmi3GetFloat64", GETTABLE);
+    ALLOWED(s, "fmi3GetFloat64", GETTABLE);
     for (size_t k = 0; k < n; k++) {
         if (vr[k] == Y && !open(s)) return complain(s, "y was got, and its Clocks do not tick");
         if (vr[k] != Y && vr[k] != W) return complain(s, "fmi3GetFloat64 of %d", (int)vr[k]);
@@ -288,7 +244,7 @@ EXPORT int fmi3GetFloat64(Clocked *s, const uint32_t vr[], size_t n, double valu
     return n == n_values ? OK : complain(s, "fmi3GetFloat64: %d values", (int)n_values);
 }
 EXPORT int fmi3SetFloat64(Clocked *s, const uint32_t vr[], size_t n, const double value[], size_t n_values) {
-    ALLOWED("fmi3SetFloat64", SETTABLE);
+    ALLOWED(s, "fmi3SetFloat64", SETTABLE);
     for (size_t k = 0; k < n; k++) {
         if (vr[k] == U && s->state != INSTANTIATED && !open(s)) return complain(s, "u was set, and its Clocks do not tick");
         if (vr[k] >= PERIOD && vr[k] <= WHEN && vr[k] != PERIOD && s->state > INITIALIZATION) return complain(s, "a fixed parameter was set");
@@ -305,7 +261,7 @@ EXPORT int fmi3SetFloat64(Clocked *s, const uint32_t vr[], size_t n, const doubl
     return n == n_values ? OK : complain(s, "fmi3SetFloat64: %d values", (int)n_values);
 }
 EXPORT int fmi3GetInt32(Clocked *s, const uint32_t vr[], size_t n, int32_t value[], size_t n_values) {
-    ALLOWED("fmi3GetInt32", GETTABLE);
+    ALLOWED(s, "fmi3GetInt32", GETTABLE);
     for (size_t k = 0; k < n; k++) {
         int i = (int)vr[k] - 101;
         if (vr[k] == ALL) value[k] = s->all;
@@ -316,7 +272,7 @@ EXPORT int fmi3GetInt32(Clocked *s, const uint32_t vr[], size_t n, int32_t value
     return n == n_values ? OK : complain(s, "fmi3GetInt32: %d values", (int)n_values);
 }
 EXPORT int fmi3SetInt32(Clocked *s, const uint32_t vr[], size_t n, const int32_t value[], size_t n_values) {
-    ALLOWED("fmi3SetInt32", INSTANTIATED | INITIALIZATION);
+    ALLOWED(s, "fmi3SetInt32", INSTANTIATED | INITIALIZATION);
     for (size_t k = 0; k < n; k++) {
         int *place = vr[k] == USES ? &s->uses : vr[k] == RULE ? &s->rule : vr[k] == EARLY ? &s->early : NULL;
         if (!place) return complain(s, "fmi3SetInt32 of %d", (int)vr[k]);
@@ -325,46 +281,32 @@ EXPORT int fmi3SetInt32(Clocked *s, const uint32_t vr[], size_t n, const int32_t
     return n == n_values ? OK : complain(s, "fmi3SetInt32: %d values", (int)n_values);
 }
 EXPORT int fmi3GetString(Clocked *s, const uint32_t vr[], size_t n, const char *value[], size_t n_values) {
-    ALLOWED("fmi3GetString", GETTABLE);
+    ALLOWED(s, "fmi3GetString", GETTABLE);
     if (n != 1 || n_values != 1 || vr[0] != TEXT_OUT || !open(s)) return complain(s, "fmi3GetString");
     value[0] = s->text;
     return OK;
 }
 EXPORT int fmi3SetString(Clocked *s, const uint32_t vr[], size_t n, const char *const value[], size_t n_values) {
-    ALLOWED("fmi3SetString", SETTABLE);
+    ALLOWED(s, "fmi3SetString", SETTABLE);
     if (n != 1 || n_values != 1 || vr[0] != TEXT_IN || (s->state > INITIALIZATION && !open(s))) return complain(s, "fmi3SetString");
     snprintf(s->text, sizeof s->text, "%s", value[0]);
     return OK;
 }
 EXPORT int fmi3GetBinary(Clocked *s, const uint32_t vr[], size_t n, size_t size[], const unsigned char *value[], size_t n_values) {
-    ALLOWED("fmi3GetBinary", GETTABLE);
+    ALLOWED(s, "fmi3GetBinary", GETTABLE);
     if (n != 1 || n_values != 1 || vr[0] != BYTES_OUT || !open(s)) return complain(s, "fmi3GetBinary");
     value[0] = s->bytes, size[0] = s->size;
     return OK;
 }
 EXPORT int fmi3SetBinary(Clocked *s, const uint32_t vr[], size_t n, const size_t size[], const unsigned char *const value[], size_t n_values) {
-    ALLOWED("fmi3SetBinary", SETTABLE);
+    ALLOWED(s, "fmi3SetBinary", SETTABLE);
     if (n != 1 || n_values != 1 || vr[0] != BYTES_IN || size[0] > sizeof s->bytes || (s->state > INITIALIZATION && !open(s))) return complain(s, "fmi3SetBinary");
     memcpy(s->bytes, value[0], size[0]);
     s->size = size[0];
     return OK;
 }
 
-EXPORT int fmi3GetFMUState(Clocked *s, void **state) {
-    if (!*state) *state = malloc(sizeof *s);
-    memcpy(*state, s, sizeof *s);
-    return OK;
-}
-EXPORT int fmi3SetFMUState(Clocked *s, const void *state) {
-    memcpy(s, state, sizeof *s);
-    return OK;
-}
-EXPORT int fmi3FreeFMUState(Clocked *s, void **state) {
-    (void)s;
-    free(*state);
-    *state = NULL;
-    return OK;
-}
+STATES(Clocked)
 EXPORT int fmi3SerializedFMUStateSize(Clocked *s, const void *state, size_t *size) {
     (void)state;
     *size = sizeof *s;

@@ -4,53 +4,19 @@
    s[n] (String) -> t[n]. doubled (Boolean, a structural parameter, too): y is 4u. It counts from zero again when it is resized: all values are 0 then.
    What is not allowed is written to the file that STRICT3_LOG names. */
 
-#include <stdarg.h>
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include "fmi3_fmu.h"
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
-typedef void (*Logger)(void *, int, const char *, const char *);
 enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 };
-enum { OK, WARNING, DISCARD, ERROR, FATAL };
 enum { N, M, U, Y, P, SUMS, S, T, DOUBLED, MOST = 16 };
 
 typedef struct {
-    int state;
+    INSTANCE;
     uint64_t n, m;
     bool doubled;
     double u[MOST], y[MOST];
     int32_t p[MOST * MOST], sums[MOST];
     char s[MOST][32], t[MOST][32];
-    void *environment;
-    Logger logger;
-    char name[64];
 } Sized;
-
-static int complain(Sized *z, const char *format, ...) {
-    const char *path = getenv("STRICT3_LOG");
-    char text[256];
-    va_list rest;
-    va_start(rest, format);
-    vsnprintf(text, sizeof text, format, rest);
-    va_end(rest);
-    FILE *file = path ? fopen(path, "a") : NULL;
-    if (file) {
-        fprintf(file, "%s: %s (state %d)\n", z->name, text, z->state);
-        fclose(file);
-    }
-    if (z->logger) z->logger(z->environment, ERROR, "logStatusError", text);
-    return ERROR;
-}
-#define ALLOWED(function, states)                                                                                      \
-    if (!(z->state & (states))) return complain(z, "%s is not allowed", function)
 
 static void compute(Sized *z) {
     for (uint64_t i = 0; i < z->n; i++) {
@@ -61,7 +27,6 @@ static void compute(Sized *z) {
     }
 }
 
-EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible, bool logging,
                                          bool event_mode, bool early, const uint32_t needed[], size_t n_needed, void *environment,
                                          Logger logger, void *update) {
@@ -72,37 +37,36 @@ EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
     z->n = 2, z->m = 1, z->state = INSTANTIATED;
     return z;
 }
-EXPORT void fmi3FreeInstance(Sized *z) { free(z); }
 EXPORT int fmi3EnterConfigurationMode(Sized *z) {
-    ALLOWED("fmi3EnterConfigurationMode", INSTANTIATED);
+    ALLOWED(z, "fmi3EnterConfigurationMode", INSTANTIATED);
     z->state = CONFIGURATION;
     return OK;
 }
 EXPORT int fmi3ExitConfigurationMode(Sized *z) {
-    ALLOWED("fmi3ExitConfigurationMode", CONFIGURATION);
+    ALLOWED(z, "fmi3ExitConfigurationMode", CONFIGURATION);
     z->state = INSTANTIATED;
     return OK;
 }
 EXPORT int fmi3EnterInitializationMode(Sized *z, bool has_tolerance, double tolerance, double start, bool has_stop, double stop) {
     (void)has_tolerance, (void)tolerance, (void)start, (void)has_stop, (void)stop;
-    ALLOWED("fmi3EnterInitializationMode", INSTANTIATED);
+    ALLOWED(z, "fmi3EnterInitializationMode", INSTANTIATED);
     z->state = INITIALIZATION;
     return OK;
 }
 EXPORT int fmi3ExitInitializationMode(Sized *z) {
-    ALLOWED("fmi3ExitInitializationMode", INITIALIZATION);
+    ALLOWED(z, "fmi3ExitInitializationMode", INITIALIZATION);
     compute(z);
     z->state = STEP;
     return OK;
 }
 EXPORT int fmi3Terminate(Sized *z) {
-    ALLOWED("fmi3Terminate", STEP);
+    ALLOWED(z, "fmi3Terminate", STEP);
     z->state = TERMINATED;
     return OK;
 }
 EXPORT int fmi3DoStep(Sized *z, double t, double h, bool no_set_prior, bool *event, bool *terminate, bool *early, double *last) {
     (void)no_set_prior;
-    ALLOWED("fmi3DoStep", STEP);
+    ALLOWED(z, "fmi3DoStep", STEP);
     *event = *terminate = *early = false;
     *last = t + h;
     compute(z);
@@ -116,7 +80,7 @@ static uint64_t size_of(const Sized *z, uint32_t vr) { return vr <= M ? 1 : vr =
     if (total != n_values) return complain(z, "%s: %d values, arrays have %d", function, (int)n_values, (int)total)
 
 EXPORT int fmi3SetUInt64(Sized *z, const uint32_t vr[], size_t n, const uint64_t value[], size_t n_values) {
-    ALLOWED("fmi3SetUInt64", CONFIGURATION);
+    ALLOWED(z, "fmi3SetUInt64", CONFIGURATION);
     SIZED("fmi3SetUInt64");
     for (size_t i = 0; i < n; i++) {
         if (vr[i] > M || value[i] < 1 || value[i] > MOST) return complain(z, "fmi3SetUInt64 of %d", (int)vr[i]);
@@ -125,7 +89,7 @@ EXPORT int fmi3SetUInt64(Sized *z, const uint32_t vr[], size_t n, const uint64_t
     return OK;
 }
 EXPORT int fmi3SetBoolean(Sized *z, const uint32_t vr[], size_t n, const bool value[], size_t n_values) {
-    ALLOWED("fmi3SetBoolean", CONFIGURATION);
+    ALLOWED(z, "fmi3SetBoolean", CONFIGURATION);
     if (n != 1 || n_values != 1 || vr[0] != DOUBLED) return complain(z, "fmi3SetBoolean");
     z->doubled = value[0];
     return OK;
@@ -136,14 +100,14 @@ EXPORT int fmi3GetUInt64(Sized *z, const uint32_t vr[], size_t n, uint64_t value
     return OK;
 }
 EXPORT int fmi3SetFloat64(Sized *z, const uint32_t vr[], size_t n, const double value[], size_t n_values) {
-    ALLOWED("fmi3SetFloat64", INSTANTIATED | INITIALIZATION | STEP);
+    ALLOWED(z, "fmi3SetFloat64", INSTANTIATED | INITIALIZATION | STEP);
     SIZED("fmi3SetFloat64");
     if (n != 1 || vr[0] != U) return complain(z, "fmi3SetFloat64");
     memcpy(z->u, value, n_values * sizeof *value);
     return OK;
 }
 EXPORT int fmi3GetFloat64(Sized *z, const uint32_t vr[], size_t n, double value[], size_t n_values) {
-    ALLOWED("fmi3GetFloat64", INITIALIZATION | STEP | TERMINATED);
+    ALLOWED(z, "fmi3GetFloat64", INITIALIZATION | STEP | TERMINATED);
     SIZED("fmi3GetFloat64");
     if (z->state == INITIALIZATION) compute(z);
     if (n != 1 || vr[0] != Y) return complain(z, "fmi3GetFloat64");
@@ -151,14 +115,14 @@ EXPORT int fmi3GetFloat64(Sized *z, const uint32_t vr[], size_t n, double value[
     return OK;
 }
 EXPORT int fmi3SetInt32(Sized *z, const uint32_t vr[], size_t n, const int32_t value[], size_t n_values) {
-    ALLOWED("fmi3SetInt32", INSTANTIATED | INITIALIZATION);
+    ALLOWED(z, "fmi3SetInt32", INSTANTIATED | INITIALIZATION);
     SIZED("fmi3SetInt32");
     if (n != 1 || vr[0] != P) return complain(z, "fmi3SetInt32");
     memcpy(z->p, value, n_values * sizeof *value);
     return OK;
 }
 EXPORT int fmi3GetInt32(Sized *z, const uint32_t vr[], size_t n, int32_t value[], size_t n_values) {
-    ALLOWED("fmi3GetInt32", INITIALIZATION | STEP | TERMINATED);
+    ALLOWED(z, "fmi3GetInt32", INITIALIZATION | STEP | TERMINATED);
     SIZED("fmi3GetInt32");
     if (z->state == INITIALIZATION) compute(z);
     if (n != 1 || vr[0] != SUMS) return complain(z, "fmi3GetInt32");
@@ -166,14 +130,14 @@ EXPORT int fmi3GetInt32(Sized *z, const uint32_t vr[], size_t n, int32_t value[]
     return OK;
 }
 EXPORT int fmi3SetString(Sized *z, const uint32_t vr[], size_t n, const char *const value[], size_t n_values) {
-    ALLOWED("fmi3SetString", INSTANTIATED | INITIALIZATION | STEP);
+    ALLOWED(z, "fmi3SetString", INSTANTIATED | INITIALIZATION | STEP);
     SIZED("fmi3SetString");
     if (n != 1 || vr[0] != S) return complain(z, "fmi3SetString");
     for (size_t i = 0; i < n_values; i++) snprintf(z->s[i], sizeof z->s[i], "%s", value[i]);
     return OK;
 }
 EXPORT int fmi3GetString(Sized *z, const uint32_t vr[], size_t n, const char *value[], size_t n_values) {
-    ALLOWED("fmi3GetString", INITIALIZATION | STEP | TERMINATED);
+    ALLOWED(z, "fmi3GetString", INITIALIZATION | STEP | TERMINATED);
     SIZED("fmi3GetString");
     if (z->state == INITIALIZATION) compute(z);
     if (n != 1 || vr[0] != T) return complain(z, "fmi3GetString");

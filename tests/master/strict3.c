@@ -10,30 +10,17 @@
    of the step: early return at once. 20: fmi3Terminate fails.
    A call that is not allowed is written to the file that STRICT3_LOG names, and is fmi3Error. */
 
-#include <math.h>
-#include <stdarg.h>
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include "fmi3_fmu.h"
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
-typedef void (*Logger)(void *, int, const char *, const char *);
 enum { INSTANTIATED = 1, INITIALIZATION = 2, EVENT = 4, STEP = 8, TERMINATED = 16, DISCARDED = 32 };
-enum { OK, WARNING, DISCARD, ERROR, FATAL };
 /* Value references: inputs of the numeric types from 1 on, outputs from 21 on. */
 enum { MODE = 40, WHEN, LONGEST, TIME, EVENTS, S_IN = 50, S_OUT, D_IN, D_OUT, E_IN, E_OUT };
 
 typedef struct {
-    int state, updates, saved_valid, done;
+    INSTANCE;
+    int updates, saved_valid, done;
     bool event_mode, early;
-    double time, stop, next, number[40][2];
+    double stop, next, number[40][2];
     int64_t wide[40][2];
     int mode, events;
     double when, longest, returned;
@@ -41,35 +28,7 @@ typedef struct {
     unsigned char bytes[2][64];
     size_t sizes[2];
     int64_t item[2];
-    void *environment;
-    Logger logger;
-    char name[64];
 } Strict;
-
-static int complain(Strict *s, const char *format, ...) {
-    const char *path = getenv("STRICT3_LOG");
-    char text[256];
-    va_list rest;
-    va_start(rest, format);
-    vsnprintf(text, sizeof text, format, rest);
-    va_end(rest);
-    FILE *file = path ? fopen(path, "a") : NULL;
-    if (file) {
-        fprintf(file, "%s: %s (state %d)\n", s->name, text, s->state);
-        fclose(file);
-    }
-    if (s->logger) s->logger(s->environment, ERROR, "logStatusError", text);
-    return ERROR;
-}
-static void note(const Strict *s, const char *what, double t) {
-    const char *path = getenv("STRICT3_CALLS");
-    FILE *file = path ? fopen(path, "a") : NULL;
-    if (!file) return;
-    fprintf(file, "%s: %s %.9g\n", s->name, what, t);
-    fclose(file);
-}
-#define ALLOWED(function, states)                                                                                      \
-    if (!(s->state & (states))) return complain(s, "%s is not allowed", function)
 
 static void compute(Strict *s) {
     for (int i = 1; i < 20; i++)
@@ -84,8 +43,6 @@ static void compute(Strict *s) {
     if (s->mode == 6 && s->time >= s->when) s->number[22][1] = NAN;
     if (s->mode == 7 && s->time >= s->when) s->item[1] = (int64_t)1 << 40;
 }
-
-EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 
 EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible, bool logging,
                                          bool event_mode, bool early, const uint32_t needed[], size_t n_needed, void *environment,
@@ -106,42 +63,41 @@ EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
     note(s, resources ? "instantiated with resources" : "instantiated without resources", event_mode);
     return s;
 }
-EXPORT void fmi3FreeInstance(Strict *s) { free(s); }
 
 EXPORT int fmi3EnterInitializationMode(Strict *s, bool has_tolerance, double tolerance, double start, bool has_stop, double stop) {
     (void)has_tolerance, (void)tolerance;
-    ALLOWED("fmi3EnterInitializationMode", INSTANTIATED);
+    ALLOWED(s, "fmi3EnterInitializationMode", INSTANTIATED);
     s->time = start, s->stop = has_stop ? stop : INFINITY, s->state = INITIALIZATION;
     return OK;
 }
 EXPORT int fmi3ExitInitializationMode(Strict *s) {
-    ALLOWED("fmi3ExitInitializationMode", INITIALIZATION);
+    ALLOWED(s, "fmi3ExitInitializationMode", INITIALIZATION);
     compute(s);
     s->state = s->event_mode ? EVENT : STEP;
     s->updates = 0;
     return OK;
 }
 EXPORT int fmi3Terminate(Strict *s) {
-    ALLOWED("fmi3Terminate", EVENT | STEP);
+    ALLOWED(s, "fmi3Terminate", EVENT | STEP);
     s->state = TERMINATED;
     note(s, "terminate", s->time);
     return s->mode == 20 ? ERROR : OK;
 }
 EXPORT int fmi3EnterEventMode(Strict *s) {
-    ALLOWED("fmi3EnterEventMode", STEP);
+    ALLOWED(s, "fmi3EnterEventMode", STEP);
     if (!s->event_mode) return complain(s, "fmi3EnterEventMode without eventModeUsed");
     s->state = EVENT, s->updates = 0;
     note(s, "event", s->time);
     return OK;
 }
 EXPORT int fmi3EnterStepMode(Strict *s) {
-    ALLOWED("fmi3EnterStepMode", EVENT);
+    ALLOWED(s, "fmi3EnterStepMode", EVENT);
     if (!s->updates || s->done) return complain(s, "fmi3EnterStepMode before the discrete states are updated");
     s->state = STEP;
     return OK;
 }
 EXPORT int fmi3UpdateDiscreteStates(Strict *s, bool *again, bool *terminate, bool *nominals, bool *values, bool *has_next, double *next) {
-    ALLOWED("fmi3UpdateDiscreteStates", EVENT);
+    ALLOWED(s, "fmi3UpdateDiscreteStates", EVENT);
     bool active = s->time >= s->when - 1e-9;
     *nominals = *values = false;
     s->updates++;
@@ -158,7 +114,7 @@ EXPORT int fmi3UpdateDiscreteStates(Strict *s, bool *again, bool *terminate, boo
 
 EXPORT int fmi3DoStep(Strict *s, double t, double h, bool no_set_prior, bool *event, bool *terminate, bool *early, double *last) {
     (void)no_set_prior;
-    ALLOWED("fmi3DoStep", STEP | DISCARDED);
+    ALLOWED(s, "fmi3DoStep", STEP | DISCARDED);
     if (!(h > 0) || fabs(t - s->time) > 1e-9 || t + h > s->stop + 1e-9) return complain(s, "fmi3DoStep from %g by %g, time is %g", t, h, s->time);
     if (s->event_mode && t + h > s->next + 1e-9) return complain(s, "fmi3DoStep to %g, beyond the next event at %g", t + h, s->next);
     note(s, "step", h);
@@ -195,7 +151,7 @@ EXPORT int fmi3DoStep(Strict *s, double t, double h, bool no_set_prior, bool *ev
 
 #define NUMBERS(Type, type, place, field)                                                                              \
     EXPORT int fmi3Get##Type(Strict *s, const uint32_t vr[], size_t n, type value[], size_t n_values) {                \
-        ALLOWED("fmi3Get" #Type, GETTABLE);                                                                            \
+        ALLOWED(s, "fmi3Get" #Type, GETTABLE);                                                                            \
         if (s->state == INITIALIZATION) compute(s);                                                                    \
         if (n_values != 2 * n) return complain(s, "fmi3Get" #Type ": %d values of %d arrays", (int)n_values, (int)n);  \
         for (size_t i = 0; i < n; i++) {                                                                               \
@@ -205,7 +161,7 @@ EXPORT int fmi3DoStep(Strict *s, double t, double h, bool no_set_prior, bool *ev
         return OK;                                                                                                     \
     }                                                                                                                  \
     EXPORT int fmi3Set##Type(Strict *s, const uint32_t vr[], size_t n, const type value[], size_t n_values) {          \
-        ALLOWED("fmi3Set" #Type, SETTABLE);                                                                            \
+        ALLOWED(s, "fmi3Set" #Type, SETTABLE);                                                                            \
         if (n_values != 2 * n) return complain(s, "fmi3Set" #Type ": %d values of %d arrays", (int)n_values, (int)n);  \
         for (size_t i = 0; i < n; i++) {                                                                               \
             if (vr[i] != place) return complain(s, "fmi3Set" #Type ": value reference %d", (int)vr[i]);                \
@@ -226,7 +182,7 @@ NUMBERS(Boolean, bool, 11, wide)
 #define FIXED(s, vr) ((vr) >= MODE && (vr) <= LONGEST && !((s)->state & (INSTANTIATED | INITIALIZATION)))
 
 EXPORT int fmi3GetFloat64(Strict *s, const uint32_t vr[], size_t n, double value[], size_t n_values) {
-    ALLOWED("fmi3GetFloat64", GETTABLE);
+    ALLOWED(s, "fmi3GetFloat64", GETTABLE);
     if (s->state == INITIALIZATION) compute(s);
     const double *end = value + n_values;
     for (size_t i = 0; i < n; i++) {
@@ -237,7 +193,7 @@ EXPORT int fmi3GetFloat64(Strict *s, const uint32_t vr[], size_t n, double value
     return value == end ? OK : complain(s, "fmi3GetFloat64: %d values", (int)n_values);
 }
 EXPORT int fmi3SetFloat64(Strict *s, const uint32_t vr[], size_t n, const double value[], size_t n_values) {
-    ALLOWED("fmi3SetFloat64", SETTABLE);
+    ALLOWED(s, "fmi3SetFloat64", SETTABLE);
     const double *end = value + n_values;
     for (size_t i = 0; i < n; i++) {
         if (FIXED(s, vr[i])) return complain(s, "fmi3SetFloat64 of a fixed parameter");
@@ -249,7 +205,7 @@ EXPORT int fmi3SetFloat64(Strict *s, const uint32_t vr[], size_t n, const double
     return value == end ? OK : complain(s, "fmi3SetFloat64: %d values", (int)n_values);
 }
 EXPORT int fmi3GetInt32(Strict *s, const uint32_t vr[], size_t n, int32_t value[], size_t n_values) {
-    ALLOWED("fmi3GetInt32", GETTABLE);
+    ALLOWED(s, "fmi3GetInt32", GETTABLE);
     if (s->state == INITIALIZATION) compute(s);
     const int32_t *end = value + n_values;
     for (size_t i = 0; i < n; i++) {
@@ -259,7 +215,7 @@ EXPORT int fmi3GetInt32(Strict *s, const uint32_t vr[], size_t n, int32_t value[
     return value == end ? OK : complain(s, "fmi3GetInt32: %d values", (int)n_values);
 }
 EXPORT int fmi3SetInt32(Strict *s, const uint32_t vr[], size_t n, const int32_t value[], size_t n_values) {
-    ALLOWED("fmi3SetInt32", SETTABLE);
+    ALLOWED(s, "fmi3SetInt32", SETTABLE);
     const int32_t *end = value + n_values;
     for (size_t i = 0; i < n; i++) {
         if (FIXED(s, vr[i])) return complain(s, "fmi3SetInt32 of a fixed parameter");
@@ -269,7 +225,7 @@ EXPORT int fmi3SetInt32(Strict *s, const uint32_t vr[], size_t n, const int32_t 
     return value == end ? OK : complain(s, "fmi3SetInt32: %d values", (int)n_values);
 }
 EXPORT int fmi3GetInt64(Strict *s, const uint32_t vr[], size_t n, int64_t value[], size_t n_values) {
-    ALLOWED("fmi3GetInt64", GETTABLE);
+    ALLOWED(s, "fmi3GetInt64", GETTABLE);
     if (s->state == INITIALIZATION) compute(s);
     const int64_t *end = value + n_values;
     for (size_t i = 0; i < n; i++) {
@@ -279,7 +235,7 @@ EXPORT int fmi3GetInt64(Strict *s, const uint32_t vr[], size_t n, int64_t value[
     return value == end ? OK : complain(s, "fmi3GetInt64: %d values", (int)n_values);
 }
 EXPORT int fmi3SetInt64(Strict *s, const uint32_t vr[], size_t n, const int64_t value[], size_t n_values) {
-    ALLOWED("fmi3SetInt64", SETTABLE);
+    ALLOWED(s, "fmi3SetInt64", SETTABLE);
     const int64_t *end = value + n_values;
     for (size_t i = 0; i < n; i++) {
         if (vr[i] == E_IN) s->item[0] = *value++;
@@ -288,43 +244,29 @@ EXPORT int fmi3SetInt64(Strict *s, const uint32_t vr[], size_t n, const int64_t 
     return value == end ? OK : complain(s, "fmi3SetInt64: %d values", (int)n_values);
 }
 EXPORT int fmi3GetString(Strict *s, const uint32_t vr[], size_t n, const char *value[], size_t n_values) {
-    ALLOWED("fmi3GetString", GETTABLE);
+    ALLOWED(s, "fmi3GetString", GETTABLE);
     if (s->state == INITIALIZATION) compute(s);
     for (size_t i = 0; i < n; i++) value[i] = s->text[vr[i] - S_IN];
     return n == n_values ? OK : complain(s, "fmi3GetString: %d values", (int)n_values);
 }
 EXPORT int fmi3SetString(Strict *s, const uint32_t vr[], size_t n, const char *const value[], size_t n_values) {
-    ALLOWED("fmi3SetString", SETTABLE);
+    ALLOWED(s, "fmi3SetString", SETTABLE);
     if (n != 1 || n_values != 1 || vr[0] != S_IN) return complain(s, "fmi3SetString");
     snprintf(s->text[0], sizeof s->text[0], "%s", value[0]);
     return OK;
 }
 EXPORT int fmi3GetBinary(Strict *s, const uint32_t vr[], size_t n, size_t size[], const unsigned char *value[], size_t n_values) {
-    ALLOWED("fmi3GetBinary", GETTABLE);
+    ALLOWED(s, "fmi3GetBinary", GETTABLE);
     if (s->state == INITIALIZATION) compute(s);
     for (size_t i = 0; i < n; i++) value[i] = s->bytes[vr[i] - D_IN], size[i] = s->sizes[vr[i] - D_IN];
     return n == n_values ? OK : complain(s, "fmi3GetBinary: %d values", (int)n_values);
 }
 EXPORT int fmi3SetBinary(Strict *s, const uint32_t vr[], size_t n, const size_t size[], const unsigned char *const value[], size_t n_values) {
-    ALLOWED("fmi3SetBinary", SETTABLE);
+    ALLOWED(s, "fmi3SetBinary", SETTABLE);
     if (n != 1 || n_values != 1 || vr[0] != D_IN || size[0] > sizeof s->bytes[0]) return complain(s, "fmi3SetBinary");
     memcpy(s->bytes[0], value[0], size[0]);
     s->sizes[0] = size[0];
     return OK;
 }
 
-EXPORT int fmi3GetFMUState(Strict *s, void **state) {
-    if (!*state) *state = malloc(sizeof *s);
-    memcpy(*state, s, sizeof *s);
-    return OK;
-}
-EXPORT int fmi3SetFMUState(Strict *s, const void *state) {
-    memcpy(s, state, sizeof *s);
-    return OK;
-}
-EXPORT int fmi3FreeFMUState(Strict *s, void **state) {
-    (void)s;
-    free(*state);
-    *state = NULL;
-    return OK;
-}
+STATES(Strict)

@@ -1,0 +1,80 @@
+/* What the FMI 3.0 co-simulation FMUs for tests have in common: they look at what is done with them.
+
+   What is not allowed is written to the file that STRICT3_LOG names and is fmi3Error; `note` writes to that of
+   STRICT3_CALLS. An instance is a struct that begins with INSTANCE. */
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+typedef void (*Logger)(void *, int, const char *, const char *);
+enum { OK, WARNING, DISCARD, ERROR, FATAL };
+
+#define INSTANCE                                                                                                       \
+    int state;                                                                                                         \
+    double time;                                                                                                       \
+    void *environment;                                                                                                 \
+    Logger logger;                                                                                                     \
+    char name[64]
+typedef struct {
+    INSTANCE;
+} Common;
+
+static void write_line(const char *variable, const char *format, ...) {
+    const char *path = getenv(variable);
+    FILE *file = path ? fopen(path, "a") : NULL;
+    if (!file) return;
+    va_list rest;
+    va_start(rest, format);
+    vfprintf(file, format, rest);
+    va_end(rest);
+    fputc('\n', file);
+    fclose(file);
+}
+
+static int complain_of(const Common *s, const char *format, ...) {
+    char text[256];
+    va_list rest;
+    va_start(rest, format);
+    vsnprintf(text, sizeof text, format, rest);
+    va_end(rest);
+    write_line("STRICT3_LOG", "%s: %s (state %d, time %.9g)", s->name, text, s->state, s->time);
+    if (s->logger) s->logger(s->environment, ERROR, "logStatusError", text);
+    return ERROR;
+}
+#define complain(instance, ...) complain_of((const Common *)(instance), __VA_ARGS__)
+#define note(instance, what, t) write_line("STRICT3_CALLS", "%s: %s %.9g", (instance)->name, what, (double)(t))
+#define ALLOWED(instance, function, states)                                                                            \
+    if (!((instance)->state & (states))) return complain(instance, "%s is not allowed", function)
+
+EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
+
+EXPORT void fmi3FreeInstance(void *instance) { free(instance); }
+
+/* Where FMU states are copies of the instance. */
+#define STATES(Instance)                                                                                               \
+    EXPORT int fmi3GetFMUState(Instance *s, void **state) {                                                            \
+        if (!*state) *state = malloc(sizeof *s);                                                                       \
+        memcpy(*state, s, sizeof *s);                                                                                  \
+        return OK;                                                                                                     \
+    }                                                                                                                  \
+    EXPORT int fmi3SetFMUState(Instance *s, const void *state) {                                                       \
+        memcpy(s, state, sizeof *s);                                                                                   \
+        return OK;                                                                                                     \
+    }                                                                                                                  \
+    EXPORT int fmi3FreeFMUState(Instance *s, void **state) {                                                           \
+        (void)s;                                                                                                       \
+        free(*state);                                                                                                  \
+        *state = NULL;                                                                                                 \
+        return OK;                                                                                                     \
+    }
