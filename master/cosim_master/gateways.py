@@ -3,6 +3,9 @@
     --gcs udpout:127.0.0.1:14550            a node on the air that hears every vehicle, for a ground station
     --ports tcp:5760+10,sign=key.txt        the serial port of every autopilot: vehicle n listens on 5760 + 10 (n - 1)
 
+An autopilot with the ports telemetry_rx and telemetry_tx uses these for ground stations on the air, and one with
+serial_rx and serial_tx those for what is wired to it; others use the ports that lead to the rest of the swarm.
+
 An address is `KIND:[HOST:]PORT`, its kind tcp (a server), udpin (listens) or udpout (sends first), its host 127.0.0.1
 unless told otherwise. Options follow: `latency=`, `jitter=` (s) and `loss=` (0 to 1) of its link, and `sign=`, a file
 with the key with which packets that leave are signed and those that come must be.
@@ -29,7 +32,7 @@ from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, fi
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution
 from cosim_master.limitations import ADDRESS, NO_AUTOPILOT
-from cosim_master.network import Gateway, Network
+from cosim_master.network import SERIAL, Gateway, Network
 from cosim_master.signing import Signing, read_key
 from cosim_master.sockets import KINDS, Socket, open_socket
 
@@ -94,7 +97,10 @@ def _ports(
     """One for each node that has an autopilot, numbered in the order of the nodes."""
     where = Where("--ports")
     wired = [
-        (node.name, endpoint.instance)
+        (
+            node.name,
+            next((e.name for e in node.lines if (e.instance, e.line) == (endpoint.instance, SERIAL)), endpoint.name),
+        )
         for node in network.nodes
         for endpoint in node.endpoints
         if endpoint.instance.rpartition(".")[2] == _SERIAL and endpoint.rx is not None and endpoint.tx is not None

@@ -21,7 +21,7 @@ packets are checked and routed as any others. Tools that do not know the annotat
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,37 +36,51 @@ from cosim_master.radio import SLOT
 if TYPE_CHECKING:
     from cosim.build.messages import Message
 
-__all__ = ["ANNOTATION", "Endpoint", "Gateway", "Network", "Node", "network_of"]
+__all__ = ["ANNOTATION", "SERIAL", "TELEMETRY", "Endpoint", "Gateway", "Network", "Node", "network_of", "with_gateways"]
 
 ANNOTATION = "org.uav-cosim.network"
+TELEMETRY, SERIAL = "telemetry", "serial"
+"""Lines to gateways alone: pairs of ports telemetry_rx and _tx, for ground stations by radio, serial_rx and _tx, for
+the one that is wired."""
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """The packet ports of one instance; either may be missing."""
+    """A pair of packet ports of one instance; either may be missing.
+
+    `line`: TELEMETRY or SERIAL, where the pair is for gateways alone.
+    """
 
     instance: str
     rx: Variable | None
     tx: Variable | None
+    line: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called in recordings: its instance, and its line."""
+        return f"{self.instance}.{self.line}" if self.line else self.instance
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
     """What shares an antenna: an instance's parent system (an instance of the root system is a node itself).
 
-    `position`: instance and variables of its NED position [m], where it has one.
+    `position`: instance and variables of its NED position [m], where it has one. `lines`: endpoints that gateways may
+    use; they are among `endpoints` when one does.
     """
 
     name: str
     endpoints: tuple[Endpoint, ...]
     position: tuple[tuple[str, Variable], ...] = ()
+    lines: tuple[Endpoint, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Gateway:
     """A node behind which real programs are, and the link to it; times in s.
 
-    `wired`: the instance it is wired to; None: it is on the air and reaches every node, whatever the topology.
+    `wired`: name of the endpoint it is wired to; None: it is on the air and reaches every node, whatever the topology.
     """
 
     name: str
@@ -115,6 +129,7 @@ def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
 def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tuple[Node, ...]:
     wired = {link.target for link in checked.links} | {link.source for link in checked.links}
     grouped: dict[str, list[Endpoint]] = {}
+    lines: dict[str, list[Endpoint]] = {}
     instances = {instance.name: instance for instance in checked.instances}
     for instance in checked.instances:
         ports = [
@@ -122,6 +137,8 @@ def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tu
             for v in instance.fmu.variables.values()
             if v.packet_capacity is not None and (instance.name, v.name) not in wired
         ]
+        own = _lines(instance.name, ports)
+        ports = [v for v in ports if not any(v in (line.rx, line.tx) for line in own)]
         rx = [v for v in ports if v.causality == "input"]
         tx = [v for v in ports if v.causality == "output"]
         if not rx and not tx:
@@ -131,16 +148,45 @@ def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tu
                 names = ", ".join(v.name for v in found)
                 text = SEVERAL_PORTS.text(instance.name, found[0].causality, names)
                 problems.append(Problem(instance.where, text))
-        for v in rx:
+        for v in (*rx, *(line.rx for line in own if line.rx is not None)):
             if (v.packet_capacity or 0) < SLOT:
                 text = SMALL_PORT.text(f"{instance.name}.{v.name}", v.packet_capacity, SLOT)
                 problems.append(Problem(instance.where, text))
         node = instance.name.rpartition(".")[0] or instance.name
         ends = Endpoint(instance.name, rx[0] if rx else None, tx[0] if tx else None)
         grouped.setdefault(node, []).append(ends)
+        lines.setdefault(node, []).extend(own)
     return tuple(
-        Node(name, tuple(endpoints), _position(name, position, instances)) for name, endpoints in grouped.items()
+        Node(name, tuple(endpoints), _position(name, position, instances), tuple(lines[name]))
+        for name, endpoints in grouped.items()
     )
+
+
+def _lines(instance: str, ports: Sequence[Variable]) -> list[Endpoint]:
+    """The lines to gateways of an instance that has other packet ports besides."""
+    by_name = {v.name: v for v in ports}
+    found = []
+    for line in (TELEMETRY, SERIAL):
+        rx, tx = by_name.get(f"{line}_rx"), by_name.get(f"{line}_tx")
+        if rx is not None and tx is not None and (rx.causality, tx.causality) == ("input", "output"):
+            found.append(Endpoint(instance, rx, tx, line))
+    return found if len(ports) > 2 * len(found) else []
+
+
+def with_gateways(network: Network, gateways: Sequence[Gateway]) -> Network:
+    """The network with these gateways, and with the lines that they use."""
+    wired = {gateway.wired for gateway in gateways}
+
+    def endpoints(node: Node) -> Iterator[Endpoint]:
+        for endpoint in node.endpoints:
+            yield endpoint
+            for line in node.lines:
+                used = line.name in wired or (line.line == TELEMETRY and None in wired)
+                if line.instance == endpoint.instance and used:
+                    yield line
+
+    nodes = tuple(replace(node, endpoints=tuple(endpoints(node))) for node in network.nodes)
+    return replace(network, nodes=nodes, gateways=tuple(gateways))
 
 
 def _position(node: str, path: str, instances: Mapping[str, Instance]) -> tuple[tuple[str, Variable], ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -230,7 +231,9 @@ def _instance_table(clock: Timing, network: Network, living: Sequence[Living], n
     table["library"] = [libraries[id(one.library)] for one in living]
     table["period"] = table["length"] = clock.periods
     table["h"] = [period * clock.base / 1e9 for period in clock.periods]
-    endpoint = {e.instance: i for i, e in enumerate(e for node in network.nodes for e in node.endpoints)}
+    endpoint: dict[str, int] = {}
+    for i, e in enumerate(e for node in network.nodes for e in node.endpoints):
+        endpoint.setdefault(e.instance, i)
     table["endpoint"] = [endpoint.get(one.name, -1) for one in living]
     return table
 
@@ -307,10 +310,13 @@ def _calls(
     variables = {"in": [v for p in kinds for v in p.inputs], "out": [v for p in kinds for _, v in p.outputs]}
     for i, one in enumerate(living):
         row = instances[i]
+        first_endpoint = int(row["endpoint"])
+        last_endpoint = first_endpoint + 1 + int(ports[first_endpoint]["further"]) if first_endpoint >= 0 else -1
         for verb, side, references, real_values, int_values, n_reals in sides:
             row["first_set" if verb == "Set" else "first_get"] = len(rows)
             if verb == "Set":
-                rows += _packet_call(verb, one, ports, int(row["endpoint"]), native)
+                for e in range(first_endpoint, last_endpoint):
+                    rows += _packet_call(verb, one, ports, e, native)
                 row["first_set_value"] = len(rows)
             for kind, name in enumerate(KINDS):
                 first, last = int(feeds[i][f"first_{side}"][kind]), int(feeds[i][f"last_{side}"][kind])
@@ -323,10 +329,13 @@ def _calls(
                     number = (1 if verb == "Set" else 6) + kind
                     rows.append((address, one.handle, references + 4 * first, at, last - first, number, 0))
             if verb == "Get":
-                rows += _packet_call(verb, one, ports, int(row["endpoint"]), native)
+                rows += _packet_call(verb, one, ports, first_endpoint, native)
             elif (own := slopes[slopes["instance"] == i]).size:
                 rows.append(_slope_call(one, own, values.in_reference, kept, native))
         row["last_get"] = len(rows)
+        for e in range(first_endpoint + 1, last_endpoint):
+            ports[e]["get"] = len(rows)
+            rows += _packet_call("Get", one, ports, e, native)
     return np.array(rows, dtype=CALL)
 
 
@@ -413,5 +422,9 @@ def _packet_ports(places: Layout, network: Network) -> tuple[np.ndarray[Any, Any
     table["tx"] = [e.tx.value_reference if e.tx else 0 for e in endpoints]
     of_fmi3 = {i.name for i in places.instances if i.fmu.fmi_version.startswith("3.")}
     table["binary"] = [e.instance in of_fmi3 for e in endpoints]
+    own = Counter(e.instance for e in endpoints)
+    for e, endpoint in enumerate(endpoints):
+        if e == 0 or endpoints[e - 1].instance != endpoint.instance:
+            table[e]["further"] = own[endpoint.instance] - 1
     table["text"] = text.ctypes.data + text.shape[1] * np.arange(len(endpoints), dtype=np.uint64)
     return table, text, capacity

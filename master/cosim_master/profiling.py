@@ -110,9 +110,10 @@ class Profiler:
         plan.calls["handle"] = self._addresses(self._calls)
         self._owners = np.zeros(len(plan.calls), dtype=np.int64)
         self._kinds = np.zeros(len(plan.calls), dtype=np.int64)
-        for i, row in enumerate(rows):
-            self._owners[row["first_set"] : row["last_get"]] = i
-            self._kinds[row["first_get"] : row["last_get"]] = 1
+        ends = [*rows["first_set"][1:], len(plan.calls)]
+        for i, (row, end) in enumerate(zip(rows, ends, strict=True)):
+            self._owners[row["first_set"] : end] = i
+            self._kinds[row["first_get"] : end] = 1
 
     @staticmethod
     def _addresses(table: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -6,7 +6,8 @@ the radio a packet goes to the nodes the topology names; MAVLink addresses decid
 
 A *gateway* is a node of its own behind all others: packets cross there between the simulated network and a socket.
 It is heard by, and hears, every node whatever the topology, or, wired, one endpoint alone; by a link of its own. The
-other nodes notice nothing of a gateway but the packets that come from it.
+other nodes notice nothing of a gateway but the packets that come from it. An instance may have endpoints for gateways
+alone, for those on the air or for the one that is wired to it; they are on no bus, and other nodes do not hear them.
 
 Every chance is a function of (seed, sending endpoint, receiving node, number of the packet at its sender) and of
 nothing else, so results depend neither on the step size nor on the order in which instances step.
@@ -43,6 +44,7 @@ from cosim.packets import (
 
 __all__ = [
     "BROADCAST",
+    "CABLE",
     "COUNTERS",
     "DEFERRED",
     "DEFINITION",
@@ -52,15 +54,18 @@ __all__ = [
     "FREE_PLACE",
     "FREE_PLACES",
     "GATEWAY",
+    "GROUND",
     "IN_FLIGHT",
     "LISTED",
     "NEAREST",
     "NEAREST_ON_AXIS",
     "NODE",
+    "ON_AIR",
     "OUTCOMES",
     "PLACE",
     "SETTINGS",
     "SLOT",
+    "SWARM",
     "USED_EVENTS",
     "USED_LOG",
     "Radio",
@@ -107,8 +112,12 @@ ENDPOINT = np.dtype(
         ("heard", "i8"),  # system id of its last packet, 0 before
         ("first", "i8"),  # first and last place in flight to it, -1
         ("last", "i8"),
+        ("reach", "i8"),  # ON_AIR, SWARM, GROUND or CABLE
     ]
 )
+ON_AIR, SWARM, GROUND, CABLE = range(4)
+"""Whom an endpoint hears and reaches: bus, other nodes and gateways on the air; the same without gateways; gateways on
+the air alone; the gateway that is wired to it alone."""
 NODE = np.dtype(
     [
         ("place", "i8", (3,)),  # indices of its position among the real outputs, -1 without one
@@ -373,6 +382,13 @@ def _addressed(r: Radio, endpoint: int, to_system: int) -> bool:
 
 
 @kernel
+def _hears(r: Radio, endpoint: int, to_system: int) -> bool:
+    """Whether an endpoint takes what another node sends to `to_system`."""
+    e = r.endpoints[endpoint]
+    return bool(e.capacity > 0 and e.reach <= SWARM and _addressed(r, endpoint, to_system))
+
+
+@kernel
 def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int) -> bool:
     """To the other endpoints of the node. An endpoint not heard yet gets what is addressed: the bus is shared."""
     n = r.endpoints[e].node
@@ -381,6 +397,7 @@ def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], 
         if (
             other != e
             and r.endpoints[other].capacity > 0
+            and r.endpoints[other].reach <= SWARM
             and (_addressed(r, other, to_system) or r.endpoints[other].heard == 0)
         ):
             _put(r, other, t, buf, start, stop, 0, -1)
@@ -413,7 +430,7 @@ def _by_radio(
         other = r.hearers[i]
         wanted = False
         for j in range(r.nodes[other].first, r.nodes[other].last):
-            wanted = wanted or (r.endpoints[j].capacity > 0 and _addressed(r, j, to_system))
+            wanted = wanted or _hears(r, j, to_system)
         if not wanted:
             continue
         taken = True
@@ -429,7 +446,7 @@ def _by_radio(
         else:
             logged = COUNTED
             for j in range(r.nodes[other].first, r.nodes[other].last):
-                if r.endpoints[j].capacity > 0 and _addressed(r, j, to_system):
+                if _hears(r, j, to_system):
                     _put(r, j, arrival, buf, start, stop, logged, -1)
                     logged = 0
             _event(r, t, arrival, e, other, buf, start, stop, BY_RADIO)
@@ -460,9 +477,11 @@ def _over_link(r: Radio, t: int, g: int, source: int, sink: int, n: int) -> tupl
 def _to_gateways(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int) -> bool:
     """From endpoint e to the gateways that hear it, of an addressed packet to those behind which its system is."""
     taken = False
+    reach = r.endpoints[e].reach
     for g in range(r.gateways.size):
         w = r.gateways[g]
-        if (w.wired >= 0 and w.wired != e) or (to_system != 0 and w.systems[to_system] == 0):
+        meant = w.wired == e or (w.wired < 0 and reach in (ON_AIR, GROUND))
+        if not meant or (to_system != 0 and w.systems[to_system] == 0):
             continue
         taken = True
         sink = r.endpoints[w.endpoint].node
@@ -498,7 +517,9 @@ def _from_gateway(
 @kernel
 def _wants(r: Radio, g: int, endpoint: int, to_system: int) -> bool:
     wired = r.gateways[g].wired
-    if r.endpoints[endpoint].capacity == 0 or (wired >= 0 and wired != endpoint):
+    reach = r.endpoints[endpoint].reach
+    meant = wired == endpoint or (wired < 0 and reach in (ON_AIR, GROUND))
+    if r.endpoints[endpoint].capacity == 0 or not meant:
         return False
     return bool(_addressed(r, endpoint, to_system) or (wired >= 0 and r.endpoints[endpoint].heard == 0))
 
@@ -564,8 +585,11 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
             continue
         r.endpoints[e].heard = system(buf, start)
         _log_packet(r, t, r.endpoints[e].node, 1, buf, start, stop)
-        taken = _on_board(r, t, e, to_system, buf, start, stop)
-        if to_system == 0 or to_system != r.endpoints[e].heard:
+        taken = False
+        common = r.endpoints[e].reach <= SWARM
+        if common:
+            taken = _on_board(r, t, e, to_system, buf, start, stop)
+        if common and (to_system == 0 or to_system != r.endpoints[e].heard):
             taken = _by_radio(r, reals, t, e, to_system, buf, start, stop) or taken
         if r.gateways.size > 0:
             taken = _to_gateways(r, t, e, to_system, buf, start, stop) or taken

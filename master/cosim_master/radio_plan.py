@@ -9,7 +9,7 @@ import numpy as np
 from cosim_master import radio as radio_kernels
 from cosim_master.calls import table
 from cosim_master.layout import Layout
-from cosim_master.network import Network
+from cosim_master.network import TELEMETRY, Endpoint, Network, Node
 from cosim_master.radio import (
     COUNTERS,
     DEFINITION,
@@ -53,13 +53,21 @@ def _nanoseconds(seconds: float) -> int:
     return 2**62 if seconds > 9e9 else round(seconds * _NANO)
 
 
+def _reach(endpoint: Endpoint, node: Node) -> int:
+    """Whom an endpoint hears and reaches."""
+    if endpoint.line:
+        return radio_kernels.GROUND if endpoint.line == TELEMETRY else radio_kernels.CABLE
+    apart = any(e.instance == endpoint.instance and e.line == TELEMETRY for e in node.endpoints)
+    return radio_kernels.SWARM if apart else radio_kernels.ON_AIR
+
+
 def _gateways(network: Network) -> np.ndarray[Any, Any]:
     """The GATEWAY table; their endpoints are the last ones."""
-    instances = [e.instance for node in network.nodes for e in node.endpoints]
+    endpoints = [e.name for node in network.nodes for e in node.endpoints]
     table = np.zeros(len(network.gateways), dtype=GATEWAY)
     for g, gateway in enumerate(network.gateways):
-        table[g]["endpoint"] = len(instances) + g
-        table[g]["wired"] = -1 if gateway.wired is None else instances.index(gateway.wired)
+        table[g]["endpoint"] = len(endpoints) + g
+        table[g]["wired"] = -1 if gateway.wired is None else endpoints.index(gateway.wired)
         table[g]["latency"], table[g]["jitter"] = _nanoseconds(gateway.latency), _nanoseconds(gateway.jitter)
         table[g]["loss"] = gateway.loss
     return table
@@ -92,11 +100,12 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
         node_table[n] = (place, _hash(node.name), members[n], members[n + 1], listed[n], listed[n + 1])
     endpoints = np.zeros(int(members[-1]) + len(network.gateways), dtype=ENDPOINT)
     for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
-        endpoints[i] = (n, _hash(e.instance), 0, e.rx.packet_capacity if e.rx else 0, 0, -1, -1)
+        capacity = e.rx.packet_capacity if e.rx else 0
+        endpoints[i] = (n, _hash(e.name), 0, capacity, 0, -1, -1, _reach(e, nodes[n]))
     for g, gateway in enumerate(network.gateways):
         behind = int(members[-1]) + g
         node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0)
-        endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1)
+        endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1, radio_kernels.ON_AIR)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
         settings=table(settings),

@@ -91,7 +91,7 @@ class Recorder:
         self._keep = keep and bool(network.nodes)
         gateways = [gateway.name for gateway in network.gateways]
         self._nodes = [node.name for node in network.nodes] + gateways
-        self._endpoints = [e.instance for node in network.nodes for e in node.endpoints] + gateways
+        self._endpoints = [e.name for node in network.nodes for e in node.endpoints] + gateways
         self._events: Any = None
         self._tlogs: dict[int, Any] = {}
         if self._keep:

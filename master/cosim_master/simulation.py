@@ -28,7 +28,7 @@ from cosim_master.fmu import Start
 from cosim_master.gateways import Gateways, gateways_of
 from cosim_master.layout import layout
 from cosim_master.limitations import RECORDING_INTERVAL
-from cosim_master.network import Network, network_of
+from cosim_master.network import Network, network_of, with_gateways
 from cosim_master.profiling import Profile, Profiler
 from cosim_master.recorder import Recorder
 from cosim_master.ssp import read_system
@@ -241,7 +241,7 @@ def simulate(
                 )
             ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
         asked = gateways_of(ready.network, gcs, ports)
-        ready = replace(ready, network=replace(ready.network, gateways=tuple(gateway for gateway, _ in asked)))
+        ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
         places = layout(checked, ready.network, ready.recording.signals, ready.coupling)
         if on_start is not None:
             on_start(ready)

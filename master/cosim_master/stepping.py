@@ -231,10 +231,26 @@ def _blame(instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.fl
 
 @kernel
 def _collect_packets(
-    instances: NDArray[Any], ports: NDArray[Any], i: int, scratch: NDArray[np.uint8], tx: NDArray[np.uint8]
+    instances: NDArray[Any],
+    calls: NDArray[Any],
+    ports: NDArray[Any],
+    i: int,
+    scratch: NDArray[np.uint8],
+    tx: NDArray[np.uint8],
 ) -> None:
-    """Packets that instance `i` has sent, from base64 into its row of `tx`. Until they are read, there are none."""
-    e = instances[i].endpoint
+    """Packets that instance `i` has sent by all its endpoints; those of the first have been got."""
+    first = instances[i].endpoint
+    _collect(instances, ports, i, first, scratch, tx)
+    for e in range(first + 1, first + 1 + np.int64(ports[first].further)):
+        if _call(instances, calls, i, ports[e].get, ports[e].get + np.uint32(1)):
+            _collect(instances, ports, i, e, scratch, tx)
+
+
+@kernel
+def _collect(
+    instances: NDArray[Any], ports: NDArray[Any], i: int, e: int, scratch: NDArray[np.uint8], tx: NDArray[np.uint8]
+) -> None:
+    """Packets of endpoint `e` of instance `i`, from base64 into its row of `tx`; until they are read none."""
     port = ports[e]
     port.sent = 0
     if port.has_tx == 0 or port.got == np.uintp(0):
@@ -346,7 +362,7 @@ def _step_some(
         if since + 1 == m.length and well and not later:
             well = _call(instances, calls, i, m.first_get, m.last_get)
             if m.endpoint >= 0 and well:
-                _collect_packets(instances, ports, i, scratch, tx)
+                _collect_packets(instances, calls, ports, i, scratch, tx)
                 well = m.failed[0] == 0
         if not well:
             failed += 1
@@ -470,6 +486,9 @@ def _deliver_all(p: Plan, r: Radio, k: int) -> None:
             port.filled -= 1
             port.rx_size = 0
             text[e, 0] = 0
+        first = instances[port.instance].endpoint
+        if first != e and port.filled > 0:
+            ports[first].filled = max(ports[first].filled, 1)  # all are set together
 
 
 @kernel
@@ -599,7 +618,7 @@ def collect_all(p: Plan) -> None:
             continue
         _call(p.instances, p.calls, i, m.first_get, m.last_get)
         if m.endpoint >= 0 and m.failed[0] == 0:
-            _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)
+            _collect_packets(p.instances, p.calls, p.ports, i, p.scratch[0], p.tx)
         if m.failed[0] != 0:
             p.clock[FAILURES] += 1
     p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
@@ -634,7 +653,7 @@ def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
         m = p.instances[i]
         _call(p.instances, p.calls, i, m.first_get, m.last_get)
         if m.endpoint >= 0 and m.failed[0] == 0:
-            _collect_packets(p.instances, p.ports, i, p.scratch[0], p.tx)
+            _collect_packets(p.instances, p.calls, p.ports, i, p.scratch[0], p.tx)
         if m.failed[0] != 0:
             p.clock[FAILURES] += 1
     p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)

@@ -194,10 +194,12 @@ PORTS = np.dtype(
         ("binary", "i8"),  # of FMI 3: bytes instead of base64 text
         ("rx_size", "u8"),
         ("got_size", "u8"),
+        ("get", "u4"),  # call that gets the packets; that of an instance's first endpoint is among its others
+        ("further", "u4"),  # endpoints of the same instance behind this one
     ],
     align=True,
 )
-"""The packet ports of one endpoint."""
+"""The packet ports of one endpoint. Those of an instance follow each other."""
 
 K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL, ORDER, FINER, FINAL = range(
     15

@@ -27,7 +27,7 @@ from cosim_models.failsafes import watch
 from cosim_models.mixer import motor_factors
 from cosim_models.modes import run_mode
 from cosim_models.motors import air_density_ratio, learn_hover_throttle, run_motors
-from cosim_models.parameters import PARAMETER_COUNT
+from cosim_models.packet_output import MAVLINK, SERIAL, TELEMETRY
 from cosim_models.pilot import read_sticks
 from cosim_models.pilot_switches import LAST_POSITION
 from cosim_models.position_control import GRAVITY, initialise_ne, initialise_up, set_limits
@@ -138,9 +138,7 @@ def start(m: Any) -> int:
     m.throttle_hover = m.MOT_THST_HOVER
     m.throttle_mix = m.ATC_THR_MIX_MIN
     m.air_density = air_density_ratio(m.origin_altitude)
-    m.link_version = 2
     m.mission_count = 1
-    m.parameter_next = PARAMETER_COUNT
     set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
     initialise_ne(m)
     initialise_up(m)
@@ -171,6 +169,8 @@ def _publish(m: Any) -> None:
 def advance(m: Any, t: float, h: float) -> int:
     """One loop of the autopilot: inputs at t, motor commands for t + h."""
     m.mavlink_tx_len = 0
+    m.telemetry_tx_len = 0
+    m.serial_tx_len = 0
     if h != m.filter_dt:
         _tune(m, h)
     if not _sense(m):
@@ -178,7 +178,14 @@ def advance(m: Any, t: float, h: float) -> int:
     run_rates(m, h)
     run_motors(m, h)
     if m.mavlink_rx_len > 0:
-        receive(m, t)
+        m.link = MAVLINK
+        receive(m, m.mavlink_rx, m.mavlink_rx_len, t)
+    if m.telemetry_rx_len > 0:
+        m.link = TELEMETRY
+        receive(m, m.telemetry_rx, m.telemetry_rx_len, t)
+    if m.serial_rx_len > 0:
+        m.link = SERIAL
+        receive(m, m.serial_rx, m.serial_rx_len, t)
     if m.rc_known:
         read_sticks(m, t)
     watch(m, t)

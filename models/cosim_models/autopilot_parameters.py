@@ -268,6 +268,19 @@ BATTERY_PARAMETERS = _rare(
     _real("battery_resistance", "V/A", 0.02, "of the simulated battery", 0.0),
 )
 
+_PORTS = ((0, "by cable"), (1, "to ground stations by radio"), (2, "on board and to the swarm"))
+_STREAMS = (
+    (1, "RAW_SENS", "RAW_IMU and SCALED_PRESSURE"),
+    (2, "EXT_STAT", "SYS_STATUS, POWER_STATUS, GPS_RAW_INT, NAV_CONTROLLER_OUTPUT and others"),
+    (6, "POSITION", "GLOBAL_POSITION_INT and LOCAL_POSITION_NED"),
+    (10, "EXTRA1", "ATTITUDE and SIMSTATE"),
+    (11, "EXTRA2", "VFR_HUD"),
+    (12, "EXTRA3", "EKF_STATUS_REPORT, BATTERY_STATUS and SYSTEM_TIME"),
+    (3, "RC_CHAN", "SERVO_OUTPUT_RAW and RC_CHANNELS"),
+)
+STREAM_RATES = {(2 - port, group): f"SR{port}_{name}" for port, _ in _PORTS for group, name, _ in _STREAMS}
+"""Names of the parameters with stream rates by link (`packet_output`) and MAV_DATA_STREAM."""
+
 LINK_PARAMETERS = (
     _real(
         "estimate_ready_time",
@@ -278,16 +291,9 @@ LINK_PARAMETERS = (
     *_rare(
         _whole("SYSID_THISMAV", 1, "MAVLink system id"),
         *(
-            _whole(f"SR0_{name}", 0, f"rate of {what} in Hz until asked otherwise, 0: not sent")
-            for name, what in (
-                ("RAW_SENS", "RAW_IMU"),
-                ("EXT_STAT", "SYS_STATUS, POWER_STATUS, GPS_RAW_INT, NAV_CONTROLLER_OUTPUT and others"),
-                ("POSITION", "GLOBAL_POSITION_INT and LOCAL_POSITION_NED"),
-                ("EXTRA1", "ATTITUDE and SIMSTATE"),
-                ("EXTRA2", "VFR_HUD"),
-                ("EXTRA3", "EKF_STATUS_REPORT, BATTERY_STATUS and SYSTEM_TIME"),
-                ("RC_CHAN", "SERVO_OUTPUT_RAW"),
-            )
+            _whole(f"SR{port}_{name}", 0, f"rate of {what} {where} in Hz until asked otherwise, 0: not sent")
+            for port, where in _PORTS
+            for _, name, what in _STREAMS
         ),
         _real("origin_latitude", "rad", math.radians(-35.363262), "of the local origin that all vehicles share"),
         _real("origin_longitude", "rad", math.radians(149.165237), "of the local origin"),

@@ -11,6 +11,7 @@ from cosim_models.arming import Mode
 from cosim_models.autopilot_parameters import PARAMETERS
 from cosim_models.fences import FENCE_CAPACITY, FENCE_ITEM
 from cosim_models.missions import ITEM, MISSION_CAPACITY
+from cosim_models.packet_output import LINKS
 from cosim_models.pid import PID_STATE, PLANE_STATE
 from cosim_models.streams import STREAM_COUNT
 
@@ -106,19 +107,20 @@ MEMORY = (
     # link
     Memory("payload", dtype="u1", shape=255),
     Memory("received", dtype="u1", shape=255),
-    Memory("sequence", dtype="i4"),
-    Memory("text_queue", dtype="i8", shape=(8, 4), rare=True),  # severity, text, number, hundredths
+    Memory("link", dtype="i4"),  # that is heard or served
+    Memory("sequence", dtype="i4", shape=LINKS),
+    Memory("text_queue", dtype="i8", shape=(8, 5), rare=True),  # severity, text, number, hundredths, bits of links
     Memory("text_count", dtype="i4"),
     Memory("ack_room", dtype="i4"),  # bytes to keep for acknowledgements of what was received
-    Memory("link_version", dtype="i4"),
-    Memory("interval", shape=STREAM_COUNT),
-    Memory("due", shape=STREAM_COUNT),
-    Memory("next_due"),
+    Memory("link_version", dtype="i4", shape=LINKS),
+    Memory("interval", shape=(LINKS, STREAM_COUNT), rare=True),
+    Memory("due", shape=(LINKS, STREAM_COUNT), rare=True),
+    Memory("next_due", shape=LINKS),
     Memory("told_armed", dtype="?"),
     Memory("told_mode", dtype="i4"),
     Memory("told_home", dtype="?"),
-    Memory("parameter_next", dtype="i4"),  # of the list being sent
-    Memory("parameter_due"),
+    Memory("parameter_next", dtype="i4", shape=LINKS),  # of the list being sent
+    Memory("parameter_due", shape=LINKS, rare=True),
     # pilot
     Memory("rc_known", dtype="?"),  # an override has been heard
     Memory("rc_until"),  # the last override lapses
@@ -141,6 +143,7 @@ MEMORY = (
     Memory("circle_angle", rare=True),
     Memory("circle_turning", rare=True),
     Memory("file_bursting", dtype="?"),
+    Memory("file_link", dtype="i4", rare=True),
     Memory("file_open", dtype="?", rare=True),
     Memory("file_session", dtype="i4", rare=True),
     Memory("file_sequence", dtype="i4", rare=True),
@@ -178,6 +181,7 @@ MEMORY = (
     Memory("breach_time", rare=True),
     Memory("upload_kind", dtype="i4", rare=True),
     Memory("uploading", dtype="?"),
+    Memory("upload_link", dtype="i4", rare=True),
     Memory("upload_count", dtype="i4", rare=True),
     Memory("upload_next", dtype="i4", rare=True),
     Memory("upload_system", dtype="i4", rare=True),
@@ -189,7 +193,9 @@ MEMORY = (
 
 VARIABLES = (
     *MOTION_INPUTS,
-    PacketInput("mavlink_rx", capacity=2048, description="packets received"),
+    PacketInput("mavlink_rx", capacity=2048, description="packets received on board and from the swarm's radio"),
+    PacketInput("telemetry_rx", capacity=2048, description="packets received from ground stations by radio"),
+    PacketInput("serial_rx", capacity=2048, description="packets received by a cable"),
     *PARAMETERS,
     Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
     Output("armed", type=bool, start=False, description="whether the motors may turn"),
@@ -198,7 +204,9 @@ VARIABLES = (
     Output("target", shape=3, unit="m", start=0.0, description="position it flies to, NED from the local origin"),
     Output("desired_position", shape=3, unit="m", start=0.0, description="of the shaped path, NED"),
     Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="of the shaped path, NED"),
-    PacketOutput("mavlink_tx", capacity=4096, description="packets sent"),
+    PacketOutput("mavlink_tx", capacity=4096, description="packets sent on board and by the swarm's radio"),
+    PacketOutput("telemetry_tx", capacity=4096, description="packets sent to ground stations by radio"),
+    PacketOutput("serial_tx", capacity=4096, description="packets sent by a cable"),
     *MEMORY,
 )
 """All that an Autopilot declares."""

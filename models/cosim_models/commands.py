@@ -518,23 +518,22 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
 
 
 @kernel
-def receive(m: Any, t: float) -> None:
-    """Act on the packets of this step and answer them."""
+def receive(m: Any, packets: Any, n: int, t: float) -> None:
+    """Act on the n bytes of packets that have come by m.link in this step, and answer them there."""
     p = 0
-    n = m.mavlink_rx_len
     m.ack_room = (n // _SHORTEST + 1) * _ACK
     while True:
-        start, p, status = find(m.mavlink_rx, p, n)
+        start, p, status = find(packets, p, n)
         if status in (NOTHING, TRUNCATED):
             break
         if status != GOOD and status != SIGNED:
             continue
-        sender = system(m.mavlink_rx, start)
-        to_system, to_component = target(m.mavlink_rx, start)
-        if sender == m.SYSID_THISMAV and component(m.mavlink_rx, start) == _COMPONENT:
+        sender = system(packets, start)
+        to_system, to_component = target(packets, start)
+        if sender == m.SYSID_THISMAV and component(packets, start) == _COMPONENT:
             continue
-        m.link_version = version(m.mavlink_rx, start)
+        m.link_version[m.link] = version(packets, start)
         if (to_system == 0 or to_system == m.SYSID_THISMAV) and (to_component == 0 or to_component == _COMPONENT):
-            unpack(m.mavlink_rx, start, m.received)
-            _dispatch(m, message_id(m.mavlink_rx, start), sender, component(m.mavlink_rx, start), t)
+            unpack(packets, start, m.received)
+            _dispatch(m, message_id(packets, start), sender, component(packets, start), t)
     m.ack_room = 0

@@ -1,8 +1,8 @@
 """What the autopilot says: HEARTBEAT, streamed messages, texts and acknowledgements, as ArduCopter fills them.
 
-Kernels over the autopilot's record `m` that append one MAVLink packet to `m.mavlink_tx`. The buffer cannot overflow:
-acknowledgements always fit, texts and answers leave room for those still to come, and what streams and does not fit
-waits. When something is said is in `telemetry` and `commands`.
+Kernels over the autopilot's record `m` that append one MAVLink packet to what goes out by `m.link`. A buffer cannot
+overflow: acknowledgements always fit, texts and answers leave room for those still to come, and what streams and does
+not fit waits. When something is said is in `telemetry` and `commands`.
 
 Start-up follows ArduCopter's order, its times scaled so that the position estimate is ready at
 `estimate_ready_time` (41.5 s there).
@@ -201,7 +201,8 @@ def tell_interval(m: Any, message: int, row: int) -> None:
     """MESSAGE_INTERVAL: microseconds between two of a message, -1 where it is not sent, 0 where it is not known."""
     interval = 0
     if row >= 0:
-        interval = int(m.interval[row] * 1e6 + 0.5) if m.interval[row] > 0.0 else -1
+        seconds = m.interval[m.link, row]
+        interval = int(seconds * 1e6 + 0.5) if seconds > 0.0 else -1
     encode_message_interval(m.payload, message, interval)
     send(m, _MESSAGE_INTERVAL)
 

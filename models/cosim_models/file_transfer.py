@@ -204,6 +204,7 @@ def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
         _fill(m, offset, size)
     elif request == _BURST:
         m.file_bursting = True
+        m.file_link = m.link
         m.file_at = min(offset, _LENGTH)
         m.file_piece = max(size, 1)
         m.file_sequence = sequence + 1

@@ -41,7 +41,7 @@ from cosim_models.fences import (
     place_fence,
     send_fence_item,
 )
-from cosim_models.packet_output import can_answer, send
+from cosim_models.packet_output import can_answer, send, send_to_all
 
 __all__ = [
     "AUTOCONTINUE",
@@ -187,10 +187,9 @@ def send_mission_current(m: Any) -> bool:
 
 @kernel
 def send_reached(m: Any, sequence: int) -> None:
-    """MISSION_ITEM_REACHED."""
-    if can_answer(m):
-        encode_mission_item_reached(m.payload, sequence)
-        send(m, _MISSION_ITEM_REACHED)
+    """MISSION_ITEM_REACHED, to all that listen."""
+    encode_mission_item_reached(m.payload, sequence)
+    send_to_all(m, _MISSION_ITEM_REACHED)
 
 
 # ---- uploads -------------------------------------------------------------------------------------------------------
@@ -227,6 +226,7 @@ def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: 
     if count == 0:
         ack_mission(m, ACCEPTED, kind, system, component)
         return
+    m.upload_link = m.link
     m.upload_kind = kind
     m.upload_count = count
     m.upload_next = 0

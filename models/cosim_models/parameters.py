@@ -31,7 +31,7 @@ from cosim.messages import (
 from cosim.model import record_layout
 from cosim.packets import get_u8, put_u8
 from cosim_models.autopilot_variables import VARIABLES
-from cosim_models.packet_output import can_answer, send
+from cosim_models.packet_output import can_answer, send, send_to_all
 from cosim_models.parameter_types import INT8, INT16, INT32
 from cosim_models.texts import WARNING
 
@@ -121,29 +121,30 @@ def parameter_value(m: Any, i: int) -> float:
 
 
 @kernel
-def _tell(m: Any, i: int, index: int) -> bool:
+def _fill(m: Any, i: int, index: int) -> None:
     """PARAM_VALUE of parameter i, told as number `index`."""
     encode_param_value(m.payload, parameter_value(m, i), _TYPES[i], PARAMETER_COUNT, index)
     for k in range(_ID_LENGTH):
         put_u8(m.payload, PARAM_VALUE_PARAM_ID + k, _IDS[i, k])
-    return send(m, _PARAM_VALUE)
 
 
 @kernel
 def list_parameters(m: Any, t: float) -> None:
     """PARAM_REQUEST_LIST: begin the list, anew if one is being sent."""
-    m.parameter_next = 0
-    m.parameter_due = t
+    m.parameter_next[m.link] = 0
+    m.parameter_due[m.link] = t
 
 
 @kernel
 def send_list(m: Any, t: float) -> None:
     """The next value of a list that is being sent, one every 5 ms where there is room."""
-    if t < m.parameter_due - 1e-9 or not can_answer(m):
+    link = m.link
+    if t < m.parameter_due[link] - 1e-9 or not can_answer(m):
         return
-    if _tell(m, m.parameter_next, m.parameter_next):
-        m.parameter_next += 1
-        m.parameter_due = t + _SHARE
+    _fill(m, m.parameter_next[link], m.parameter_next[link])
+    if send(m, _PARAM_VALUE):
+        m.parameter_next[link] += 1
+        m.parameter_due[link] = t + _SHARE
 
 
 @kernel
@@ -153,7 +154,8 @@ def read_parameter(m: Any) -> None:
     if index < 0:
         index = _find(m, PARAM_REQUEST_READ_PARAM_ID)
     if 0 <= index < PARAMETER_COUNT and can_answer(m):
-        _tell(m, index, index)
+        _fill(m, index, index)
+        send(m, _PARAM_VALUE)
 
 
 @kernel
@@ -168,12 +170,12 @@ def _deny(m: Any, i: int) -> None:
         put_statustext_text(m.payload, last, _IDS[i, k])
         last += 1
     put_statustext_text(m.payload, last, _DENIED[_DENIED.shape[0] - 1])
-    send(m, _STATUSTEXT)
+    send_to_all(m, _STATUSTEXT)
 
 
 @kernel
 def set_parameter(m: Any) -> None:
-    """PARAM_SET: the value that holds then is told; names not known, infinity and NaN are not answered."""
+    """PARAM_SET: the value that holds then is told to all; names not known, infinity and NaN are not answered."""
     _, _, value, _ = decode_param_set(m.received)
     i = _find(m, PARAM_SET_PARAM_ID)
     if i < 0 or not math.isfinite(value):
@@ -185,7 +187,7 @@ def set_parameter(m: Any) -> None:
             set_whole(m, _OFFSETS[i], int(value))
         else:
             set_real(m, _OFFSETS[i], value)
-    elif can_answer(m):
+    else:
         _deny(m, i)
-    if can_answer(m):
-        _tell(m, i, _CHANGED)
+    _fill(m, i, _CHANGED)
+    send_to_all(m, _PARAM_VALUE)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.kernel import kernel
 from cosim.messages import STATUSTEXT, encode_statustext, put_statustext_text
-from cosim_models.packet_output import send
+from cosim_models.packet_output import LINKS, send
 
 __all__ = [
     "say_with",
@@ -73,6 +73,7 @@ __all__ = [
 
 CRITICAL, WARNING, INFO = (cast(int, np.int64(severity)) for severity in (2, 4, 6))  # MAV_SEVERITY
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
+_EVERY_LINK = 2**LINKS - 1
 NO_NUMBER = cast(int, np.int64(-1))
 """`say` without a number."""
 
@@ -164,18 +165,27 @@ def say_with(m: Any, severity: int, text: int, number: int, hundredths: int) -> 
         m.text_queue[n, 1] = text
         m.text_queue[n, 2] = number
         m.text_queue[n, 3] = hundredths
+        m.text_queue[n, 4] = _EVERY_LINK
         m.text_count = n + 1
 
 
 @kernel
 def send_texts(m: Any) -> None:
     """Send the queued texts, behind the acknowledgements as ArduCopter does; what does not fit waits."""
+    for link in range(LINKS):
+        m.link = link
+        for row in range(m.text_count):
+            waiting = m.text_queue[row, 4]
+            if (waiting >> link) & 1 != 0:
+                if not _send_text(m, row):
+                    break
+                m.text_queue[row, 4] = waiting - (1 << link)
     sent = 0
-    while sent < m.text_count and _send_text(m, sent):
+    while sent < m.text_count and m.text_queue[sent, 4] == 0:
         sent += 1
     if sent > 0:
         for i in range(sent, m.text_count):
-            for k in range(4):
+            for k in range(5):
                 m.text_queue[i - sent, k] = m.text_queue[i, k]
         m.text_count -= sent
 

@@ -22,6 +22,8 @@ H = 0.0025
 STABILIZE, GUIDED, LOITER, RTL, LAND = 0, 4, 5, 6, 9
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 ONLY_POSITION, ONLY_VELOCITY, ONLY_ACCELERATION = 0xDF8, 0xDC7, 0xC3F
+LINES = ("telemetry", "serial")
+"""Links of the autopilot besides `mavlink`."""
 MOTION = ("position", "velocity", "attitude", "angular_velocity", "specific_force")
 RECORDINGS = Path(__file__).parents[1] / "data" / "arducopter"
 PRESETS = Path(quadrotor.__file__).parent / "presets"
@@ -93,6 +95,9 @@ class Copter:
         self.heard: list[tuple[float, Any]] = []
         self.sent = bytearray()
         self._decoder = Decoder()
+        self.waiting_at = dict.fromkeys(LINES, b"")
+        self.heard_at: dict[str, list[Any]] = {line: [] for line in LINES}
+        self._decoders = {line: Decoder() for line in LINES}
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
 
     def _connect(self) -> None:
@@ -103,10 +108,14 @@ class Copter:
     def time(self) -> float:
         return self.step * H
 
-    def send(self, *messages: Any, version: int = 2) -> None:
+    def send(self, *messages: Any, version: int = 2, line: str = "mavlink") -> None:
         """Deliver messages in the next step."""
         for message in messages:
-            self.waiting += message.pack(self.station, force_mavlink1=version == 1)
+            packet = message.pack(self.station, force_mavlink1=version == 1)
+            if line == "mavlink":
+                self.waiting += packet
+            else:
+                self.waiting_at[line] += packet
 
     def command(self, number: int, *parameters: float, target: tuple[int, int] | None = None, version: int = 2) -> None:
         """COMMAND_LONG."""
@@ -132,8 +141,13 @@ class Copter:
             data, self.waiting = self.waiting, b""
             m["mavlink_rx"][: len(data)] = np.frombuffer(data, dtype=np.uint8)
             m["mavlink_rx_len"] = len(data)
+        for line, data in self.waiting_at.items():
+            if data:
+                m[f"{line}_rx"][: len(data)] = np.frombuffer(data, dtype=np.uint8)
+                m[f"{line}_rx_len"] = len(data)
+                self.waiting_at[line] = b""
         assert self.advance_autopilot(m, t, H) == 0
-        m["mavlink_rx_len"] = 0
+        m["mavlink_rx_len"] = m["telemetry_rx_len"] = m["serial_rx_len"] = 0
         self._commands[:] = command
         assert self.advance_vehicle(self.v, t, H) == 0
         used = int(m["mavlink_tx_len"])
@@ -141,6 +155,9 @@ class Copter:
             data = m["mavlink_tx"][:used].tobytes()
             self.sent += data
             self.heard += [(t, message) for message in self._decoder(data)]
+        for line, decoder in self._decoders.items():
+            if used := int(m[f"{line}_tx_len"]):
+                self.heard_at[line] += decoder(m[f"{line}_tx"][:used].tobytes())
         self.step += 1
 
     def run(self, duration: float) -> NDArray[np.float64]:

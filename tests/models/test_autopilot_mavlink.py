@@ -390,7 +390,7 @@ def test_streams_are_asked_for_by_interval() -> None:
 
 
 def test_parameters_set_the_rates_of_a_fresh_link() -> None:
-    copter = copter_at(4.0, autopilot={"SR0_POSITION": 4, "SR0_EXTRA1": 10, "SR0_EXT_STAT": 2, "SR0_EXTRA3": 1})
+    copter = copter_at(4.0, autopilot={"SR2_POSITION": 4, "SR2_EXTRA1": 10, "SR2_EXT_STAT": 2, "SR2_EXTRA3": 1})
     counts = {
         n: len(copter.messages(n)) for n in ("GLOBAL_POSITION_INT", "ATTITUDE", "SYS_STATUS", "EKF_STATUS_REPORT")
     }
@@ -555,7 +555,7 @@ def test_a_bad_checksum_is_no_command() -> None:
 def test_every_command_of_a_full_buffer_is_acknowledged(shortest: bool) -> None:
     """The send buffer cannot overflow: texts and streams wait, acknowledgements do not."""
     copter = copter_at(
-        2.1, autopilot={f"SR0_{n}": 400 for n in ("EXT_STAT", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "RC_CHAN")}
+        2.1, autopilot={f"SR2_{n}": 400 for n in ("EXT_STAT", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "RC_CHAN")}
     )
     copter.heard.clear()
     message: Any = mavlink.MAVLink_set_mode_message(0, 0, 1)

@@ -14,8 +14,8 @@ import cosim_models
 from cosim_models.parameters import PARAMETER_COUNT, PARAMETER_NAMES
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, ONLY_VELOCITY, RECORDED_AUTOPILOT, RECORDINGS, RTL, Copter
 
-RENAMED = ("SYSID_THISMAV", "SYSID_MYGCS", "SR0_")
-"""ArduCopter 4.6's names: MAV_SYSID, MAV_GCS_SYSID and MAV1_ in 4.7."""
+RENAMED = ("SYSID_THISMAV", "SYSID_MYGCS", "SR0_", "SR1_", "SR2_")
+"""ArduCopter 4.6's names: MAV_SYSID, MAV_GCS_SYSID and MAV1_ to MAV3_ in 4.7."""
 
 
 def values(copter: Copter) -> list[Any]:
@@ -122,11 +122,11 @@ def test_a_parameter_that_is_set_acts() -> None:
 
 
 def test_every_parameter_is_read_by_the_laws() -> None:
-    """None is listed that does nothing. Calibrations of channels and modes of the switch are read by their place."""
+    """None is listed that does nothing. Calibrations of channels, modes of the switch and rates are read by place."""
     folder = Path(cosim_models.__file__).parent
     sources = "".join(file.read_text() for file in folder.glob("*.py") if file.name != "parameters.py")
     for name in PARAMETER_NAMES:
-        if not re.fullmatch(r"RC\d_(MIN|TRIM|MAX|DZ|REVERSED)|FLTMODE\d", name):
+        if not re.fullmatch(r"RC\d_(MIN|TRIM|MAX|DZ|REVERSED)|FLTMODE\d|SR\d_\w+", name):
             assert f"m.{name}" in sources, name
 
 
