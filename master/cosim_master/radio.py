@@ -201,7 +201,8 @@ COUNTERS = len(OUTCOMES) + 7
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _HEAD = 16
-"""Bytes before a packet in the log block: time in ns (8), 2*node + 1 if the node sent it (4), length (4)."""
+"""Bytes before a packet in the log block: time in ns (8), 2*node + 1 if the node sent it (4), length (4). What goes to
+a gateway by a line of its own is in no vehicle's log: its node is one more than there are."""
 
 
 @kernel
@@ -584,9 +585,9 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
             _event(r, t, -1, e, r.endpoints[e].node, buf, start, stop, MALFORMED)
             continue
         r.endpoints[e].heard = system(buf, start)
-        _log_packet(r, t, r.endpoints[e].node, 1, buf, start, stop)
         taken = False
         common = r.endpoints[e].reach <= SWARM
+        _log_packet(r, t, r.endpoints[e].node if common else r.nodes.size, 1, buf, start, stop)
         if common:
             taken = _on_board(r, t, e, to_system, buf, start, stop)
         if common and (to_system == 0 or to_system != r.endpoints[e].heard):
@@ -610,7 +611,8 @@ def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
         for i in range(length):
             buf[n + i] = r.data[place, i]
         if r.places[place].logged != 0:
-            _log_packet(r, t, r.endpoints[e].node, 0, buf, n, n + length)
+            if r.endpoints[e].reach <= SWARM:
+                _log_packet(r, t, r.endpoints[e].node, 0, buf, n, n + length)
             if r.places[place].logged == COUNTED:
                 r.counters[DELIVERED] += 1
         if r.places[place].gateway >= 0:

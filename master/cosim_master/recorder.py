@@ -241,7 +241,8 @@ class Recorder:
             ticks, entry, length = struct.unpack_from("<qii", block, position)
             node, sent = entry >> 1, entry & 1
             stamped = struct.pack(">Q", EPOCH + ticks // 1000) + block[position + 16 : position + 16 + length]
-            self._tlogs[node].write(stamped)
+            if node < len(self._nodes):
+                self._tlogs[node].write(stamped)
             if sent:
                 self._tlogs[-1].write(stamped)
             position += 16 + length
