@@ -24,13 +24,14 @@ PORT = 9002
 
 _FORMATS = {18458: struct.Struct("<HHI16H"), 29569: struct.Struct("<HHI32H")}
 """By magic number: 16 channels, or 32 with SERVO_32_ENABLE."""
+_ENCODE = json.JSONEncoder(separators=(",", ":"), check_circular=False).encode
 _SIZE = 65536
 _POLL = 0.05
 """Seconds between looks at whether ArduPilot is still there."""
 _PATIENCE = 0.5
-"""Seconds after a reply from which on a servo packet that comes again says that the reply is lost. ArduPilot repeats
-itself every second that it waits. What comes earlier was sent while the reply was withheld; a second reply to it would
-be taken for that to the next packet."""
+"""Seconds of waiting from which on a servo packet that comes again says that the reply is lost. ArduPilot repeats
+itself every second that it waits. What is there at once was sent while the reply was withheld; a second reply to it
+would be taken for that to the next packet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +79,17 @@ def encode_motion(
         "velocity": list(velocity),
     }
     # ArduPilot searches for `"name":` and reads on from there, so no space may follow a colon.
-    return b"\n" + json.dumps(fields, separators=(",", ":")).encode("ascii") + b"\n"
+    return b"\n" + _ENCODE(fields).encode("ascii") + b"\n"
 
 
 class Link:
-    """The physics' end. Call `first` once, then `exchange` for every step.
+    """The physics' end. Call `next` once, then `reply` and `next` for every step.
+
+    Args:
+        port: UDP port on loopback; 0: any that is free.
 
     Attributes:
+        port: the one that it has.
         repeated: servo packets that came again, since ArduPilot had to wait; they move nothing.
         lost: servo packets that never came.
         restarts: how often ArduPilot has begun anew.
@@ -97,7 +102,7 @@ class Link:
         self.repeated = self.lost = self.restarts = 0
         self._last = -1
         self._reply = b""
-        self._replied = 0.0
+        self._since = 0.0
         self._peer: tuple[str, int] | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -106,9 +111,16 @@ class Link:
             self._socket.close()
             raise
         self._socket.settimeout(_POLL)
+        self.port = int(self._socket.getsockname()[1])
 
-    def first(self, seconds: float, alive: Callable[[], None]) -> Servos:
-        """Wait for ArduPilot's first servo outputs.
+    def reply(self, reply: bytes) -> None:
+        """Send a reply to the servo outputs that came last; `next` then waits for those that it brings."""
+        assert self._peer is not None, "next() comes first"
+        self._reply = reply
+        self._socket.sendto(reply, self._peer)
+
+    def next(self, seconds: float, alive: Callable[[], None]) -> Servos:
+        """Wait for ArduPilot's next servo outputs, at the start its first.
 
         Args:
             seconds: how long.
@@ -117,17 +129,8 @@ class Link:
         Raises:
             TimeoutError: nothing has come.
         """
-        return self._next(seconds, alive)
-
-    def exchange(self, reply: bytes, seconds: float, alive: Callable[[], None]) -> Servos:
-        """Send a reply and wait for the servo outputs that it brings; arguments and errors as for `first`."""
-        assert self._peer is not None, "first() comes first"
-        self._reply, self._replied = reply, time.monotonic()
-        self._socket.sendto(reply, self._peer)
-        return self._next(seconds, alive)
-
-    def _next(self, seconds: float, alive: Callable[[], None]) -> Servos:
-        end = time.monotonic() + seconds
+        self._since = time.monotonic()
+        end = self._since + seconds
         while True:
             try:
                 datagram, peer = self._socket.recvfrom(_SIZE)
@@ -147,8 +150,8 @@ class Link:
     def _is_new(self, servos: Servos, peer: tuple[str, int]) -> bool:
         if servos.frame_count == self._last and peer == self._peer:
             self.repeated += 1
-            if self._reply and time.monotonic() - self._replied > _PATIENCE:
-                self._replied = time.monotonic()
+            if self._reply and time.monotonic() - self._since > _PATIENCE:
+                self._since = time.monotonic()
                 self._socket.sendto(self._reply, peer)
             return False
         if servos.frame_count < self._last or (self._peer is not None and peer != self._peer):

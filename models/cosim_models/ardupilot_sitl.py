@@ -1,6 +1,6 @@
 """ArduCopter itself as the autopilot FMU: starts or attaches to a simulated ArduPilot over its JSON interface.
 
-A step: reply to the servo outputs that wait with the motion at t, so that ArduPilot's clock moves on to t and no
+A step: reply to the servo outputs that wait with the motion at t, so that ArduPilot's clock moves on to t + h and no
 further; wait for the servo outputs that this brings: the motor commands at t + h. Instances that the same master steps
 therefore share its clock exactly. MAVLink is what comes and goes by ArduPilot's first serial port.
 
@@ -34,14 +34,16 @@ _SERIAL = 5760
 """TCP port of the first serial port of instance 0; instance n has _SERIAL + 10 n."""
 _FRAMES = {Airframe.quad_x: 1, Airframe.hexa_x: 2, Airframe.octa_x: 3}
 """FRAME_CLASS of each airframe; its FRAME_TYPE is 1 (X)."""
+_START_TIME = 1735689600
+"""Its clock's date at the start, 2025-01-01 UTC [s since 1970]: by default it is today's, and no run repeats."""
 _HEARTBEAT, _ARMED, _STANDBY, _AUTOPILOT = 0, 128, 3, 1
+_MOTION = ("angular_velocity", "specific_force", "position", "velocity", "attitude")
 _SLOWEST = 1.0 / 720.0
 """Steps [s] above which ArduCopter, its loop at 400 Hz, refuses to arm: its gyro must be 1.8 times faster."""
 _NO_BINARY = (
     "there is no ArduPilot to start: set the environment variable ARDUPILOT_SITL or the parameter `executable` to the "
-    "path of an `arducopter` built for SITL. To build one: git clone --recurse-submodules "
-    "https://github.com/ArduPilot/ardupilot; cd ardupilot; ./waf configure --board sitl; ./waf copter; it is then "
-    "build/sitl/bin/arducopter. Or set `attach` to true and start it yourself"
+    "path of an `arducopter` for SITL (https://ardupilot.org/dev/docs/sitl-simulator-software-in-the-loop.html says "
+    "how to get one). Or set `attach` to true and start it yourself"
 )
 
 
@@ -88,7 +90,7 @@ class _Serial:
     def write(self, packets: bytes) -> None:
         """Send packets, and what could not be sent before; never waits."""
         self._out += packets
-        if self._socket is None or (self._datagrams and self._peer is None):
+        if not self._out or self._socket is None or (self._datagrams and self._peer is None):
             return
         with contextlib.suppress(BlockingIOError, ConnectionError):  # it is kept; `read` says if nobody is there
             while self._out:
@@ -116,8 +118,8 @@ class _Serial:
             except ConnectionRefusedError:  # of an earlier datagram
                 continue
             self._in += piece
-        used = _whole(self._in, limit)
-        packets, self._in = self._in[:used], self._in[used:]
+        packets, used = _packets(self._in, limit)
+        self._in = self._in[used:]
         return packets
 
     def close(self) -> None:
@@ -125,18 +127,23 @@ class _Serial:
             self._socket.close()
 
 
-def _whole(data: bytes, limit: int) -> int:
-    """Bytes up to the end of the last packet that is complete and within `limit`, with the garbage before it."""
+def _packets(data: bytes, limit: int) -> tuple[bytes, int]:
+    """Packets that are complete, at most `limit` bytes of them, and how much of `data` is done with.
+
+    What lies between packets is left out: before its first one ArduPilot says hello in plain text.
+    """
     buffer = np.frombuffer(data, np.uint8)
+    packets = bytearray()
     used = 0
     while used < len(data):
         start, stop, status = find(buffer, used, len(data))
-        if status == NOTHING or start > limit:
-            return min(start, limit)
-        if status == TRUNCATED or stop > limit:
+        if status in (NOTHING, TRUNCATED):
+            return bytes(packets), start
+        if len(packets) + stop - start > limit:
             break
+        packets += data[start:stop]
         used = stop
-    return used
+    return bytes(packets), used
 
 
 class ArduPilotSITL(Model):
@@ -144,11 +151,12 @@ class ArduPilotSITL(Model):
 
     step_size = 0.001
     _end: weakref.finalize[..., ArduPilotSITL] | None = None
+    _waits = False
     variables = (
         *MOTION_INPUTS,
         PacketInput("mavlink_rx", capacity=2048, description="packets received"),
         Parameter("SYSID_THISMAV", type=int, start=1, minimum=1, maximum=250, description="MAVLink system id"),
-        Parameter("instance", type=int, start=-1, minimum=-1, maximum=5000, description="-1: SYSID_THISMAV - 1"),
+        Parameter("instance", type=int, start=-1, minimum=-1, maximum=255, description="-1: SYSID_THISMAV - 1"),
         Parameter("attach", type=bool, start=False, description="to an ArduPilot that somebody else starts"),
         Parameter("executable", type=str, start="", description="to be started; default: the variable ARDUPILOT_SITL"),
         Parameter("defaults", type=str, start="", description="parameter files, separated by commas"),
@@ -186,12 +194,14 @@ class ArduPilotSITL(Model):
         m = self.m
         number = int(m.instance) if m.instance >= 0 else int(m.SYSID_THISMAV) - 1
         self._process: subprocess.Popen[bytes] | None = None
+        self._motion = {name: m[name] for name in _MOTION}
+        self._received = m["mavlink_rx"]
         self._serial = _Serial()
+        port = PORT + 10 * number if m.attach else 0  # one that we start is told where to send
         try:
-            self._link = Link(PORT + 10 * number)
+            self._link = Link(port)
         except OSError as error:
-            text = f"UDP port {PORT + 10 * number} of instance {number} cannot be opened: {error.strerror}"
-            raise RuntimeError(text) from None
+            raise RuntimeError(f"UDP port {port} of instance {number} cannot be opened: {error.strerror}") from None
         processes: list[subprocess.Popen[bytes]] = []
         self._end = weakref.finalize(self, _end, self._link, self._serial, processes)
         try:
@@ -199,7 +209,7 @@ class ArduPilotSITL(Model):
                 self._serial.connect(_SERIAL + 10 * number, float(m.start_timeout))
             else:
                 processes.append(self._start(number))
-            self._set_motors(self._link.first(float(m.start_timeout), self._alive))
+            self._set_motors(self._link.next(float(m.start_timeout), self._alive))
         except BaseException:
             self._end()
             raise
@@ -231,6 +241,8 @@ class ArduPilotSITL(Model):
         return [
             f"-I{number}",
             *("--model", "JSON:127.0.0.1"),
+            *("--sim-port-out", str(self._link.port)),
+            *("--start-time", str(_START_TIME)),
             *("--defaults", ",".join(map(str, defaults))),
             *("--sysid", str(int(m.SYSID_THISMAV))),
             *("--home", ",".join(f"{x:.9g}" for x in home)),
@@ -245,37 +257,49 @@ class ArduPilotSITL(Model):
             raise RuntimeError(text)
 
     def do_step(self, t: float, h: float) -> bool:
-        """Let ArduPilot's clock come to t and take the servo outputs that it then sends."""
+        """Let ArduPilot's clock come to t + h. The servo outputs that it sends are taken when outputs are asked for.
+
+        So those that one master steps work at the same time, each in its own process. No reply may say 0: until its
+        clock has a time it goes by the wall's, and waits for the simulated one to come as far.
+        """
         m = self.m
-        if h > _SLOWEST and m.clock == 0.0:
+        if self._waits:
+            self._finish()
+        if h > _SLOWEST and m["clock"] == 0.0:
             self.log(f"steps of {h:g} s are too long for ArduCopter's loop of 400 Hz: it will not arm above 1.38 ms")
-        self._serial.write(m.mavlink_rx[: int(m.mavlink_rx_len)].tobytes())
-        reply = encode_motion(
-            t,
-            angular_velocity=m.angular_velocity.tolist(),
-            specific_force=m.specific_force.tolist(),
-            position=m.position.tolist(),
-            velocity=m.velocity.tolist(),
-            attitude=m.attitude.tolist(),
-        )
-        servos = self._link.exchange(reply, float(m.step_timeout), self._alive)
-        m.clock = t
-        m.repeated, m.lost, m.restarts = self._link.repeated, self._link.lost, self._link.restarts
-        self._set_motors(servos)
-        self._hear()
+        self._serial.write(self._received[: m["mavlink_rx_len"]].tobytes())
+        self._link.reply(encode_motion(t + h, **{name: values.tolist() for name, values in self._motion.items()}))
+        self._waits = True
+        m["clock"] = t + h
         return True
 
+    def _before_get(self) -> None:
+        super()._before_get()
+        if self._waits:
+            with self._logged():
+                self._finish()
+
+    def _finish(self) -> None:
+        """Wait for the servo outputs that the last reply brings, and take what the serial port gives."""
+        self._waits = False
+        m, link = self.m, self._link
+        servos = link.next(float(m["step_timeout"]), self._alive)
+        m["repeated"], m["lost"], m["restarts"] = link.repeated, link.lost, link.restarts
+        self._set_motors(servos)
+        self._hear()
+
     def _set_motors(self, servos: Servos) -> None:
-        for i in range(MAX_MOTORS):
-            self.m.motor[i] = min(max((servos.pwm[i] - 1000) / 1000.0, 0.0), 1.0)
+        self.m["motor"] = [min(max((pulse - 1000) / 1000.0, 0.0), 1.0) for pulse in servos.pwm[:MAX_MOTORS]]
 
     def _hear(self) -> None:
         """Packets of the serial port go to the output; its heartbeat says how ArduPilot is."""
         m = self.m
-        packets = self._serial.read(m.mavlink_tx.size)
+        packets = self._serial.read(m["mavlink_tx"].size)
+        m["mavlink_tx_len"] = len(packets)
+        if not packets:
+            return
         buffer = np.frombuffer(packets, np.uint8)
-        m.mavlink_tx[: len(packets)] = buffer
-        m.mavlink_tx_len = len(packets)
+        m["mavlink_tx"][: len(packets)] = buffer
         p = 0
         while p < len(packets):
             start, p, status = find(buffer, p, len(packets))
@@ -285,9 +309,9 @@ class ArduPilotSITL(Model):
                 continue
             first = payload_start(buffer, start)
             payload = packets[first : first + 9].ljust(9, b"\0")
-            m.mode = int.from_bytes(payload[:4], "little", signed=True)
-            m.armed = bool(payload[6] & _ARMED)
-            m.on_ground = payload[7] <= _STANDBY
+            m["mode"] = int.from_bytes(payload[:4], "little", signed=True)
+            m["armed"] = bool(payload[6] & _ARMED)
+            m["on_ground"] = payload[7] <= _STANDBY
 
     def terminate(self) -> None:
         """End ArduPilot if it was started here."""

@@ -35,11 +35,11 @@ def test_five_instances_share_one_clock(stand_in: Path, tmp_path: Path) -> None:
     for i, east in enumerate(starts):
         given, *taken = map(json.loads, (stand_in / f"{i}.jsonl").read_text().splitlines())
         assert given["sysid"] == i + 1
-        assert [line["timestamp"] for line in taken] == [k / 1000 for k in range(300)]
+        assert [line["timestamp"] for line in taken] == pytest.approx([(k + 1) / 1000 for k in range(300)])
         assert taken[-1]["position"][1] == pytest.approx(east, abs=1e-6)
     clocks = [flight[f"drone{i}.autopilot.clock"] for i in DRONES]
     assert all(np.array_equal(clocks[0], clock) for clock in clocks)
-    assert clocks[0][-1] == pytest.approx(0.299)
+    assert clocks[0] == pytest.approx(flight["time"])
     # the agents hear their autopilots' heartbeats: system 1 to 5, of ArduPilot's serial ports
     assert flight.result.packets["on board"] + flight.result.packets["delivered"] >= 10
     assert flight.result.packets["malformed"] == 0
@@ -52,7 +52,7 @@ def test_without_an_executable_the_run_fails_and_says_how_to_get_one(
     result = simulate(SYSTEMS / "line5-ardupilot", out=tmp_path / "out", until=0.1)
     assert result.outcome == "failed"
     assert "ARDUPILOT_SITL" in str(result.error)
-    assert "./waf copter" in str(result.error)
+    assert "ardupilot.org" in str(result.error)
 
 
 @pytest.mark.slow
