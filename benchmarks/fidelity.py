@@ -4,7 +4,8 @@ Takes recorded flights (CSV, or CSV compressed by gzip, in the format of tests/d
 after "# " with the target, then columns t, n, e, d, vn, ve, vd, yaw, des_n, des_e, des_d [s, m, m/s, degrees, NED],
 t = 0 when the target was taken. Take-offs have no target. Names that begin with `json` flew on the body of the preset
 ardupilot_json, those that begin with `x` on ArduPilot's own (ardupilot_sitl_quad); `noyaw` in a name means
-WP_YAW_BEHAVIOR 0, `3mps` WPNAV_SPEED 300. Other parameters of the autopilot: --set.
+WP_YAW_BEHAVIOR 0, `3mps` WPNAV_SPEED 300; "speed" in the first line means a DO_CHANGE_SPEED before the move. Other
+parameters of the autopilot: --set. `benchmarks.record` records more of them.
 
     python -m benchmarks.fidelity [FLIGHT.csv ...] [--set WPNAV_ACCEL=100 ...]
 """
@@ -34,11 +35,12 @@ ARMED_BEFORE = {"json": 1.8675, "x": 1.26}
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A recorded flight: its name, the target (NED; None: a take-off) and the columns."""
+    """A recorded flight: its name, the target (NED; None: a take-off), the columns, and a speed [m/s] if it had one."""
 
     name: str
     target: NDArray[np.float64] | None
     real: Columns
+    speed: float | None = None
 
     @property
     def body(self) -> str:
@@ -61,7 +63,7 @@ def read(path: Path) -> Flight:
     if missing := {"t", "n", "e", "d", "vn", "ve", "vd", "yaw", "des_n", "des_e", "des_d"} - set(real):
         raise ValueError(f"{path}:2: columns {', '.join(sorted(missing))} are missing")
     target = np.array(head["target"]) if "target" in head else None
-    return Flight(path.name.split(".")[0], target, real)
+    return Flight(path.name.removesuffix(".gz").removesuffix(".csv"), target, real, head.get("speed"))
 
 
 def fly(flight: Flight, parameters: dict[str, float]) -> NDArray[np.float64]:
@@ -84,6 +86,8 @@ def fly(flight: Flight, parameters: dict[str, float]) -> NDArray[np.float64]:
     else:
         copter.command(22, 0, 0, 0, 0, 0, 0, max(1.0, -float(flight.real["d"][0])))
         copter.run(25.0)
+        if flight.speed is not None:
+            copter.ask(178, 1, flight.speed, -1)
         desired = np.array([flight.real[f"des_{axis}"][0] for axis in "ned"])
         n, e, d = copter.m["desired_position"] + flight.target - desired
         copter.go(float(n), float(e), float(d))

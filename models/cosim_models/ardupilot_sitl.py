@@ -4,8 +4,10 @@ A step: reply to the servo outputs that wait with the motion at t, so that ArduP
 further; wait for the servo outputs that this brings: the motor commands at t + h. Instances that the same master steps
 therefore share its clock exactly. MAVLink is what comes and goes by ArduPilot's first serial port.
 
-ArduPilot is the user's: nothing of it is here. Its answers by MAVLink depend on the threads of its process, so runs
-repeat only nearly. Not here: its sensor models (they are its own), and other vehicles than multirotors.
+ArduPilot is the user's: nothing of it is here. What it does hangs on the replies alone, so a run repeats bit for bit
+where it begins with the same parameters. What hangs on the clock of the wall: answers of MAVLink FTP, which a thread of
+its own gives, and SYSTEM_TIME before its GPS has a fix. Not here: its sensor models (they are its own), and other
+vehicles than multirotors.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import contextlib
 import math
 import os
 import shlex
+import shutil
 import socket
 import subprocess
 import tempfile
@@ -59,6 +62,7 @@ class _Serial:
         self._in = b""
         self._datagrams = False
         self._peer: tuple[str, int] | None = None
+        self._port = 0
 
     def listen(self) -> int:
         """Wait for datagrams on loopback; returns the port."""
@@ -75,17 +79,24 @@ class _Serial:
         Raises:
             TimeoutError: nobody has answered.
         """
+        self._port = port
         end = time.monotonic() + seconds
-        while self._socket is None:
-            try:
-                self._socket = socket.create_connection(("127.0.0.1", port), timeout=1.0)
-            except OSError as error:
-                if time.monotonic() > end:
-                    text = f"no ArduPilot at tcp:127.0.0.1:{port} within {seconds:g} s ({error.strerror or error})"
-                    raise TimeoutError(text) from None
-                time.sleep(0.05)
+        while (problem := self.reconnect()) is not None:
+            if time.monotonic() > end:
+                raise TimeoutError(f"no ArduPilot at tcp:127.0.0.1:{port} within {seconds:g} s ({problem})")
+            time.sleep(0.05)
+
+    def reconnect(self) -> str | None:
+        """Connect again where ArduPilot has hung up, as it does when it restarts; says why not."""
+        if self._socket is not None or not self._port:
+            return None
+        try:
+            self._socket = socket.create_connection(("127.0.0.1", self._port), timeout=1.0)
+        except OSError as error:
+            return error.strerror or str(error)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
+        return None
 
     def write(self, packets: bytes) -> None:
         """Send packets, and what could not be sent before; never waits."""
@@ -100,11 +111,15 @@ class _Serial:
                     del self._out[: self._socket.send(self._out)]
 
     def read(self, limit: int) -> bytes:
-        """Whole packets that have come, at most `limit` bytes of them; the rest comes next time.
+        """Whole packets that have come, at most `limit` bytes of them; the rest comes next time."""
+        self.receive(limit)
+        packets, used = _packets(self._in, limit)
+        self._in = self._in[used:]
+        return packets
 
-        Raises:
-            ConnectionError: ArduPilot has hung up.
-        """
+    def receive(self, limit: int) -> None:
+        """Take what has come, until there are `limit` bytes of it; connect anew where ArduPilot has hung up."""
+        self.reconnect()
         while self._socket is not None and len(self._in) < limit:
             try:
                 if self._datagrams:
@@ -112,15 +127,20 @@ class _Serial:
                 else:
                     piece = self._socket.recv(65536)
                     if not piece:
-                        raise ConnectionError("ArduPilot has closed its serial port")
+                        self._hang_up()
             except BlockingIOError:
                 break
-            except ConnectionRefusedError:  # of an earlier datagram
-                continue
+            except ConnectionError:
+                if not self._datagrams:
+                    self._hang_up()
+                continue  # of an earlier datagram
             self._in += piece
-        packets, used = _packets(self._in, limit)
-        self._in = self._in[used:]
-        return packets
+
+    def _hang_up(self) -> None:
+        """Half a packet in either direction is of the past."""
+        self.close()
+        self._socket, self._in = None, b""
+        self._out.clear()
 
     def close(self) -> None:
         if self._socket is not None:
@@ -160,7 +180,12 @@ class ArduPilotSITL(Model):
         Parameter("attach", type=bool, start=False, description="to an ArduPilot that somebody else starts"),
         Parameter("executable", type=str, start="", description="to be started; default: the variable ARDUPILOT_SITL"),
         Parameter("defaults", type=str, start="", description="parameter files, separated by commas"),
-        Parameter("folder", type=str, start="", description="it runs in, and keeps its parameters; default: a new one"),
+        Parameter(
+            "folder",
+            type=str,
+            start="",
+            description="it runs in, and keeps parameters and logs in; default: a passing one",
+        ),
         Parameter("speedup", unit="1", start=100.0, minimum=1.0, description="times real time it may reach at most"),
         Parameter("start_timeout", unit="s", start=60.0, minimum=0.0, description="of its start, wall-clock time"),
         Parameter("step_timeout", unit="s", start=20.0, minimum=0.0, description="of a step, wall-clock time"),
@@ -172,7 +197,6 @@ class ArduPilotSITL(Model):
         Output("mode", type=int, start=0, description="flight mode, by ArduCopter's number"),
         Output("on_ground", type=bool, start=True, description="whether it takes itself to be on the ground"),
         Output("clock", unit="s", start=0.0, description="of ArduPilot: the time of the last reply"),
-        Output("repeated", type=int, start=0, description="servo packets that came again"),
         Output("lost", type=int, start=0, description="servo packets that never came"),
         Output("restarts", type=int, start=0, description="how often ArduPilot has begun anew"),
         PacketOutput("mavlink_tx", capacity=4096, description="packets sent"),
@@ -203,18 +227,20 @@ class ArduPilotSITL(Model):
         except OSError as error:
             raise RuntimeError(f"UDP port {port} of instance {number} cannot be opened: {error.strerror}") from None
         processes: list[subprocess.Popen[bytes]] = []
-        self._end = weakref.finalize(self, _end, self._link, self._serial, processes)
+        folder = Path(self.strings["folder"] or tempfile.mkdtemp(prefix=f"ardupilot-{number}-")).resolve()
+        passing = None if self.strings["folder"] else folder
+        self._end = weakref.finalize(self, _end, self._link, self._serial, processes, passing)
         try:
             if m.attach:
                 self._serial.connect(_SERIAL + 10 * number, float(m.start_timeout))
             else:
-                processes.append(self._start(number))
+                processes.append(self._start(number, folder))
             self._set_motors(self._link.next(float(m.start_timeout), self._alive))
         except BaseException:
             self._end()
             raise
 
-    def _start(self, number: int) -> subprocess.Popen[bytes]:
+    def _start(self, number: int, folder: Path) -> subprocess.Popen[bytes]:
         m, strings = self.m, self.strings
         executable = strings["executable"] or os.environ.get("ARDUPILOT_SITL", "")
         if not executable:
@@ -222,7 +248,6 @@ class ArduPilotSITL(Model):
         path = Path(executable).resolve()
         if not os.access(path, os.X_OK) or not path.is_file():
             raise RuntimeError(f"{path} is no program that can be started; {_NO_BINARY}")
-        folder = Path(strings["folder"] or tempfile.mkdtemp(prefix=f"ardupilot-{number}-")).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         frame = folder / "frame.parm"
         frame.write_text(f"FRAME_CLASS {_FRAMES[Airframe(int(m.airframe))]}\nFRAME_TYPE 1\n")
@@ -251,6 +276,7 @@ class ArduPilotSITL(Model):
         ]
 
     def _alive(self) -> None:
+        self._serial.receive(self.m["mavlink_tx"].size)  # one that has restarted may wait until we connect again
         if self._process is not None and self._process.poll() is not None:
             last = self._log_file.read_text(errors="replace").splitlines()[-5:]
             text = f"ArduPilot has ended with code {self._process.returncode}; its last words: {' / '.join(last)}"
@@ -284,7 +310,7 @@ class ArduPilotSITL(Model):
         self._waits = False
         m, link = self.m, self._link
         servos = link.next(float(m["step_timeout"]), self._alive)
-        m["repeated"], m["lost"], m["restarts"] = link.repeated, link.lost, link.restarts
+        m["lost"], m["restarts"] = link.lost, link.restarts
         self._set_motors(servos)
         self._hear()
 
@@ -319,12 +345,14 @@ class ArduPilotSITL(Model):
             self._end()
 
 
-def _end(link: Link, serial: _Serial, processes: list[subprocess.Popen[bytes]]) -> None:
+def _end(link: Link, serial: _Serial, processes: list[subprocess.Popen[bytes]], passing: Path | None) -> None:
     link.close()
     serial.close()
     for process in processes:
         process.kill()  # without replies it hears no milder signal
         process.wait(10)
+    if passing is not None:
+        shutil.rmtree(passing, ignore_errors=True)
 
 
 def _defaults(given: str, executable: Path) -> list[Path]:

@@ -68,7 +68,7 @@ def test_a_reply_is_a_line_of_json_without_spaces(t: float, x: list[float]) -> N
     assert reply[:1] == reply[-1:] == b"\n"
     assert b" " not in reply
     assert json.loads(reply) == {
-        "timestamp": t,
+        "timestamp": t * (1.0 + 1e-8),
         "imu": {"gyro": x[:3], "accel_body": x[3:6]},
         "position": x[6:9],
         "velocity": x[9:12],
@@ -86,9 +86,29 @@ def test_a_reply_as_flown_with_a_real_arducopter() -> None:
         attitude=(1.0, 0.0, 0.0, 0.0),
     )
     assert reply == (
-        b'\n{"timestamp":0.001,"imu":{"gyro":[0.0,0.0,0.0],"accel_body":[0.0,0.0,-9.80665]},"position":[0.0,0.0,0.0],'
+        b'\n{"timestamp":0.00100000001,"imu":{"gyro":[0.0,0.0,0.0],"accel_body":[0.0,0.0,-9.80665]},"position":[0.0,0.0,0.0],'
         b'"quaternion":[1.0,0.0,0.0,0.0],"velocity":[0.0,0.0,0.0]}\n'
     )
+
+
+@pytest.mark.parametrize("step", [0.001, 0.00125])
+@pytest.mark.parametrize("begin", [0.0, 3600.0])
+def test_arducopters_clock_loses_nothing(step: float, begin: float) -> None:
+    """It is a count of microseconds, to which each difference is added and cut off."""
+    clock, last = 0, begin * (1.0 + 1e-8)
+    for k in range(1, 20001):
+        reply = encode_motion(
+            begin + k * step,
+            angular_velocity=(0.0, 0.0, 0.0),
+            specific_force=(0.0, 0.0, -9.80665),
+            position=(0.0, 0.0, 0.0),
+            velocity=(0.0, 0.0, 0.0),
+            attitude=(1.0, 0.0, 0.0, 0.0),
+        )
+        timestamp = json.loads(reply)["timestamp"]
+        clock = int(clock + (timestamp - last) * 1e6)
+        last = timestamp
+    assert clock == round(20000 * step * 1e6)
 
 
 def test_serial_bytes_are_cut_behind_the_last_whole_packet_and_text_is_left_out() -> None:
@@ -335,7 +355,7 @@ def test_it_outlives_repeated_and_lost_packets_and_a_restart(flight: Any) -> Non
         assert one.slave.m.motor[0] == pytest.approx(10 * k / 1000)
     assert one.slave.m.restarts == 1
     assert one.slave.m.lost == 5  # 10, 20 and 30 before the restart at 31, 10 and 20 behind it
-    assert one.slave.m.repeated > 0
+    assert one.slave._link.repeated > 0
     times = [line["timestamp"] for line in one.log()[1:]]
     assert times == pytest.approx([(k + 1) * 0.001 for k in range(60)])
 
@@ -362,31 +382,45 @@ def test_packets_pass_its_serial_port_both_ways_and_say_how_it_is(flight: Any) -
     assert (bool(one.slave.m.armed), bool(one.slave.m.on_ground)) == (True, False)
 
 
-def test_it_attaches_to_one_that_runs(flight: Any, tmp_path: Path) -> None:
+def test_it_attaches_to_one_that_runs_and_to_the_one_that_takes_its_place(flight: Any, tmp_path: Path) -> None:
     one = flight(attach=True)
     command = [sys.executable, str(STAND_IN), f"-I{INSTANCE}", "--serial0", "tcp:0:wait", "--sysid", "9"]
-    with subprocess.Popen(command, env={**os.environ, "STAND_IN": json.dumps({"log": str(tmp_path)})}) as process:
-        try:
-            one.begin()
-            k, found = 0, []
-            while not found and k < 5000:
-                one.step(k, height=3.0)
-                k, found = k + 1, one.packets()
-            assert found[0].get_srcSystem() == 9
-            assert one.slave.m.motor[0] == pytest.approx(0.03)
-            one.slave.terminate()
-            assert process.poll() is None  # it is not ours
-        finally:
-            process.kill()
+    environment = {**os.environ, "STAND_IN": json.dumps({"log": str(tmp_path)})}
+    k = 0
+    for restarts in range(2):
+        with subprocess.Popen(command, env=environment) as process:
+            try:
+                if restarts == 0:
+                    one.begin()
+                found: list[Any] = []
+                while not found and k < 5000:
+                    one.step(k, height=3.0)
+                    k, found = k + 1, one.packets()
+                assert found[0].get_srcSystem() == 9
+                assert one.slave.m.motor[0] == pytest.approx(0.03)
+                assert one.slave.m.restarts == restarts
+                if restarts:
+                    one.slave.terminate()
+                    assert process.poll() is None  # it is not ours
+            finally:
+                process.kill()
 
 
-def test_it_ends_when_the_run_does(flight: Any) -> None:
+@pytest.mark.parametrize("folder", [None, ""])
+def test_it_ends_when_the_run_does(flight: Any, folder: str | None, tmp_path: Path) -> None:
+    """And leaves nothing, unless it was told where to run."""
     one = flight()
+    if folder is not None:
+        one.set(folder=folder)
     one.begin()
     process = one.slave._process
+    ran_in = Path(f"/proc/{process.pid}/cwd").readlink()
+    assert (ran_in / "frame.parm").is_file()
+    assert (ran_in == tmp_path / "run") == (folder is None)
     one.slave.terminate()
     assert process.poll() is not None
     one.slave.terminate()
+    assert ran_in.exists() == (folder is None)
 
 
 def test_without_an_executable_the_error_says_how_to_get_one(flight: Any, monkeypatch: pytest.MonkeyPatch) -> None:
