@@ -86,7 +86,9 @@ def fly(flight: Flight, parameters: dict[str, float]) -> NDArray[np.float64]:
     else:
         copter.command(22, 0, 0, 0, 0, 0, 0, max(1.0, -float(flight.real["d"][0])))
         copter.run(25.0)
-        if flight.speed is not None:
+        if flight.speed is not None:  # it holds from the first target on, not from the take-off
+            copter.go(*(float(x) for x in copter.m["desired_position"]))
+            copter.run(1.0)
             copter.ask(178, 1, flight.speed, -1)
         desired = np.array([flight.real[f"des_{axis}"][0] for axis in "ned"])
         n, e, d = copter.m["desired_position"] + flight.target - desired
