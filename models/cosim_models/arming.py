@@ -25,6 +25,7 @@ __all__ = [
     "CIRCLE",
     "CLIMB",
     "DESCEND",
+    "FINAL",
     "GUIDED",
     "LAND",
     "LANDING",
@@ -78,7 +79,7 @@ STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE = (
 # What GUIDED is doing.
 TAKEOFF, POSITION, VELOCITY, POSITION_VELOCITY, ACCELERATION = (cast(int, np.int64(i)) for i in range(5))
 # What RTL is doing.
-CLIMB, RETURN, WAIT, DESCEND = 0, 1, 2, 3
+CLIMB, RETURN, WAIT, DESCEND, FINAL = range(5)
 
 LANDING = 4
 """MAV_LANDED_STATE."""

@@ -3,9 +3,10 @@
 A step: filter the motion inputs as the inertial sensors would, run the rate controllers and the motors on what the
 last step wanted, hear the packets, look for what is wrong, run the flight mode, detect landing, speak. The laws are in
 `shaping`, `pid`, `attitude_control`, `position_control`, `mixer` and `motors`; the modes in `modes`, `flight_modes`,
-`pilot_modes` and `auto`; the pilot in `pilot` and `pilot_switches`; MAVLink in `commands`, `mode_changes`, `missions`,
-`fences`, `parameters`, `file_transfer`, `telemetry`, `streams`, `texts` and the `*_messages`; what it does by itself in
-`failsafes` and `battery`. Parameters (`autopilot_parameters`) have ArduPilot's names, units and defaults.
+`pilot_modes` and `auto`, with `nose`, `circle` and `rally`; the pilot in `pilot` and `pilot_switches`; MAVLink in
+`commands`, `mode_changes`, `missions`, `fences`, `parameters`, `file_transfer`, `telemetry`, `streams`, `texts` and the
+`*_messages`; what it does by itself in `failsafes` and `battery`. Parameters (`autopilot_parameters`) have ArduPilot's
+names, units and defaults.
 
 Not here: sensors with noise and an estimator: what comes in is taken for the truth. An `Estimator` may stand before it.
 """

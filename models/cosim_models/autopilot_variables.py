@@ -13,6 +13,7 @@ from cosim_models.fences import FENCE_CAPACITY, FENCE_ITEM
 from cosim_models.missions import ITEM, MISSION_CAPACITY
 from cosim_models.packet_output import LINKS
 from cosim_models.pid import PID_STATE, PLANE_STATE
+from cosim_models.rally import RALLY_CAPACITY, RALLY_ITEM
 from cosim_models.streams import STREAM_COUNT
 
 __all__ = ["CHANNELS", "VARIABLES"]
@@ -101,9 +102,12 @@ MEMORY = (
     Memory("yaw_mode", dtype="i4"),
     Memory("yaw_fixed"),
     Memory("yaw_rate"),
+    Memory("yaw_left", rare=True),  # angle still to turn to yaw_fixed, and the rate of doing it
+    Memory("yaw_slew", rare=True),
     Memory("loiter_brake"),
     Memory("loiter_since"),
     Memory("rtl_stage", dtype="i4"),
+    Memory("rtl_place", shape=2, rare=True),
     # link
     Memory("payload", dtype="u1", shape=255),
     Memory("received", dtype="u1", shape=255),
@@ -125,6 +129,9 @@ MEMORY = (
     Memory("rc_known", dtype="?"),  # an override has been heard
     Memory("rc_until"),  # the last override lapses
     Memory("throttle_open_at"),  # when the throttle stick was last open
+    Memory("pilot_flies", dtype="?", rare=True),  # what sticks ask of modes that fly by themselves
+    Memory("pilot_turn", rare=True),
+    Memory("pilot_stick", shape=2, rare=True),  # forward and right, -1 to 1
     Memory("pilot_takeoff", dtype="?"),
     Memory("radio_lost", dtype="?"),
     Memory("radio_heard", rare=True),
@@ -142,6 +149,8 @@ MEMORY = (
     Memory("circle_asked", shape=2, rare=True),  # CIRCLE_RADIUS and CIRCLE_RATE when last looked at
     Memory("circle_angle", rare=True),
     Memory("circle_turning", rare=True),
+    Memory("circle_total", rare=True),  # angle flown
+    Memory("circle_told", dtype="i4", rare=True),  # rounds
     Memory("file_bursting", dtype="?"),
     Memory("file_link", dtype="i4", rare=True),
     Memory("file_open", dtype="?", rare=True),
@@ -173,12 +182,17 @@ MEMORY = (
     Memory("auto_command", dtype="i4"),  # MAV_CMD that is flown
     Memory("auto_stage", dtype="i4", rare=True),
     Memory("auto_since", rare=True),
-    Memory("auto_speed", rare=True),  # that the mission asked for, 0: WPNAV_SPEED
+    Memory("auto_speed", shape=3, rare=True),  # along, up, down, that the mission asked for, 0: WPNAV_SPEED
+    Memory("auto_do", dtype="i4", rare=True),  # row of the command beside the flight, 0: none
+    Memory("auto_doing", dtype="?", rare=True),  # it is not done
+    Memory("auto_do_since", rare=True),
     Memory("auto_landing", dtype="?"),
     Memory("fence", shape=(FENCE_CAPACITY, FENCE_ITEM)),
     Memory("fence_count", dtype="i4", rare=True),
     Memory("breach_count", dtype="i4", rare=True),
     Memory("breach_time", rare=True),
+    Memory("rally", shape=(RALLY_CAPACITY, RALLY_ITEM), rare=True),
+    Memory("rally_count", dtype="i4", rare=True),
     Memory("upload_kind", dtype="i4", rare=True),
     Memory("uploading", dtype="?"),
     Memory("upload_link", dtype="i4", rare=True),

@@ -69,11 +69,13 @@ from cosim.packets import (
     version,
 )
 from cosim_models.arming import (
+    AUTO,
     GUIDED,
     LAND,
     POSITION,
     RTL,
 )
+from cosim_models.auto import change_speed
 from cosim_models.copter_messages import (
     acknowledge,
     answer_timesync,
@@ -90,13 +92,13 @@ from cosim_models.flight_modes import (
     guide_stop,
     guide_velocity,
     take_off,
-    turn_to,
 )
 from cosim_models.missions import (
-    FENCE,
+    RALLY,
     ack_mission,
     begin_upload,
     clear_mission,
+    is_uploading,
     receive_item,
     send_count,
     send_item,
@@ -104,6 +106,7 @@ from cosim_models.missions import (
     set_current,
 )
 from cosim_models.mode_changes import ACCEPTED, DENIED, FAILED, UNSUPPORTED, arm_or_disarm, change_mode, start_mission
+from cosim_models.nose import turn_at, turn_by, turn_to
 from cosim_models.packet_output import can_answer
 from cosim_models.parameters import list_parameters, read_parameter, set_parameter
 from cosim_models.pilot import hear_manual_control, hear_override
@@ -139,28 +142,19 @@ _ABSOLUTE, _RELATIVE = 0, 1
 
 
 @kernel
-def _turn(m: Any, angle: float, relative: bool, direction: float) -> int:
-    """CONDITION_YAW: angle [deg], relative in `direction` or absolute."""
-    if not 0.0 <= angle <= 360.0:
+def _turn(m: Any, angle: float, rate: float, direction: float, relative: float) -> int:
+    """CONDITION_YAW: angle [deg] at a rate [deg/s]; relative 1 turns by it in `direction`, 0 to it."""
+    if not 0.0 <= angle <= 360.0 or not (relative == 0.0 or relative == 1.0) or not math.isfinite(rate + direction):
         return FAILED
-    heading = math.radians(angle)
-    if relative:
-        sign = -1.0 if direction < 0.0 else 1.0
-        heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2] + sign * heading
-    turn_to(m, wrap_pi(heading), 0.0, False)
+    turn_by(m, math.radians(angle), math.radians(rate), direction, relative == 1.0)
     return ACCEPTED
 
 
 @kernel
 def _change_speed(m: Any, kind: float, speed: float) -> int:
-    if not 0.0 < speed < math.inf or m.mode not in (GUIDED, RTL):
+    if not 0.0 < speed < math.inf or m.mode not in (AUTO, GUIDED, RTL):
         return FAILED
-    if kind > 2.9:
-        m.speed_down = speed
-    elif kind > 1.9:
-        m.speed_up = speed
-    else:
-        m.speed_max = speed
+    change_speed(m, 3 if kind > 2.9 else 2 if kind > 1.9 else 1, speed)
     return ACCEPTED
 
 
@@ -240,7 +234,7 @@ def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, h
         m.FENCE_ENABLE = int(p1)
         return ACCEPTED
     if command == _YAW:
-        return _turn(m, p1, p4 > 0.0, p3)
+        return _turn(m, p1, p2, p3, p4)
     return UNSUPPORTED
 
 
@@ -292,9 +286,9 @@ def _reposition(m: Any, frame: int, flags: float, lat: int, lon: int, altitude: 
 def _set_nose(m: Any, mask: int, yaw: float, yaw_rate: float, relative: bool) -> None:
     if (mask & _NO_YAW) == 0 and math.isfinite(yaw):
         offset = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2] if relative else 0.0
-        turn_to(m, wrap_pi(yaw + offset), 0.0, False)
+        turn_to(m, wrap_pi(yaw + offset))
     elif (mask & _NO_YAW_RATE) == 0 and math.isfinite(yaw_rate):
-        turn_to(m, 0.0, yaw_rate, True)
+        turn_at(m, yaw_rate)
 
 
 @kernel
@@ -424,10 +418,12 @@ def _mission_item(m: Any, whole: bool, sender: int, part: int, t: float) -> None
         lat, lon = q[11] * 1e7, q[12] * 1e7
         seq, frame, command, current, carry_on, z, kind = q[2], q[3], q[4], q[5], q[6], q[13], q[14]
         p1, p2, p3, p4 = q[7], q[8], q[9], q[10]
-    if kind > FENCE:
+    if kind > RALLY:
         ack_mission(m, 3, kind, sender, part)
     elif kind == 0 and (current == 2 or current == 3):
         ack_mission(m, 0 if _guided_item(m, current, frame, lat, lon, z, t) else 1, 0, sender, part)
+    elif m.uploading and kind == m.upload_kind and not is_uploading(m, sender, part):
+        ack_mission(m, 14, kind, sender, part)
     elif m.uploading and kind == m.upload_kind:
         receive_item(m, seq, frame, command, carry_on, (p1, p2, p3, p4), lat, lon, z, t)
         if kind == 0 and not m.uploading and m.mission_count > 1:

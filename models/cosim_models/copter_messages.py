@@ -150,8 +150,8 @@ _BATTERY_BIT = 0x2000000  # MAV_SYS_STATUS_SENSOR_BATTERY
 _POSITION_CONTROL = 0x6000  # altitude and position control: healthy, and enabled, when armed
 _ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
 # MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, file transfer, both
-# SET_POSITION_TARGETs, MAVLink 2, fences
-_CAPABILITIES = 1 + 2 + 4 + 8 + 32 + 128 + 256 + 8192 + 16384
+# SET_POSITION_TARGETs, MAVLink 2, fences, rally points
+_CAPABILITIES = 1 + 2 + 4 + 8 + 32 + 128 + 256 + 8192 + 16384 + 32768
 _SOFTWARE = 0x04070000  # the ArduCopter whose ways these are: 4.7-dev
 
 

@@ -2,7 +2,8 @@
 
 Kernels over the autopilot's record `m`, called once a step; they call the position and attitude controllers with what
 is wanted. `take_off` and the `guide_*` functions are what commands do. Vectors are north, east, UP from the local
-origin, SI units. What is flown by hand is in `pilot_modes`, which mode runs in `modes`; MAVLink is elsewhere.
+origin, SI units. What is flown by hand is in `pilot_modes`, which mode runs in `modes`, where the nose points in
+`nose`, where RTL goes in `rally`; MAVLink is elsewhere.
 
 RTL flies by the same shaper as GUIDED, not by ArduCopter's waypoint S-curves. BRAKE stops as GUIDED does, with
 WPNAV_ACCEL, not with ArduCopter's harder braking.
@@ -21,18 +22,20 @@ from cosim_models.arming import (
     ACCELERATION,
     CLIMB,
     DESCEND,
+    FINAL,
     GUIDED,
     POSITION,
     POSITION_VELOCITY,
     RETURN,
-    RTL,
     TAKEOFF,
     VELOCITY,
     WAIT,
     disarm,
 )
-from cosim_models.attitude_control import follow_heading, follow_yaw_rate, forget_torques, relax_yaw
+from cosim_models.attitude_control import follow_yaw_rate, forget_torques, relax_yaw
+from cosim_models.fences import HIGHEST
 from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED
+from cosim_models.nose import default_nose, hold_heading, lean, stop_turning
 from cosim_models.position_control import (
     GRAVITY,
     control_ne,
@@ -51,11 +54,10 @@ from cosim_models.position_control import (
     set_throttle,
     soften_for_landing,
 )
+from cosim_models.rally import best_return
 from cosim_models.shaping import clip, sqrt_controller
 
 __all__ = [
-    "hold_heading",
-    "lean",
     "run_guided",
     "standard_limits",
     "fly_to_point",
@@ -72,58 +74,13 @@ __all__ = [
     "start_rtl",
     "start_takeoff",
     "take_off",
-    "turn_to",
 ]
 
 
-# Where the nose points.
-HOLD, ALONG_PATH, FIXED, TURN = 0, 1, 2, 3
-
 _TAKEOFF_THROTTLE = 0.9
-_RTL_ALT_MIN = 2.0  # m
-_RTL_CLIMB_MIN = 2.5  # m, below the cone
+_RTL_ALT_MIN = 0.3  # m
 _RTL_CONE_MIN = 0.5
-
-
-# ---- the nose ------------------------------------------------------------------------------------------------------
-
-
-@kernel
-def _default_heading(m: Any) -> None:
-    """WP_YAW_BEHAVIOR: 0 keeps the heading; 1, 2 and 3 look along the path (2 keeps it in RTL)."""
-    if m.WP_YAW_BEHAVIOR == 0 or (m.WP_YAW_BEHAVIOR == 2 and m.mode == RTL):
-        m.yaw_mode = HOLD
-    elif m.yaw_mode != ALONG_PATH:
-        m.yaw_mode = ALONG_PATH
-        q = m.attitude_target
-        m.path_heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
-        m.path_turn_rate = 0.0
-
-
-@kernel
-def turn_to(m: Any, heading: float, rate: float, follow: bool) -> None:
-    """Point the nose at `heading` [rad], or with `follow` turn it at `rate` [rad/s]."""
-    m.yaw_mode = TURN if follow else FIXED
-    m.yaw_fixed = heading
-    m.yaw_rate = rate
-
-
-@kernel
-def hold_heading(m: Any) -> None:
-    """Keep the nose where it points."""
-    m.yaw_mode = HOLD
-
-
-@kernel
-def lean(m: Any, dt: float) -> None:
-    """Hand the wanted acceleration and heading to the attitude controller."""
-    an, ae = m.acceleration_target[0], m.acceleration_target[1]
-    if m.yaw_mode == ALONG_PATH:
-        follow_heading(m, an, ae, -GRAVITY, m.path_heading, m.path_turn_rate, dt)
-    elif m.yaw_mode == FIXED:
-        follow_heading(m, an, ae, -GRAVITY, m.yaw_fixed, 0.0, dt)
-    else:
-        follow_yaw_rate(m, an, ae, -GRAVITY, m.yaw_rate if m.yaw_mode == TURN else 0.0, dt)
+_FENCE_MARGIN = 2.0  # m that RTL stays below the highest fence
 
 
 # ---- GUIDED: what commands ask for ---------------------------------------------------------------------------------
@@ -140,7 +97,7 @@ def _start_control(m: Any) -> None:
     standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
-    _default_heading(m)
+    default_nose(m)
 
 
 @kernel
@@ -165,7 +122,7 @@ def _enter_submode(m: Any, submode: int) -> None:
 def guide_position(m: Any, n: float, e: float, u: float, t: float) -> None:
     """GUIDED: fly to a point."""
     _enter_submode(m, POSITION)
-    _default_heading(m)
+    default_nose(m)
     m.guided_position[0], m.guided_position[1], m.guided_position[2] = n, e, u
     m.guided_time = t
 
@@ -174,7 +131,7 @@ def guide_position(m: Any, n: float, e: float, u: float, t: float) -> None:
 def guide_velocity(m: Any, vn: float, ve: float, vu: float, t: float) -> None:
     """GUIDED: fly at a velocity, for GUID_TIMEOUT."""
     _enter_submode(m, VELOCITY)
-    _default_heading(m)
+    default_nose(m)
     m.guided_velocity[0], m.guided_velocity[1], m.guided_velocity[2] = vn, ve, vu
     for i in range(3):
         m.guided_acceleration[i] = 0.0
@@ -185,7 +142,7 @@ def guide_velocity(m: Any, vn: float, ve: float, vu: float, t: float) -> None:
 def guide_position_velocity(m: Any, t: float) -> None:
     """GUIDED: follow a moving point; the caller has set m.guided_position, _velocity and _acceleration."""
     _enter_submode(m, POSITION_VELOCITY)
-    _default_heading(m)
+    default_nose(m)
     m.guided_time = t
 
 
@@ -193,7 +150,7 @@ def guide_position_velocity(m: Any, t: float) -> None:
 def guide_acceleration(m: Any, an: float, ae: float, au: float, t: float) -> None:
     """GUIDED: accelerate, for GUID_TIMEOUT."""
     _enter_submode(m, ACCELERATION)
-    _default_heading(m)
+    default_nose(m)
     m.guided_acceleration[0], m.guided_acceleration[1], m.guided_acceleration[2] = an, ae, au
     m.guided_time = t
 
@@ -213,7 +170,7 @@ def start_takeoff(m: Any, up: float) -> None:
     """Begin a take-off to `up` [m]."""
     standard_limits(m)
     m.submode = TAKEOFF
-    m.yaw_mode = HOLD
+    hold_heading(m)
     m.takeoff_from = m.pos[2]
     m.takeoff_to = up
     m.takeoff_done = False
@@ -227,22 +184,35 @@ def start_land(m: Any) -> None:
     standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
-    m.yaw_mode = HOLD
+    hold_heading(m)
+
+
+@kernel
+def _return_height(m: Any, n: float, e: float, height: float) -> float:
+    """Height [m above home] of the way back to a place (n, e) whose own is `height`."""
+    now = m.pos[2] - m.home[2]
+    least = max(_RTL_ALT_MIN, now + max(0.01 * m.RTL_CLIMB_MIN, 0.0))
+    wanted = max(height, 0.01 * m.RTL_ALT, least)
+    if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # nearby there is no need to go all the way up
+        distance = math.sqrt((m.position_desired[0] - n) ** 2 + (m.position_desired[1] - e) ** 2)
+        wanted = min(wanted, max(distance * m.RTL_CONE_SLOPE, least))
+    if m.FENCE_ENABLE != 0 and (m.FENCE_TYPE & HIGHEST) != 0:
+        wanted = min(wanted, m.FENCE_ALT_MAX - _FENCE_MARGIN)
+    return float(max(wanted, now))
 
 
 @kernel
 def start_rtl(m: Any) -> None:
+    """Return to home or to the best rally point: climb, fly there, wait, come down."""
     _start_control(m)
+    hold_heading(m)
     m.submode = POSITION
     m.rtl_stage = CLIMB
-    distance = math.sqrt((m.pos[0] - m.home[0]) ** 2 + (m.pos[1] - m.home[1]) ** 2)
-    height = m.pos[2] - m.home[2]
-    wanted = max(0.01 * m.RTL_ALT, _RTL_ALT_MIN)
-    if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # near home there is no need to go all the way up
-        wanted = min(wanted, max(distance * m.RTL_CONE_SLOPE, height + _RTL_CLIMB_MIN))
+    n, e, height = best_return(m)
+    m.rtl_place[0], m.rtl_place[1] = n, e
     m.guided_position[0] = m.position_desired[0]
     m.guided_position[1] = m.position_desired[1]
-    m.guided_position[2] = m.home[2] + max(wanted, height + 0.01 * m.RTL_CLIMB_MIN)
+    m.guided_position[2] = m.home[2] + _return_height(m, n, e, height)
     if m.RTL_SPEED > 0.0:
         m.speed_max = 0.01 * m.RTL_SPEED
 
@@ -314,8 +284,7 @@ def run_guided(m: Any, t: float, dt: float) -> None:
         for i in range(3):
             m.guided_velocity[i] = 0.0
             m.guided_acceleration[i] = 0.0
-        if m.yaw_mode == TURN:
-            m.yaw_mode = HOLD
+        stop_turning(m)
         if m.submode == ACCELERATION:
             guide_stop(m, t)
     p, v, a = m.guided_position, m.guided_velocity, m.guided_acceleration
@@ -334,8 +303,22 @@ def run_guided(m: Any, t: float, dt: float) -> None:
 
 
 @kernel
+def _reposition(m: Any) -> tuple[float, float]:
+    """North and east velocity [m/s] by which the pilot's roll and pitch stick move the landing place."""
+    forward, right = m.pilot_stick[0], m.pilot_stick[1]
+    if not m.rc_known or m.LAND_REPOSITION == 0 or (forward == 0.0 and right == 0.0):
+        return 0.0, 0.0
+    heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    c, s = math.cos(heading), math.sin(heading)
+    n, e = forward * c - right * s, forward * s + right * c
+    edge = math.sqrt(n * n + e * e) / max(abs(n), abs(e))  # of the square of sticks, in this direction
+    speed = 0.5 * 0.01 * m.WPNAV_ACCEL / edge
+    return n * speed, e * speed
+
+
+@kernel
 def _descend(m: Any, dt: float) -> None:
-    """Down at the speed limit to LAND_ALT_LOW, then at LAND_SPEED, over the place where the descent began."""
+    """Down at the speed limit to LAND_ALT_LOW, then at LAND_SPEED, over the place that the pilot may move."""
     slow = 0.01 * m.LAND_SPEED
     fast = 0.01 * m.LAND_SPEED_HIGH if m.LAND_SPEED_HIGH > 0.0 else m.speed_down
     height = m.pos[2] - m.home[2]
@@ -344,7 +327,8 @@ def _descend(m: Any, dt: float) -> None:
     seek_velocity_up(m, clip(rate, min(-fast, -slow), -slow), 0.0, True, dt)
     if m.touched:
         soften_for_landing(m, dt)
-    seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
+    vn, ve = _reposition(m)
+    seek_velocity_ne(m, vn, ve, 0.0, 0.0, dt)
     control_ne(m, dt)
     control_up(m, dt)
     lean(m, dt)
@@ -373,6 +357,20 @@ def fly_to_point(m: Any, dt: float) -> None:
 
 
 @kernel
+def _come_down(m: Any, dt: float) -> None:
+    """To RTL_ALT_FINAL, and stay there, over the place that the pilot may move."""
+    m.spool_wanted = THROTTLE_UNLIMITED
+    vn, ve = _reposition(m)
+    p = m.guided_position
+    seek_velocity_ne(m, vn, ve, 0.0, 0.0, dt)
+    seek_position_up(m, p[2], 0.0, dt)
+    p[0], p[1] = m.position_desired[0], m.position_desired[1]
+    control_ne(m, dt)
+    control_up(m, dt)
+    lean(m, dt)
+
+
+@kernel
 def run_rtl(m: Any, t: float, dt: float) -> None:
     if m.rtl_stage == DESCEND:
         run_land(m, dt)
@@ -380,21 +378,27 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
     if not m.armed or m.on_ground:
         rest_on_ground(m, dt)
         return
+    if m.rtl_stage == FINAL:
+        _come_down(m, dt)
+        return
     fly_to_point(m, dt)
     p = m.guided_position
     gap = m.position_desired
     if m.rtl_stage == CLIMB:
         if abs(p[2] - gap[2]) < 0.1:
             m.rtl_stage = RETURN
-            p[0] = m.home[0]
-            p[1] = m.home[1]
+            p[0] = m.rtl_place[0]
+            p[1] = m.rtl_place[1]
+            default_nose(m)
     elif m.rtl_stage == RETURN:
         near = math.sqrt((p[0] - m.pos[0]) ** 2 + (p[1] - m.pos[1]) ** 2) < 0.01 * m.WPNAV_RADIUS
         if near and math.sqrt((p[0] - gap[0]) ** 2 + (p[1] - gap[1]) ** 2) < 0.2:
             m.rtl_stage = WAIT
             m.loiter_since = t
     elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME:
-        if m.RTL_ALT_FINAL > 0.0:
+        if m.RTL_ALT_FINAL > 0.0 and not m.radio_lost:
+            m.rtl_stage = FINAL
+            hold_heading(m)
             p[2] = m.home[2] + 0.01 * m.RTL_ALT_FINAL
             return
         m.rtl_stage = DESCEND

@@ -2,8 +2,8 @@
 
 A ground station uploads items (asked for one by one, again every second, given up after eight), downloads them, clears
 them and sets the current one. Item 0 is home. Commands that this autopilot does not fly are refused at the upload.
-Fences are items of their own (`fences`); rally points are unsupported. Kernels over the autopilot's record `m`; `auto`
-flies the items, `commands` hears of guided targets.
+Fences and rally points are items of their own (`fences`, `rally`). While one system uploads, others are denied.
+Kernels over the autopilot's record `m`; `auto` flies the items, `commands` hears of guided targets.
 
 Sources: the MAVLink guide, "Mission Protocol"; ArduPilot, MissionItemProtocol and AP_Mission.
 """
@@ -42,6 +42,14 @@ from cosim_models.fences import (
     send_fence_item,
 )
 from cosim_models.packet_output import can_answer, send, send_to_all
+from cosim_models.rally import (
+    RALLY_CAPACITY,
+    RALLY_COMMAND,
+    RALLY_FRAME,
+    RALLY_PLACE,
+    check_rally_item,
+    keep_rally_item,
+)
 
 __all__ = [
     "AUTOCONTINUE",
@@ -54,12 +62,16 @@ __all__ = [
     "MISSION_CAPACITY",
     "P1",
     "P2",
+    "P3",
     "P4",
+    "RALLY",
     "Z",
     "ack_mission",
     "begin_upload",
     "clear_mission",
     "continue_upload",
+    "forget_jumps",
+    "is_uploading",
     "mission_count",
     "receive_item",
     "send_count",
@@ -70,16 +82,16 @@ __all__ = [
 ]
 
 MISSION_CAPACITY = 100
-FENCE = cast(int, np.int64(1))  # MAV_MISSION_TYPE; 0 is a mission
+FENCE, RALLY = cast(int, np.int64(1)), cast(int, np.int64(2))  # MAV_MISSION_TYPE; 0 is a mission
 COMMAND, FRAME, P1, P2, P3, P4, LATITUDE, LONGITUDE, Z, AUTOCONTINUE, DONE = range(11)
 ITEM = 11
 """Columns of the table of items: as uploaded, places in 1e-7 degrees; DONE counts the jumps taken."""
 
 ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5  # MAV_MISSION_RESULT
-BAD_LATITUDE, BAD_LONGITUDE, BAD_SEQUENCE, CANCELLED = 10, 11, 13, 15
+BAD_LATITUDE, BAD_LONGITUDE, BAD_SEQUENCE, DENIED, CANCELLED = 10, 11, 13, 14, 15
 _ASK_AGAIN, _GIVE_UP = 1.0, 8.0  # s
 
-_FLOWN = np.array((16, 17, 19, 20, 21, 22, 93, 112, 115, 177, 178), dtype=np.int64)  # MAV_CMD
+_FLOWN = np.array((16, 17, 18, 19, 20, 21, 22, 93, 112, 115, 177, 178), dtype=np.int64)  # MAV_CMD
 _MISSION_ACK = cast(int, np.int64(MISSION_ACK))
 _MISSION_COUNT = cast(int, np.int64(MISSION_COUNT))
 _MISSION_CURRENT = cast(int, np.int64(MISSION_CURRENT))
@@ -108,10 +120,10 @@ def mission_count(m: Any) -> int:
 @kernel
 def send_count(m: Any, kind: int, system: int, component: int) -> None:
     """Answer MISSION_REQUEST_LIST."""
-    if kind != 0 and kind != FENCE:
-        ack_mission(m, UNSUPPORTED, kind, system, component)
+    if kind > RALLY or (m.uploading and kind == m.upload_kind):
+        ack_mission(m, UNSUPPORTED if kind > RALLY else DENIED, kind, system, component)
         return
-    count = m.fence_count if kind == FENCE else mission_count(m)
+    count = m.fence_count if kind == FENCE else m.rally_count if kind == RALLY else mission_count(m)
     encode_mission_count(m.payload, system, component, count, kind)
     send(m, _MISSION_COUNT)
 
@@ -122,8 +134,11 @@ def send_item(m: Any, sequence: int, kind: int, system: int, component: int, who
     if kind == FENCE and sequence < m.fence_count:
         send_fence_item(m, sequence, system, component, whole)
         return
+    if kind == RALLY and sequence < m.rally_count:
+        _send_rally_item(m, sequence, system, component, whole)
+        return
     if kind != 0 or sequence >= mission_count(m):
-        ack_mission(m, UNSUPPORTED if kind > FENCE else BAD_SEQUENCE, kind, system, component)
+        ack_mission(m, UNSUPPORTED if kind > RALLY else BAD_SEQUENCE, kind, system, component)
         return
     r = m.mission[sequence]
     command, frame, carry_on = int(r[COMMAND]), int(r[FRAME]), int(r[AUTOCONTINUE])
@@ -134,6 +149,35 @@ def send_item(m: Any, sequence: int, kind: int, system: int, component: int, who
         )
         command, frame, carry_on, lat, lon = 16, 0, 1, deg_e7(phi), deg_e7(psi)
     current = 1 if sequence == m.mission_current else 0
+    p, place = (r[P1], r[P2], r[P3], r[P4]), (lat, lon, z)
+    _send_item(m, system, component, sequence, frame, command, current, carry_on, p, place, 0, whole)
+
+
+@kernel
+def _send_rally_item(m: Any, sequence: int, system: int, component: int, whole: bool) -> None:
+    r = m.rally[sequence]
+    frame, place = int(r[RALLY_FRAME]), (int(r[RALLY_PLACE]), int(r[RALLY_PLACE + 1]), float(r[RALLY_PLACE + 2]))
+    none = (0.0, 0.0, 0.0, 0.0)
+    _send_item(m, system, component, sequence, frame, RALLY_COMMAND, 0, 0, none, place, RALLY, whole)
+
+
+@kernel
+def _send_item(
+    m: Any,
+    system: int,
+    component: int,
+    sequence: int,
+    frame: int,
+    command: int,
+    current: int,
+    carry_on: int,
+    p: tuple[float, float, float, float],
+    place: tuple[int, int, float],
+    kind: int,
+    whole: bool,
+) -> None:
+    """MISSION_ITEM_INT or, not with `whole` degrees, MISSION_ITEM."""
+    lat, lon, z = place
     if whole:
         encode_mission_item_int(
             m.payload,
@@ -144,14 +188,14 @@ def send_item(m: Any, sequence: int, kind: int, system: int, component: int, who
             command,
             current,
             carry_on,
-            r[P1],
-            r[P2],
-            r[P3],
-            r[P4],
+            p[0],
+            p[1],
+            p[2],
+            p[3],
             lat,
             lon,
             z,
-            0,
+            kind,
         )
         send(m, _MISSION_ITEM_INT)
     else:
@@ -164,14 +208,14 @@ def send_item(m: Any, sequence: int, kind: int, system: int, component: int, who
             command,
             current,
             carry_on,
-            r[P1],
-            r[P2],
-            r[P3],
-            r[P4],
+            p[0],
+            p[1],
+            p[2],
+            p[3],
             lat * 1e-7,
             lon * 1e-7,
             z,
-            0,
+            kind,
         )
         send(m, _MISSION_ITEM)
 
@@ -198,26 +242,45 @@ def send_reached(m: Any, sequence: int) -> None:
 @kernel
 def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
     """MISSION_CLEAR_ALL; kind 255 clears all kinds."""
-    if kind != 0 and kind != FENCE and kind != 255:
+    if kind > RALLY and kind != 255:
         ack_mission(m, UNSUPPORTED, kind, system, component)
         return
-    if kind != FENCE:
+    if m.uploading and not is_uploading(m, system, component):
+        ack_mission(m, DENIED, kind, system, component)
+        return
+    if kind == 0 or kind == 255:
         m.mission_count = 1
         m.mission_current = 0
-    if kind != 0:
+    if kind == FENCE or kind == 255:
         m.fence_count = 0
+    if kind == RALLY or kind == 255:
+        m.rally_count = 0
     m.uploading = False
     ack_mission(m, ACCEPTED, kind, system, component)
 
 
 @kernel
+def is_uploading(m: Any, system: int, component: int) -> bool:
+    """Whether an upload is going on and is that of this system and component."""
+    return bool(m.uploading and system == m.upload_system and component == m.upload_component)
+
+
+@kernel
 def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: float) -> None:
-    """MISSION_COUNT: forget the mission or the fence and ask for the first item."""
-    if kind > FENCE or count > (FENCE_CAPACITY if kind == FENCE else MISSION_CAPACITY):
-        ack_mission(m, UNSUPPORTED if kind > FENCE else NO_SPACE, kind, system, component)
+    """MISSION_COUNT: forget the items of this kind and ask for the first one."""
+    if kind > RALLY:
+        ack_mission(m, UNSUPPORTED, kind, system, component)
+        return
+    if m.uploading and not is_uploading(m, system, component):
+        ack_mission(m, DENIED, kind, system, component)
+        return
+    if count > (FENCE_CAPACITY if kind == FENCE else RALLY_CAPACITY if kind == RALLY else MISSION_CAPACITY):
+        ack_mission(m, NO_SPACE, kind, system, component)
         return
     if kind == FENCE:
         m.fence_count = 0
+    elif kind == RALLY:
+        m.rally_count = 0
     else:
         m.mission_count = 1
         m.mission_current = 0
@@ -291,6 +354,8 @@ def receive_item(
     result = ACCEPTED
     if kind == FENCE:
         result = check_fence_item(command, frame, values[0], latitude, longitude)
+    elif kind == RALLY:
+        result = check_rally_item(command, frame, latitude, longitude, z)
     elif sequence > 0:
         result = _check_item(command, frame, values, latitude, longitude, z)
     if result != ACCEPTED:
@@ -299,6 +364,8 @@ def receive_item(
         return
     if kind == FENCE:
         keep_fence_item(m, sequence, command, values[0], latitude, longitude)
+    elif kind == RALLY:
+        keep_rally_item(m, sequence, frame, latitude, longitude, z)
     else:
         _keep_item(m, sequence, frame, command, carry_on, values, latitude, longitude, z)
     m.upload_next = sequence + 1
@@ -314,6 +381,8 @@ def _finish_upload(m: Any) -> None:
     result = ACCEPTED
     if m.upload_kind == 0:
         m.mission_count = m.upload_count
+    elif m.upload_kind == RALLY:
+        m.rally_count = m.upload_count
     elif fence_is_whole(m, m.upload_count):
         place_fence(m, m.upload_count)
     else:
@@ -341,10 +410,19 @@ def _keep_item(
 
 
 @kernel
+def forget_jumps(m: Any) -> None:
+    """No jump has been taken yet."""
+    for row in range(mission_count(m)):
+        m.mission[row, DONE] = 0.0
+
+
+@kernel
 def set_current(m: Any, sequence: int) -> bool:
     """Make an item the current one; False if there is none of that number."""
     if not 0 <= sequence < mission_count(m):
         return False
+    if sequence == 0 or m.mission_complete:
+        forget_jumps(m)
     m.mission_current = sequence
     m.mission_changed = True
     m.mission_complete = False

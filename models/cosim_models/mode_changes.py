@@ -74,6 +74,7 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 
 _TAKEOFF, _YAW, _SPEED = 22, 115, 178  # MAV_CMD
 _ARM_IN_AUTO, _FLY_AT_ONCE = 1, 2  # AUTO_OPTIONS
+_ARM_BY_STICK = 1  # GUID_OPTIONS
 _FORCE_ARM, _FORCE = 2989.0, 21196.0
 
 
@@ -140,7 +141,8 @@ def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
     if m.armed:
         return ACCEPTED
     auto = m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0
-    if m.mode in (LAND, RTL, BRAKE, CIRCLE) or auto or (m.mode == GUIDED and by_stick):
+    guided = m.mode == GUIDED and by_stick and (m.GUID_OPTIONS & _ARM_BY_STICK) == 0
+    if m.mode in (LAND, RTL, BRAKE, CIRCLE) or auto or guided:
         say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
         return FAILED
     if not forced:

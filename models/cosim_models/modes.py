@@ -24,8 +24,10 @@ from cosim_models.arming import (
     needs_position,
     position_ready,
 )
-from cosim_models.flight_modes import guide_stop, hold_heading, run_guided, run_land, run_rtl, start_land, start_rtl
+from cosim_models.flight_modes import guide_stop, run_guided, run_land, run_rtl, start_land, start_rtl
+from cosim_models.missions import forget_jumps
 from cosim_models.motors import SHUT_DOWN
+from cosim_models.nose import hold_heading
 from cosim_models.pilot_modes import (
     run_alt_hold,
     run_circle,
@@ -64,6 +66,9 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
         guide_stop(m, t)
         if m.mission_complete or m.mission_current == 0 or m.MIS_RESTART == 1:
             m.mission_current = 1
+            forget_jumps(m)
+        for i in range(3):
+            m.auto_speed[i] = 0.0
         m.mission_complete = False
         m.mission_changed = True
         m.auto_landing = False

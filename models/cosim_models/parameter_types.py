@@ -25,6 +25,7 @@ INT8 = frozenset(
         "FLTMODE_CH",
         "FS_GCS_ENABLE",
         "FS_THR_ENABLE",
+        "LAND_REPOSITION",
         "MIS_RESTART",
         "MOT_HOVER_LEARN",
         "RC1_REVERSED",
@@ -35,6 +36,7 @@ INT8 = frozenset(
         "RC6_REVERSED",
         "RC7_REVERSED",
         "RC8_REVERSED",
+        "RALLY_INCL_HOME",
         "RCMAP_PITCH",
         "RCMAP_ROLL",
         "RCMAP_THROTTLE",
@@ -121,5 +123,15 @@ INT16 = frozenset(
     ]
 )
 INT32 = frozenset(
-    ["ARMING_CHECK", "AUTO_OPTIONS", "BATT_ARM_MAH", "BATT_CAPACITY", "FS_OPTIONS", "RTL_ALT", "RTL_LOIT_TIME"]
+    [
+        "ARMING_CHECK",
+        "AUTO_OPTIONS",
+        "BATT_ARM_MAH",
+        "BATT_CAPACITY",
+        "FS_OPTIONS",
+        "GUID_OPTIONS",
+        "RTL_ALT",
+        "RTL_LOIT_TIME",
+        "RTL_OPTIONS",
+    ]
 )

@@ -234,7 +234,16 @@ def throttle_zero(m: Any, t: float) -> bool:
 
 @kernel
 def read_sticks(m: Any, t: float) -> None:
-    """Note whether the throttle is open, and with it that an armed vehicle may fly by itself; needed every step."""
+    """Note what the modes that fly by themselves ask of the sticks; needed every step.
+
+    Whether the throttle is open, and with it that an armed vehicle may fly by itself; what the other sticks ask for.
+    """
+    m.pilot_flies = _flies(m, t)
+    m.pilot_turn = pilot_yaw_rate(m, t)
+    m.pilot_stick[0], m.pilot_stick[1] = 0.0, 0.0
+    if m.pilot_flies:
+        m.pilot_stick[0] = -deflection(m, m.RCMAP_PITCH, t)
+        m.pilot_stick[1] = deflection(m, m.RCMAP_ROLL, t)
     if throttle_open(m, t):
         m.throttle_open_at = t
     if not m.armed:

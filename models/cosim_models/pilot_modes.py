@@ -17,8 +17,10 @@ from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.arming import STABILIZE
 from cosim_models.attitude_control import follow_yaw_rate, forget_torques, relax_yaw, shape_angle
-from cosim_models.flight_modes import lean, rest_on_ground, standard_limits, turn_to
+from cosim_models.circle import begin_circle, go_round
+from cosim_models.flight_modes import rest_on_ground, standard_limits
 from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED
+from cosim_models.nose import circle_nose, look_round
 from cosim_models.pilot import (
     deflection,
     hands_on,
@@ -37,14 +39,13 @@ from cosim_models.position_control import (
     initialise_ne,
     initialise_up,
     relax_ne,
-    seek_position_ne,
     seek_position_up,
     seek_velocity_up,
     set_throttle,
     soften_for_landing,
     stop_ne,
 )
-from cosim_models.shaping import clip, sqrt_controller, wrap_pi
+from cosim_models.shaping import clip, sqrt_controller
 
 __all__ = [
     "run_alt_hold",
@@ -60,9 +61,8 @@ _TAKEOFF_THROTTLE = 0.9
 _LOITER_SHARE = 2.0 / 3.0  # of ANGLE_MAX that LOITER uses by itself
 _LOITER_CORRECTION = 2.0  # m/s and m, that LOITER makes good at most
 _LOITER_SPEED_MIN = 0.2  # m/s
-_CIRCLE_ACCEL_MIN = math.radians(2.0)  # rad/s2
 _CIRCLE_RATE_MAX = math.radians(90.0)
-_STICKS, _ALONG, _AT_CENTRE = 1, 2, 4  # CIRCLE_OPTIONS
+_STICKS, _AT_CENTRE = 1, 4  # CIRCLE_OPTIONS
 
 
 @kernel
@@ -299,9 +299,9 @@ def start_circle(m: Any) -> None:
     ahead = 0.0 if (m.CIRCLE_OPTIONS & _AT_CENTRE) != 0 else m.circle_radius
     m.circle_centre[0] = m.position_desired[0] + ahead * math.cos(heading)
     m.circle_centre[1] = m.position_desired[1] + ahead * math.sin(heading)
-    m.circle_angle = wrap_pi(heading - math.pi) if m.circle_radius > 0.0 else heading
-    m.circle_turning = 0.0
-    turn_to(m, heading, 0.0, False)
+    begin_circle(m, True)
+    circle_nose(m)
+    look_round(m, heading)
 
 
 @kernel
@@ -318,42 +318,12 @@ def _change_circle(m: Any, t: float, dt: float) -> None:
 
 
 @kernel
-def _turn_circle(m: Any, dt: float) -> None:
-    """The point on the circle moves on, as fast as the accelerations allow."""
-    rate = m.circle_rate
-    accel = max(abs(rate), _CIRCLE_ACCEL_MIN)
-    if m.circle_radius > 0.0:
-        fastest = min(m.speed_max, math.sqrt(0.5 * m.accel_max * m.circle_radius)) / m.circle_radius
-        rate = clip(rate, -fastest, fastest)
-        accel = max(m.accel_max / m.circle_radius, _CIRCLE_ACCEL_MIN)
-    m.circle_turning += clip(rate - m.circle_turning, -accel * dt, accel * dt)
-    m.circle_angle = wrap_pi(m.circle_angle + m.circle_turning * dt)
-
-
-@kernel
 def run_circle(m: Any, t: float, dt: float) -> None:
-    """Round the centre, the nose towards it; the throttle stick is the climb rate."""
+    """Round the centre, the nose towards it until the pilot turns it; the throttle stick is the climb rate."""
     if not m.armed or not m.auto_armed or m.on_ground:
         rest_on_ground(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
     _pilot_limits(m)
     _change_circle(m, t, dt)
-    _turn_circle(m, dt)
-    c = m.circle_centre
-    seek_position_ne(
-        m,
-        c[0] + m.circle_radius * math.cos(m.circle_angle),
-        c[1] + m.circle_radius * math.sin(m.circle_angle),
-        dt,
-    )
-    seek_velocity_up(m, pilot_climb_rate(m, t), 0.0, False, dt)
-    nose = m.circle_angle
-    if m.circle_radius > 0.0:
-        nose = math.atan2(c[1] - m.position_desired[1], c[0] - m.position_desired[0])
-        if (m.CIRCLE_OPTIONS & _ALONG) != 0:
-            nose += -0.5 * math.pi if m.circle_rate > 0.0 else 0.5 * math.pi
-    turn_to(m, wrap_pi(nose), 0.0, False)
-    control_ne(m, dt)
-    control_up(m, dt)
-    lean(m, dt)
+    go_round(m, pilot_climb_rate(m, t), dt)

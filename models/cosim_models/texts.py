@@ -64,6 +64,7 @@ __all__ = [
     "RADIO_LANDING",
     "RADIO_LOST",
     "REACHED",
+    "ROUND_BEGINS",
     "RTL_REFUSED",
     "WAITING_FOR_HOME",
     "WARNING",
@@ -112,8 +113,8 @@ LOW_BREACHED = _text(b"Min Alt fence breached")
 BATTERY_LOST = _text(b"Battery Failsafe")
 BATTERY_DISARMING = _text(b"Battery Failsafe - Disarming")
 BATTERY_LANDING = _text(b"Battery Failsafe - Continuing Landing")
-BATTERY_LOW = _text(b"Battery 1 is low #V used % mAh")
-BATTERY_CRITICAL = _text(b"Battery 1 is critical #V used % mAh")
+BATTERY_LOW = _text(b"Battery 1 is low $V used % mAh")
+BATTERY_CRITICAL = _text(b"Battery 1 is critical $V used % mAh")
 ARM_VOLTAGE = _text(b"Arm: Battery 1 below minimum arming voltage")
 ARM_CHARGE = _text(b"Arm: Battery 1 below minimum arming capacity")
 POLYGON_BREACHED = _text(b"Polygon fence breached")
@@ -141,13 +142,15 @@ _text(b"Mission: % Delay")
 _text(b"Mission: % CondDelay")
 _text(b"Mission: % CondYaw")
 _text(b"Mission: % ChangeSpeed")
+_text(b"Mission: % LoitTurns")
+ROUND_BEGINS = _text(b"Mission: starting circle %/&")
 
 _TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)
 for _i, _content in enumerate(_TEXTS):
     _TEXT_BYTES[_i, : len(_content)] = np.frombuffer(_content, dtype=np.uint8)
 _TEXT_LENGTHS = np.array([len(text) for text in _TEXTS], dtype=np.int64)
 
-_PLACE, _PLACE_OF_HUNDREDTHS, _POINT = 37, 35, 46  # % # .
+_PLACE, _PLACE_OF_HUNDREDTHS, _PLACE_OF_SECOND, _POINT = 37, 36, 38, 46  # % $ & .
 
 
 @kernel
@@ -157,14 +160,14 @@ def say(m: Any, severity: int, text: int, number: int) -> None:
 
 
 @kernel
-def say_with(m: Any, severity: int, text: int, number: int, hundredths: int) -> None:
-    """`say` with a second number in the place of its #, which has two decimals."""
+def say_with(m: Any, severity: int, text: int, number: int, second: int) -> None:
+    """`say` with a second number: in the place of its & as it is, of its $ with two decimals."""
     n = m.text_count
     if n < m.text_queue.shape[0]:
         m.text_queue[n, 0] = severity
         m.text_queue[n, 1] = text
         m.text_queue[n, 2] = number
-        m.text_queue[n, 3] = hundredths
+        m.text_queue[n, 3] = second
         m.text_queue[n, 4] = _EVERY_LINK
         m.text_count = n + 1
 
@@ -216,6 +219,8 @@ def _send_text(m: Any, row: int) -> bool:
         byte = _TEXT_BYTES[text, i]
         if byte == _PLACE:
             at += _put_number(m, at, m.text_queue[row, 2], 1)
+        elif byte == _PLACE_OF_SECOND:
+            at += _put_number(m, at, m.text_queue[row, 3], 1)
         elif byte == _PLACE_OF_HUNDREDTHS:
             at += _put_number(m, at, m.text_queue[row, 3] // 100, 1)
             put_statustext_text(m.payload, at, _POINT)

@@ -194,7 +194,7 @@ def test_record_holds_the_start_values(samples: SimpleNamespace) -> None:
 
 @pytest.mark.parametrize("plain", [False, True])
 def test_kernels_on_a_record(samples: SimpleNamespace, plain: bool) -> None:
-    start, advance = (k.py_func if plain else k for k in samples.Plant.kernels)
+    start, advance = (getattr(k, "py_func", k) if plain else k for k in samples.Plant.kernels)
     m = samples.Plant.record()
     assert start(m) == 0
     assert (m.steps, m.y, list(m.z), m.total, bool(m.ready), m.engaged) == (1, 11.0, [3.0, 3.0], 200, True, 2)

@@ -214,12 +214,24 @@ def test_rtl_climbs_returns_waits_and_lands() -> None:
     assert copter.m["mode"] == RTL
 
 
-def test_rtl_near_home_needs_not_climb_to_fifteen_metres() -> None:
-    copter = Copter().in_the_air(5.0, 10.0)
-    copter.go(1.0, 0.0, -5.0)
-    copter.run(5.0)
+@pytest.mark.parametrize(
+    ("away", "parameters", "height"),
+    [
+        (1.0, {}, 5.0),  # never lower than it is
+        (2.5, {}, 7.5),  # RTL_CONE_SLOPE times the distance
+        (1.0, {"RTL_CLIMB_MIN": 150.0}, 6.5),
+        (4.0, {"RTL_ALT": 900.0}, 9.0),
+        (4.0, {"FENCE_ENABLE": 1, "FENCE_ALT_MAX": 9.0}, 7.0),  # 2 m below the fence
+    ],
+)
+def test_rtl_near_home_needs_not_climb_to_fifteen_metres(
+    away: float, parameters: dict[str, float], height: float
+) -> None:
+    copter = Copter(autopilot=parameters).in_the_air(5.0, 10.0)
+    copter.go(away, 0.0, -5.0)
+    copter.run(6.0)
     copter.command(20)
-    assert -copter.run(20.0)[:, 3].min() == pytest.approx(7.5, abs=0.15)
+    assert -copter.run(12.0)[:, 3].min() == pytest.approx(height, abs=0.15)
 
 
 def test_loiter_brakes_and_holds() -> None:

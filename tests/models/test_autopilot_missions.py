@@ -118,8 +118,27 @@ def test_items_that_cannot_be_flown_are_refused(copter: Copter, bad: Any, result
 def test_counts_that_cannot_be_held_are_refused(copter: Copter) -> None:
     (ack,) = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, MISSION_CAPACITY + 1, 0))
     assert ack.type == 4
-    (ack,) = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, 3, 2))
+    (ack,) = replies(copter, mavlink.MAVLink_mission_count_message(1, 1, 3, 3))
     assert ack.type == 3
+
+
+def test_who_comes_while_another_uploads_is_denied(copter: Copter) -> None:
+    replies(copter, mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    other = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
+    copter.station, mine = other, copter.station
+    for one in (
+        mavlink.MAVLink_mission_count_message(1, 1, 1, 0),
+        item(0, 16, north=1.0),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
+        mavlink.MAVLink_mission_request_list_message(1, 1, 0),
+    ):
+        (ack,) = replies(copter, one)
+        assert (ack.get_type(), ack.type, ack.target_system) == ("MISSION_ACK", 14, 254)
+    copter.station = mine
+    assert [m.seq for m in replies(copter, HOME)] == [1]
+    assert replies(copter, item(1, 16, north=5.0, z=5.0))[0].type == 0
+    copter.station = other
+    assert [m.count for m in replies(copter, mavlink.MAVLink_mission_request_list_message(1, 1, 0))] == [2]
 
 
 def test_lost_items_are_asked_for_again_and_given_up(copter: Copter) -> None:
@@ -145,16 +164,17 @@ def test_a_mission_is_flown(copter: Copter) -> None:
     assert copter.ask(300)[0] == ("ACK", 300, ACCEPTED)
     copter.heard.clear()
     flight = copter.run(48.0)
-    texts = [m.text for m in copter.messages("STATUSTEXT")]
-    assert [t for t in texts if not t.startswith("Reached")] == [
+    assert [m.text for m in copter.messages("STATUSTEXT")] == [
         "Mission: 2 ChangeSpeed",
         "Mission: 3 WP",
+        "Reached command #3",
         "Mission: 4 WP",
+        "Reached command #4",
         "Mission: 5 Delay",
         "Mission: 6 Land",
         "Disarming motors",
     ]
-    assert [m.seq for m in copter.messages("MISSION_ITEM_REACHED")] == [1, 3, 4, 5, 6]
+    assert [m.seq for m in copter.messages("MISSION_ITEM_REACHED")] == [1, 2, 3, 4, 5, 6]
     assert flight[:, 4].max() < 4.2
     assert -flight[:, 3].min() == pytest.approx(6.0, abs=0.2)
     assert copter.v["position"][0] == pytest.approx(20.0, abs=0.3)

@@ -111,8 +111,8 @@ def test_fences_that_cannot_be(copter: Copter, items: list[Item], result: int) -
     assert copter.m["fence_count"] == 0
 
 
-def test_rally_points_are_unsupported(copter: Copter) -> None:
-    assert upload(copter, [(5100, 0.0, 0.0, 0.0)], kind=2) == 3
+def test_other_kinds_of_items_are_unsupported(copter: Copter) -> None:
+    assert upload(copter, [(5100, 0.0, 0.0, 0.0)], kind=3) == 3
 
 
 @pytest.mark.parametrize(
