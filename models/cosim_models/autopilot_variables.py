@@ -112,18 +112,20 @@ MEMORY = (
     Memory("payload", dtype="u1", shape=255),
     Memory("received", dtype="u1", shape=255),
     Memory("link", dtype="i4"),  # that is heard or served
-    Memory("sequence", dtype="i4", shape=LINKS),
+    Memory("sequence", dtype="i4", shape=LINKS, rare=True),
     Memory("text_queue", dtype="i8", shape=(8, 5), rare=True),  # severity, text, number, hundredths, bits of links
     Memory("text_count", dtype="i4"),
     Memory("ack_room", dtype="i4"),  # bytes to keep for acknowledgements of what was received
-    Memory("link_version", dtype="i4", shape=LINKS),
+    Memory("link_version", dtype="i4", shape=LINKS, rare=True),
     Memory("interval", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("due", shape=(LINKS, STREAM_COUNT), rare=True),
-    Memory("next_due", shape=LINKS),
+    Memory("next_due", shape=LINKS, rare=True),
+    Memory("soonest_due"),  # of all links
+    Memory("transferring", dtype="?"),  # a list or a file goes out, or items come in
     Memory("told_armed", dtype="?"),
     Memory("told_mode", dtype="i4"),
     Memory("told_home", dtype="?"),
-    Memory("parameter_next", dtype="i4", shape=LINKS),  # of the list being sent
+    Memory("parameter_next", dtype="i4", shape=LINKS, rare=True),  # of the list being sent
     Memory("parameter_due", shape=LINKS, rare=True),
     # pilot
     Memory("rc_known", dtype="?"),  # an override has been heard
@@ -151,7 +153,7 @@ MEMORY = (
     Memory("circle_turning", rare=True),
     Memory("circle_total", rare=True),  # angle flown
     Memory("circle_told", dtype="i4", rare=True),  # rounds
-    Memory("file_bursting", dtype="?"),
+    Memory("file_bursting", dtype="?", rare=True),
     Memory("file_link", dtype="i4", rare=True),
     Memory("file_open", dtype="?", rare=True),
     Memory("file_session", dtype="i4", rare=True),
@@ -194,7 +196,7 @@ MEMORY = (
     Memory("rally", shape=(RALLY_CAPACITY, RALLY_ITEM), rare=True),
     Memory("rally_count", dtype="i4", rare=True),
     Memory("upload_kind", dtype="i4", rare=True),
-    Memory("uploading", dtype="?"),
+    Memory("uploading", dtype="?", rare=True),
     Memory("upload_link", dtype="i4", rare=True),
     Memory("upload_count", dtype="i4", rare=True),
     Memory("upload_next", dtype="i4", rare=True),

@@ -205,6 +205,7 @@ def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
     elif request == _BURST:
         m.file_bursting = True
         m.file_link = m.link
+        m.transferring = True
         m.file_at = min(offset, _LENGTH)
         m.file_piece = max(size, 1)
         m.file_sequence = sequence + 1

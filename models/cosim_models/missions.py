@@ -286,6 +286,7 @@ def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: 
         m.mission_current = 0
         m.mission_complete = False
     m.uploading = count > 0
+    m.transferring = True
     if count == 0:
         ack_mission(m, ACCEPTED, kind, system, component)
         return

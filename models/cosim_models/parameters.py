@@ -133,6 +133,7 @@ def list_parameters(m: Any, t: float) -> None:
     """PARAM_REQUEST_LIST: begin the list, anew if one is being sent."""
     m.parameter_next[m.link] = 0
     m.parameter_due[m.link] = t
+    m.transferring = True
 
 
 @kernel

@@ -64,6 +64,7 @@ def start_streams(m: Any) -> None:
             m.due[link, row] = m.interval[link, row]
         m.due[link, HEARTBEAT_ROW] = 0.0
         m.next_due[link] = 0.0
+    m.soonest_due = 0.0
 
 
 @kernel
@@ -74,6 +75,7 @@ def set_interval(m: Any, row: int, interval: float, t: float) -> None:
         m.interval[link, row] = interval
         m.due[link, row] = t + interval
     m.next_due[link] = min(m.next_due[link], m.due[link, row])
+    m.soonest_due = min(m.soonest_due, m.next_due[link])
 
 
 @kernel
@@ -118,15 +120,21 @@ def telemetry(m: Any, t: float) -> None:
     changed = m.armed != m.told_armed or m.mode != m.told_mode
     m.told_armed = m.armed
     m.told_mode = m.mode
+    if not (changed or m.transferring) and t < m.soonest_due - _SLACK:
+        return
+    m.soonest_due = t + 1.0
+    m.transferring = m.file_bursting or m.uploading
     for link in range(LINKS):
         m.link = link
         if changed:
             send_heartbeat(m, t)
         if m.parameter_next[link] < PARAMETER_COUNT:
             send_list(m, t)
+            m.transferring = True
         if m.file_bursting and m.file_link == link:
             continue_burst(m, t)
         if m.uploading and m.upload_link == link:
             continue_upload(m, t)
         if t >= m.next_due[link] - _SLACK:
             _stream(m, t)
+        m.soonest_due = min(m.soonest_due, m.next_due[link])

@@ -229,7 +229,7 @@ def test_rtl_near_home_needs_not_climb_to_fifteen_metres(
 ) -> None:
     copter = Copter(autopilot=parameters).in_the_air(5.0, 10.0)
     copter.go(away, 0.0, -5.0)
-    copter.run(6.0)
+    copter.run(15.0)
     copter.command(20)
     assert -copter.run(12.0)[:, 3].min() == pytest.approx(height, abs=0.15)
 
