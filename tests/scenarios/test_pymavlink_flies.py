@@ -147,6 +147,33 @@ def _crossed(tlog: Path) -> tuple[int, set[int]]:
     return senders.count(255), set(senders)
 
 
+def test_what_one_client_asks_for_no_one_else_hears(tmp_path: Path, fmus: Path) -> None:
+    """A client at the port of drone 2 asks for all streams at 50 Hz, a ground station by radio for nothing."""
+    with running(tmp_path / "out", "--ports", "tcp:0", "--gcs", "udpin:0", system="line5", pace=PACE) as swarm:
+        client = Client(f"tcp:127.0.0.1:{swarm.port('@drone2')}", 2)
+        client.link.mav.request_data_stream_send(2, 1, 0, 50, 1)
+        for _ in range(100):
+            client.wait("ATTITUDE")
+        client.link.close()
+        swarm.stop()
+    packets = tmp_path / "out" / "packets"
+    assert _count(packets / "@drone2.tlog", "ATTITUDE") >= 100
+    others = ["@gcs", "@drone1", "drone1", "drone2", "drone3"]
+    assert {name: _count(packets / f"{name}.tlog", "ATTITUDE") for name in others} == dict.fromkeys(others, 0)
+    assert _count(packets / "@gcs.tlog", "HEARTBEAT") > 0
+    assert _count(packets / "drone2.tlog", "GLOBAL_POSITION_INT") > 0  # what the agent has asked for goes on
+
+
+def _count(tlog: Path, kind: str) -> int:
+    """How many messages of a kind are in a log."""
+    log = mavutil.mavlink_connection(str(tlog))
+    found = 0
+    while log.recv_match(type=kind) is not None:
+        found += 1
+    log.close()
+    return found
+
+
 def test_a_gateway_that_only_listens_changes_nothing(tmp_path: Path, fmus: Path) -> None:
     alone = fly(SYSTEMS / "line5", tmp_path / "alone", until=30.0)
     heard: list[str] = []
