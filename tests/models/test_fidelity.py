@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks import record
 from benchmarks.fidelity import compare, fly, read
+from benchmarks.record import Move, parse
 from tests.models.copter import RECORDINGS
 
 
@@ -29,6 +32,43 @@ def test_a_takeoff_on_its_own_physics() -> None:
     for figure in ("to 5 m", "to 9 m"):
         theirs, ours = found[figure]
         assert ours == pytest.approx(theirs, abs=0.2), figure
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["json_30_0_0", "json_-30_0_0_at_5", "json_0_-10_4_at_2", "json_5_5_-4", "json_0_0_5"])
+def test_moves_that_nothing_was_adjusted_to(name: str) -> None:
+    """Long, diagonal, up and down, and with DO_CHANGE_SPEED; recorded with `benchmarks.record`."""
+    flight = read(RECORDINGS / f"{name}.csv.gz")
+    found = compare(flight, fly(flight, {}))
+    for figure in ("t50", "t90", "vmax"):
+        theirs, ours = found[figure]
+        assert ours == pytest.approx(theirs, rel=0.03), figure
+    assert found["rms"][1] < 0.12
+    assert found["end"][1] < 0.02
+
+
+def test_what_is_recorded_is_what_is_read(tmp_path: Path) -> None:
+    time = np.arange(0.0, 0.2, 0.02)
+    rows = np.column_stack([time + 70.0, *(i + time for i in range(6)), *np.tile([[0.0], [0.0], [0.0], [1.0]], 10)])
+    desired = np.column_stack([time + 70.0, time, 2 * time, 3 * time])
+    head = {"target": [1.0, 2.0, -10.0], "sent": 69.99, "speed": 4.0}
+    file = tmp_path / f"{parse('1,0,-2.5@4').name}.csv"
+    record.write(file, head, rows, desired)
+    flight = read(file)
+    assert (flight.name, flight.speed, flight.body) == ("json_1_0_-2.5_at_4", 4.0, "json")
+    assert flight.target == pytest.approx([1.0, 2.0, -10.0])
+    for i, name in enumerate(("t", "n", "e", "d", "vn", "ve", "vd")):
+        assert flight.real[name] == pytest.approx(time + max(0, i - 1), abs=1e-5)
+    assert np.abs(flight.real["yaw"]) == pytest.approx(180.0)
+    assert flight.real["des_d"] == pytest.approx(3 * time, abs=1e-5)
+
+
+def test_moves_are_three_numbers_and_perhaps_a_speed() -> None:
+    assert parse("7,0,0") == Move(7.0, 0.0, 0.0)
+    assert parse("-6,8,-3@2.5") == Move(-6.0, 8.0, -3.0, 2.5)
+    for wrong in ("7", "7,0", "7,0,0,0", "a,b,c", "1,2,3@fast"):
+        with pytest.raises(ValueError):
+            parse(wrong)
 
 
 @pytest.mark.parametrize(
