@@ -11,12 +11,13 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba import config as _numba_config
 from numba import types
 from numba.extending import intrinsic as _numba_intrinsic
+
+from cosim.kernel import kernel
 
 __all__ = [
     "PLAIN",
@@ -284,5 +285,5 @@ exchange_if: Any = _no_threads if PLAIN else intrinsic(_exchange_if)
 """exchange_if(address, expected, value): replace the int64 if it is still `expected`; returns whether it was."""
 nanoseconds: Any = _no_threads if PLAIN else intrinsic(_nanoseconds)
 """Monotonic time."""
-rest: Any = _no_threads if PLAIN else numba.njit(_rest)
+rest: Any = _no_threads if PLAIN else kernel(_rest)
 """Wait for other threads, the longer the more `spins` have passed."""

@@ -10,6 +10,7 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 
+from cosim.kernel import cache_folder
 from cosim_master.fmu import platform
 
 NAMESPACES = (
@@ -242,8 +243,17 @@ def stricts3(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monke
 
 @pytest.fixture
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Python FMUs are unpacked below pytest's folder instead of the user's cache."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+    """Python FMUs are unpacked below pytest's folder instead of the user's cache.
+
+    Compiled kernels stay where they are: a process that a test starts would take half a minute to compile them anew.
+    """
+    kernels, cache = cache_folder() / "kernels", tmp_path_factory.getbasetemp() / "cache"
+    link = cache / kernels.relative_to(kernels.parents[1])
+    if not link.exists():
+        kernels.mkdir(parents=True, exist_ok=True)
+        link.parent.mkdir(parents=True)
+        link.symlink_to(kernels)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
 
 
 @pytest.fixture
