@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED, mix_towards
 from cosim_models.shaping import lowpass_alpha
@@ -113,6 +114,7 @@ def arm(m: Any, t: float) -> None:
     m.arming_delay = True
     m.auto_armed = False
     m.idle_since = t
+    m.armed_heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
     for i in range(3):
         m.home[i] = m.pos[i]
     m.land_time = 0.0

@@ -35,7 +35,7 @@ from cosim_models.flight_modes import (
 from cosim_models.missions import COMMAND, DONE, FRAME, LATITUDE, P1, P2, P3, P4, Z, mission_count, send_reached
 from cosim_models.motors import THROTTLE_UNLIMITED
 from cosim_models.nose import circle_nose, has_turned, hold_heading, keep_heading, turn_by
-from cosim_models.position_control import initialise_up, stop_ne
+from cosim_models.position_control import initialise_up, stop_ne, stopping_ne
 from cosim_models.shaping import clip
 from cosim_models.texts import INFO, MISSION_TEXTS, REACHED, ROUND_BEGINS, say, say_with
 
@@ -329,8 +329,8 @@ def _advance(m: Any, row: int, t: float) -> None:
     m.mission_complete = True
     m.mission_current = max(mission_count(m) - 1, 0)
     m.auto_command = _FINISHED
-    p = m.position_desired
-    _go_to(m, p[0], p[1], p[2], t)
+    n, e = stopping_ne(m)
+    _go_to(m, n, e, m.position_desired[2], t)
     hold_heading(m)
 
 

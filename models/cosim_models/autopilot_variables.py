@@ -85,6 +85,7 @@ MEMORY = (
     # modes
     Memory("home", shape=3),
     Memory("armed_at"),
+    Memory("armed_heading", rare=True),
     Memory("idle_since"),
     Memory("arming_delay", dtype="?"),
     Memory("auto_armed", dtype="?"),

@@ -19,6 +19,7 @@ from cosim_models.position_control import (
     control_up,
     seek_position_ne,
     seek_velocity_up,
+    stopping_ne,
 )
 from cosim_models.shaping import clip, wrap_pi
 
@@ -48,9 +49,10 @@ def begin_circle(m: Any, by_heading: bool) -> None:
 
 @kernel
 def nearest_on_circle(m: Any, up: float) -> tuple[float, float, float]:
-    """The place on the circle that is nearest to the vehicle, and how far the centre at height `up` is."""
-    c, p = m.circle_centre, m.position_desired
-    n, e, u = p[0] - c[0], p[1] - c[1], p[2] - up
+    """The place on the circle nearest to where the vehicle can rest, and how far from there its centre at `up` is."""
+    c = m.circle_centre
+    rest_n, rest_e = stopping_ne(m)
+    n, e, u = rest_n - c[0], rest_e - c[1], m.position_desired[2] - up
     distance = math.sqrt(n * n + e * e + u * u)
     if m.circle_radius <= 0.0:
         return c[0], c[1], distance

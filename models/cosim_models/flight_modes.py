@@ -35,7 +35,7 @@ from cosim_models.arming import (
 from cosim_models.attitude_control import follow_yaw_rate, forget_torques, relax_yaw
 from cosim_models.fences import HIGHEST
 from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED
-from cosim_models.nose import default_nose, hold_heading, lean, stop_turning
+from cosim_models.nose import default_nose, hold_heading, lean, points_there, stop_turning, turn_as_armed
 from cosim_models.position_control import (
     GRAVITY,
     control_ne,
@@ -53,6 +53,7 @@ from cosim_models.position_control import (
     set_limits,
     set_throttle,
     soften_for_landing,
+    stopping_ne,
 )
 from cosim_models.rally import best_return
 from cosim_models.shaping import clip, sqrt_controller
@@ -194,7 +195,8 @@ def _return_height(m: Any, n: float, e: float, height: float) -> float:
     least = max(_RTL_ALT_MIN, now + max(0.01 * m.RTL_CLIMB_MIN, 0.0))
     wanted = max(height, 0.01 * m.RTL_ALT, least)
     if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # nearby there is no need to go all the way up
-        distance = math.sqrt((m.position_desired[0] - n) ** 2 + (m.position_desired[1] - e) ** 2)
+        here_n, here_e = stopping_ne(m)
+        distance = math.sqrt((here_n - n) ** 2 + (here_e - e) ** 2)
         wanted = min(wanted, max(distance * m.RTL_CONE_SLOPE, least))
     if m.FENCE_ENABLE != 0 and (m.FENCE_TYPE & HIGHEST) != 0:
         wanted = min(wanted, m.FENCE_ALT_MAX - _FENCE_MARGIN)
@@ -210,8 +212,7 @@ def start_rtl(m: Any) -> None:
     m.rtl_stage = CLIMB
     n, e, height = best_return(m)
     m.rtl_place[0], m.rtl_place[1] = n, e
-    m.guided_position[0] = m.position_desired[0]
-    m.guided_position[1] = m.position_desired[1]
+    m.guided_position[0], m.guided_position[1] = stopping_ne(m)
     m.guided_position[2] = m.home[2] + _return_height(m, n, e, height)
     if m.RTL_SPEED > 0.0:
         m.speed_max = 0.01 * m.RTL_SPEED
@@ -395,7 +396,8 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
         if near and math.sqrt((p[0] - gap[0]) ** 2 + (p[1] - gap[1]) ** 2) < 0.2:
             m.rtl_stage = WAIT
             m.loiter_since = t
-    elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME:
+            turn_as_armed(m)
+    elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME and points_there(m):
         if m.RTL_ALT_FINAL > 0.0 and not m.radio_lost:
             m.rtl_stage = FINAL
             hold_heading(m)

@@ -26,7 +26,9 @@ __all__ = [
     "keep_heading",
     "lean",
     "look_round",
+    "points_there",
     "stop_turning",
+    "turn_as_armed",
     "turn_at",
     "turn_by",
     "turn_to",
@@ -127,6 +129,21 @@ def has_turned(m: Any) -> bool:
     """Whether the nose has come to where `turn_by` sends it; takes it back from the path, as ArduCopter does."""
     m.yaw_mode = _FIXED
     return bool(m.yaw_left == 0.0 and abs(wrap_pi(m.yaw_fixed - _heading(m.q))) <= _TURNED)
+
+
+@kernel
+def turn_as_armed(m: Any) -> None:
+    """Above home: as it pointed at arming, where WP_YAW_BEHAVIOR does not keep the heading in RTL."""
+    if m.WP_YAW_BEHAVIOR == 0 or m.WP_YAW_BEHAVIOR == 2:
+        hold_heading(m)
+    else:
+        turn_to(m, m.armed_heading)
+
+
+@kernel
+def points_there(m: Any) -> bool:
+    """Whether the nose is where `turn_to` wants it, if that is still wanted."""
+    return bool(m.yaw_mode != _FIXED or abs(wrap_pi(m.yaw_fixed - _heading(m.q))) <= _TURNED)
 
 
 @kernel

@@ -50,6 +50,7 @@ __all__ = [
     "set_throttle",
     "soften_for_landing",
     "stop_ne",
+    "stopping_ne",
 ]
 
 GRAVITY = 9.80665  # m/s2, ArduPilot's GRAVITY_MSS
@@ -118,15 +119,19 @@ def initialise_ne(m: Any) -> None:
 
 
 @kernel
+def stopping_ne(m: Any) -> tuple[float, float]:
+    """North and east of where the vehicle can come to rest."""
+    vn, ve = m.vel[0], m.vel[1]
+    speed = math.sqrt(vn * vn + ve * ve)
+    way = inverse_sqrt_controller(speed, m.PSC_POSXY_P, m.accel_max) / speed if speed > 0.0 else 0.0
+    return m.pos[0] + vn * way, m.pos[1] + ve * way
+
+
+@kernel
 def stop_ne(m: Any) -> None:
     """`initialise_ne`, but desired is to rest where the vehicle can come to rest."""
     initialise_ne(m)
-    vn, ve = m.vel[0], m.vel[1]
-    speed = math.sqrt(vn * vn + ve * ve)
-    if speed > 0.0:
-        way = inverse_sqrt_controller(speed, m.PSC_POSXY_P, m.accel_max) / speed
-        m.position_desired[0] += vn * way
-        m.position_desired[1] += ve * way
+    m.position_desired[0], m.position_desired[1] = stopping_ne(m)
     for i in range(2):
         m.velocity_desired[i] = 0.0
         m.acceleration_desired[i] = 0.0

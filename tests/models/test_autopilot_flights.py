@@ -234,6 +234,33 @@ def test_rtl_near_home_needs_not_climb_to_fifteen_metres(
     assert -copter.run(12.0)[:, 3].min() == pytest.approx(height, abs=0.15)
 
 
+def test_rtl_in_fast_flight_climbs_where_it_comes_to_rest() -> None:
+    """4 m/s: half of v2/a, and what the gain of PSC_POSXY_P adds below a/p = 2.5 m/s (the square-root controller)."""
+    copter = Copter().in_the_air(5.0, 10.0)
+    copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
+    copter.run(2.5)
+    at, speed = copter.v["position"][0], copter.v["velocity"][0]
+    copter.command(20)
+    copter.run(0.0025)
+    rest = copter.m["guided_position"][0]
+    assert rest - at == pytest.approx(speed**2 / 5.0 + 1.25, abs=0.03)
+    flight = copter.run(12.0)
+    high = -flight[:, 3] > 7.0
+    assert flight[high, 1][:400] == pytest.approx(rest, abs=0.8)
+
+
+@pytest.mark.parametrize(("behaviour", "turned"), [(1, True), (2, False)])
+def test_rtl_points_as_at_arming_before_it_lands_if_it_looks_along_its_way(behaviour: int, turned: bool) -> None:
+    copter = Copter(autopilot={"WP_YAW_BEHAVIOR": behaviour, "RTL_LOIT_TIME": 500.0}).in_the_air(5.0, 10.0)
+    copter.go(0.0, 12.0, -5.0)
+    copter.run(8.0)
+    assert abs(copter.v["attitude"][3]) > 0.6  # looks east
+    copter.command(20)
+    copter.run(45.0)
+    assert not copter.m["armed"]
+    assert (abs(copter.v["attitude"][3]) < 0.05) == turned  # north
+
+
 def test_loiter_brakes_and_holds() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
