@@ -133,7 +133,7 @@ def terminals(model: type[Model]) -> Element | None:
     """terminalsAndIcons.xml: the ports between vehicle and autopilot, the wind, the packet ports; None without any.
 
     Vehicle and autopilot have the terminal "vehicle" with the same members, one as outputs where the other has
-    inputs: what the matching rule "plug" connects.
+    inputs: what the matching rule "plug" connects. A pair of packet ports NAME_rx and NAME_tx is the terminal NAME.
     """
     ports = {v.name: v for v in exported(model) if v.role not in ("parameter", "state")}
     groups = []
@@ -142,8 +142,13 @@ def terminals(model: type[Model]) -> Element | None:
     wind = next(v.name for v in VEHICLE_INPUTS if v.name == "wind")
     if wind in ports:
         groups.append(("environment", "plug", "org.uav-cosim.environment", (wind,)))
-    if packets := tuple(v.name for v in ports.values() if v.kind == "Packets"):
-        groups.append(("mavlink", "none", "org.uav-cosim.mavlink", packets))
+    links: dict[str, list[str]] = {}
+    for v in ports.values():
+        if v.kind == "Packets":
+            link = v.name.removesuffix("_rx").removesuffix("_tx")
+            whole = {f"{link}_rx", f"{link}_tx"} <= ports.keys()
+            links.setdefault(link if whole else "mavlink", []).append(v.name)
+    groups += [(link, "none", "org.uav-cosim.mavlink", tuple(names)) for link, names in links.items()]
     if not groups:
         return None
     root = Element("fmiTerminalsAndIcons", fmiVersion="3.0")

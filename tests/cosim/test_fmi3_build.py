@@ -125,6 +125,10 @@ def test_terminals_of_vehicle_and_autopilot_plug_into_each_other(fmi3_fmus: Path
     assert members["Quadrotor"] == members["Hexarotor"]
     assert members["Autopilot"]["vehicle"] == members["Quadrotor"]["vehicle"]
     assert members["Autopilot"]["mavlink"] == members["LineAgent"]["mavlink"] == ["mavlink_rx", "mavlink_tx"]
+    assert [members["Autopilot"][line] for line in ("telemetry", "serial")] == [
+        ["telemetry_rx", "telemetry_tx"],
+        ["serial_rx", "serial_tx"],
+    ]
 
 
 # -- the numbers ----------------------------------------------------------------------------------------------------
