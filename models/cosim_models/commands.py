@@ -1,8 +1,8 @@
 """What the autopilot hears: MAVLink commands and targets, and their answers, as ArduCopter answers them.
 
 `receive` walks the packets of a step. Only good packets that are addressed to this system (or to all) count; each
-COMMAND_LONG, COMMAND_INT and SET_MODE gets exactly one COMMAND_ACK, addressed to the requester, refusals with
-ArduCopter's texts. Kernels over the autopilot's record `m`.
+COMMAND_LONG and COMMAND_INT gets exactly one COMMAND_ACK, addressed to the requester, refusals with ArduCopter's
+texts; SET_MODE gets none. Kernels over the autopilot's record `m`.
 
 Sources: MAVLink common.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; answers recorded from ArduCopter 4.7-dev.
 """
@@ -132,7 +132,7 @@ _ARM, _GET_HOME, _GET_INTERVAL, _INTERVAL, _REQUEST, _CAPABILITIES = 400, 410, 5
 _CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COMPONENT = 1
-_SHORTEST, _ACK = 13, 22  # bytes of a SET_MODE with one byte of payload, and of its COMMAND_ACK
+_SHORTEST, _ACK = 13, 22  # bytes of a COMMAND_LONG of nothing but zeros, and of its COMMAND_ACK
 _NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
 _FORCE_SET, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
 _ABSOLUTE, _RELATIVE = 0, 1
@@ -152,9 +152,11 @@ def _turn(m: Any, angle: float, rate: float, direction: float, relative: float) 
 
 @kernel
 def _change_speed(m: Any, kind: float, speed: float) -> int:
-    if not 0.0 < speed < math.inf or m.mode not in (AUTO, GUIDED, RTL):
+    if not 0.0 < speed < math.inf or 4.0 <= kind < 5.0:  # MAVLink's number behind the last kind
+        return DENIED
+    if not 0.0 <= kind < 4.0 or m.mode not in (AUTO, GUIDED, RTL):
         return FAILED
-    change_speed(m, 3 if kind > 2.9 else 2 if kind > 1.9 else 1, speed)
+    change_speed(m, 3 if kind >= 3.0 else 2 if kind >= 2.0 else 1, speed)
     return ACCEPTED
 
 
@@ -171,6 +173,8 @@ def _set_message_interval(m: Any, message: float, microseconds: float, t: float)
     interval = default_interval(m, row)
     if microseconds == -1.0:
         interval = 0.0
+    elif microseconds < 0.0:
+        return DENIED
     elif microseconds > 0.0:
         interval = max(math.floor(min(microseconds, 6e7) / 1000.0), 1.0) * 1e-3
     set_interval(m, row, interval, t)
@@ -225,6 +229,8 @@ def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, h
     if command == _GET_HOME:
         return _request_message(m, float(HOME_POSITION), 0.0, t) if home_ready(m, t) else FAILED
     if command == _CAPABILITIES:
+        if p1 != 1.0:
+            return FAILED
         return _request_message(m, float(AUTOPILOT_VERSION), 0.0, t)
     if command == _SPEED:
         return _change_speed(m, p1, p2)
@@ -483,8 +489,8 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         acknowledge(m, command, result, sender, part)
     elif message == SET_MODE:
         _, base_mode, mode = decode_set_mode(m.received)
-        result = change_mode(m, mode, t) if (base_mode & _CUSTOM_MODE) != 0 else DENIED
-        acknowledge(m, SET_MODE, result, sender, part)
+        if (base_mode & _CUSTOM_MODE) != 0:
+            change_mode(m, mode, t)
     elif message == SET_POSITION_TARGET_LOCAL_NED:
         _local_target(m, t)
     elif message == SET_POSITION_TARGET_GLOBAL_INT:

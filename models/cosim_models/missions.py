@@ -241,19 +241,19 @@ def send_reached(m: Any, sequence: int) -> None:
 
 @kernel
 def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
-    """MISSION_CLEAR_ALL; kind 255 clears all kinds."""
-    if kind > RALLY and kind != 255:
+    """MISSION_CLEAR_ALL of one kind; ArduCopter knows no "all kinds" (255)."""
+    if kind > RALLY:
         ack_mission(m, UNSUPPORTED, kind, system, component)
         return
     if m.uploading and not is_uploading(m, system, component):
         ack_mission(m, DENIED, kind, system, component)
         return
-    if kind == 0 or kind == 255:
+    if kind == 0:
         m.mission_count = 1
         m.mission_current = 0
-    if kind == FENCE or kind == 255:
+    if kind == FENCE:
         m.fence_count = 0
-    if kind == RALLY or kind == 255:
+    if kind == RALLY:
         m.rally_count = 0
     m.uploading = False
     ack_mission(m, ACCEPTED, kind, system, component)

@@ -50,6 +50,7 @@ _ID_LENGTH = 16
 _INT8, _INT16, _INT32, _REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
 _SHARE = 0.005  # s between two values of a list
 _CHANGED = 65535  # index of a value that is told because it was set
+_NEARLY = 0.01  # that is added to an integer's value before its fraction is cut off
 _LARGEST = 1e6
 _DENIED = np.frombuffer(b"Param write denied ()", dtype=np.uint8).copy()
 
@@ -182,7 +183,7 @@ def set_parameter(m: Any) -> None:
     if i < 0 or not math.isfinite(value):
         return
     if _TYPES[i] != _REAL32:
-        value = math.floor(value + 0.5)
+        value = float(math.trunc(value + math.copysign(_NEARLY, value)))
     if _LEAST[i] <= value <= _MOST[i]:
         if _IS_WHOLE[i] != 0:
             set_whole(m, _OFFSETS[i], int(value))

@@ -130,19 +130,14 @@ def test_mode_commands() -> None:
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_set_mode_is_acknowledged_under_its_message_id(version: int) -> None:
+def test_set_mode_is_obeyed_and_not_acknowledged(version: int) -> None:
     copter = copter_at(2.1)
     copter.answers()
     copter.send(mavlink.MAVLink_set_mode_message(1, 1, LOITER), version=version)
     copter.send(mavlink.MAVLink_set_mode_message(1, 0, GUIDED), version=version)
     copter.send(mavlink.MAVLink_set_mode_message(1, 1, 4294967295), version=version)
     copter.run(2 * H)
-    assert copter.answers() == [
-        ack(11, ACCEPTED),
-        ack(11, DENIED),
-        ack(11, FAILED),
-        text(4, "No such mode 4294967295"),
-    ]
+    assert copter.answers() == [text(4, "No such mode 4294967295")]
     assert copter.m["mode"] == LOITER
 
 
@@ -219,7 +214,10 @@ def test_speed_changes() -> None:
         assert copter.ask(178, kind, 1.5 + kind) == [ack(178, ACCEPTED)]
         assert copter.m[name] == 1.5 + kind
     for wrong in (0.0, -1.0, NAN, math.inf):
-        assert copter.ask(178, 1, wrong) == [ack(178, FAILED)]
+        assert copter.ask(178, 1, wrong) == [ack(178, DENIED)]
+    assert copter.ask(178, 4, 3.0) == [ack(178, DENIED)]
+    for unknown in (-1, 5, NAN):
+        assert copter.ask(178, unknown, 3.0) == [ack(178, FAILED)]
 
 
 def test_the_nose_can_be_turned() -> None:
@@ -374,6 +372,7 @@ def test_streams_are_asked_for_by_interval() -> None:
     assert len(times) == 8
     assert np.diff(times) == pytest.approx(0.25)
     assert times[0] - begin == pytest.approx(0.25, abs=3 * H)
+    assert copter.ask(511, 33, -5) == [ack(511, DENIED)]
     assert copter.ask(511, 33, -1) == [ack(511, ACCEPTED)]
     copter.run(1.0)
     assert copter.messages("GLOBAL_POSITION_INT") == []
@@ -442,7 +441,7 @@ def test_other_requests() -> None:
     assert copter.ask(512, 9999) == [ack(512, FAILED)]
     assert copter.ask(512, NAN) == [ack(512, FAILED)]
     copter.command(410)
-    copter.command(520)
+    copter.command(520, 1)
     copter.tick()
     assert len(copter.messages("HOME_POSITION")) == 1
     (version,) = copter.messages("AUTOPILOT_VERSION")
@@ -503,7 +502,8 @@ def test_answers_come_in_the_version_last_heard() -> None:
     assert copter.sent[0] == 0xFD
     for version, magic in ((1, 0xFE), (2, 0xFD), (1, 0xFE)):
         copter.sent.clear()
-        assert copter.ask(520, version=version) == [ack(520, ACCEPTED)]
+        assert copter.ask(520, version=version) == [ack(520, FAILED)]
+        assert copter.ask(520, 1, version=version) == [ack(520, ACCEPTED)]
         assert copter.sent[0] == magic
 
 
@@ -558,7 +558,7 @@ def test_every_command_of_a_full_buffer_is_acknowledged(shortest: bool) -> None:
         2.1, autopilot={f"SR2_{n}": 400 for n in ("EXT_STAT", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "RC_CHAN")}
     )
     copter.heard.clear()
-    message: Any = mavlink.MAVLink_set_mode_message(0, 0, 1)
+    message: Any = mavlink.MAVLink_command_long_message(0, 0, 0, 0, *[0.0] * 7)
     if not shortest:
         message = mavlink.MAVLink_command_long_message(0, 0, 176, 0, 1, 99, 0, 0, 0, 0, 0)
     packet = message.pack(copter.station)

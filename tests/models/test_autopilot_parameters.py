@@ -85,7 +85,9 @@ def test_reading_by_name_and_by_index(copter: Copter) -> None:
         assert read(copter, name, index) == []
 
 
-@pytest.mark.parametrize(("name", "value", "kept"), [("RTL_ALT", 2000.4, 2000.0), ("ATC_ANG_RLL_P", 5.5, 5.5)])
+@pytest.mark.parametrize(
+    ("name", "value", "kept"), [("RTL_ALT", 2000.7, 2000.0), ("RTL_ALT", 1999.995, 2000.0), ("ATC_ANG_RLL_P", 5.5, 5.5)]
+)
 def test_setting_is_told(copter: Copter, name: str, value: float, kept: float) -> None:
     (told,) = write(copter, name, value)
     assert (told.param_id, told.param_value, told.param_index) == (name, kept, 65535)

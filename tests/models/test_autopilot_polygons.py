@@ -92,7 +92,11 @@ def test_missions_and_fences_do_not_disturb_each_other(copter: Copter) -> None:
     upload(copter, square(INCLUSION, 40.0))
     copter.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
     copter.run(0.01)
-    assert (copter.m["mission_count"], copter.m["fence_count"]) == (1, 0)
+    assert copter.messages("MISSION_ACK")[-1].type == mavlink.MAV_MISSION_UNSUPPORTED  # as ArduCopter: kind by kind
+    assert (copter.m["mission_count"], copter.m["fence_count"]) == (3, 4)
+    copter.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
+    copter.run(0.01)
+    assert (copter.m["mission_count"], copter.m["fence_count"]) == (1, 4)
 
 
 @pytest.mark.parametrize(
