@@ -104,7 +104,7 @@ def test_every_link_has_rates_of_its_own_parameters() -> None:
 @pytest.mark.parametrize("asked", ALL)
 def test_answers_go_where_the_question_came_from(copter: Copter, asked: str) -> None:
     copter.send(
-        command(520),
+        command(520, 1),
         mavlink.MAVLink_param_request_read_message(1, 1, b"RTL_ALT", -1),
         mavlink.MAVLink_mission_request_list_message(1, 1, 0),
         mavlink.MAVLink_timesync_message(0, 7),

@@ -54,13 +54,14 @@ def test_points_come_back_as_they_went(copter: Copter) -> None:
     assert (wrong.get_type(), wrong.type, wrong.mission_type) == ("MISSION_ACK", 13, RALLY)
 
 
-def test_points_are_cleared_alone_and_with_all_else(copter: Copter) -> None:
-    for kind in (RALLY, 255):
-        upload(copter, point(0, 10.0))
-        (ack,) = replies(copter, mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
-        assert (ack.type, copter.m["rally_count"]) == (0, 1)
+def test_points_are_cleared_alone(copter: Copter) -> None:
+    """By their own kind, or by an empty list; of "all kinds" (255) ArduCopter knows nothing."""
+    upload(copter, point(0, 10.0))
+    for kind, result in ((0, mavlink.MAV_MISSION_ACCEPTED), (255, mavlink.MAV_MISSION_UNSUPPORTED)):
         (ack,) = replies(copter, mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
-        assert (ack.type, copter.m["rally_count"]) == (0, 0)
+        assert (ack.type, copter.m["rally_count"]) == (result, 1)
+    (ack,) = replies(copter, mavlink.MAVLink_mission_clear_all_message(1, 1, RALLY))
+    assert (ack.type, copter.m["rally_count"]) == (mavlink.MAV_MISSION_ACCEPTED, 0)
     upload(copter, point(0, 10.0))
     assert upload(copter) == [("MISSION_ACK", 0, RALLY)]
     assert copter.m["rally_count"] == 0
