@@ -4,8 +4,8 @@ A step: reply to the servo outputs that wait with the motion at t, so that ArduP
 further; wait for the servo outputs that this brings: the motor commands at t + h. Instances that the same master steps
 therefore share its clock exactly. MAVLink is what comes and goes by ArduPilot's first serial port.
 
-ArduPilot is the user's: nothing of it is here. What it does hangs on the replies alone, so a run repeats bit for bit
-where it begins with the same parameters. What hangs on the clock of the wall: answers of MAVLink FTP, which a thread of
+ArduPilot is the user's: nothing of it is here. A run often repeats bit for bit, but not always
+(docs/arducopter.md). What hangs on the clock of the wall: answers of MAVLink FTP, which a thread of
 its own gives, and SYSTEM_TIME before its GPS has a fix. Not here: its sensor models (they are its own), and other
 vehicles than multirotors.
 """
