@@ -5,9 +5,10 @@ arithmetic, loops, branches, tuples, arrays that are passed in; no allocation an
 runs in three ways: compiled just in time, compiled ahead of time into an FMU without Python, and as plain Python
 (where numba is not installed, or with ``NUMBA_DISABLE_JIT=1`` to debug). All three give the same numbers.
 
-Compiled kernels of a package are kept in the user's cache folder, in one folder per state of its sources (and of
-this package's): numba itself looks only at the file of the function it loads, and would go on calling the old code
-of a callee in another file. Kernels of a single file outside a package are compiled anew each time.
+Compiled kernels of a package are kept in the user's cache folder, in one folder per state of their sources: the
+module of the kernel and every module of its package and of this one that it imports, directly or through others.
+numba itself looks only at the file of the function it loads, and would go on calling the old code of a callee in
+another file. Kernels of a single file outside a package are compiled anew each time.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import re
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -59,7 +61,7 @@ def kernel(function: F, *, inline: bool = False) -> F:
     source = Path(function.__code__.co_filename)
     if not numba.config.DISABLE_JIT and (source.parent / "__init__.py").is_file():
         before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(_compiled_folder(_root(source)))
+        numba.config.CACHE_DIR = str(_compiled_folder(source))
         try:
             compiled.enable_caching()
         finally:
@@ -81,12 +83,12 @@ def _root(source: Path) -> Path:
 
 
 @cache
-def _compiled_folder(root: Path) -> Path:
+def _compiled_folder(source: Path) -> Path:
+    """The folder for the compiled kernels of the module `source`, named by the digest of what they are made from."""
     digest = hashlib.sha256()
-    for part in (Path(__file__).parent, root):
-        for file in sorted(part.rglob("*.py")):
-            digest.update(str(file.relative_to(part.parent)).encode())
-            digest.update(file.read_bytes())
+    for file in sorted({Path(__file__), *_sources(source)}):
+        digest.update(file.name.encode())
+        digest.update(file.read_bytes())
     folder = cache_folder() / "kernels" / digest.hexdigest()[:16]
     if not folder.is_dir():
         _forget_unused(folder.parent)
@@ -94,6 +96,52 @@ def _compiled_folder(root: Path) -> Path:
     else:
         os.utime(folder)
     return folder
+
+
+def _sources(module: Path) -> set[Path]:
+    """`module` and every file of its package and of this one that it imports, directly or through others.
+
+    The packages that a module lies in are not imported for their contents, so their ``__init__.py`` count only where
+    something is imported from them.
+    """
+    roots = {root.name: root.parent for root in (Path(__file__).parent, _root(module))}
+    found: set[Path] = set()
+    waiting = [module]
+    while waiting:
+        file = waiting.pop()
+        if file not in found:
+            found.add(file)
+            waiting += _imported(file, tuple(roots.items()))
+    return found
+
+
+_IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n(]+)|import[ \t]+([^\n]+))", re.MULTILINE
+)
+
+
+@cache
+def _imported(file: Path, roots: tuple[tuple[str, Path], ...]) -> tuple[Path, ...]:
+    """The files below `roots` (package -> the folder it lies in) that `file` imports."""
+
+    def files_of(names: Iterator[str]) -> Iterator[Path]:
+        for name in names:
+            first, *_ = name.split(".")
+            if first in folders:
+                path = folders[first].joinpath(*name.split("."))
+                yield from (f for f in (path.with_suffix(".py"), path / "__init__.py") if f.is_file())
+
+    folders = dict(roots)
+    found: list[Path] = []
+    for package, names, modules in _IMPORT.findall(file.read_text(encoding="utf-8")):
+        if not package:
+            found += files_of(name.split()[0] for name in modules.split(",") if name.strip())
+            continue
+        submodules = {f"{package}.{name}" for name in re.findall(r"(\w+)(?:[ \t]+as[ \t]+\w+)?", names)}
+        inner = list(files_of(iter(sorted(submodules))))
+        # `from package import module` alone does not depend on what else the package hands on.
+        found += inner if inner and len(inner) == len(submodules) else [*inner, *files_of(iter((package,)))]
+    return tuple(found)
 
 
 def _forget_unused(kernels: Path) -> None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import platform
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+import cosim_master.stepping
+from cosim.kernel import _compiled_folder, _imported, _sources
 
 FOR = "from numba.core.registry import cpu_target; print(cpu_target.target_context.codegen().magic_tuple())"
 
@@ -18,3 +22,46 @@ def test_all_is_compiled_for_one_processor_whatever_is_imported_first(module: st
     imports = f"import {module}, cosim_master.execution, cosim.packets; "
     done = subprocess.run([sys.executable, "-c", imports + FOR], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("'x86-64-v2', '')")
+
+
+def written(folder: Path, **modules: str) -> Path:
+    """A package of these modules; the file of its module `a`."""
+    package = folder / "some_package"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    for name, text in modules.items():
+        (package / f"{name}.py").write_text(text)
+    return package / "a.py"
+
+
+def test_what_a_module_is_made_from_is_what_it_imports(tmp_path: Path) -> None:
+    own = written(
+        tmp_path,
+        a="import numpy as np\nfrom some_package.b import (\n    one,\n    two as x,\n)\nfrom some_package import c\n",
+        b="def f():\n    import some_package.d as d, cosim.frames\n",
+        c="",
+        d="from some_package.a import circle\n",
+        e="from some_package import a\n",
+    )
+    found = _sources(own)
+    assert {f.name for f in found if f.parent == own.parent} == {"a.py", "b.py", "c.py", "d.py"}
+    assert {f.name for f in found if f.parent != own.parent} >= {"frames.py", "kernel.py"}
+
+
+def test_kernels_are_compiled_anew_where_a_callee_in_another_file_changes_and_only_then(tmp_path: Path) -> None:
+    own = written(tmp_path, a="from some_package.b import one\n", b="one = 1\n", c="two = 2\n")
+    before = _compiled_folder(own)
+    own.with_name("c.py").write_text("two = 3\n")
+    _compiled_folder.cache_clear()
+    _imported.cache_clear()
+    assert _compiled_folder(own) == before
+    own.with_name("b.py").write_text("one = 2\n")
+    _compiled_folder.cache_clear()
+    _imported.cache_clear()
+    assert _compiled_folder(own) != before
+
+
+def test_the_loop_does_not_depend_on_the_command_line() -> None:
+    names = {file.name for file in _sources(Path(cosim_master.stepping.__file__))}
+    assert {"stepping.py", "calls.py", "radio.py", "tables.py", "packets.py", "kernel.py"} <= names
+    assert not names & {"console.py", "simulation.py", "figures.py", "check.py"}
