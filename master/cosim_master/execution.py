@@ -118,6 +118,7 @@ class Execution:
         profiler: measures where the time goes.
         checkpoint: go on from there.
         coupling: the master; None is Jacobi.
+        on_stage: is told, in words, what is done next, until the first step.
 
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.
@@ -139,6 +140,7 @@ class Execution:
         profiler: Profiler | None = None,
         checkpoint: Checkpoint | None = None,
         coupling: Coupling | None = None,
+        on_stage: Callable[[str], None] | None = None,
     ) -> None:
         self.checked, self.clock, self.places, self.network = checked, clock, places, network
         self.living: list[Living] = []
@@ -155,8 +157,11 @@ class Execution:
         self._phase: Callable[[str], AbstractContextManager[Any]] = profiler.phase if profiler else nullcontext
         try:
             check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
+            tell = on_stage or (lambda _: None)
+            tell(f"loading {len(checked.instances)} FMU instances")
             with self._phase("load and instantiate"):
                 instantiate(checked, self._libraries, self.living)
+            tell(f"initializing {len(checked.instances)} FMU instances")
             with self._phase("initialize"):
                 span = (clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
                 delayed = coupling.delays if coupling is not None else {}

@@ -58,12 +58,13 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is: simulated and wall-clock time in s since the first step."""
+    """How far a run is: simulated time and wall-clock time since the first step, s; packets sent by radio."""
 
     time: float
     start: float
     stop: float
     wall: float
+    packets: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +185,7 @@ def simulate(
     threads: int | None = None,
     profile: bool = False,
     on_start: Callable[[Prepared], None] | None = None,
+    on_stage: Callable[[str], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     gcs: Sequence[str] = (),
     ports: str | None = None,
@@ -207,6 +209,7 @@ def simulate(
         threads: how many step native instances; None chooses.
         profile: measure where the time goes.
         on_start: called when everything is checked and nothing loaded yet.
+        on_stage: is told, in words, what is done next: "loading 15 FMU instances".
         on_progress: called about twenty times a second, with gateways fifty times.
         gcs: addresses of ground stations, each on the air to all vehicles: see `gateways`.
         ports: address of the first vehicle's serial port, and by how much the others differ.
@@ -278,6 +281,7 @@ def simulate(
                     profiler=profiler,
                     checkpoint=checkpoint,
                     coupling=ready.coupling,
+                    on_stage=on_stage,
                 )
             except SystemDescriptionError:
                 raise
@@ -300,6 +304,8 @@ def simulate(
                 if profiler is not None:
                     profiler.phases["stepping"] = result.wall_s
                     result = replace(result, profile=profiler.profile())
+                if on_stage is not None and out is not None:
+                    on_stage(f"writing {out}")
                 execution.finish(lambda: _manifest(ready, result, start_up))
                 # An FMU that takes the process with it when it ends leaves a complete recording, and its manifest.
                 failures = execution.end(lambda errors: _manifest(ready, _failing(result, errors), start_up))
@@ -433,7 +439,8 @@ def _run(
             if checkpoints is not None:
                 checkpoints.save(execution)
             if on_progress is not None:
-                on_progress(Progress(execution.time, start, stop, time.perf_counter() - began))
+                wall, packets = time.perf_counter() - began, execution.packet_counts()["sent"]
+                on_progress(Progress(execution.time, start, stop, wall, packets))
             spent = max(time.perf_counter() - before, 1e-6)
             if pace is not None:
                 chunk = max(1, min(int(_SLICE * 0.4 * pace * 1e9 / clock.base), clock.steps))

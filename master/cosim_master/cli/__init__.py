@@ -1,30 +1,23 @@
 """The command `uav-cosim`. Its verbs alone print; heavy modules are imported by the verbs that need them.
 
-Exit codes: 0 done, 1 a run failed, 2 a bad description or bad usage.
+    console   standard output and standard error: data, words, notes, errors
+    verbs     the command itself, and the decorator that makes a function a verb
+    options   options that several verbs have
+    progress  what a verb is doing, while it takes long
+    build, run, systems, editing, results   the verbs
+
+Exit codes: 0 done, 1 a run failed, 2 a bad description or bad usage, 130 interrupted by Ctrl-C.
 """
 
 from __future__ import annotations
 
-import logging
 import sys
-from typing import Annotated
 
-import typer
-
-from cosim_master.cli import build, results, run, systems  # noqa: F401 (their verbs)
-from cosim_master.cli.console import app, err, out
+from cosim_master.cli import build, editing, results, run, systems  # noqa: F401 (their verbs)
+from cosim_master.cli.console import err, out
+from cosim_master.cli.verbs import app
 
 __all__ = ["app", "err", "main", "out"]
-
-
-@app.callback()
-def options(
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Show what FMUs log.")] = False,
-) -> None:
-    """Co-simulation of cooperating UAVs: FMUs, SSP systems, MAVLink packets over a simulated radio."""
-    logging.basicConfig(level=logging.DEBUG if verbose else logging.WARNING, stream=sys.stderr, format="%(message)s")
-    for noisy in ("numba", "matplotlib", "fmpy", "pythonfmu"):
-        logging.getLogger(noisy).setLevel(logging.WARNING)
 
 
 def main() -> None:

@@ -3,31 +3,48 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from cosim_master.cli.console import app, err, out, usage
+from cosim_master.cli.console import errors, print_json, report_error, say, usage
+from cosim_master.cli.options import Json
+from cosim_master.cli.progress import activity
+from cosim_master.cli.verbs import verb
 
 
-@app.command()
+@verb("build", "build integrator.py -o fmus", "build Quadrotor --fmi 3 --target windows-x86_64")
 def build(
     models: Annotated[
         list[str] | None,
-        typer.Argument(help="Model names (Quadrotor), modules or .py files; default: every model of cosim_models."),
+        typer.Argument(
+            metavar="MODEL",
+            help="Model names (Quadrotor), modules or .py files.",
+            show_default="every model of cosim_models",
+        ),
     ] = None,
-    folder: Annotated[Path, typer.Option("-o", "--out", help="Folder for the FMUs.")] = Path("fmus"),
+    folder: Annotated[Path, typer.Option("-o", "--out", metavar="FOLDER", help="Folder for the FMUs.")] = Path("fmus"),
     interpreted: Annotated[
-        bool, typer.Option("--interpreted", help="Pack the Python sources (pythonfmu) instead of compiling them.")
+        bool,
+        typer.Option(
+            "--interpreted", help="Pack the Python sources (pythonfmu) instead of compiling them.", show_default=False
+        ),
     ] = False,
     target: Annotated[
-        list[str] | None, typer.Option(help="Platform to build for; may be repeated. Default: this one.")
+        list[str] | None,
+        typer.Option(
+            metavar="PLATFORM", help="Platform to build for; may be repeated.", show_default="the one it runs on"
+        ),
     ] = None,
-    fmi: Annotated[int, typer.Option(help="2 writes NAME.fmu, 3 writes NAME.fmi3.fmu; both may be in one system.")] = 2,
+    fmi: Annotated[
+        int, typer.Option(metavar="2|3", help="2 writes NAME.fmu, 3 writes NAME.fmi3.fmu; a system may have both.")
+    ] = 2,
+    as_json: Json = False,
 ) -> None:
     """Build FMUs from models, only those that changed."""
     from cosim.build import HOST, CannotCompile, build_all, load_models, models_of_package
 
+    made: list[dict[str, Any]] = []
     try:
         chosen = []
         for name in models or [model.__name__ for model in models_of_package("cosim_models")]:
@@ -40,31 +57,46 @@ def build(
                 names = ", ".join(model.__name__ for model in known)
                 raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
             chosen += matching
-        for built in build_all(chosen, folder, interpreted=interpreted, targets=target or [HOST], fmi=fmi):
-            state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
-            out.print(f"{built.file}: {state}", markup=False)
-            if built.note:
-                out.print(f"  {built.note}", markup=False)
+        with activity() as doing:
+            building = build_all(chosen, folder, interpreted=interpreted, targets=target or [HOST], fmi=fmi)
+            for n, model in enumerate(chosen, start=1):
+                doing.stage(f"building {model.__name__} ({n} of {len(chosen)})")
+                built = next(building)
+                state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
+                entry = {"file": str(built.file), "model": model.__name__, "state": state, "note": built.note or None}
+                made.append(entry)
+                doing.end()
+                if not as_json:
+                    say(f"{built.file}: {state}")
+                    if built.note:
+                        say(f"  {built.note}")
     except (ValueError, ImportError, SyntaxError, CannotCompile) as error:
         raise usage(str(error)) from None
     except RuntimeError as error:
-        err.print(f"error: {error}", markup=False)
+        report_error(str(error))
         raise typer.Exit(1) from None
+    if as_json:
+        print_json({"fmus": made})
 
 
-@app.command()
+@verb("dialect swarm.xml -o swarm_messages.py")
 def dialect(
-    xml: Annotated[Path, typer.Argument(help="A MAVLink XML file with messages of your own.")],
-    module: Annotated[Path, typer.Option("-o", "--out", help="Python module to write.")],
+    xml: Annotated[Path, typer.Argument(metavar="XML", help="A MAVLink XML file with messages of your own.")],
+    module: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="Python module to write.")],
+    as_json: Json = False,
 ) -> None:
     """Write a module with which models read and send messages of your own."""
     from cosim.build.dialects import module_source, read_xml
 
-    try:
-        messages = read_xml(xml)
-        module.write_text(module_source(messages, xml.name), encoding="utf-8")
-    except ValueError as error:
-        raise usage(str(error)) from None
-    except OSError as error:
-        raise usage(f"{error.filename}: {error.strerror}") from None
-    out.print(f"{module}: {', '.join(messages) or 'no messages that ardupilotmega does not have'}", markup=False)
+    with errors(as_json=as_json):
+        try:
+            messages = read_xml(xml)
+            module.write_text(module_source(messages, xml.name), encoding="utf-8")
+        except ValueError as error:
+            raise usage(str(error)) from None
+        except OSError as error:
+            raise usage(f"{error.filename}: {error.strerror}") from None
+        if as_json:
+            print_json({"files": [str(module)], "messages": list(messages)})
+        else:
+            say(f"{module}: {', '.join(messages) or 'no messages that ardupilotmega does not have'}")

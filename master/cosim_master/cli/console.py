@@ -1,102 +1,162 @@
-"""The command itself, its two consoles, and what its verbs share: options, errors, notes."""
+"""The two consoles of the command and the ways in which its verbs speak: data, words, notes, errors.
+
+    data    what a verb was asked for: standard output, always; with --json one JSON document
+    words   what a verb did: standard output; -q leaves them out
+    notes   what was assumed or is worth knowing: standard error, dim; -q leaves them out
+    errors  standard error, always; with --json also `{"errors": [...]}` on standard output
+
+Colours follow NO_COLOR (none, whatever else is set) and FORCE_COLOR (also into a pipe).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+import logging
+import os
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
-from cosim_master.errors import CosimError, SystemDescriptionError
+from cosim_master.errors import CosimError, Problem, SystemDescriptionError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cosim_master.simulation import Prepared
-
-
-app = typer.Typer(
-    name="uav-cosim",
-    help="Co-simulation of cooperating UAVs: FMUs, SSP systems, MAVLink packets over a simulated radio.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
-out = Console(highlight=False, soft_wrap=True)
-err = Console(stderr=True, highlight=False, soft_wrap=True)
-
-
-System = Annotated[
-    str, typer.Argument(help="An .ssd, .ssp, multi-model (.json), or folder with a SystemStructure.ssd.")
+__all__ = [
+    "err",
+    "errors",
+    "is_live",
+    "is_quiet",
+    "note",
+    "notes",
+    "out",
+    "print_json",
+    "print_tables",
+    "report_error",
+    "say",
+    "set_verbosity",
+    "usage",
 ]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="COMPONENT.PARAMETER=VALUE", help="Override a start value; may be repeated."),
-]
-Until = Annotated[float | None, typer.Option(help="Stop time in s; default: the system's DefaultExperiment.")]
-Variant = Annotated[
-    str | None, typer.Option(help="Which .ssd of an archive or folder: its name. Default: SystemStructure.ssd.")
-]
-Step = Annotated[float | None, typer.Option(help="Step size in s where neither system nor FMU names one.")]
 
 
-@contextmanager
-def errors() -> Iterator[None]:
-    """Our own errors become a message and an exit code; everything else is a bug and keeps its traceback."""
-    try:
-        yield
-    except SystemDescriptionError as error:
-        for problem in error.problems:
-            err.print(f"error: {problem}", markup=False)
-        raise typer.Exit(2) from None
-    except CosimError as error:
-        err.print(f"error: {error}", markup=False)
-        raise typer.Exit(1) from None
+def _console(*, stderr: bool) -> Console:
+    # NO_COLOR alone would leave Rich's bold and dim: with it, no style at all.
+    system = None if os.environ.get("NO_COLOR") else "auto"
+    return Console(stderr=stderr, highlight=False, soft_wrap=True, color_system=system)  # type: ignore[arg-type]
 
 
-def usage(message: str) -> typer.Exit:
-    err.print(f"error: {message}", markup=False)
-    return typer.Exit(2)
+out = _console(stderr=False)
+err = _console(stderr=True)
+
+
+@dataclass(slots=True)
+class _Verbosity:
+    quiet: bool = False
+    verbose: bool = False
+
+
+_verbosity = _Verbosity()
+
+
+class _Log(logging.Handler):
+    """Log records on standard error, by the console, so that a bar there makes room for them."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        err.print(self.format(record), markup=False)
+
+
+def set_verbosity(*, quiet: bool | None = None, verbose: bool | None = None) -> None:
+    """Set what -q and -v say; None leaves it. With `verbose`, the messages that FMUs log are shown."""
+    if quiet is not None:
+        _verbosity.quiet = quiet
+    if verbose is not None:
+        _verbosity.verbose = verbose
+        handlers = [handler for handler in logging.getLogger().handlers if isinstance(handler, _Log)]
+        if not handlers:
+            logging.getLogger().addHandler(_Log())
+        logging.getLogger().setLevel(logging.DEBUG if verbose else logging.WARNING)
+        for noisy in ("numba", "matplotlib", "fmpy", "pythonfmu"):
+            logging.getLogger(noisy).setLevel(logging.WARNING)
+
+
+def is_quiet() -> bool:
+    """Whether only data and errors are to be printed."""
+    return _verbosity.quiet
+
+
+def is_live() -> bool:
+    """Whether standard error is a terminal on which a line can be drawn anew."""
+    return err.file.isatty() and err.is_terminal and not err.is_dumb_terminal
+
+
+def say(text: str) -> None:
+    """Print what a verb did; with -q, nothing."""
+    if not _verbosity.quiet:
+        out.print(text, markup=False)
 
 
 def note(text: str) -> None:
-    err.print(f"note: {text}", markup=False)
+    """Print what was assumed or is worth knowing; with -q, nothing."""
+    if not _verbosity.quiet:
+        err.print(Text.assemble(("note:", "bold dim"), (f" {text}", "dim")))
 
 
-def print_notes(ready: Prepared) -> None:
-    for text in ready.notes:
+def notes(texts: Iterable[str]) -> None:
+    """Print several notes."""
+    for text in texts:
         note(text)
 
 
+def print_json(document: Any) -> None:
+    """Print the one JSON document of a verb."""
+    out.print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False), markup=False)
+
+
 def print_tables(tables: Iterator[Table | str]) -> None:
+    """Print tables and lines; tables are not cut where standard output is no terminal."""
     if not out.is_terminal:
         out.width = 10_000  # a file or a pipe has no width: one line per row
     for table in tables:
         out.print(table, markup=False) if isinstance(table, str) else out.print(table)
 
 
-def overrides(settings: list[str] | None) -> dict[str, str]:
-    found = {}
-    for setting in settings or []:
-        name, equals, value = setting.partition("=")
-        if not equals or not name.strip():
-            raise usage(f"--set {setting}: write COMPONENT.PARAMETER=VALUE")
-        found[name.strip()] = value.strip()
-    return found
+def report_error(text: str) -> None:
+    """Print an error."""
+    err.print(Text.assemble(("error:", "bold red"), f" {text}"))
 
 
-def changes(settings: list[str] | None) -> list[tuple[float, str, str]]:
-    found = []
-    for setting in settings or []:
-        time, _, rest = setting.strip().partition(" ")
-        name, equals, value = rest.partition("=")
-        try:
-            if not equals or not name.strip():
-                raise ValueError
-            found.append((float(time), name.strip(), value.strip()))
-        except ValueError:
-            raise usage(f"--at {setting}: write --at TIME COMPONENT.PARAMETER=VALUE") from None
-    return found
+def usage(message: str) -> typer.Exit:
+    """The exit of a verb that cannot be used like that, its message printed."""
+    report_error(message)
+    return typer.Exit(2)
+
+
+@contextmanager
+def errors(*, as_json: bool = False) -> Iterator[None]:
+    """The project's own errors become messages and an exit code; everything else is a bug and keeps its traceback.
+
+    Args:
+        as_json: print them as a JSON document, too.
+    """
+    try:
+        yield
+    except SystemDescriptionError as error:
+        for problem in error.problems:
+            report_error(str(problem))
+        if as_json:
+            print_json({"errors": [_error(problem) for problem in error.problems]})
+        raise typer.Exit(2) from None
+    except CosimError as error:
+        report_error(str(error))
+        if as_json:
+            print_json({"errors": [{"file": None, "line": None, "message": str(error)}]})
+        raise typer.Exit(1) from None
+
+
+def _error(problem: Problem) -> dict[str, Any]:
+    return {"file": problem.where.path, "line": problem.where.line, "message": problem.message}

@@ -1,4 +1,4 @@
-"""Verbs over what there is to look at: `info`, `plot`, `export`."""
+"""Verbs that look at FMUs, systems and results of runs: `info`, `plot`, `export`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from typing import Annotated
 
 import typer
 
-from cosim_master.cli.console import Variant, app, err, errors, out, print_tables
+from cosim_master.cli.console import errors, note, print_json, print_tables, say, usage
+from cosim_master.cli.options import Json, Variant
+from cosim_master.cli.progress import activity
+from cosim_master.cli.verbs import verb
+
+Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run's results.")]
 
 
-@app.command()
+@verb("info fmus/Quadrotor.fmu", "info master/systems/line5", "info out/line5")
 def info(
-    path: Annotated[str, typer.Argument(help="An FMU, a system, or the results of a run.")], variant: Variant = None
+    path: Annotated[str, typer.Argument(metavar="PATH", help="An FMU, a system, or the results of a run.")],
+    variant: Variant = None,
 ) -> None:
     """Show what an FMU, a system or a run consists of."""
     from cosim_master import inspection
@@ -27,30 +33,52 @@ def info(
             print_tables(inspection.system_tables(path, variant))
 
 
-@app.command()
+@verb("plot out/line5", "plot out/line5 -o figures")
 def plot(
-    run: Annotated[Path, typer.Argument(help="Folder of a run's results.")],
+    run: Run,
     folder: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder for the figures; default: the run's.")
+        Path | None,
+        typer.Option("-o", "--out", metavar="FOLDER", help="Folder for the figures.", show_default="the run's"),
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Draw the figures of a run."""
-    from cosim_master.figures import figures
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"plotting {run}")
+        from cosim_master.figures import figures
 
-    with errors():
-        for file in figures(run, folder):
-            out.print(str(file), markup=False)
+        files = figures(run, folder)
+        doing.end()
+        if as_json:
+            print_json({"files": [str(file) for file in files]})
+            return
+        for file in files:
+            say(str(file))
 
 
-@app.command()
+@verb("export out/line5 -o line5.csv", "export out/line5 --csv -")
 def export(
-    run: Annotated[Path, typer.Argument(help="Folder of a run's results.")],
-    csv: Annotated[Path, typer.Option("--csv", help="CSV file to write, as FMPy writes its results.")],
+    run: Run,
+    csv: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", "--csv", metavar="FILE", help="CSV file to write, as FMPy writes its results; - is stdout."
+        ),
+    ] = None,
+    as_json: Json = False,
 ) -> None:
     """Write the signals of a run in another format."""
+    if csv is None:
+        raise usage("export: give the CSV file to write: -o FILE, or -o - for standard output")
     from cosim_master.export import export_csv
 
-    with errors():
-        for name in export_csv(run, csv):
-            err.print(f"note: {name} is text, which this format has no place for: left out", markup=False)
-        out.print(str(csv), markup=False)
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"writing {csv}")
+        left_out = export_csv(run, csv)
+        doing.end()
+        for name in left_out:
+            note(f"{name} is text, which this format has no place for: left out")
+        if as_json:
+            print_json({"files": [str(csv)], "left_out": list(left_out)})
+        else:
+            say(str(csv))

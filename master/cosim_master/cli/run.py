@@ -2,46 +2,48 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim_master.cli.console import (
-    Settings,
-    Step,
-    System,
-    Until,
-    Variant,
-    app,
-    changes,
-    err,
-    errors,
-    note,
-    out,
-    overrides,
-    print_notes,
-    print_tables,
-    usage,
-)
+from cosim_master.cli.console import errors, note, notes, print_json, print_tables, report_error, say, usage
+from cosim_master.cli.options import Json, Settings, Step, System, Until, Variant, changes, overrides, positive
+from cosim_master.cli.progress import activity, compiling
+from cosim_master.cli.verbs import verb
 
 if TYPE_CHECKING:
-    from cosim_master.simulation import Progress, RunResult
+    from cosim_master.simulation import RunResult
 
 
-@app.command()
+@verb(
+    "run master/systems/line5 -o out/line5",
+    "run master/systems/line5 --set drone3.agent.epsilon=0.5 --until 60 --seed 7",
+    "run master/systems/line5 --pace 1 --gcs udpout:127.0.0.1:14550",
+    "run master/systems/line5 --at 30 'drone3.vehicle.wind[2]=5'",
+)
 def run(
     system: System,
-    folder: Annotated[Path | None, typer.Option("-o", "--out", help="Folder for the results.")] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FOLDER", help="Folder for the results.", show_default="out/NAME"),
+    ] = None,
     variant: Variant = None,
     until: Until = None,
     step: Step = None,
-    pace: Annotated[float | None, typer.Option(help="Hold at most this many times real time.")] = None,
+    pace: Annotated[
+        float | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="Hold at most this many times real time.",
+            show_default="as fast as it can",
+            callback=positive("--pace", "a factor of real time"),
+        ),
+    ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, max=2**53, help="Seed of the radio; default: the system's.")
+        int | None,
+        typer.Option(metavar="N", min=0, max=2**53, help="Seed of the radio.", show_default="the system's"),
     ] = None,
     settings: Settings = None,
     at: Annotated[
@@ -53,10 +55,17 @@ def run(
     ] = None,
     record: Annotated[
         list[str] | None,
-        typer.Option(metavar="PATTERN", help="Signals to record, e.g. '*.position*'; default: all outputs."),
+        typer.Option(
+            metavar="PATTERN",
+            help="Signals to record, e.g. '*.position*'; may be repeated.",
+            show_default="the system's, or all outputs",
+        ),
     ] = None,
     threads: Annotated[
-        int | None, typer.Option(help="Threads that step native FMUs; default: all cores for large systems.")
+        int | None,
+        typer.Option(
+            metavar="N", help="Threads that step native FMUs.", show_default="all cores for large systems, else 1"
+        ),
     ] = None,
     gcs: Annotated[
         list[str] | None,
@@ -66,84 +75,77 @@ def run(
         str | None,
         typer.Option(metavar="ADDRESS", help="Serial ports of the autopilots, e.g. tcp:5760+10 for 5760, 5770, ..."),
     ] = None,
-    profile: Annotated[bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.")] = False,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.", show_default=False)
+    ] = False,
     checkpoint_every: Annotated[
-        float | None, typer.Option(metavar="S", help="Write a checkpoint every so many simulated seconds.")
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Write a checkpoint every so many simulated seconds.",
+            show_default="none",
+            callback=positive("--checkpoint-every", "an interval in simulated s"),
+        ),
     ] = None,
     origin: Annotated[
         str | None,
         typer.Option("--from", metavar="RUN@TIME", help="Go on from a checkpoint; --set then changes values there."),
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Run a system."""
-    from cosim_master.calls import PLAIN
-    from cosim_master.simulation import simulate
-
-    if profile and PLAIN:
-        raise usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
     if threads is not None and threads < 1:
         raise usage(f"--threads {threads}: give a positive number")
-    if pace is not None and not 0 < pace < math.inf:
-        raise usage(f"--pace {pace:g}: give a positive factor of real time")
     folder = folder or Path("out") / Path(system).resolve().stem
-    with errors(), _progress() as show:
-        result = simulate(
-            system,
-            variant=variant,
-            out=folder,
-            until=until,
-            step=step,
-            pace=pace,
-            seed=seed,
-            overrides=overrides(settings),
-            record=record or (),
-            at=changes(at),
-            threads=threads,
-            profile=profile,
-            on_start=print_notes,
-            on_progress=show,
-            gcs=gcs or (),
-            ports=ports,
-            on_gateway=note,
-            checkpoint_every=checkpoint_every,
-            origin=origin,
-        )
-    _report(result, folder)
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"checking {system}")
+        from cosim_master.calls import PLAIN
+        from cosim_master.simulation import simulate
 
-
-@contextmanager
-def _progress() -> Iterator[Callable[[Progress], None]]:
-    """A bar with simulated time, speed and time left; nothing where the output is no terminal."""
-    from rich import progress as rich
-
-    columns = (
-        rich.BarColumn(),
-        rich.TextColumn("{task.completed:.1f}/{task.total:.1f} s"),
-        rich.TextColumn("{task.fields[speed]:.1f} x real time"),
-        rich.TimeRemainingColumn(),
-    )
-    with rich.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task("run", total=0.0, speed=0.0)
-
-        def show(progress: Progress) -> None:
-            done = progress.time - progress.start
-            speed = done / progress.wall if progress.wall else 0.0
-            bar.update(task, total=progress.stop - progress.start, completed=done, speed=speed)
-
-        yield show
+        if profile and PLAIN:
+            raise usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
+        with compiling(doing):
+            result = simulate(
+                system,
+                variant=variant,
+                out=folder,
+                until=until,
+                step=step,
+                pace=pace,
+                seed=seed,
+                overrides=overrides(settings),
+                record=record or (),
+                at=changes(at),
+                threads=threads,
+                profile=profile,
+                on_start=lambda ready: notes(ready.notes),
+                on_stage=doing.stage,
+                on_progress=doing.run,
+                gcs=gcs or (),
+                ports=ports,
+                on_gateway=note,
+                checkpoint_every=checkpoint_every,
+                origin=origin,
+            )
+    if as_json:
+        print_json(_document(result, folder))
+    else:
+        _report(result, folder)
+    if result.outcome == "failed":
+        raise typer.Exit(1)
+    if result.outcome == "interrupted":
+        raise typer.Exit(130)
 
 
 def _report(result: RunResult, folder: Path) -> None:
     if result.error is not None:
-        word = "note" if result.outcome == "terminated" else "error"
-        err.print(f"{word}: {result.error}", markup=False)
+        (note if result.outcome == "terminated" else report_error)(str(result.error))
     packets = result.packets
     if result.outcome != "failed" or packets:
         counts = ", ".join(f"{packets.get(name, 0)} {name}" for name in ("sent", "delivered", "lost"))
-        out.print(
+        say(
             f"{result.outcome}: {result.simulated_s:g} s simulated in {result.wall_s:.2f} s "
-            f"({result.real_time_factor:.1f} times real time), packets {counts}; {folder}",
-            markup=False,
+            f"({result.real_time_factor:.1f} times real time), packets {counts}; {folder}"
         )
     for gateway, crossed in result.gateways.items():
         text = ", ".join(f"{n} {what}" for what, n in crossed.items() if what != "address")
@@ -153,8 +155,21 @@ def _report(result: RunResult, folder: Path) -> None:
 
         print_tables(profile_tables(result.profile))
     if result.overruns[0]:
-        err.print(f"note: the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
-    if result.outcome == "failed":
-        raise typer.Exit(1)
-    if result.outcome == "interrupted":
-        raise typer.Exit(130)
+        note(f"the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
+
+
+def _document(result: RunResult, folder: Path) -> dict[str, Any]:
+    """The run as its JSON document."""
+    return {
+        "outcome": result.outcome,
+        "error": None if result.error is None else str(result.error),
+        "folder": str(folder),
+        "simulated_s": result.simulated_s,
+        "wall_s": result.wall_s,
+        "real_time_factor": result.real_time_factor,
+        "packets": dict(result.packets),
+        "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
+        "overruns": {"count": result.overruns[0], "worst_s": result.overruns[1]},
+        "notes": list(result.notes),
+        "profile": None if result.profile is None else asdict(result.profile),
+    }

@@ -1,39 +1,33 @@
-"""Verbs over systems: `check`, `explain`, `new`, `graph`, `convert`, `swap`."""
+"""Verbs that look at systems without running them: `check`, `explain`, `graph`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim_master.cli.console import (
-    Settings,
-    Step,
-    System,
-    Until,
-    Variant,
-    app,
-    errors,
-    out,
-    overrides,
-    print_notes,
-    usage,
-)
+from cosim_master.cli.console import errors, notes, out, print_json, say, usage
+from cosim_master.cli.options import Json, Settings, Step, System, Until, Variant, overrides
+from cosim_master.cli.progress import activity
+from cosim_master.cli.verbs import verb
 
 if TYPE_CHECKING:
     from cosim_master.check import CheckedSystem
     from cosim_master.timing import Timing
 
 
-@app.command()
+@verb("check master/systems/line5", "check master/systems/line5 --init --set drone3.vehicle.mass=2")
 def check(
     system: System,
     variant: Variant = None,
     until: Until = None,
     step: Step = None,
     settings: Settings = None,
-    init: Annotated[bool, typer.Option("--init", help="Load and initialize the FMUs too, and stop there.")] = False,
+    init: Annotated[
+        bool, typer.Option("--init", help="Load and initialize the FMUs too, and stop there.", show_default=False)
+    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
     from cosim_master.check import check as check_system
@@ -41,114 +35,105 @@ def check(
     from cosim_master.simulation import prepare
     from cosim_master.ssp import read_system
 
-    with errors(), read_system(system, variant) as structure:
-        checked = check_system(structure, overrides(settings))
-        ready = prepare(checked, until=until, step=step)
-        checked = ready.checked
-        layout(checked, ready.network, ready.recording.signals, ready.coupling)
-        print_notes(ready)
-        n = ready.clock.steps
-        if init:
-            _try_out(checked, ready.clock)
-        out.print(
-            f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
-            f"{len(ready.network.nodes)} radio nodes, {n} steps of {ready.clock.base / 1e9:g} s: no problems",
-            markup=False,
-        )
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"checking {system}")
+        with read_system(system, variant) as structure:
+            checked = check_system(structure, overrides(settings))
+            ready = prepare(checked, until=until, step=step)
+            checked = ready.checked
+            layout(checked, ready.network, ready.recording.signals, ready.coupling)
+            notes(ready.notes)
+            loops: list[dict[str, Any]] = []
+            if init:
+                doing.stage(f"initializing {len(checked.instances)} FMU instances")
+                loops = _try_out(checked, ready.clock)
+            doing.end()
+            if as_json:
+                print_json(
+                    {
+                        "system": str(structure.path),
+                        "instances": len(checked.instances),
+                        "connections": len(checked.links),
+                        "radio_nodes": len(ready.network.nodes),
+                        "steps": ready.clock.steps,
+                        "base_step": ready.clock.base / 1e9,
+                        "initialized": init,
+                        "loops": loops,
+                        "notes": list(ready.notes),
+                        "errors": [],
+                    }
+                )
+                return
+            for loop in loops:
+                say(f"a loop at initialization, settled in {loop['rounds']} rounds: {_shortened(loop['outputs'])}")
+            if init:
+                say(f"{len(checked.instances)} instances initialized")
+            say(
+                f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
+                f"{len(ready.network.nodes)} radio nodes, {ready.clock.steps} steps of {ready.clock.base / 1e9:g} s: "
+                "no problems"
+            )
 
 
-def _try_out(checked: CheckedSystem, clock: Timing) -> None:
+def _try_out(checked: CheckedSystem, clock: Timing) -> list[dict[str, Any]]:
     from cosim_master.startup import try_out
 
-    for loop in try_out(checked, clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9):
-        names = ", ".join(loop.outputs[:5]) + (f" and {len(loop.outputs) - 5} more" if len(loop.outputs) > 5 else "")
-        out.print(f"a loop at initialization, settled in {loop.rounds} rounds: {names}", markup=False)
-    out.print(f"{len(checked.instances)} instances initialized", markup=False)
+    found = try_out(checked, clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
+    return [{"rounds": loop.rounds, "outputs": list(loop.outputs)} for loop in found]
 
 
-@app.command()
+def _shortened(names: list[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+
+
+@verb("explain master/systems/line5 'drone3.vehicle.position_start[2]'")
 def explain(
     system: System,
     name: Annotated[str, typer.Argument(metavar="COMPONENT.VARIABLE", help="Hierarchical name of a variable.")],
     variant: Variant = None,
     settings: Settings = None,
+    as_json: Json = False,
 ) -> None:
     """Tell where the value of a variable comes from: who sets it, who is overridden, and what was ignored."""
     from cosim_master.check import check as check_system
     from cosim_master.explanation import explain as explained
     from cosim_master.ssp import read_system
 
-    with errors(), read_system(system, variant) as structure:
-        for line in explained(check_system(structure, overrides(settings)), name):
+    with errors(as_json=as_json), read_system(system, variant) as structure:
+        lines = explained(check_system(structure, overrides(settings)), name)
+        if as_json:
+            print_json({"variable": name, "explanation": [line.strip() for line in lines]})
+            return
+        for line in lines:
             out.print(line, markup=False)
 
 
-@app.command()
-def new(
-    shape: Annotated[str, typer.Argument(help="line or grid.")],
-    drones: Annotated[int, typer.Option(help="How many.")],
-    folder: Annotated[Path, typer.Option("-o", "--out", help="Folder of the new system; must not exist.")],
-    fmus: Annotated[Path, typer.Option(help="Folder with the FMUs of vehicle, autopilot and agent.")] = Path("fmus"),
-    spacing: Annotated[float, typer.Option(help="Metres between neighbours at the start.")] = 10.0,
-    until: Annotated[float, typer.Option(help="Stop time of the new system in s.")] = 60.0,
-) -> None:
-    """Write a system of many drones."""
-    from cosim_master.new import new_system
-
-    with errors():
-        written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until)
-        out.print(f"{written}: {shape} of {drones} drones; uav-cosim run {written}", markup=False)
-
-
-@app.command()
+@verb("graph master/systems/line5 -o line5.svg")
 def graph(
     system: System,
     variant: Variant = None,
     file: Annotated[
-        Path | None, typer.Option("-o", "--out", help="SVG file to write; default: the system's name.")
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="SVG file to write.", show_default="SYSTEM'S NAME.svg"),
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Draw a system: components, connectors and connections, as SVG."""
     from cosim_master.graph import graph as drawing
     from cosim_master.ssp import read_system
 
-    with errors(), read_system(system, variant) as structure:
-        target = file or Path(f"{structure.name}.svg".replace("/", "_"))
-        data = drawing(structure)
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"drawing {system}")
+        with read_system(system, variant) as structure:
+            target = file or Path(f"{structure.name}.svg".replace("/", "_"))
+            data = drawing(structure)
+        doing.end()
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data)
         except OSError as error:
             raise usage(f"{target}: cannot be written: {error.strerror}") from None
-        out.print(str(target), markup=False)
-
-
-@app.command()
-def convert(
-    multimodel: Annotated[
-        Path, typer.Argument(help="A multi-model of INTO-CPS or the configuration of a run (.json).")
-    ],
-    folder: Annotated[Path, typer.Option("-o", "--out", help="Folder of the new system; must not exist.")],
-) -> None:
-    """Write a multi-model as an SSP."""
-    from cosim_master.conversion import convert as convert_multimodel
-
-    with errors():
-        out.print(f"{convert_multimodel(multimodel, folder)}: uav-cosim run {folder}", markup=False)
-
-
-@app.command()
-def swap(
-    system: System,
-    component: Annotated[str, typer.Argument(help="Hierarchical name, e.g. drone3.vehicle.")],
-    fmu: Annotated[Path, typer.Argument(help="The FMU it gets.")],
-    new: Annotated[
-        Path | None, typer.Option("-o", "--out", help="The new system; default: change it in place.")
-    ] = None,
-) -> None:
-    """Give a component another FMU; nothing else changes."""
-    from cosim_master.edit import swap as swap_component
-
-    with errors():
-        written = swap_component(system, component, fmu, new)
-        out.print(f"{written}: {component} is now {fmu}", markup=False)
+        if as_json:
+            print_json({"files": [str(target)]})
+        else:
+            say(str(target))

@@ -1,0 +1,93 @@
+"""Verbs that write systems: `new`, `convert`, `swap`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cosim_master.cli.console import errors, print_json, say, usage
+from cosim_master.cli.options import Json, System, positive
+from cosim_master.cli.verbs import verb
+
+NewFolder = Annotated[
+    Path, typer.Option("-o", "--out", metavar="FOLDER", help="Folder of the new system; must not exist.")
+]
+
+
+@verb("new line --drones 50 -o swarm", "new grid --drones 100 --spacing 20 --until 120 -o field")
+def new(
+    shape: Annotated[str, typer.Argument(metavar="line|grid", help="line or grid.")],
+    drones: Annotated[int, typer.Option(metavar="N", help="How many.")],
+    folder: NewFolder,
+    fmus: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Folder with the FMUs of vehicle, autopilot and agent.")
+    ] = Path("fmus"),
+    spacing: Annotated[
+        float,
+        typer.Option(
+            metavar="M",
+            help="Metres between neighbours at the start.",
+            callback=positive("--spacing", "a distance in m"),
+        ),
+    ] = 10.0,
+    until: Annotated[
+        float,
+        typer.Option(
+            metavar="S", help="Stop time of the new system in s.", callback=positive("--until", "a stop time in s")
+        ),
+    ] = 60.0,
+    as_json: Json = False,
+) -> None:
+    """Write a system of many drones."""
+    from cosim_master.new import new_system
+
+    with errors(as_json=as_json):
+        written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until)
+        if as_json:
+            print_json({"files": [str(written)]})
+        else:
+            say(f"{written}: {shape} of {drones} drones; uav-cosim run {written}")
+
+
+@verb("convert Multi-models/tanks/mm.json -o tanks")
+def convert(
+    multimodel: Annotated[
+        Path,
+        typer.Argument(metavar="MULTIMODEL", help="A multi-model of INTO-CPS or the configuration of a run (.json)."),
+    ],
+    folder: NewFolder,
+    as_json: Json = False,
+) -> None:
+    """Write a multi-model as an SSP."""
+    from cosim_master.conversion import convert as convert_multimodel
+
+    with errors(as_json=as_json):
+        written = convert_multimodel(multimodel, folder)
+        if as_json:
+            print_json({"files": [str(written)]})
+        else:
+            say(f"{written}: uav-cosim run {folder}")
+
+
+@verb("swap master/systems/line5 drone3.vehicle fmus/Hexarotor.fmu -o swapped")
+def swap(
+    system: System,
+    component: Annotated[str, typer.Argument(metavar="COMPONENT", help="Hierarchical name, e.g. drone3.vehicle.")],
+    fmu: Annotated[Path, typer.Argument(metavar="FMU", help="The FMU it gets.")],
+    new: Annotated[Path | None, typer.Option("-o", "--out", metavar="SYSTEM", help="The new system.")] = None,
+    in_place: Annotated[bool, typer.Option("--in-place", help="Change the system itself.", show_default=False)] = False,
+    as_json: Json = False,
+) -> None:
+    """Give a component another FMU; nothing else changes."""
+    from cosim_master.edit import swap as swap_component
+
+    if (new is None) != in_place:
+        raise usage("swap: give either -o SYSTEM for a new system, or --in-place to change this one")
+    with errors(as_json=as_json):
+        written = swap_component(system, component, fmu, new)
+        if as_json:
+            print_json({"files": [str(written)]})
+        else:
+            say(f"{written}: {component} is now {fmu}")

@@ -1,0 +1,90 @@
+"""Options that several verbs have, and what is read out of their texts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+from cosim_master.cli.console import usage
+
+__all__ = ["Json", "Settings", "Step", "System", "Until", "Variant", "changes", "overrides", "positive"]
+
+
+def positive(option: str, meaning: str) -> Callable[[float | None], float | None]:
+    """The callback of an option whose number must be positive and finite.
+
+    Args:
+        option: its name.
+        meaning: what to give, as in "give a step size in s".
+    """
+
+    def check(value: float | None) -> float | None:
+        if value is not None and not 0.0 < value < math.inf:
+            raise usage(f"{option} {value:g}: give {meaning}, a positive number")
+        return value
+
+    return check
+
+
+System = Annotated[
+    str,
+    typer.Argument(metavar="SYSTEM", help="An .ssd, .ssp, multi-model (.json), or folder with a SystemStructure.ssd."),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="COMPONENT.PARAMETER=VALUE", help="Override a start value; may be repeated."),
+]
+Until = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="Stop time in s.",
+        show_default="the system's DefaultExperiment",
+        callback=positive("--until", "a stop time in s"),
+    ),
+]
+Variant = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="Which .ssd of an archive or folder: its name.", show_default="SystemStructure.ssd"
+    ),
+]
+Step = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="Step size in s where neither system nor FMU names one.",
+        show_default="none",
+        callback=positive("--step", "a step size in s"),
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead.", show_default=False)]
+
+
+def overrides(settings: list[str] | None) -> dict[str, str]:
+    """Start values by hierarchical name, from texts COMPONENT.PARAMETER=VALUE."""
+    found = {}
+    for setting in settings or []:
+        name, equals, value = setting.partition("=")
+        if not equals or not name.strip():
+            raise usage(f"--set {setting}: write COMPONENT.PARAMETER=VALUE")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def changes(settings: list[str] | None) -> list[tuple[float, str, str]]:
+    """(time in s, hierarchical name, value), from texts TIME COMPONENT.PARAMETER=VALUE."""
+    found = []
+    for setting in settings or []:
+        time, _, rest = setting.strip().partition(" ")
+        name, equals, value = rest.partition("=")
+        try:
+            if not equals or not name.strip():
+                raise ValueError
+            found.append((float(time), name.strip(), value.strip()))
+        except ValueError:
+            raise usage(f"--at {setting}: write --at TIME COMPONENT.PARAMETER=VALUE") from None
+    return found
