@@ -1,13 +1,14 @@
 # make demo   set up, build the FMUs, fly the paper's scenario, leave its figures in out/line5
 # make test   set up, build the FMUs, then lint, types, import contracts and all tests
 # make fmus   build the FMUs that changed into fmus/
+# make wheel  a wheel for this platform into dist/, with systems and FMUs
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 COSIM := $(BIN)/uav-cosim
 
-.PHONY: demo test fmus lint clean
+.PHONY: demo test fmus lint wheel clean
 
 demo: fmus
 	$(COSIM) run master/systems/line5 -o out/line5
@@ -31,12 +32,18 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[build,plot]'
 	touch $@
 
 $(VENV)/tested: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,clients]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[build,plot,test,clients]'
 	touch $@
 
+wheel: $(VENV)/installed
+	rm -rf build
+	$(BIN)/python -m cosim_master.shipped build/shipped
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w dist .
+	rm -rf build
+
 clean:
-	rm -rf out fmus/*.fmu
+	rm -rf out build dist fmus/*.fmu

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from cosim_master import shipped
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.multimodel import read_multimodel
@@ -23,7 +24,8 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
     """Read a system structure and everything it refers to, except the inside of FMUs.
 
     Args:
-        path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, or a multi-model (.json).
+        path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, a multi-model (.json), or the name of
+            a shipped system where there is no file of this name.
         variant: which .ssd at the root of the archive or folder: the name of the description in it, or of its file.
             None: SystemStructure.ssd.
 
@@ -35,11 +37,10 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
         SystemDescriptionError: there is no readable root document at all, or no such variant.
     """
     given = Path(path)
+    if not given.exists():
+        given = _shipped(str(path))
     place = given.absolute()
     files = Files()
-    if not given.exists():
-        message = f"no such file or folder; give an .ssd, an .ssp or a folder with {ROOT_DOCUMENT}"
-        raise SystemDescriptionError([Problem(Where(str(given)), message)])
     if given.suffix.lower() == ".json":
         if variant is not None:
             message = f'a multi-model has no variants; give it without --variant "{variant}"'
@@ -63,6 +64,24 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
         for opened in files.archives:
             opened.close()
         raise
+
+
+def _shipped(name: str) -> Path:
+    """The folder of a shipped system.
+
+    Raises:
+        SystemDescriptionError: there is none of this name, or its FMUs cannot be built.
+    """
+    try:
+        found = shipped.find(name)
+    except (RuntimeError, ValueError, ImportError) as error:
+        raise SystemDescriptionError([Problem(Where(name), f"its FMUs cannot be built: {error}")]) from None
+    if found is None:
+        message = f"no such file or folder; give an .ssd, an .ssp or a folder with {ROOT_DOCUMENT}"
+        if names := shipped.names():
+            message += f", or the name of a shipped system ({near(name, names)})"
+        raise SystemDescriptionError([Problem(Where(name), message)])
+    return found
 
 
 def _chosen(folder: File, variant: str | None, files: Files) -> File:
