@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from cosim_master.document import near
-from cosim_master.errors import Problem, Where
+from cosim_master.errors import Finding, Problem, Where
 from cosim_master.fmu import Variable
 from cosim_master.limitations import MAPPED_BACK, SIGNAL_START
 from cosim_master.parts import Part, Port, element_name, indices_of
@@ -27,7 +27,7 @@ from cosim_master.system import (
     SignalDictionaryReference,
     Value,
 )
-from cosim_master.units import Unit, UnitError, conversion
+from cosim_master.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.wiring import SENDING, Route, Wiring
 
 __all__ = ["Assignment", "Bindings", "Unmatched"]
@@ -104,6 +104,8 @@ class Bindings:
             return
         used = set()
         for entry in binding.mapping:
+            if not entry.source:
+                continue
             if (parameter := named.get(entry.source)) is None:
                 self._notes.append(
                     f'{entry.where}: there is no parameter "{entry.source}"; {near(entry.source, named)}'
@@ -117,6 +119,10 @@ class Bindings:
                     transformation=entry.transformation,
                     suppress_unit_conversion=entry.suppress_unit_conversion,
                 ),
+            )
+        if empty := [entry.where for entry in binding.mapping if not entry.source]:
+            self._notes.append(
+                f'{empty[0]}: source="" names no parameter: {len(empty)} entries of the mapping map nothing'
             )
         for name in named.keys() - used:
             full = f"{part.name}.{name}" if part.name else name
@@ -236,6 +242,7 @@ class Bindings:
         unit = target.unit or parameter.unit
         kind = target.type or SAME_TYPE.get(parameter.type, parameter.type)
         trouble, value = _converted(parameter, kind, unit, target.items)
+        self._look_at_units(parameter, kind, unit)
         if trouble is not None:
             self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
             return
@@ -254,6 +261,18 @@ class Bindings:
             if variable.type in _FLOATS and not isinstance(number, str | bool):
                 number = route.factor * float(number) + route.offset
             self._store_value(inner, variable, number, parameter)
+
+    def _look_at_units(self, parameter: Parameter, kind: str, unit: Unit | None) -> None:
+        """Note that a value is not converted because a unit has no definition."""
+        if kind not in _FLOATS or parameter.unit is None or unit is None or parameter.suppress_unit_conversion:
+            return
+        try:
+            conversion(parameter.unit, unit)
+        except UndefinedUnit as error:
+            text = f'"{parameter.name}" is not converted: {error}'
+            self._notes.append(Finding(parameter.where, text, "unit without definition"))
+        except UnitError:
+            return  # a problem, reported where the value is converted
 
     def _backwards(self, port: Port, value: Value, start: Route, parameter: Parameter) -> None:
         """Set the variable that drives a connector of a system, so that the connector has the value."""
@@ -293,6 +312,7 @@ class Bindings:
         trouble, value = _unsettable(variable), parameter.value
         if trouble is None:
             trouble, value = _converted(parameter, kind, variable.unit, variable.items)
+            self._look_at_units(parameter, kind, variable.unit)
         if trouble is not None:
             self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
             return
@@ -384,6 +404,8 @@ def _converted(
         if unit is not None and parameter.unit is not None and not parameter.suppress_unit_conversion:
             try:
                 factor, offset = conversion(parameter.unit, unit)
+            except UndefinedUnit:
+                factor, offset = 1.0, 0.0
             except UnitError as error:
                 return f"cannot be set: {error}", value
             number = factor * number + offset

@@ -18,7 +18,7 @@ from lxml import etree
 
 from cosim_master.binding import Assignment, Bindings, Unmatched
 from cosim_master.document import line_of, near
-from cosim_master.errors import FmuError, Problem, SystemDescriptionError, Where
+from cosim_master.errors import Finding, FmuError, Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import Stage, exchange_order
 from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, UNIT_GAP
@@ -480,9 +480,10 @@ class _Check:
             self.notes.append("the system has no components")
         for fmu in fmus.values():
             if fmu is not None:
-                self.notes += [f"{fmu.path.name}: {note}" for note in fmu.notes]
+                self.notes += [note if isinstance(note, Finding) else f"{fmu.path.name}: {note}" for note in fmu.notes]
         for item in bindings.unmatched:
             self.notes.append(f'{item.where}: parameter "{item.name}" matches nothing and is ignored; {item.hint}')
+        self.notes += wiring.findings
         if wiring.unit_gaps:
             where = wiring.unit_gaps[0].where
             count = len(wiring.unit_gaps)

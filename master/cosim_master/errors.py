@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-__all__ = ["CosimError", "FmuError", "Problem", "SystemDescriptionError", "Where"]
+__all__ = ["CosimError", "Finding", "FmuError", "Problem", "SystemDescriptionError", "Where", "within_bounds"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +36,40 @@ class Problem:
 
     def __str__(self) -> str:
         return f"{self.where}: {self.message}"
+
+
+class Finding(str):
+    """A note on something that does not stop a run but should be mended; `--strict` makes it an error.
+
+    A file that breaks a rule of its standard and is read all the same gives one; so may whatever else is tolerated.
+
+    Attributes:
+        problem: the note as a problem.
+        kind: equal for findings of the same rule, so that a long list of them can be shown in short.
+    """
+
+    problem: Problem
+    kind: str
+
+    def __new__(cls, where: Where, message: str, kind: str = "") -> Finding:
+        made = super().__new__(cls, f"{where}: {message}")
+        made.problem = Problem(where, message)
+        made.kind = kind or message
+        return made
+
+
+def within_bounds(notes: Iterable[str], most: int = 3) -> Iterator[str]:
+    """Notes to show: of findings of one kind the first ones, and how many more there are."""
+    counts: dict[str, int] = {}
+    for note in notes:
+        if isinstance(note, Finding):
+            counts[note.kind] = counts.get(note.kind, 0) + 1
+            if counts[note.kind] > most:
+                continue
+        yield note
+    for kind, n in counts.items():
+        if n > most:
+            yield f"and {n - most} more notes of this kind: {kind}"
 
 
 class CosimError(Exception):

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any, cast
 
 from cosim_master.document import near
-from cosim_master.errors import Problem, Where
+from cosim_master.errors import Finding, Problem, Where
 from cosim_master.fmu import FmuDescription, Variable
 from cosim_master.limitations import DEEP, LARGE, OPEN_SIZE
 from cosim_master.ssp_grammar import SAME_TYPE
 from cosim_master.system import Connector, Dimension, Element, Kind, SignalDictionaryReference, System
 from cosim_master.transformation import listed
-from cosim_master.units import Unit, UnitError, conversion
+from cosim_master.units import UndefinedUnit, Unit, UnitError, conversion
 
 __all__ = ["MAX_DEPTH", "MAX_PARTS", "Part", "Port", "assemble", "element_name", "indices_of", "measure"]
 
@@ -294,7 +294,7 @@ class _Assembly:
             kind=inner.kind,
             where=inner.where if outer is None else outer.where,
             type=inner.type or (outer.type if outer is not None else None),
-            unit=inner.unit or (outer.unit if outer is not None else None),
+            unit=_said(inner.unit, outer.unit if outer is not None else None),
             items=inner.items or (outer.items if outer is not None else None),
             mime_type=inner.mime_type or (outer.mime_type if outer is not None else None),
         )
@@ -342,7 +342,7 @@ class _Assembly:
             kind,
             connector.where,
             type=_exact(variable),
-            unit=connector.unit or variable.unit,
+            unit=_said(connector.unit, variable.unit),
             items=variable.items or connector.items,
             variable=variable,
             mime_type=connector.mime_type or variable.mime_type,
@@ -380,6 +380,9 @@ class _Assembly:
         try:
             if conversion(connector.unit, other) == (1.0, 0.0):
                 return
+        except UndefinedUnit as error:
+            self.notes.append(Finding(connector.where, f"{text}: not converted ({error})", "unit without definition"))
+            return
         except UnitError as error:
             text += f" ({error})"
         self.problems.append(Problem(connector.where, f"{text}; write the same unit or leave it out"))
@@ -416,6 +419,11 @@ def _joined(root: Part) -> dict[tuple[int, str], list[tuple[Part, str]]]:
                 joined.setdefault((id(start), one.start_connector), []).append((end, one.end_connector))
                 joined.setdefault((id(end), one.end_connector), []).append((start, one.start_connector))
     return joined
+
+
+def _said(own: Unit | None, other: Unit | None) -> Unit | None:
+    """The unit of a connector: its own, or the other side's where its own says nothing or has no definition."""
+    return own if own is not None and (own.base is not None or other is None) else other
 
 
 def _described(connector: Connector) -> tuple[Any, ...]:

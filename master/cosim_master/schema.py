@@ -1,4 +1,4 @@
-"""Validates SSP files against the official XML schemas of SSP 1.0 and 2.0, with line numbers.
+"""Validates SSP files against the official XML schemas of SSP 1.0 and 2.0.1, with line numbers.
 
 The schemas are data files of the package pyssp-standard (which is not imported); nothing is fetched. What our own
 grammar has found is said in its words; this adds what only the schemas know.
@@ -12,6 +12,7 @@ from functools import lru_cache
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any, cast
+from urllib.parse import unquote, urlsplit
 
 from lxml import etree
 
@@ -26,6 +27,7 @@ _NAMESPACES = {
     "ParameterMapping": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
     "SignalDictionary": "http://ssp-standard.org/SSP1/SystemStructureSignalDictionary",
 }
+_XS = "{http://www.w3.org/2001/XMLSchema}"
 _SHOWN = 20
 
 
@@ -44,7 +46,22 @@ def _schema(version: int) -> etree.XMLSchema:
         for name, namespace in _NAMESPACES.items()
     )
     text = f'<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema">{imports}</xs:schema>'
-    return etree.XMLSchema(etree.fromstring(text, etree.XMLParser(no_network=True)))
+    parser = etree.XMLParser(no_network=True)
+    parser.resolvers.add(_Released())
+    return etree.XMLSchema(etree.fromstring(text, parser))
+
+
+class _Released(etree.Resolver):
+    """The installed schemas of SSP 2.0 as SSP 2.0.1 has them: values of enumeration items have 64 bits."""
+
+    def resolve(self, url: str, public: str | None, context: Any) -> Any:  # type: ignore[override]  # noqa: ARG002
+        if not url.endswith("/ssp2/SystemStructureCommon.xsd"):
+            return None
+        schema = etree.parse(unquote(urlsplit(url).path), etree.XMLParser(no_network=True))
+        item = f"{_XS}complexType[@name='TEnumeration']//{_XS}attribute[@name='value']"
+        for attribute in schema.iterfind(item):
+            attribute.set("type", "xs:long")
+        return self.resolve_string(etree.tostring(schema), context, base_url=url)
 
 
 def validate(root: etree._Element, version: int, shown: str, known: Iterable[Problem]) -> list[Problem]:

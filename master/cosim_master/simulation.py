@@ -22,7 +22,7 @@ from cosim_master.changes import Change, changes
 from cosim_master.check import CheckedSystem, check
 from cosim_master.checkpoint import Identity, find
 from cosim_master.coupling import Coupling, connected, coupling_of
-from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError, Where
+from cosim_master.errors import CosimError, Finding, FmuError, Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution, RunFailed, RunTerminated
 from cosim_master.fmu import Start
 from cosim_master.gateways import Gateways, gateways_of
@@ -120,8 +120,12 @@ def prepare(
     seed: int | None = None,
     record: Sequence[str] = (),
     at: Sequence[tuple[float, str, str]] = (),
+    strict: bool = False,
 ) -> Prepared:
     """Settle everything that can be settled without loading an FMU.
+
+    Args:
+        strict: notes that are a `Finding` are errors.
 
     Raises:
         SystemDescriptionError: clock, network or recording are not as they should be; all problems at once.
@@ -150,7 +154,10 @@ def prepare(
             text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{clock.base / 1e9:g}")
             raise SystemDescriptionError([Problem(checked.structure.where, text)])
     checked = connected(checked, coupling)
-    return Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling)
+    ready = Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling)
+    if strict and (findings := [note.problem for note in ready.notes if isinstance(note, Finding)]):
+        raise SystemDescriptionError(findings)
+    return ready
 
 
 def _recording(checked: CheckedSystem, record: Sequence[str]) -> Recording:
@@ -182,6 +189,7 @@ def simulate(
     overrides: Mapping[str, str] | None = None,
     record: Sequence[str] = (),
     at: Sequence[tuple[float, str, str]] = (),
+    strict: bool = False,
     threads: int | None = None,
     profile: bool = False,
     on_start: Callable[[Prepared], None] | None = None,
@@ -206,6 +214,7 @@ def simulate(
         overrides: start values by hierarchical name, as text.
         record: patterns of signals to record; the system's, else all outputs.
         at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set while it runs.
+        strict: notes that are a `Finding` are errors.
         threads: how many step native instances; None chooses.
         profile: measure where the time goes.
         on_start: called when everything is checked and nothing loaded yet.
@@ -233,7 +242,7 @@ def simulate(
         seed = was.seed if seed is None else seed
     with read_system(system, variant) as structure:
         checked = check(structure, overrides)
-        ready = prepare(checked, until=until, step=step, seed=seed, record=record, at=at)
+        ready = prepare(checked, until=until, step=step, seed=seed, record=record, at=at, strict=strict)
         checked = ready.checked
         saving = _Checkpoints(ready, out, checkpoint_every, overrides or {}, record)
         if checkpoint is not None:

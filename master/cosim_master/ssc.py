@@ -111,6 +111,8 @@ class Definitions:
 
     def _enumerations(self, root: etree._Element, namespace: str) -> None:
         reader = self._reader
+        # 64 bits since SSP 2.0.1, whose files say that they are of version 2.0.
+        low, high = INTEGER_RANGES["Integer" if reader.version < 2 else "Int64"]
         for holder in root.iterfind(namespace + "Enumerations"):
             for element in reader.children(holder, GRAMMAR[namespace + "Enumerations"]):
                 name = reader.name(element)
@@ -124,7 +126,7 @@ class Definitions:
                     reader.children(item, GRAMMAR[SSC + "Item"])
                     if (label := item.get("name", "")) in items:
                         reader.problem(item, f'item "{label}" of enumeration "{name}" is already defined')
-                    items[label] = reader.integer(item, "value")
+                    items[label] = reader.integer(item, "value", low=low, high=high)
                 self.enumerations[name] = Enumeration(name, items, reader.where(element))
 
 

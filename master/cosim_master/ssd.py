@@ -15,7 +15,7 @@ from typing import TypeVar
 from lxml import etree
 
 from cosim_master.document import Reader, line_of, local_name, near, whole
-from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.errors import Finding, Problem, SystemDescriptionError, Where
 from cosim_master.limitations import DEEP, IMPLEMENTATION, MODELICA, NO_SOURCE, OTHER_SSD
 from cosim_master.parts import MAX_DEPTH
 from cosim_master.references import File, Files, is_file, parsed, read_reference
@@ -322,9 +322,9 @@ class Document:
     def _connection(self, element: etree._Element) -> Connection:
         children = self._held(element)
         return Connection(
-            start_element=element.get("startElement"),
+            start_element=self._owner(element, "startElement"),
             start_connector=self.reader.name(element, "startConnector"),
-            end_element=element.get("endElement"),
+            end_element=self._owner(element, "endElement"),
             end_connector=self.reader.name(element, "endConnector"),
             where=self.reader.where(element),
             suppress_unit_conversion=self.reader.boolean(element, "suppressUnitConversion"),
@@ -332,6 +332,18 @@ class Document:
             start_indices=self._indices(element, "startIndices"),
             end_indices=self._indices(element, "endIndices"),
         )
+
+    def _owner(self, element: etree._Element, attribute: str) -> str | None:
+        """The element that an end of a connection names; None for the system itself.
+
+        Names of elements must not be empty (section 5.2), so that "" can stand for the system only.
+        """
+        name = element.get(attribute)
+        if name != "":
+            return name
+        text = f'{attribute}="" is read as if it were absent: this end belongs to the system itself'
+        self.files.notes.append(Finding(self.reader.where(element), text, 'startElement="" or endElement=""'))
+        return None
 
     def _indices(self, element: etree._Element, attribute: str) -> tuple[int, ...]:
         text = element.get(attribute)

@@ -111,7 +111,7 @@ def read_parameter_mapping(reader: Reader, root: etree._Element) -> tuple[Mappin
             continue
         children = reader.children(element, GRAMMAR[SSM + "MappingEntry"])
         entry = MappingEntry(
-            source=reader.name(element, "source"),
+            source=reader.text(element, "source"),
             target=reader.name(element, "target"),
             where=reader.where(element),
             suppress_unit_conversion=reader.boolean(element, "suppressUnitConversion"),

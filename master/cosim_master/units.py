@@ -10,13 +10,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-__all__ = ["BASE_UNITS", "BaseUnit", "Unit", "UnitError", "conversion"]
+__all__ = ["BASE_UNITS", "BaseUnit", "UndefinedUnit", "Unit", "UnitError", "conversion"]
 
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 class UnitError(ValueError):
     """Two units cannot be converted into each other; the message says why."""
+
+
+class UndefinedUnit(UnitError):
+    """Two units of different names of which at least one has no definition to convert by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,14 +59,15 @@ def conversion(source: Unit, target: Unit) -> tuple[float, float]:
         (factor, offset) with value_target = factor * value_source + offset; exactly (1.0, 0.0) for equal units.
 
     Raises:
-        UnitError: the units measure different things, or one of them has no definition to convert by.
+        UndefinedUnit: one of them has no definition to convert by.
+        UnitError: the units measure different things.
     """
     if source.base is None or target.base is None:
         if source.name == target.name:
             return 1.0, 0.0
         undefined = " and ".join(f'"{unit.name}"' for unit in (source, target) if unit.base is None)
         verb = "have" if source.base is None and target.base is None else "has"
-        raise UnitError(
+        raise UndefinedUnit(
             f'unit "{source.name}" cannot be converted to "{target.name}": {undefined} {verb} no definition '
             "(a Unit with a BaseUnit) in the file that uses it"
         )

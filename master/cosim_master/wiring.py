@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from cosim_master.document import near
-from cosim_master.errors import Problem, Where
+from cosim_master.errors import Finding, Problem, Where
 from cosim_master.limitations import DIRECTION, NARROWING
 from cosim_master.parts import Part, Port, element_name, indices_of
 from cosim_master.system import (
@@ -21,7 +21,7 @@ from cosim_master.system import (
     System,
 )
 from cosim_master.transformation import MappedEnd, compatible, listed, mapping_entries, mime_types_differ
-from cosim_master.units import Unit, UnitError, conversion
+from cosim_master.units import UndefinedUnit, Unit, UnitError, conversion
 
 __all__ = ["SENDING", "Route", "Wiring"]
 
@@ -91,6 +91,7 @@ class Wiring:
         incoming: the connection into a port and its source.
         outgoing: the connections out of a port and their destinations.
         unit_gaps: connections that join a port with a unit to one without.
+        findings: connections that join units of which one has no definition.
     """
 
     def __init__(self, root: Part, problems: list[Problem]) -> None:
@@ -98,6 +99,7 @@ class Wiring:
         self.incoming: dict[Port, tuple[Connection, Port]] = {}
         self.outgoing: dict[Port, list[tuple[Connection, Port]]] = {}
         self.unit_gaps: list[Connection] = []
+        self.findings: list[Finding] = []
         self._problems = problems
         self._routes: dict[Port, Route] = {}
         for part in root.walk():
@@ -291,6 +293,10 @@ class Wiring:
             return 1.0, 0.0, target.unit or unit
         try:
             factor, offset = conversion(unit, target.unit)
+        except UndefinedUnit as error:
+            text = f"{self.incoming[target][1]} to {target}: not converted: {error}"
+            self.findings.append(Finding(connection.where, text, "unit without definition"))
+            return 1.0, 0.0, unit if target.unit.base is None else target.unit
         except UnitError as error:
             self._problem(connection.where, f"{self.incoming[target][1]} to {target}: {error}")
             return 1.0, 0.0, target.unit

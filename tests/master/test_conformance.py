@@ -5,6 +5,7 @@ A case is a folder with a case.toml: `section` and `rule` of the standard it sta
     values   outputs after the last step
     errors   all problems, without the path of the case; or none
     notes    parts of what must be said to the user
+    strict   with values: all problems of the same case with --strict; [] for none
     pack     the folder is given as an .ssp;  variant, steps (default 3, of 0.5 s), end: of the run
 
 Folders named *.ssp inside of a case are packed; folders named *.fmu hold what an FMU has besides a probe (probe.c);
@@ -146,7 +147,9 @@ def package(folder: Path, fmus: Path) -> None:
             shutil.copytree(folder / "resources", inner.parent / "resources")
 
 
-def outcome(name: str, root: Path, fmus: Path) -> tuple[dict[str, Any], dict[str, Any], list[str], list[str], float]:
+def outcome(
+    name: str, root: Path, fmus: Path, strict: bool = False
+) -> tuple[dict[str, Any], dict[str, Any], list[str], list[str], float]:
     """A case's expectations, and what came out: values, problems, notes, and the end of the run."""
     folder = root / name
     shutil.copytree(CORPUS / name, folder)
@@ -160,7 +163,7 @@ def outcome(name: str, root: Path, fmus: Path) -> tuple[dict[str, Any], dict[str
     steps = case.get("steps", 3)
     until = 0.5 * steps if steps else None
     try:
-        result = simulate(given, variant=case.get("variant"), out=root / "out", until=until)
+        result = simulate(given, variant=case.get("variant"), out=root / "out", until=until, strict=strict)
     except SystemDescriptionError as error:
         return (
             case,
@@ -187,6 +190,16 @@ def test_case(name: str, tmp_path: Path, fmus: Path) -> None:
         assert any(text in note for note in notes), notes
     if "end" in case:
         assert end == case["end"]
+
+
+STRICT = [name for name in CASES if "strict =" in (CORPUS / name / "case.toml").read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("name", STRICT)
+def test_case_taken_strictly(name: str, tmp_path: Path, fmus: Path) -> None:
+    case, values, errors, _, _ = outcome(name, tmp_path, fmus, strict=True)
+    assert errors == case["strict"]
+    assert bool(values) != bool(errors)
 
 
 def test_every_case_says_what_it_is_for() -> None:

@@ -22,7 +22,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from cosim_master.errors import CosimError, Problem, SystemDescriptionError
+from cosim_master.errors import CosimError, Problem, SystemDescriptionError, within_bounds
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -107,8 +107,8 @@ def note(text: str) -> None:
 
 
 def notes(texts: Iterable[str]) -> None:
-    """Print several notes."""
-    for text in texts:
+    """Print several notes: of findings of one kind the first ones."""
+    for text in within_bounds(texts):
         note(text)
 
 

@@ -10,7 +10,7 @@ import typer
 
 from cosim_master.cli.console import usage
 
-__all__ = ["Json", "Settings", "Step", "System", "Until", "Variant", "changes", "overrides", "positive"]
+__all__ = ["Json", "Settings", "Step", "Strict", "System", "Until", "Variant", "changes", "overrides", "positive"]
 
 
 def positive(option: str, meaning: str) -> Callable[[float | None], float | None]:
@@ -60,6 +60,10 @@ Step = Annotated[
         show_default="none",
         callback=positive("--step", "a step size in s"),
     ),
+]
+Strict = Annotated[
+    bool,
+    typer.Option("--strict", help="Findings, the notes on whatever breaks a rule, are errors.", show_default=False),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead.", show_default=False)]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim_master.cli.console import errors, note, notes, print_json, print_tables, report_error, say, usage
-from cosim_master.cli.options import Json, Settings, Step, System, Until, Variant, changes, overrides, positive
+from cosim_master.cli.options import Json, Settings, Step, Strict, System, Until, Variant, changes, overrides, positive
 from cosim_master.cli.progress import activity, compiling
 from cosim_master.cli.verbs import verb
 
@@ -32,6 +32,7 @@ def run(
     variant: Variant = None,
     until: Until = None,
     step: Step = None,
+    strict: Strict = False,
     pace: Annotated[
         float | None,
         typer.Option(
@@ -111,6 +112,7 @@ def run(
                 out=folder,
                 until=until,
                 step=step,
+                strict=strict,
                 pace=pace,
                 seed=seed,
                 overrides=overrides(settings),

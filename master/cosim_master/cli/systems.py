@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim_master.cli.console import errors, notes, out, print_json, say, usage
-from cosim_master.cli.options import Json, Settings, Step, System, Until, Variant, overrides
+from cosim_master.cli.options import Json, Settings, Step, Strict, System, Until, Variant, overrides
 from cosim_master.cli.progress import activity
 from cosim_master.cli.verbs import verb
 
@@ -27,6 +27,7 @@ def check(
     init: Annotated[
         bool, typer.Option("--init", help="Load and initialize the FMUs too, and stop there.", show_default=False)
     ] = False,
+    strict: Strict = False,
     as_json: Json = False,
 ) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
@@ -39,7 +40,7 @@ def check(
         doing.stage(f"checking {system}")
         with read_system(system, variant) as structure:
             checked = check_system(structure, overrides(settings))
-            ready = prepare(checked, until=until, step=step)
+            ready = prepare(checked, until=until, step=step, strict=strict)
             checked = ready.checked
             layout(checked, ready.network, ready.recording.signals, ready.coupling)
             notes(ready.notes)
