@@ -319,3 +319,28 @@ def test_dialect(run: Any, tmp_path: Path) -> None:
     (tmp_path / "bad.xml").write_text("<swarm/>")
     code, _, stderr = run("dialect", "bad.xml", "-o", "swarm.py")
     assert (code, stderr) == (2, "error: bad.xml: the root of a dialect is <mavlink>, not <swarm>\n")
+
+
+def test_findings_are_notes_and_with_strict_errors(run: Any, probes: Any) -> None:
+    """Five connections to the system's own connectors are written as OMSimulator does, with empty elements."""
+    probes.fmu()
+    names = "vwxyz"
+    connectors = "".join(f'<ssd:Connector name="{name}" kind="input"/>' for name in names)
+    made: Path = probes.ssd("".join(probes.component(name) for name in names))
+    wires = "\n".join(
+        f'<ssd:Connection startElement="" startConnector="{name}" endElement="{name}" endConnector="u"/>'
+        for name in names
+    )
+    text = made.read_text()
+    text = text.replace("<ssd:Elements>", f"<ssd:Connectors>{connectors}</ssd:Connectors><ssd:Elements>", 1)
+    made.write_text(text.replace("</ssd:Elements>", f"</ssd:Elements><ssd:Connections>{wires}</ssd:Connections>", 1))
+    finding = 'startElement="" is read as if it were absent: this end belongs to the system itself'
+    code, _, stderr = run("check", str(made))
+    assert code == 0, stderr
+    assert stderr.count(f": {finding}") == 3
+    assert 'note: and 2 more notes of this kind: startElement="" or endElement=""' in stderr
+    for verb in ("check", "run"):
+        code, _, stderr = run(verb, "--strict", str(made))
+        assert code == 2
+        assert stderr.count(f": {finding}") == 5
+        assert stderr.count("error: ") == 5
