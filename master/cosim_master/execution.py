@@ -57,7 +57,7 @@ from cosim_master.recorder import Recorder
 from cosim_master.repetition import Grid, Snapshot, cannot_be_repeated
 from cosim_master.richardson import Rejected, Richardson
 from cosim_master.rollback import self_test
-from cosim_master.startup import initialize, instantiate
+from cosim_master.startup import answers, initialize, instantiate
 from cosim_master.stepping import collect_all, end_here, places_needed, record, run, sent_bytes, work
 from cosim_master.tables import (
     BASE,
@@ -120,6 +120,10 @@ class Execution:
         coupling: the master; None is Jacobi.
         on_stage: is told, in words, what is done next, until the first step.
 
+    Attributes:
+        parameters: of each instance, as its FMU answered after initialization.
+        notes: where these are not the values set.
+
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.
         RunFailed: an FMU refused during start-up; everything is freed.
@@ -168,6 +172,7 @@ class Execution:
                 self._event_mode = EventMode(checked, places, self.living, clock.start, delayed)
                 self._events = self._event_mode.events
                 initialize(checked, self.living, *span, self._events)
+                self.parameters, self.notes = answers(checked, self.living)
             sequence = coupling.sequence if coupling is not None else ()
             free = [i for i, living in enumerate(self.living) if living.library.thread_safe and not sequence]
             self.threads = _threads(threads, len(free))

@@ -310,14 +310,18 @@ def simulate(
                     gateways,
                     saving if checkpoint_every is not None else None,
                 )
+                result = replace(result, notes=(*result.notes, *execution.notes))
                 if profiler is not None:
                     profiler.phases["stepping"] = result.wall_s
                     result = replace(result, profile=profiler.profile())
                 if on_stage is not None and out is not None:
                     on_stage(f"writing {out}")
-                execution.finish(lambda: _manifest(ready, result, start_up))
+                parameters = execution.parameters
+                execution.finish(lambda: _manifest(ready, result, start_up, parameters))
                 # An FMU that takes the process with it when it ends leaves a complete recording, and its manifest.
-                failures = execution.end(lambda errors: _manifest(ready, _failing(result, errors), start_up))
+                failures = execution.end(
+                    lambda errors: _manifest(ready, _failing(result, errors), start_up, parameters)
+                )
             return _failing(result, failures)
 
 
@@ -479,7 +483,9 @@ def _run(
     )
 
 
-def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, Any]:
+def _manifest(
+    ready: Prepared, result: RunResult, start_up: float, parameters: Mapping[str, Mapping[str, Start]]
+) -> dict[str, Any]:
     checked = ready.checked
     network = {
         f.name: getattr(ready.network, f.name)
@@ -532,11 +538,7 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
             instance.name: {
                 "fmu": str(instance.fmu.path),
                 "step": period * ready.clock.base / 1e9,
-                "parameters": {
-                    name: _in_json(value)
-                    for name, value in instance.effective_values().items()
-                    if instance.fmu.variables[name].causality == "parameter"
-                },
+                "parameters": {name: _in_json(value) for name, value in parameters[instance.name].items()},
             }
             for instance, period in zip(checked.instances, ready.clock.periods, strict=True)
         },
@@ -548,7 +550,7 @@ def _manifest(ready: Prepared, result: RunResult, start_up: float) -> dict[str, 
             "python": platform.python_version(),
             **{name: version(name) for name in ("uav-cosim", "numba", "numpy", "pyarrow", "fmpy")},
         },
-        "notes": list(ready.notes),
+        "notes": list(result.notes),
         **({} if result.profile is None else {"profile": asdict(result.profile)}),
     }
 

@@ -2,11 +2,13 @@
 and FMI 3.0.2, section 4.2.
 
     instantiate(checked, libraries, living)     one after the other
-    initialize(checked, living, start, stop)    start values, experiment, initialization mode with its exchange, and out
-    try_out(checked, start, stop)               both, and freed again
+    initialize(checked, living, start, stop)    experiment, start values, initialization mode with its exchange, and out
+    answers(checked, living)                    the parameters as the FMUs have them now
+    try_out(checked, start, stop)               the first two, and freed again
 
-Every start value is set, those of the FMU's own description too: some FMUs ignore them. Before initialization mode
-that is everything but inputs; inputs are set inside of it.
+Every start value is set, those of the FMU's own description too: some FMUs ignore them. Between fmi2SetupExperiment
+and initialization mode that is everything but inputs; inputs are set inside of it. FMUs of 20-sim initialize their
+parameters anew in fmi2SetupExperiment, so that values from before it are lost. FMI 2.0.5 allows both orders.
 """
 
 from __future__ import annotations
@@ -16,21 +18,26 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from cosim_master.check import CheckedSystem, Link
 from cosim_master.clocks import lockstep
 from cosim_master.errors import FmuError
 from cosim_master.events import EndedByEvent, Events
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmi3 import Instance3
-from cosim_master.fmu import Variable
+from cosim_master.fmu import Start, Variable
 from cosim_master.living import Living
 from cosim_master.living import instantiate as make
 from cosim_master.loading import Libraries, check_sources
 from cosim_master.loops import settle
 
-__all__ = ["SettledLoop", "initialize", "instantiate", "try_out"]
+__all__ = ["SettledLoop", "answers", "initialize", "instantiate", "try_out"]
 
 _KINDS = ("Real", "Integer", "Boolean", "String", "Binary")
+_INITIALIZES_ANEW = ("20-sim",)
+"""How the generationTool begins of FMUs that are known to initialize their parameters anew during start-up: what is
+set is set once more in initialization mode, as FMI 2.0.5 allows for variables with initial="exact" (section 4.2.4)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +82,13 @@ def initialize(
     for one, instance, starts in zip(living, checked.instances, values, strict=True):
         if isinstance(one, Instance3) and (sizes := instance.structural_values()):
             one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
-        _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
         one.setup_experiment(start, stop)
+        _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
     for one, instance, starts in zip(living, checked.instances, values, strict=True):
         one.enter_initialization_mode()
+        if one.fmi == 2 and instance.fmu.generation_tool.startswith(_INITIALIZES_ANEW):
+            exact = [v for n in starts if (v := instance.fmu.variables[n]).initial == "exact"]
+            _set_all(one, exact, starts, inputs=False)
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
     loops = _exchange(checked, {one.name: one for one in living})
     events = events or Events(checked, living, round(start * 1e9))
@@ -87,6 +97,48 @@ def initialize(
         one.exit_initialization_mode()
     _first_events(events, living, round(start * 1e9))
     return loops
+
+
+def answers(checked: CheckedSystem, living: Sequence[Living]) -> tuple[dict[str, dict[str, Start]], tuple[str, ...]]:
+    """The parameters of all instances, by instance and name, as the FMUs answer after initialization.
+
+    FMUs that this project compiled are not asked: a parameter is a field of the instance's record that only
+    fmi2SetXXX writes (a test compares those of every FMU that we ship), and of a thousand drones it would be
+    a quarter of a million values. Binaries are the values set, too.
+
+    Returns:
+        The values, and a note for each that is not the one set.
+
+    Raises:
+        FmuError: an FMU refuses to say.
+    """
+    found: dict[str, dict[str, Start]] = {}
+    notes = []
+    for one, instance in zip(living, checked.instances, strict=True):
+        variables = instance.fmu.variables
+        starts = {n: x for n, x in instance.effective_values().items() if _is_parameter(variables[n])}
+        found[instance.name] = own = dict(starts)
+        if one.library.thread_safe:
+            continue
+        asked = [variables[n] for n in starts if variables[n].type != "Binary" and not variables[n].clocks]
+        for kind in _kinds(asked):
+            some = [v for v in asked if set_kind(v) == kind]
+            own |= {v.name: value for v, value in zip(some, one.get(some), strict=True)}
+        for name, answer in own.items():
+            if not _same(answer, starts[name], variables[name].fmi_type):
+                text = f"set to {starts[name]!r}, but after initialization its FMU answers {answer!r}"
+                notes.append(f"parameter {instance.name}.{name}: {text}")
+    return found, tuple(notes)
+
+
+def _is_parameter(variable: Variable) -> bool:
+    return variable.causality == "parameter"
+
+
+def _same(answer: Start, value: Start, fmi_type: str | None) -> bool:
+    if fmi_type == "Float32" and not isinstance(value, str):
+        value = float(np.float32(value))
+    return answer == value or (answer != answer and value != value)
 
 
 def _first_events(events: Events, living: Sequence[Living], start: int) -> None:

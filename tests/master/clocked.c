@@ -238,8 +238,10 @@ EXPORT int fmi3GetFloat64(Clocked *s, const uint32_t vr[], size_t n, double valu
     ALLOWED(s, "fmi3GetFloat64", GETTABLE);
     for (size_t k = 0; k < n; k++) {
         if (vr[k] == Y && !open(s)) return complain(s, "y was got, and its Clocks do not tick");
-        if (vr[k] != Y && vr[k] != W) return complain(s, "fmi3GetFloat64 of %d", (int)vr[k]);
-        value[k] = vr[k] == Y ? s->u + 1 : s->w;
+        const double *place = vr[k] == W ? &s->w : vr[k] == PERIOD ? &s->period : vr[k] == SHIFT ? &s->shift
+                            : vr[k] == DELAY ? &s->delay : vr[k] == WHEN ? &s->when : NULL;
+        if (vr[k] != Y && !place) return complain(s, "fmi3GetFloat64 of %d", (int)vr[k]);
+        value[k] = vr[k] == Y ? s->u + 1 : *place;
     }
     return n == n_values ? OK : complain(s, "fmi3GetFloat64: %d values", (int)n_values);
 }
@@ -264,7 +266,8 @@ EXPORT int fmi3GetInt32(Clocked *s, const uint32_t vr[], size_t n, int32_t value
     ALLOWED(s, "fmi3GetInt32", GETTABLE);
     for (size_t k = 0; k < n; k++) {
         int i = (int)vr[k] - 101;
-        if (vr[k] == ALL) value[k] = s->all;
+        const int *place = vr[k] == ALL ? &s->all : vr[k] == USES ? &s->uses : vr[k] == RULE ? &s->rule : vr[k] == EARLY ? &s->early : NULL;
+        if (place) value[k] = *place;
         else if (i < 0 || i >= CLOCKS || !used(s, i)) return complain(s, "fmi3GetInt32 of %d", (int)vr[k]);
         else if (!s->active[i] && s->state != INITIALIZATION) return complain(s, "ticks_%s was got, and it does not tick", NAME[i]);
         else value[k] = s->count[i];

@@ -262,3 +262,11 @@ def linears(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> Any
     from tests.master.linear import Linears
 
     return Linears(workshop, tmp_path_factory.getbasetemp())
+
+
+@pytest.fixture
+def foreigners(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """FMUs with the habits of other tools (see foreign.c) in a workshop."""
+    from tests.master.foreign import Foreigners
+
+    return Foreigners(workshop, tmp_path_factory.getbasetemp())

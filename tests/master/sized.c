@@ -125,8 +125,8 @@ EXPORT int fmi3GetInt32(Sized *z, const uint32_t vr[], size_t n, int32_t value[]
     ALLOWED(z, "fmi3GetInt32", INITIALIZATION | STEP | TERMINATED);
     SIZED("fmi3GetInt32");
     if (z->state == INITIALIZATION) compute(z);
-    if (n != 1 || vr[0] != SUMS) return complain(z, "fmi3GetInt32");
-    memcpy(value, z->sums, n_values * sizeof *value);
+    if (n != 1 || (vr[0] != SUMS && vr[0] != P)) return complain(z, "fmi3GetInt32");
+    memcpy(value, vr[0] == P ? z->p : z->sums, n_values * sizeof *value);
     return OK;
 }
 EXPORT int fmi3SetString(Sized *z, const uint32_t vr[], size_t n, const char *const value[], size_t n_values) {
