@@ -43,7 +43,10 @@ _FORMAT = 2
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What must be the same for a run to go on: of FMUs their digests by instance, of time ns and base steps."""
+    """What must be the same for a run to go on: of FMUs their digests by instance, of time ns and base steps.
+
+    A file of inputs is known by its digest, too.
+    """
 
     system: str
     fmus: Mapping[str, str]
@@ -52,6 +55,7 @@ class Identity:
     steps: int
     every: int
     seed: int
+    input: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +92,12 @@ class Checkpoint:
         mine, other = asdict(self.identity), asdict(identity)
         fmus = mine.pop("fmus"), other.pop("fmus")
         words = {"system": "the system's documents", "start": "the start time", "base": "the base step"}
-        words |= {"steps": "the stop time", "every": "the recording interval", "seed": "the seed of the radio"}
+        words |= {
+            "steps": "the stop time",
+            "every": "the recording interval",
+            "seed": "the seed of the radio",
+            "input": "the file of --input",
+        }
         for name in mine:
             if mine[name] != other[name]:
                 text = f"{words[name]} must be what it was ({mine[name]}), now it is {other[name]}"

@@ -160,6 +160,7 @@ class FmuDescription:
         generation_tool: what wrote it, as it says.
         shapes: arrays of FMI 3 and their sizes; their elements are variables, "position[1]", "matrix[2,3]".
         terminals: of FMI 3, with the names of their member variables.
+        start_time, stop_time, tolerance: of the DefaultExperiment; None where it is silent.
     """
 
     path: Path
@@ -180,3 +181,6 @@ class FmuDescription:
     generation_tool: str = ""
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     terminals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    start_time: float | None = None
+    stop_time: float | None = None
+    tolerance: float | None = None

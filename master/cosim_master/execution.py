@@ -59,6 +59,7 @@ from cosim_master.richardson import Rejected, Richardson
 from cosim_master.rollback import self_test
 from cosim_master.startup import answers, initialize, instantiate
 from cosim_master.stepping import collect_all, end_here, places_needed, record, run, sent_bytes, work
+from cosim_master.stimuli import Agenda, Stimuli
 from cosim_master.tables import (
     BASE,
     BLOCK_FULL,
@@ -115,6 +116,7 @@ class Execution:
         threads: how many step native instances; None chooses. Only FMUs built by this project are stepped by
             other threads than the main one: many others keep state in globals, whatever they declare.
         changes: values to be set while it runs, in the order of time.
+        stimuli: inputs from a file, sampled.
         profiler: measures where the time goes.
         checkpoint: go on from there.
         coupling: the master; None is Jacobi.
@@ -141,6 +143,7 @@ class Execution:
         keep_packets: bool = True,
         threads: int | None = None,
         changes: Sequence[Change] = (),
+        stimuli: Stimuli | None = None,
         profiler: Profiler | None = None,
         checkpoint: Checkpoint | None = None,
         coupling: Coupling | None = None,
@@ -151,7 +154,7 @@ class Execution:
         self._libraries = Libraries()
         self._recorder: Recorder | None = None
         self._workers: list[threading.Thread] = []
-        self._changes = list(changes)
+        self._agenda = Agenda(changes, stimuli, checkpoint.k if checkpoint is not None else 0)
         self._iteration: Iteration | None = None
         self._richardson: Richardson | None = None
         self._every = every
@@ -259,7 +262,7 @@ class Execution:
             self._save()
         while self.k < stop:
             self._change()
-            target = min([stop, *(change.k for change in self._changes[:1])])
+            target = int(min(stop, self._agenda.next))
             if self._grid.until:
                 target = min(target, self._grid.until)
             try:
@@ -283,8 +286,9 @@ class Execution:
         """Set what is to be changed at this communication point."""
         changed = False
         now = self.k if self._richardson is not None else int(self.plan.clock[K])
-        while self._changes and self._changes[0].k * self._grid.factor == now:
-            change = self._changes.pop(0)
+        if now % self._grid.factor:
+            return
+        for change in self._agenda.take(now // self._grid.factor):
             with failing(self.plan, self.living[change.instance]):
                 self._event_mode.change(change)
             changed = True
@@ -300,7 +304,7 @@ class Execution:
             self._macro_steps(0)
         while (k := self.k) < stop:
             self._change()
-            target = min((k // self._every + 1) * self._every, self.clock.steps, *(c.k for c in self._changes[:1]))
+            target = min((k // self._every + 1) * self._every, self.clock.steps, int(min(self._agenda.next, 2**62)))
             self._richardson.to(self._now, self.clock.start + target * self.clock.base, _Trials(self))
             if target % self._every == 0 or target == self.clock.steps:
                 record(self.plan)

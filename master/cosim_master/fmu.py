@@ -160,6 +160,8 @@ class _Reading:
         else:
             self._variables()
         self.step_size = self._step_size()
+        self.start_time, self.stop_time = self._experiment("startTime"), self._experiment("stopTime")
+        self.tolerance = self._experiment("tolerance")
 
     def _problem(self, element: etree._Element, message: str) -> None:
         self.problems.append(Problem(Where(self.shown, line_of(element)), message))
@@ -218,6 +220,13 @@ class _Reading:
             self.notes.append(f"its DefaultExperiment's stepSize of {step:g} s is not used: it must be positive")
             return None
         return step
+
+    def _experiment(self, attribute: str) -> float | None:
+        """A finite number of the DefaultExperiment, None if it has none."""
+        experiment = self.model.defaultExperiment
+        text = None if experiment is None else getattr(experiment, attribute)
+        number = cast("float | None", self._value(self.root, attribute, text, "Real"))
+        return number if number is not None and math.isfinite(number) else None
 
     def _repair(self) -> None:
         """Give variables the variability that only one reading of their causality allows; FMPy gives up on them.
@@ -397,6 +406,9 @@ class _Reading:
             generation_tool=model.generationTool or "",
             shapes=self.shapes,
             terminals=terminals,
+            start_time=self.start_time,
+            stop_time=self.stop_time,
+            tolerance=self.tolerance,
         )
 
 

@@ -31,7 +31,9 @@ from cosim_master.limitations import RECORDING_INTERVAL
 from cosim_master.network import Network, network_of, with_gateways
 from cosim_master.profiling import Profile, Profiler
 from cosim_master.recorder import Recorder
+from cosim_master.single import full_names
 from cosim_master.ssp import read_system
+from cosim_master.stimuli import Stimuli, read_stimuli
 from cosim_master.system import Component, System
 from cosim_master.timing import Timing, timing
 
@@ -106,10 +108,12 @@ class Prepared:
     every: int
     changes: tuple[Change, ...] = ()
     coupling: Coupling = field(default_factory=Coupling)
+    stimuli: Stimuli | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return (*self.checked.notes, *self.clock.notes, *self.network.notes, *self.coupling.notes)
+        stimuli = () if self.stimuli is None else self.stimuli.notes
+        return (*self.checked.notes, *self.clock.notes, *self.network.notes, *self.coupling.notes, *stimuli)
 
 
 def prepare(
@@ -121,6 +125,7 @@ def prepare(
     record: Sequence[str] = (),
     at: Sequence[tuple[float, str, str]] = (),
     strict: bool = False,
+    stimuli: Stimuli | None = None,
 ) -> Prepared:
     """Settle everything that can be settled without loading an FMU.
 
@@ -154,7 +159,10 @@ def prepare(
             text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{clock.base / 1e9:g}")
             raise SystemDescriptionError([Problem(checked.structure.where, text)])
     checked = connected(checked, coupling)
-    ready = Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling)
+    if stimuli is not None:
+        checked = stimuli.initialize(checked, clock.start / 1e9)
+        stimuli.sample(clock)
+    ready = Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling, stimuli)
     if strict and (findings := [note.problem for note in ready.notes if isinstance(note, Finding)]):
         raise SystemDescriptionError(findings)
     return ready
@@ -200,11 +208,12 @@ def simulate(
     on_gateway: Callable[[str], None] | None = None,
     checkpoint_every: float | None = None,
     origin: str | None = None,
+    inputs: Path | None = None,
 ) -> RunResult:
     """Run a system from its file to its results.
 
     Args:
-        system: an .ssd, .ssp or folder.
+        system: an .ssd, .ssp, .fmu or folder.
         variant: which of several .ssd in it.
         out: folder for the results; None records nothing.
         until: stop time in s; the system's DefaultExperiment if None.
@@ -226,6 +235,7 @@ def simulate(
         checkpoint_every: s of simulated time between checkpoints in `out`.
         origin: RUN@TIME, a checkpoint to go on from; `overrides` are then changes at that time, and what is not given
             (seed, stop time, patterns) is what it was.
+        inputs: a CSV file with values of open inputs, see `stimuli`.
 
     Raises:
         SystemDescriptionError: the description is wrong, `out` cannot be written to, or a socket not be opened.
@@ -241,8 +251,13 @@ def simulate(
         until = (was.start + was.steps * was.base) / 1e9 if until is None else until
         seed = was.seed if seed is None else seed
     with read_system(system, variant) as structure:
+        overrides = full_names(structure, overrides or {})
+        at = [(time, *named) for time, name, text in at for named in full_names(structure, {name: text}).items()]
         checked = check(structure, overrides)
-        ready = prepare(checked, until=until, step=step, seed=seed, record=record, at=at, strict=strict)
+        stimuli = None if inputs is None else read_stimuli(inputs, checked, [*overrides])
+        ready = prepare(
+            checked, until=until, step=step, seed=seed, record=record, at=at, strict=strict, stimuli=stimuli
+        )
         checked = ready.checked
         saving = _Checkpoints(ready, out, checkpoint_every, overrides or {}, record)
         if checkpoint is not None:
@@ -287,6 +302,7 @@ def simulate(
                     keep_packets=ready.recording.packets,
                     threads=threads,
                     changes=ready.changes,
+                    stimuli=ready.stimuli,
                     profiler=profiler,
                     checkpoint=checkpoint,
                     coupling=ready.coupling,
@@ -357,6 +373,7 @@ class _Checkpoints:
             steps=clock.steps,
             every=ready.every,
             seed=ready.network.seed,
+            input=ready.stimuli.digest if ready.stimuli is not None else "",
         )
         self._about = {"identity": asdict(self.identity), "overrides": dict(overrides), "record": list(record)}
         self._every = self._next = 0
@@ -510,6 +527,11 @@ def _manifest(
             "path": str(checked.structure.path),
             "sha256": _digest_of_system(checked),
         },
+        **(
+            {}
+            if ready.stimuli is None
+            else {"input": {"path": str(ready.stimuli.path), "sha256": ready.stimuli.digest}}
+        ),
         "start_time": ready.clock.start / 1e9,
         "base_step": ready.clock.base / 1e9,
         "changes": [

@@ -14,6 +14,7 @@ from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.multimodel import read_multimodel
 from cosim_master.references import File, Files, parsed
+from cosim_master.single import read_fmu
 from cosim_master.ssd import COMPONENT_TYPES, FMU_TYPE, ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, Document
 from cosim_master.system import SystemStructure
 
@@ -24,8 +25,8 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
     """Read a system structure and everything it refers to, except the inside of FMUs.
 
     Args:
-        path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, a multi-model (.json), or the name of
-            a shipped system where there is no file of this name.
+        path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, a multi-model (.json), an FMU, which
+            then is the only component of a system, or the name of a shipped system where there is no such file.
         variant: which .ssd at the root of the archive or folder: the name of the description in it, or of its file.
             None: SystemStructure.ssd.
 
@@ -41,6 +42,11 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
         given = _shipped(str(path))
     place = given.absolute()
     files = Files()
+    if given.suffix.lower() == ".fmu":
+        if variant is not None:
+            message = f'an FMU has no variants; give it without --variant "{variant}"'
+            raise SystemDescriptionError([Problem(Where(str(given)), message)])
+        return read_fmu(given)
     if given.suffix.lower() == ".json":
         if variant is not None:
             message = f'a multi-model has no variants; give it without --variant "{variant}"'
@@ -57,7 +63,7 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
                 raise SystemDescriptionError([Problem(Where(str(given)), message)])
             root = File(place, str(given))
         else:
-            message = f"is neither an .ssd, an .ssp, a multi-model (.json) nor a folder with {ROOT_DOCUMENT}"
+            message = f"is neither an .ssd, an .ssp, an .fmu, a multi-model (.json) nor a folder with {ROOT_DOCUMENT}"
             raise SystemDescriptionError([Problem(Where(str(given)), message)])
         return _structure(given, root, files)
     except BaseException:

@@ -270,3 +270,11 @@ def foreigners(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> 
     from tests.master.foreign import Foreigners
 
     return Foreigners(workshop, tmp_path_factory.getbasetemp())
+
+
+@pytest.fixture
+def dynamics(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """FMUs of the hybrid models in dynamic.c."""
+    from tests.master.dynamics import Dynamics
+
+    return Dynamics(tmp_path, tmp_path_factory.getbasetemp())

@@ -31,7 +31,9 @@ def positive(option: str, meaning: str) -> Callable[[float | None], float | None
 
 System = Annotated[
     str,
-    typer.Argument(metavar="SYSTEM", help="An .ssd, .ssp, multi-model (.json), or folder with a SystemStructure.ssd."),
+    typer.Argument(
+        metavar="SYSTEM", help="An .ssd, .ssp, .fmu, multi-model (.json), or folder with a SystemStructure.ssd."
+    ),
 ]
 Settings = Annotated[
     list[str] | None,

@@ -54,6 +54,10 @@ def run(
             help="Set a tunable parameter or an open input at a time in s; may be repeated.",
         ),
     ] = None,
+    inputs: Annotated[
+        Path | None,
+        typer.Option("--input", metavar="FILE.csv", help="Values of open inputs over time, as FMPy reads them."),
+    ] = None,
     record: Annotated[
         list[str] | None,
         typer.Option(
@@ -94,7 +98,7 @@ def run(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Run a system."""
+    """Run a system, or one FMU alone."""
     if threads is not None and threads < 1:
         raise usage(f"--threads {threads}: give a positive number")
     folder = folder or Path("out") / Path(system).resolve().stem
@@ -128,6 +132,7 @@ def run(
                 on_gateway=note,
                 checkpoint_every=checkpoint_every,
                 origin=origin,
+                inputs=inputs,
             )
     if as_json:
         print_json(_document(result, folder))

@@ -34,12 +34,13 @@ def check(
     from cosim_master.check import check as check_system
     from cosim_master.layout import layout
     from cosim_master.simulation import prepare
+    from cosim_master.single import full_names
     from cosim_master.ssp import read_system
 
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"checking {system}")
         with read_system(system, variant) as structure:
-            checked = check_system(structure, overrides(settings))
+            checked = check_system(structure, full_names(structure, overrides(settings)))
             ready = prepare(checked, until=until, step=step, strict=strict)
             checked = ready.checked
             layout(checked, ready.network, ready.recording.signals, ready.coupling)
@@ -98,10 +99,13 @@ def explain(
     """Tell where the value of a variable comes from: who sets it, who is overridden, and what was ignored."""
     from cosim_master.check import check as check_system
     from cosim_master.explanation import explain as explained
+    from cosim_master.single import full_names
     from cosim_master.ssp import read_system
 
     with errors(as_json=as_json), read_system(system, variant) as structure:
-        lines = explained(check_system(structure, overrides(settings)), name)
+        lines = explained(
+            check_system(structure, full_names(structure, overrides(settings))), *full_names(structure, {name: name})
+        )
         if as_json:
             print_json({"variable": name, "explanation": [line.strip() for line in lines]})
             return

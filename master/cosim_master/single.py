@@ -1,0 +1,94 @@
+"""One FMU as a system: what a run of `X.fmu` alone is a run of.
+
+The system has one component, named as the model in it, and no connections: all outputs are signals, all parameters
+and inputs can be set. Start and stop time are those of the FMU's DefaultExperiment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from lxml import etree
+
+from cosim_master.errors import Where
+from cosim_master.fmu import FmuDescription, describe
+from cosim_master.system import Annotation, Component, System, SystemStructure
+
+__all__ = ["full_names", "output_interval", "read_fmu"]
+
+_FMU_TYPE = "application/x-fmu-sharedlibrary"
+_STEPPING = "org.uav-cosim.stepping"
+_OURS = "https://uav-cosim.org/ns/1"
+_SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
+
+
+def read_fmu(path: Path) -> SystemStructure:
+    """The system of one FMU.
+
+    Raises:
+        SystemDescriptionError: all that is wrong with the FMU.
+    """
+    fmu = describe(path)
+    where, file = Where(str(path)), path.absolute()
+    name = fmu.model_name or path.stem
+    component = Component(
+        name=name,
+        type=_FMU_TYPE,
+        source=file,
+        implementation="any",
+        connectors=(),
+        parameter_bindings=(),
+        annotations=(),
+        where=where,
+    )
+    annotations, notes = _stepping(fmu, where)
+    system = System(
+        name=name,
+        connectors=(),
+        parameter_bindings=(),
+        elements=(component,),
+        connections=(),
+        annotations=annotations,
+        document=file.resolve(),
+        where=where,
+    )
+    return SystemStructure(
+        name=name,
+        version="1.0",
+        path=path,
+        document=file.resolve(),
+        system=system,
+        where=where,
+        start_time=fmu.start_time or 0.0,
+        stop_time=fmu.stop_time,
+        notes=notes,
+    )
+
+
+def output_interval(span: float) -> float:
+    """A step for an FMU that proposes none, s: 1, 2 or 5 times a power of ten, 500 or more of which make `span` s."""
+    ticks = round(span * 1e9)
+    candidates = (factor * 10**power for power in range(18, -1, -1) for factor in (5, 2, 1))
+    fitting = (tick for tick in candidates if ticks >= 500 * tick and ticks % tick == 0)
+    return next(fitting, max(ticks // 500, 1)) / 1e9
+
+
+def _stepping(fmu: FmuDescription, where: Where) -> tuple[tuple[Annotation, ...], tuple[str, ...]]:
+    """The step of an FMU that names none, where its DefaultExperiment says how long it runs."""
+    span = None if fmu.stop_time is None else fmu.stop_time - (fmu.start_time or 0.0)
+    if fmu.step_size is not None or span is None or span <= 0.0:
+        return (), ()
+    step = output_interval(span)
+    element = etree.Element(f"{{{_SSC}}}Annotation", {"type": _STEPPING})
+    etree.SubElement(element, f"{{{_OURS}}}stepping", {"stepSize": repr(step)})
+    note = f"the FMU names no step size: {step:g} s are taken, for its DefaultExperiment of {span:g} s"
+    return (Annotation(_STEPPING, element, where),), (note,)
+
+
+def full_names(structure: SystemStructure, values: Mapping[str, str]) -> dict[str, str]:
+    """Values by hierarchical name, where the names of variables suffice for a system that is one FMU."""
+    if structure.path.suffix.lower() != ".fmu":
+        return dict(values)
+    head = f"{structure.name}."
+    return {name if name.startswith(head) else head + name: value for name, value in values.items()}

@@ -1,0 +1,178 @@
+"""One FMU alone: as a system of one component, with inputs from a CSV file, against FMPy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from fmpy.simulation import Input
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim_master.errors import SystemDescriptionError
+from cosim_master.simulation import RunResult, simulate
+from cosim_master.single import output_interval
+from cosim_master.stimuli import interpolated
+
+
+def columns(out: Path) -> dict[str, Any]:
+    found: dict[str, Any] = pq.read_table(out / "signals.parquet").to_pydict()
+    return found
+
+
+def alone(fmu: Path, **options: Any) -> tuple[RunResult, dict[str, Any]]:
+    out = fmu.parent / "out"
+    result = simulate(fmu, out=out, **options)
+    return result, columns(out)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_an_fmu_alone_runs_as_fmpy_runs_it(dynamics: Any, fmi: int) -> None:
+    file = dynamics.fmu("VANDERPOL", fmi, "CS", step=0.25)
+    result, got = alone(file, overrides={"mu": "1.5", "Vanderpol.x": "1.25"})
+    assert (result.outcome, result.simulated_s) == ("done", 10.0)
+    expected = fmpy.simulate_fmu(
+        str(file), fmi_type="CoSimulation", stop_time=10.0, output_interval=0.25, start_values={"mu": 1.5, "x": 1.25}
+    )
+    assert list(got) == ["time", "Vanderpol.x", "Vanderpol.y", "Vanderpol.asked"]
+    for name in ("x", "y"):
+        np.testing.assert_array_equal(got[f"Vanderpol.{name}"], expected[name])
+    manifest = json.loads((file.parent / "out" / "manifest.json").read_text())
+    assert manifest["instances"]["Vanderpol"]["parameters"] == {"mu": 1.5}
+    assert manifest["system"]["path"] == str(file)
+
+
+def test_start_and_stop_are_those_of_the_default_experiment(dynamics: Any) -> None:
+    file = dynamics.fmu("DAHLQUIST", 2, "CS", start=1.0, stop=3.5, step=0.5)
+    result, got = alone(file)
+    assert got["time"] == [1.0, 1.5, 2.0, 2.5, 3.0, 3.5]
+    assert not [note for note in result.notes if "start time" in note]
+
+
+def test_an_fmu_without_a_step_gets_one(dynamics: Any) -> None:
+    result, got = alone(dynamics.fmu("DAHLQUIST", 2, "CS", stop=2.0))
+    assert len(got["time"]) == 1001
+    assert "the FMU names no step size: 0.002 s are taken, for its DefaultExperiment of 2 s" in result.notes
+    with pytest.raises(SystemDescriptionError, match="no stop time: give one with --until"):
+        alone(dynamics.fmu("DAHLQUIST", 2, "CS", stop=None, step=0.5, name="endless.fmu"))
+
+
+@pytest.mark.parametrize(
+    ("span", "step"),
+    [(1.0, 0.002), (10.0, 0.02), (7.0, 0.01), (3.3, 0.005), (1e-6, 2e-9), (12.345, 0.005), (86400.0, 100.0)],
+)
+def test_the_step_of_an_fmu_that_proposes_none(span: float, step: float) -> None:
+    assert output_interval(span) == step
+
+
+CSV = """"time","u","on","m"
+0,0,0,0
+0.3,3,0,0
+0.3,-1,1,0
+1,-1,1,7
+1.5,2,0,7
+"""
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_inputs_from_a_file_as_fmpy_reads_them(dynamics: Any, tmp_path: Path, fmi: int) -> None:
+    file = dynamics.fmu("DRIVE", fmi, "CS", stop=2.0, step=0.1)
+    stimuli = tmp_path / "in.csv"
+    stimuli.write_text(CSV)
+    result, got = alone(file, inputs=stimuli, at=[(0.5, "gain", "2")])
+    assert result.outcome == "done", result.error
+
+    def gain(time: float, recorder: Any) -> bool:
+        if abs(time - 0.5) < 1e-9:
+            reference = (recorder.fmu.fmi3SetFloat64 if fmi == 3 else recorder.fmu.setReal, [3], [2.0])
+            recorder.fmu.setFloat64([3], [2.0]) if fmi == 3 else reference[0](*reference[1:])
+        return True
+
+    expected = fmpy.simulate_fmu(
+        str(file), fmi_type="CoSimulation", stop_time=2.0, output_interval=0.1, input=fmpy.read_csv(stimuli),
+        output=["x", "y", "latched"], step_finished=gain,
+    )  # fmt: skip
+    np.testing.assert_allclose(got["time"], expected["time"], rtol=0, atol=1e-12)
+    for name in ("x", "y", "latched"):
+        np.testing.assert_allclose(got[f"Drive.{name}"], expected[name], rtol=1e-12, atol=1e-12)
+    assert got["Drive.latched"][:4] == [0, 0, 0, 0] and got["Drive.latched"][5] == 100 and got["Drive.latched"][-1] == 7
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["input"]["path"] == str(stimuli) and len(manifest["input"]["sha256"]) == 64
+
+
+def test_inputs_without_a_column_keep_their_start_values(dynamics: Any, tmp_path: Path) -> None:
+    file = dynamics.fmu("DRIVE", 2, "CS", stop=1.0, step=0.5)
+    (tmp_path / "in.csv").write_text("time, Drive.on, s\n0,true,x\n0.5,false,y\n")
+    result, got = alone(file, inputs=tmp_path / "in.csv", overrides={"m": "3"})
+    assert got["Drive.t"] == ["x!", "x!", "y!"]
+    assert got["Drive.latched"] == [103, 103, 3]
+    assert f"{tmp_path / 'in.csv'} has no column for Drive.m, Drive.u: start values hold" in result.notes
+
+
+def test_everything_wrong_with_a_file_of_inputs(dynamics: Any, tmp_path: Path) -> None:
+    file = dynamics.fmu("DRIVE", 2, "CS", stop=1.0, step=0.5)
+    stimuli = tmp_path / "in.csv"
+
+    def problems(text: str, **options: Any) -> list[str]:
+        stimuli.write_text(text)
+        with pytest.raises(SystemDescriptionError) as caught:
+            simulate(file, inputs=stimuli, **options)
+        return [str(problem) for problem in caught.value.problems]
+
+    at = f"{stimuli}:"
+    assert problems("time,u,w,u,x\n0,1,1,1,1\n", overrides={"u": "1"}) == [
+        f'{at}1: column "u": the input is set by --set too; leave out one of them',
+        f'{at}1: column "w" is no open input; valid: "m", "on", "s", "u"',
+        f'{at}1: column "u": the input is set by --set too; leave out one of them',
+        f'{at}1: column "u" is there twice',
+        f'{at}1: column "x" is no open input; valid: "m", "on", "s", "u"',
+    ]
+    assert problems("t,u\n0,1\n") == [f'{at}1: its first column is "t"; it must be "time"']
+    assert problems("time,u,m\n0,1,1\n1,zwei,1.5\n\n0.5,1\n0.5,nan,1\nx,1,1\n") == [
+        f'{at}3: u = "zwei": valid: a finite number',
+        f'{at}3: m = "1.5": valid: an integer',
+        f"{at}5: has 2 cells; the row of names has 3",
+        f"{at}6: time 0.5 s lies before that of the row above, 1 s",
+        f'{at}6: u = "nan": valid: a finite number',
+        f'{at}7: time "x" is not a number',
+    ]
+    assert problems("time,u\n")[0].startswith(f"{stimuli}: needs a row of names")
+    many = problems("time,u\n" + "0,x\n" * 50)
+    assert len(many) == 21 and many[-1] == f"{stimuli}: and 30 more problems"
+    with pytest.raises(SystemDescriptionError, match=r"none\.csv: cannot be read: No such file"):
+        simulate(file, inputs=tmp_path / "none.csv")
+
+
+def test_a_run_with_inputs_goes_on_from_a_checkpoint(dynamics: Any, tmp_path: Path) -> None:
+    file = dynamics.fmu("DRIVE", 3, "CS", stop=2.0, step=0.1)
+    (tmp_path / "in.csv").write_text(CSV)
+    first, second, other = (tmp_path / name for name in ("first", "second", "other"))
+    simulate(file, out=first, inputs=tmp_path / "in.csv", checkpoint_every=0.4)
+    simulate(file, out=second, inputs=tmp_path / "in.csv", origin=f"{first}@0.8")
+    assert columns(first) == columns(second)
+    with pytest.raises(SystemDescriptionError, match="the file of --input must be what it was"):
+        simulate(file, out=other, origin=f"{first}@0.8")
+
+
+@given(
+    rows=st.lists(st.tuples(st.integers(0, 12), st.floats(-1e3, 1e3)), min_size=2, max_size=8),
+    at=st.lists(st.floats(-1, 13), min_size=1, max_size=5),
+    held=st.booleans(),
+)
+def test_interpolation_is_that_of_fmpy(rows: list[tuple[int, float]], at: list[float], held: bool) -> None:
+    """But for a jump at the very first row, where FMPy holds the value before it for one more step."""
+    rows.sort(key=lambda row: row[0])
+    times, values = np.array([float(t) for t, _ in rows]), np.array([x for _, x in rows])
+    points = np.array([t for t in [*at, *times] if t != times[0]])
+    got = interpolated(times, values, points, held=held)
+    for t, x in zip(points, got, strict=True):
+        near = np.abs(times - t)
+        if ((near > 0) & (near < 1e-6)).any():
+            continue  # FMPy takes for equal what differs by 1e-9
+        expected, _ = Input.interpolate(float(t), times, values[np.newaxis, :], discrete=held, after_event=True)
+        assert x == pytest.approx(float(expected[0]), rel=1e-12, abs=1e-9)
