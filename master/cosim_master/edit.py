@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import quote, unquote, urlsplit
 from xml.parsers import expat
 
-from cosim_master import archive
+from cosim_master import archive, shipped
 from cosim_master.check import check
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
@@ -42,7 +42,8 @@ def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | 
     Args:
         system: .ssd, .ssp or folder.
         component: hierarchical name of the component ("drone3.vehicle").
-        fmu: the FMU it gets; an .ssp takes a copy of it into resources/.
+        fmu: the FMU it gets, or the name of a model whose FMU comes with this project; an .ssp takes a copy of it into
+            resources/.
         out: the new system: an .ssp or a folder, which must not exist. None changes `system` itself.
 
     Returns:
@@ -56,7 +57,12 @@ def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | 
         chain = _chain(structure, component)
         path = Path(fmu)
         if not path.is_file():
-            raise _refusal(str(path), "no such file; give the FMU that the component is to have")
+            found = shipped.fmu(str(fmu))
+            if found is None:
+                raise _refusal(str(path), "no such file; give the FMU that the component is to have")
+            path = found
+        if out is None and not Path(system).exists():
+            raise _refusal(str(system), "a shipped system is not changed in place; give a path for the new one")
         path = path.parent.resolve() / path.name
         _check_fit(structure, component, chain, path)
         target = Path(system) if out is None else Path(out)

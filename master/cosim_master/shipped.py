@@ -21,7 +21,7 @@ from pathlib import Path
 
 from cosim.kernel import cache_folder
 
-__all__ = ["digest_of_models", "find", "names", "stage"]
+__all__ = ["digest_of_models", "find", "fmu", "fmus", "names", "stage"]
 
 _PACKAGE = Path(__file__).parent
 _INSTALLED = _PACKAGE / "shipped"
@@ -44,12 +44,32 @@ def find(name: str) -> Path | None:
         RuntimeError: FMUs have to be built and the C compiler failed.
         ValueError, ImportError: as `cosim.build.build_all`.
     """
-    if name not in names():
-        return None
+    return _ready() / "master" / "systems" / name if name in names() else None
+
+
+def fmus() -> Path:
+    """The folder with the FMUs of the shipped systems.
+
+    Raises:
+        RuntimeError, ValueError, ImportError: as `find`.
+    """
+    return _ready() / "fmus"
+
+
+def fmu(model: str) -> Path | None:
+    """The FMU of the model with this name; None where there is none, or where it has not been built.
+
+    Raises:
+        RuntimeError, ValueError, ImportError: as `find`.
+    """
+    file = fmus() / f"{model}.fmu"
+    return file if model.isidentifier() and file.is_file() else None
+
+
+def _ready() -> Path:
+    """The folder that holds master/systems and, unless it is a source tree without them, fmus."""
     root = _root()
-    if root == _INSTALLED and not _has_own_fmus():
-        root = _built()
-    return root / "master" / "systems" / name
+    return _built() if root == _INSTALLED and not _has_own_fmus() else root
 
 
 def digest_of_models() -> str:

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 from cosim_master import shipped
+from cosim_master.edit import swap
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.ssp import read_system
+from cosim_master.system import Component
 
 ROOT = Path(__file__).parents[2]
 
@@ -48,6 +50,26 @@ def test_a_folder_of_this_name_comes_first(tmp_path: Path, monkeypatch: pytest.M
 def test_a_name_that_is_not_there(name: str, said: str) -> None:
     with pytest.raises(SystemDescriptionError, match=said):
         read_system(name)
+
+
+def test_an_fmu_has_the_name_of_its_model(fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert shipped.fmu("Hexarotor") == fmus / "Hexarotor.fmu"
+    assert shipped.fmu("../fmus/Hexarotor") is None
+    assert shipped.fmu("Helicopter") is None
+    swap("line5", "drone3.vehicle", "Hexarotor", "swapped")
+    with read_system("swapped") as structure:
+        (drone3,) = [element for element in structure.system.elements if element.name == "drone3"]
+        assert isinstance(drone3, Component) and drone3.content is not None
+        (vehicle,) = [element for element in drone3.content.elements if element.name == "vehicle"]
+        assert isinstance(vehicle, Component) and vehicle.source is not None
+        assert vehicle.source == fmus / "Hexarotor.fmu"
+
+
+def test_a_shipped_system_is_not_changed_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemDescriptionError, match="line5: a shipped system is not changed in place; give a path"):
+        swap("line5", "drone3.vehicle", "Hexarotor")
 
 
 @pytest.fixture(scope="module")

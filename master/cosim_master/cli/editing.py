@@ -22,8 +22,13 @@ def new(
     drones: Annotated[int, typer.Option(metavar="N", help="How many.")],
     folder: NewFolder,
     fmus: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Folder with the FMUs of vehicle, autopilot and agent.")
-    ] = Path("fmus"),
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder with the FMUs of vehicle, autopilot and agent.",
+            show_default="fmus where there is one, else the FMUs that come with uav-cosim",
+        ),
+    ] = None,
     spacing: Annotated[
         float,
         typer.Option(
@@ -41,9 +46,12 @@ def new(
     as_json: Json = False,
 ) -> None:
     """Write a system of many drones."""
+    from cosim_master import shipped
     from cosim_master.new import new_system
 
     with errors(as_json=as_json):
+        if fmus is None:
+            fmus = Path("fmus") if Path("fmus").is_dir() else shipped.fmus()
         written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until)
         if as_json:
             print_json({"files": [str(written)]})
@@ -75,7 +83,9 @@ def convert(
 def swap(
     system: System,
     component: Annotated[str, typer.Argument(metavar="COMPONENT", help="Hierarchical name, e.g. drone3.vehicle.")],
-    fmu: Annotated[Path, typer.Argument(metavar="FMU", help="The FMU it gets.")],
+    fmu: Annotated[
+        Path, typer.Argument(metavar="FMU", help="The FMU it gets: a file, or a model that comes with uav-cosim.")
+    ],
     new: Annotated[Path | None, typer.Option("-o", "--out", metavar="SYSTEM", help="The new system.")] = None,
     in_place: Annotated[bool, typer.Option("--in-place", help="Change the system itself.", show_default=False)] = False,
     as_json: Json = False,
