@@ -6,6 +6,7 @@
     altitude    heights over time, and the smallest distance between any two drones
 
 Without agents there are no steps: positions then have three axes, and snapshots are taken at begin, middle and end.
+Each carries, as its "Source", the digest of the data that it was drawn of; a new run in the same folder removes it.
 The same run gives the same bytes: fonts and style are Matplotlib's own, whatever its configuration says.
 """
 
@@ -20,6 +21,7 @@ import numpy as np
 
 from cosim_master.errors import CosimError
 from cosim_master.flight import Array, Flight, read_flight
+from cosim_master.run_folder import stamp
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,6 +68,7 @@ def figures(run: Path, folder: Path | None = None) -> list[Path]:
 
     folder = folder or run
     flight = read_flight(run)
+    drawn_of = stamp(run)
     drawers: dict[str, Callable[[Flight], Figure | None]] = {
         "positions": draw_positions,
         "snapshots": draw_snapshots,
@@ -80,7 +83,7 @@ def figures(run: Path, folder: Path | None = None) -> list[Path]:
                 figure = draw(flight)
                 if figure is None:
                     continue
-                for suffix, metadata in ((".png", {}), (".svg", {"Date": None})):
+                for suffix, metadata in ((".png", {"Source": drawn_of}), (".svg", {"Source": drawn_of, "Date": None})):
                     files.append(folder / f"{name}{suffix}")
                     figure.savefig(files[-1], metadata=metadata)
     except OSError as error:

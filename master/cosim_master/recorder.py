@@ -33,6 +33,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.layout import KINDS, Layout
 from cosim_master.network import Network
 from cosim_master.radio import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
+from cosim_master.run_folder import clear
 from cosim_master.tables import ROWS, Plan
 
 __all__ = ["EPOCH", "Recorder"]
@@ -64,10 +65,7 @@ class Recorder:
         self._in_segments = in_segments
         self._open_segments: dict[str, Any] = {}
         folder.mkdir(parents=True, exist_ok=True)
-        # An old manifest would call the results complete while they are not.
-        for old in ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog", "packets/*.tlog"):
-            for file in folder.glob(old):
-                file.unlink()
+        clear(folder)  # an old manifest would call the results complete while they are not
         self._texts = places.string_signals
         self._text_rows: list[list[str]] = []
         self._columns = self._in_order(checked, places)

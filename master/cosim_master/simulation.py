@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
-import shutil
 import signal
 import threading
 import time
@@ -20,10 +19,11 @@ from typing import Any
 from cosim_master.annotation import root_annotation
 from cosim_master.changes import Change, changes
 from cosim_master.check import CheckedSystem, check
-from cosim_master.checkpoint import Identity, find
+from cosim_master.checkpoint import Checkpoint, Identity, find
 from cosim_master.coupling import Coupling, connected, coupling_of
 from cosim_master.errors import CosimError, Finding, FmuError, Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution, RunFailed, RunTerminated
+from cosim_master.fingerprint import fingerprint_of
 from cosim_master.fmu import Start
 from cosim_master.gateways import Gateways, gateways_of
 from cosim_master.layout import layout
@@ -31,6 +31,7 @@ from cosim_master.limitations import RECORDING_INTERVAL
 from cosim_master.network import Network, network_of, with_gateways
 from cosim_master.profiling import Profile, Profiler
 from cosim_master.recorder import Recorder
+from cosim_master.run_folder import RunFolder
 from cosim_master.single import full_names
 from cosim_master.ssp import read_system
 from cosim_master.stimuli import Stimuli, read_stimuli
@@ -83,6 +84,7 @@ class RunResult:
         overruns: paced runs: how often and by how much (s, at worst) the pace could not be held.
         gateways: see `Gateways.counts`.
         profile: where the time went, if that was asked for.
+        folder: of the results; None if nothing was recorded.
     """
 
     outcome: str
@@ -95,6 +97,7 @@ class RunResult:
     overruns: tuple[int, float] = (0, 0.0)
     gateways: Mapping[str, Mapping[str, int | str]] = field(default_factory=dict)
     profile: Profile | None = None
+    folder: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +192,7 @@ def simulate(
     system: str | Path,
     *,
     variant: str | None = None,
-    out: Path | None = None,
+    out: Path | RunFolder | None = None,
     until: float | None = None,
     step: float | None = None,
     pace: float | None = None,
@@ -215,7 +218,8 @@ def simulate(
     Args:
         system: an .ssd, .ssp, .fmu or folder.
         variant: which of several .ssd in it.
-        out: folder for the results; None records nothing.
+        out: folder for the results, whatever it holds, or a `RunFolder`, which says what may be overwritten; None
+            records nothing.
         until: stop time in s; the system's DefaultExperiment if None.
         step: step size in s for systems and FMUs that name none.
         pace: times real time to hold at most; None runs as fast as it can.
@@ -259,6 +263,10 @@ def simulate(
             checked, until=until, step=step, seed=seed, record=record, at=at, strict=strict, stimuli=stimuli
         )
         checked = ready.checked
+        asked = gateways_of(ready.network, gcs, ports)
+        fingerprint = _fingerprint(ready, [f"{gateway} {address}" for gateway, address in asked], checkpoint)
+        if isinstance(out, RunFolder):
+            out = out.choose(fingerprint, repeatable=not asked)
         saving = _Checkpoints(ready, out, checkpoint_every, overrides or {}, record)
         if checkpoint is not None:
             checkpoint.check(saving.identity)
@@ -267,7 +275,6 @@ def simulate(
                     [Problem(Where(str(out)), "give another folder than that of the run it goes on from")]
                 )
             ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
-        asked = gateways_of(ready.network, gcs, ports)
         ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
         places = layout(checked, ready.network, ready.recording.signals, ready.coupling)
         if on_start is not None:
@@ -287,7 +294,6 @@ def simulate(
 
         if out is not None:
             _make_folder(out)
-            shutil.rmtree(out / "checkpoints", ignore_errors=True)
         profiler = Profiler() if profile else None
         with Gateways(asked, on_gateway or (lambda _: None), ready.network.dialect) as gateways:
             began = time.perf_counter()
@@ -332,12 +338,11 @@ def simulate(
                     result = replace(result, profile=profiler.profile())
                 if on_stage is not None and out is not None:
                     on_stage(f"writing {out}")
-                parameters = execution.parameters
-                execution.finish(lambda: _manifest(ready, result, start_up, parameters))
+                result = replace(result, folder=out)
+                about = (start_up, execution.parameters, fingerprint)
+                execution.finish(lambda: _manifest(ready, result, *about))
                 # An FMU that takes the process with it when it ends leaves a complete recording, and its manifest.
-                failures = execution.end(
-                    lambda errors: _manifest(ready, _failing(result, errors), start_up, parameters)
-                )
+                failures = execution.end(lambda errors: _manifest(ready, _failing(result, errors), *about))
             return _failing(result, failures)
 
 
@@ -500,8 +505,27 @@ def _run(
     )
 
 
+def _fingerprint(ready: Prepared, gateways: Sequence[str], checkpoint: Checkpoint | None) -> dict[str, str]:
+    return fingerprint_of(
+        ready.checked,
+        ready.clock,
+        ready.network,
+        ready.coupling,
+        system=_digest_of_system(ready.checked),
+        changes=ready.changes,
+        stimuli="" if ready.stimuli is None else ready.stimuli.digest,
+        recording=(ready.every, ready.recording.signals, ready.recording.packets),
+        gateways=gateways,
+        checkpoint=checkpoint,
+    )
+
+
 def _manifest(
-    ready: Prepared, result: RunResult, start_up: float, parameters: Mapping[str, Mapping[str, Start]]
+    ready: Prepared,
+    result: RunResult,
+    start_up: float,
+    parameters: Mapping[str, Mapping[str, Start]],
+    fingerprint: Mapping[str, str],
 ) -> dict[str, Any]:
     checked = ready.checked
     network = {
@@ -532,6 +556,7 @@ def _manifest(
             if ready.stimuli is None
             else {"input": {"path": str(ready.stimuli.path), "sha256": ready.stimuli.digest}}
         ),
+        "fingerprint": dict(fingerprint),
         "start_time": ready.clock.start / 1e9,
         "base_step": ready.clock.base / 1e9,
         "changes": [

@@ -48,8 +48,8 @@ def system(probes: Any) -> Path:
 def test_run(run: Any, system: Path, tmp_path: Path) -> None:
     code, stdout, stderr = run("run", str(system), "-o", "results")
     assert code == 0, stderr
-    pattern = r"done: 2 s simulated in \d+\.\d\d s \(\d+\.\d times real time\), "
-    assert re.fullmatch(pattern + r"packets 0 sent, 0 delivered, 0 lost; results\n", stdout)
+    pattern = r"done: 2 s simulated in \d+\.\d\d s \(\d+\.\d times real time\)\n"
+    assert re.fullmatch(pattern + r"packets: 0 sent, 0 delivered, 0 lost\nresults: results\n", stdout)
     assert "note: " not in stderr.replace("note: the system names no", "")
     assert json.loads((tmp_path / "results" / "manifest.json").read_text())["outcome"] == "done"
 
@@ -57,6 +57,23 @@ def test_run(run: Any, system: Path, tmp_path: Path) -> None:
 def test_results_go_to_out_by_default(run: Any, system: Path, tmp_path: Path) -> None:
     assert run("run", str(system))[0] == 0
     assert (tmp_path / "out" / "s" / "manifest.json").is_file()
+
+
+def test_results_of_other_inputs_are_not_overwritten(run: Any, system: Path, tmp_path: Path) -> None:
+    def rows(folder: str) -> int:
+        return int(pq.read_table(tmp_path / folder / "signals.parquet").num_rows)
+
+    assert run("run", str(system))[1].endswith("results: out/s\n")
+    assert run("run", str(system))[1].endswith("results: out/s\n"), "the same inputs"
+    code, stdout, stderr = run("run", str(system), "--until", "1")
+    assert code == 0 and stdout.endswith("results: out/s-2\n")
+    assert "note: out/s holds a run of other inputs, which --force overwrites; the results are in out/s-2\n" in stderr
+    assert (rows("out/s"), rows("out/s-2")) == (5, 3)
+    code, stdout, stderr = run("run", str(system), "--until", "1", "-o", "out/s")
+    assert (code, stdout, rows("out/s")) == (2, "", 5)
+    assert "error: out/s: holds the results of a run with other inputs (time); give another folder, or " in stderr
+    assert run("run", str(system), "--until", "1", "-o", "out/s", "--force")[0] == 0
+    assert rows("out/s") == 3
 
 
 def test_options_of_run(run: Any, system: Path, tmp_path: Path) -> None:
@@ -303,7 +320,7 @@ def test_as_a_process(system: Path, tmp_path: Path) -> None:
     assert (tmp_path / "results" / "manifest.json").is_file()
     bad = call("run", "nowhere.ssd")
     assert bad.returncode == 2
-    assert bad.stderr.startswith("error: nowhere.ssd: ")
+    assert bad.stderr.splitlines()[-1].startswith("error: nowhere.ssd: ")
     assert "Traceback" not in bad.stderr
     assert "Usage: uav-cosim" in call().stdout + call().stderr
 

@@ -41,6 +41,9 @@ class Activity:
             long: it is known to take longer than a second.
         """
 
+    def starting(self) -> None:
+        """Python modules are about to be imported, which takes a second: said in terminals only."""
+
     def run(self, progress: Progress) -> None:
         """Show how far a run is."""
 
@@ -85,6 +88,9 @@ class _Drawn(Activity):
     def stage(self, text: str, *, long: bool = False) -> None:  # noqa: ARG002 (it is drawn at once)
         self._text, self._progress, self._since = text, None, time.perf_counter()
         self._live.start(refresh=True)
+
+    def starting(self) -> None:
+        self.stage("starting")
 
     def run(self, progress: Progress) -> None:
         if self._progress is None:

@@ -27,8 +27,17 @@ def run(
     system: System,
     folder: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FOLDER", help="Folder for the results.", show_default="out/NAME"),
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FOLDER",
+            help="Folder for the results; one that holds a run of other inputs is refused.",
+            show_default="out/NAME, or out/NAME-2, ... if that holds a run of other inputs",
+        ),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite what the folder holds.", show_default=False)
+    ] = False,
     variant: Variant = None,
     until: Until = None,
     step: Step = None,
@@ -101,19 +110,21 @@ def run(
     """Run a system, or one FMU alone."""
     if threads is not None and threads < 1:
         raise usage(f"--threads {threads}: give a positive number")
-    folder = folder or Path("out") / Path(system).resolve().stem
     with errors(as_json=as_json), activity() as doing:
-        doing.stage(f"checking {system}")
+        doing.starting()
         from cosim_master.calls import PLAIN
+        from cosim_master.run_folder import RunFolder
         from cosim_master.simulation import simulate
 
         if profile and PLAIN:
             raise usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
+        by_default = Path("out") / Path(system).resolve().stem
+        doing.stage(f"checking {system}")
         with compiling(doing):
             result = simulate(
                 system,
                 variant=variant,
-                out=folder,
+                out=RunFolder(folder or by_default, numbered=folder is None, force=force),
                 until=until,
                 step=step,
                 strict=strict,
@@ -135,16 +146,18 @@ def run(
                 inputs=inputs,
             )
     if as_json:
-        print_json(_document(result, folder))
+        print_json(_document(result))
     else:
-        _report(result, folder)
+        _report(result)
+    if folder is None and result.folder is not None and result.folder != by_default:
+        note(f"{by_default} holds a run of other inputs, which --force overwrites; the results are in {result.folder}")
     if result.outcome == "failed":
         raise typer.Exit(1)
     if result.outcome == "interrupted":
         raise typer.Exit(130)
 
 
-def _report(result: RunResult, folder: Path) -> None:
+def _report(result: RunResult) -> None:
     if result.error is not None:
         (note if result.outcome == "terminated" else report_error)(str(result.error))
     packets = result.packets
@@ -152,8 +165,11 @@ def _report(result: RunResult, folder: Path) -> None:
         counts = ", ".join(f"{packets.get(name, 0)} {name}" for name in ("sent", "delivered", "lost"))
         say(
             f"{result.outcome}: {result.simulated_s:g} s simulated in {result.wall_s:.2f} s "
-            f"({result.real_time_factor:.1f} times real time), packets {counts}; {folder}"
+            f"({result.real_time_factor:.1f} times real time)"
         )
+        say(f"packets: {counts}")
+    if result.folder is not None:
+        say(f"results: {result.folder}")
     for gateway, crossed in result.gateways.items():
         text = ", ".join(f"{n} {what}" for what, n in crossed.items() if what != "address")
         note(f"{gateway} ({crossed['address']}): {text or 'nothing has crossed'}")
@@ -165,12 +181,12 @@ def _report(result: RunResult, folder: Path) -> None:
         note(f"the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
 
 
-def _document(result: RunResult, folder: Path) -> dict[str, Any]:
+def _document(result: RunResult) -> dict[str, Any]:
     """The run as its JSON document."""
     return {
         "outcome": result.outcome,
         "error": None if result.error is None else str(result.error),
-        "folder": str(folder),
+        "folder": None if result.folder is None else str(result.folder),
         "simulated_s": result.simulated_s,
         "wall_s": result.wall_s,
         "real_time_factor": result.real_time_factor,

@@ -31,13 +31,14 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
-    from cosim_master.check import check as check_system
-    from cosim_master.layout import layout
-    from cosim_master.simulation import prepare
-    from cosim_master.single import full_names
-    from cosim_master.ssp import read_system
-
     with errors(as_json=as_json), activity() as doing:
+        doing.starting()
+        from cosim_master.check import check as check_system
+        from cosim_master.layout import layout
+        from cosim_master.simulation import prepare
+        from cosim_master.single import full_names
+        from cosim_master.ssp import read_system
+
         doing.stage(f"checking {system}")
         with read_system(system, variant) as structure:
             checked = check_system(structure, full_names(structure, overrides(settings)))
@@ -124,10 +125,11 @@ def graph(
     as_json: Json = False,
 ) -> None:
     """Draw a system: components, connectors and connections, as SVG."""
-    from cosim_master.graph import graph as drawing
-    from cosim_master.ssp import read_system
-
     with errors(as_json=as_json), activity() as doing:
+        doing.starting()
+        from cosim_master.graph import graph as drawing
+        from cosim_master.ssp import read_system
+
         doing.stage(f"drawing {system}")
         with read_system(system, variant) as structure:
             target = file or Path(f"{structure.name}.svg".replace("/", "_"))
