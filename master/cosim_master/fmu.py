@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import math
+import re
 import struct
 import sys
 import zipfile
@@ -171,7 +172,7 @@ class _Reading:
         version = root.get("fmiVersion", "")
         if root.tag != "fmiModelDescription":
             self._problem(root, f"the root element is <{root.tag}>; it must be <fmiModelDescription>")
-        elif version != "2.0" and not version.startswith("3.0"):
+        elif version != "2.0" and not re.fullmatch(r"3[.]0([.][0-9]+)?", version):
             self._problem(root, FMI_VERSION.text(version))
         elif (interface := root.find("CoSimulation")) is None:
             has = [name for name in ("ModelExchange", "ScheduledExecution") if root.find(name) is not None]
@@ -185,8 +186,10 @@ class _Reading:
         self.fmi = 3 if version.startswith("3.") else 2
         if not self.problems:
             token = "instantiationToken" if self.fmi == 3 else "guid"
-            if not root.get(token):
+            if root.get(token) is None:
                 self._problem(root, f"<fmiModelDescription> needs the attribute {token}")
+            elif not root.get(token):
+                self.notes.append(f'its {token} is "": whether library and description belong together is not known')
             if root.find("ModelVariables") is None:
                 self._problem(root, "<fmiModelDescription> needs <ModelVariables>")
 

@@ -182,11 +182,9 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
     for pattern in record:
         # [1] is an index in a variable's name, not a set of characters
         matching = fnmatch.filter(candidates, pattern.replace("[", "[[]"))
-        if not matching:
-            some = ", ".join(list(candidates)[:3])
-            problems.append(
-                Problem(Where("--record"), f"{pattern} matches no output or local variable (such as {some})")
-            )
+        if not matching and (candidates or pattern != "*"):
+            some = f" (such as {', '.join(list(candidates)[:3])})" if candidates else ": the system has none"
+            problems.append(Problem(Where("--record"), f"{pattern} matches no output or local variable{some}"))
         chosen |= {candidates[name] for name in matching}
     if problems:
         raise SystemDescriptionError(problems)

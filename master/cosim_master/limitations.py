@@ -153,7 +153,10 @@ GEOMETRY = Limitation("SSP 2.0, 5.2.2", "geometry, notes and icons", "silent", "
 # ---- FMI, whatever version -------------------------------------------------------------------------------------------
 
 FMI_VERSION = Limitation(
-    "FMI", "FMI 1.0, and versions after 3.0", "error", 'FMI "{}" is not supported; valid: fmiVersion="2.0" and "3.0"'
+    "FMI",
+    "FMI 1.0, drafts of FMI 3.0 (3.0-beta.3), and versions after 3.0",
+    "error",
+    'FMI "{}" is not supported; valid: fmiVersion="2.0" and "3.0"',
 )
 NOT_COSIMULATION = Limitation(
     "FMI",
@@ -313,7 +316,10 @@ ALGORITHM = Limitation(
     "Multi-models", "algorithms with variable steps", "error", 'algorithm: its type is {}; valid: "fixed-step"'
 )
 STABILISATION = Limitation(
-    "Multi-models", "iteration within a step", "error", "{}: stabilisation within a step is not supported"
+    "Multi-models",
+    "stabilisation that stops after a number of tries, settled or not",
+    "note",
+    "{}: with stabilisation every loop is iterated to {}; Maestro stops after {} tries, settled or not",
 )
 TRANSFER = Limitation(
     "Multi-models", "models that move on to another run", "error", "{}: model transfer is not supported"

@@ -4,12 +4,13 @@
     coe.json       how to run a multi-model (of the INTO-CPS application): `multimodel_path`, algorithm, times
 
 Instances have the names they have there, "{key}.instance". The algorithm is Maestro's fixed-step Jacobi, which is ours;
-variable steps, stabilisation, fault injection and model swaps are refused. What only tells Maestro what to log or to
-show is ignored, with a note.
+with stabilisation it is our fixed-point iteration (docs/masters.md). Variable steps, fault injection and model swaps
+are refused. Keys that tell Maestro what to log or to show are ignored, with a note; unknown ones are findings.
 """
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import re
@@ -21,7 +22,7 @@ from urllib.parse import unquote, urlsplit
 from lxml import etree
 
 from cosim_master.document import near
-from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.errors import Finding, Problem, SystemDescriptionError, Where
 from cosim_master.limitations import ALGORITHM, FAULTS, LARGE_FILE, OTHER_KEYS, STABILISATION, SWAP, TRANSFER
 from cosim_master.system import (
     INTEGER_RANGES,
@@ -39,20 +40,49 @@ from cosim_master.system import (
 __all__ = ["read_multimodel"]
 
 STEPPING = "org.uav-cosim.stepping"
+MASTER = "org.uav-cosim.master"
 _OURS = "https://uav-cosim.org/ns/1"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _FMU_TYPE = "application/x-fmu-sharedlibrary"
 _LARGEST = 64 << 20
 _END = re.compile(r"(\{[^{}]+\})\.([^.{}]+)\.(.+)", re.DOTALL)
 _REFUSED = {
-    "stabalizationEnabled": STABILISATION,
     "modelTransfers": TRANSFER,
     "modelSwaps": SWAP,
     "faultInjectConfigurationPath": FAULTS,
     "faultInjectInstances": FAULTS,
 }
 """What would change the numbers, and is not supported."""
-_KNOWN = {"fmus", "connections", "parameters", "algorithm", "startTime", "endTime", "multimodel_path"}
+_READ = {
+    "fmus": (),
+    "connections": (),
+    "parameters": (),
+    "algorithm": (),
+    "startTime": (),
+    "endTime": (),
+    "multimodel_path": (),
+    "stabalizationEnabled": (
+        "stabilizationEnabled",
+        "stabilisationEnabled",
+        "stabilisation",
+        "stabilization",
+        "stabalization",
+    ),
+    "global_absolute_tolerance": ("absoluteTolerance",),
+    "global_relative_tolerance": ("relativeTolerance",),
+    "fixedPointIteration": ("fixedPointIterations",),
+}
+"""Keys that are read, as Maestro or the INTO-CPS application spell them, and their other spellings."""
+_STRUCTURE = ("fmus", "connections", "parameters")
+_WITHOUT_EFFECT = (
+    "livestream livegraphcolumns livegraphvisiblerowcount liveloginterval logvariables logginon loggingon visible "
+    "overrideloglevel enablealllogcategoriesperinstance simulationprogramdelay parallelsimulation reportprogress "
+    "graphs postprocessingscript loglevels simulationloglevel multimodelcrc id name description author version"
+)
+"""Keys without influence on values, in small letters without "_" and "-"."""
+_ITERATIONS = 5
+"""Tries of a step that Maestro makes with stabilisation, where nothing else is given."""
+_TOLERANCE = 1e-8
 
 
 def read_multimodel(path: str | Path) -> SystemStructure:
@@ -69,9 +99,16 @@ def read_multimodel(path: str | Path) -> SystemStructure:
     reading = _Reading(given)
     if "fmus" in file.content:
         model = file
-        reading.configuration(_configuration_beside(file, reading.notes) or file)
+        reading.keys(file)
+        how = _configuration_beside(file, reading.notes)
+        if how is not None:
+            reading.keys(how)
+            how.content = {**file.content, **{k: v for k, v in how.content.items() if k not in _STRUCTURE}}
+        reading.configuration(how or file)
     elif isinstance(file.content.get("multimodel_path"), str):
-        model = _Json(_multimodel_of(file))
+        model = _Json(_multimodel_of(file, reading.notes))
+        reading.keys(file)
+        reading.keys(model)
         reading.configuration(file)
     else:
         text = 'is no multi-model: it needs "fmus", or "multimodel_path" in the configuration of a run'
@@ -85,6 +122,7 @@ class _Json:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.repeated: list[str] = []
+        self.spelled: dict[str, str] = {}
         try:
             if path.stat().st_size > _LARGEST:
                 self._refuse(LARGE_FILE.text(_LARGEST >> 20))
@@ -127,12 +165,25 @@ class _Json:
         return Where(str(self.path))
 
 
-def _multimodel_of(configuration: _Json) -> Path:
-    """The multi-model that a run's configuration names: its path is relative to the project's folder."""
+def _multimodel_of(configuration: _Json, notes: list[str]) -> Path:
+    """The multi-model that a run's configuration names: its path is relative to the project's folder.
+
+    Where there is no such file, since the project was moved or renamed, it is the only multi-model in the folder of
+    the configuration or in the one above, where the application keeps it.
+    """
     named = str(configuration.content["multimodel_path"])
-    for folder in configuration.path.absolute().parents if _speakable(named) else ():
-        if _is_file(folder / named):
-            return folder / named
+    path = Path(named.replace("\\", "/"))
+    folders = configuration.path.absolute().parents if _speakable(named) else ()
+    for folder in folders:
+        if _is_file(folder / path):
+            return folder / path
+    for folder in folders[:2]:
+        beside = sorted({*folder.glob("mm.json"), *folder.glob("*.mm.json")} - {configuration.path.absolute()})
+        if len(beside) == 1:
+            notes.append(
+                f"{configuration.where('multimodel_path')}: there is no file {_shown(named)}; {beside[0]} is taken"
+            )
+            return beside[0]
     text = f"multimodel_path: there is no file {_shown(named)} in the folder of this file or one above it"
     raise SystemDescriptionError([Problem(configuration.where("multimodel_path"), text)])
 
@@ -146,14 +197,8 @@ def _configuration_beside(model: _Json, notes: list[str]) -> _Json | None:
     found = found[:1] or sorted(folder.glob("*/coe.json"))
     if len(found) != 1 or found[0] == model.path:
         return None
-    beside = _Json(found[0])
-    merged = {
-        **model.content,
-        **{k: v for k, v in beside.content.items() if k in ("algorithm", "startTime", "endTime")},
-    }
     notes.append(f"{model.path}: how to run it is taken from {found[0]}")
-    beside.content = {"algorithm": model.content["algorithm"], **merged} if "algorithm" in model.content else merged
-    return beside
+    return _Json(found[0])
 
 
 class _Reading:
@@ -164,13 +209,40 @@ class _Reading:
         self._ports: dict[str, dict[str, tuple[Kind, Where]]] = {}
         self._values: dict[str, list[Parameter]] = {}
         self._step: tuple[float, Where] | None = None
+        self._tolerance: tuple[float, Where] | None = None
         self._start: float | None = None
         self._stop: float | None = None
 
     # ---- how to run it -----------------------------------------------------------------------------------------------
 
+    def keys(self, file: _Json) -> None:
+        """Bring the keys that are read into one spelling; note those that are not."""
+        known = {_simplified(word): key for key, words in _READ.items() for word in (key, *words)}
+        known |= {_simplified(key): key for key in _REFUSED}
+        content: dict[str, Any] = {}
+        harmless = []
+        for key, value in file.content.items():
+            simple = _simplified(key)
+            if (name := known.get(simple)) is not None:
+                if name in content:
+                    self._problem(file, key, f"{_shown(key)} is given a second time, in another spelling")
+                content[name] = value
+                if name != key:
+                    file.spelled[name] = key
+            elif simple in _WITHOUT_EFFECT.split():
+                harmless.append(key)
+            elif near_ones := difflib.get_close_matches(simple, known, n=1, cutoff=0.8):
+                text = f'there is no key {_shown(key)}; did you mean "{known[near_ones[0]]}"?'
+                self._problem(file, key, text)
+            else:
+                text = f"{_shown(key)} is not a key of a multi-model: it is ignored"
+                self.notes.append(Finding(file.where(key), text, "unknown keys of a multi-model"))
+        if harmless:
+            self.notes.append(OTHER_KEYS.text(file.path, ", ".join(map(_shown, harmless))))
+        file.content = content
+
     def configuration(self, file: _Json) -> None:
-        """Algorithm and times."""
+        """Algorithm, times and stabilisation."""
         content = file.content
         for key, refusal in _REFUSED.items():
             if content.get(key):
@@ -179,6 +251,27 @@ class _Reading:
             self._algorithm(file, content["algorithm"])
         self._start = self._number(file, content, "startTime")
         self._stop = self._number(file, content, "endTime")
+        self._stabilisation(file, content)
+
+    def _stabilisation(self, file: _Json, content: Mapping[str, Any]) -> None:
+        """Iteration of every step until its outputs no longer change: our fixed-point iteration."""
+        wanted = content.get("stabalizationEnabled", False)
+        if not isinstance(wanted, bool):
+            self._problem(file, "stabalizationEnabled", f"stabilisation: {_shown(wanted)} is not true or false")
+            return
+        names = ("global_absolute_tolerance", "global_relative_tolerance")
+        given = [value for name in names if (value := self._number(file, content, name)) is not None]
+        tries = self._number(file, content, "fixedPointIteration")
+        if tries is not None and (tries < 1 or tries != int(tries)):
+            self._problem(file, "fixedPointIteration", "fixedPointIteration: must be a positive whole number")
+        if not wanted:
+            return
+        if any(value <= 0.0 for value in given):
+            self._problem(file, names[0], "stabilisation: tolerances must be positive")
+            return
+        where = file.where(file.spelled.get("stabalizationEnabled", "stabalizationEnabled"))
+        self._tolerance = (min(given, default=_TOLERANCE), where)
+        self.notes.append(STABILISATION.text(where, f"{self._tolerance[0]:g}", f"{tries or _ITERATIONS:g}"))
 
     def _algorithm(self, file: _Json, algorithm: Any) -> None:
         kind = algorithm.get("type") if isinstance(algorithm, dict) else None
@@ -208,9 +301,6 @@ class _Reading:
         fmus = self._fmus(model)
         self._parameters(model, fmus)
         connections = self._connections(model, fmus)
-        ignored = [key for key in model.content if key not in _KNOWN and key not in _REFUSED]
-        if ignored:
-            self.notes.append(OTHER_KEYS.text(model.path, ", ".join(map(_shown, ignored))))
         used = {name[: name.index("}") + 1] for name in (*self._ports, *self._values)}
         for key in fmus:
             if key not in used:
@@ -326,15 +416,28 @@ class _Reading:
         return Component(name, _FMU_TYPE, source, "any", ports, bindings, (), where)
 
     def _annotations(self) -> tuple[Annotation, ...]:
-        if self._step is None:
-            return ()
-        size, where = self._step
-        element = etree.Element(f"{{{_SSC}}}Annotation", {"type": STEPPING})
-        etree.SubElement(element, f"{{{_OURS}}}stepping", {"stepSize": repr(size)})
-        return (Annotation(STEPPING, element, where),)
+        made = []
+        if self._step is not None:
+            made.append(_annotation(STEPPING, "stepping", {"stepSize": repr(self._step[0])}, self._step[1]))
+        if self._tolerance is not None:
+            settings = {"algorithm": "fixed-point", "tolerance": repr(self._tolerance[0])}
+            made.append(_annotation(MASTER, "master", settings, self._tolerance[1]))
+        return tuple(made)
 
     def _problem(self, file: _Json, text: str | None, message: str) -> None:
-        self.problems.append(Problem(file.where(text), message))
+        self.problems.append(Problem(file.where(file.spelled.get(text or "", text)), message))
+
+
+def _annotation(kind: str, name: str, attributes: Mapping[str, str], where: Where) -> Annotation:
+    """An annotation of ours as an .ssd would have it."""
+    element = etree.Element(f"{{{_SSC}}}Annotation", {"type": kind})
+    etree.SubElement(element, f"{{{_OURS}}}{name}", dict(attributes))
+    return Annotation(kind, element, where)
+
+
+def _simplified(key: str) -> str:
+    """A key without the marks in which spellings differ: small letters, no "_", no "-"."""
+    return key.lower().replace("_", "").replace("-", "")
 
 
 def _is_file(path: Path) -> bool:

@@ -133,7 +133,7 @@ class Wiring:
         end = self._ports(part, connection.end_element, connection.end_connector, connection.end_indices, where)
         if start is None or end is None:
             return
-        if start[0] != end[0]:
+        if start[0] != end[0] and not len(start[1]) == len(end[1]) == 1:
             shapes = [f"{'x'.join(map(str, shape))} elements" if shape else "one element" for shape, _ in (start, end)]
             text = f"cannot connect {shapes[0]} with {shapes[1]}; valid: equal dimensions, or one element of an array"
             self._problem(where, text)

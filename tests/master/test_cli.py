@@ -361,3 +361,18 @@ def test_findings_are_notes_and_with_strict_errors(run: Any, probes: Any) -> Non
         assert code == 2
         assert stderr.count(f": {finding}") == 5
         assert stderr.count("error: ") == 5
+
+
+def test_a_system_without_components_or_outputs(run: Any, probes: Any, tmp_path: Path) -> None:
+    probes.fmu()
+    made = probes.ssd("")
+    code, _, stderr = run("check", str(made))
+    assert (code, "note: the system has no components" in stderr) == (0, True), stderr
+    code, _, stderr = run("run", str(made), "-o", "empty", "--record", "*")
+    assert code == 0, stderr
+    assert pq.read_table(tmp_path / "empty" / "signals.parquet")["time"].to_pylist() == [0.0, 2.0]
+    code, _, stderr = run("run", str(made), "--record", "a.*")
+    assert (code, stderr.splitlines()[-1]) == (
+        2,
+        "error: --record: a.* matches no output or local variable: the system has none",
+    )

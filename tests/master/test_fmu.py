@@ -154,7 +154,9 @@ class TestFatal:
         [
             ("1.0", 'FMI "1.0" is not supported; valid: fmiVersion="2.0"'),
             ("3.1", 'FMI "3.1" is not supported; valid: fmiVersion="2.0" and "3.0"'),
+            ("3.0-beta.3", 'FMI "3.0-beta.3" is not supported; valid: fmiVersion="2.0" and "3.0"'),
             ("3.0", "needs the attribute instantiationToken"),
+            ("3.0.2", "needs the attribute instantiationToken"),
             ("", 'FMI "" is not supported'),
         ],
     )
@@ -227,6 +229,12 @@ class TestFatal:
 
 
 class TestNotes:
+    def test_an_empty_guid(self, workshop: Any, variable: Any) -> None:
+        path = workshop.pack("a.fmu", workshop.description([variable("u")]).replace('guid="{0}"', 'guid=""'))
+        fmu = describe(path)
+        assert fmu.guid == ""
+        assert 'its guid is "": whether library and description belong together is not known' in fmu.notes
+
     def test_a_library_of_another_name(self, workshop: Any, variable: Any) -> None:
         read = describe(workshop.pack("a.fmu", workshop.description([variable("u")]), library="Other"))
         assert Path(read.library).stem == "Other"

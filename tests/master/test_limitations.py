@@ -448,7 +448,7 @@ def of_multimodels(stricts: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
 
     return {
         "ALGORITHM": lambda: model(algorithm={"type": "var-step"}),
-        "STABILISATION": lambda: every("stabalizationEnabled"),
+        "STABILISATION": lambda: model(stabilisation=True),
         "TRANSFER": lambda: every("modelTransfers"),
         "SWAP": lambda: every("modelSwaps"),
         "FAULTS": lambda: every("faultInjectConfigurationPath", "faultInjectInstances"),

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from cosim_master.check import check
 from cosim_master.cli import app
 from cosim_master.conversion import convert
-from cosim_master.errors import SystemDescriptionError
+from cosim_master.errors import Finding, SystemDescriptionError
 from cosim_master.multimodel import read_multimodel
 from cosim_master.simulation import simulate
 from cosim_master.ssp import read_system
@@ -128,7 +128,12 @@ def test_a_project_of_the_application(place: Path, tmp_path: Path) -> None:
         ({"algorithm": {"type": "fixed-step", "size": 0}}, '"algorithm"', "fixed-step needs a positive size"),
         ({"endTime": "soon"}, '"endTime"', 'endTime: "soon" is no finite number'),
         ({"startTime": 10**400}, '"startTime"', "startTime: 1000"),
-        ({"stabalizationEnabled": True}, '"stabal', "stabilisation within a step is not supported"),
+        ({"stabilisation": "yes"}, '"stabilisation"', 'stabilisation: "yes" is not true or false'),
+        ({"stabilization": True, "absoluteTolerance": 0}, '"absoluteTolerance"', "tolerances must be positive"),
+        ({"fixedPointIteration": 0}, '"fixedPointIteration"', "must be a positive whole number"),
+        ({"end_time": 4.0}, '"end_time"', '"end_time" is given a second time, in another spelling'),
+        ({"endTimes": 4.0}, '"endTimes"', 'there is no key "endTimes"; did you mean "endTime"?'),
+        ({"Model-Swaps": {"a": 1}}, '"Model-Swaps"', "modelSwaps: model swap is not supported"),
         ({"modelSwaps": {"a": 1}}, '"modelSwaps"', "modelSwaps: model swap is not supported"),
         ({"fmus": []}, '"fmus"', "fmus: must be an object, not []"),
         ({"connections": 3}, '"connections"', "connections: must be an object, not 3"),
@@ -198,6 +203,58 @@ def test_not_utf8(tmp_path: Path) -> None:
     (tmp_path / "mm.json").write_bytes(b'{"fmus": "\xff"}')
     with pytest.raises(SystemDescriptionError, match="it is not UTF-8"):
         read_system(tmp_path / "mm.json")
+
+
+@pytest.mark.parametrize("key", ["stabilisation", "stabilization", "stabalizationEnabled", "stabilizationEnabled"])
+def test_stabilisation_is_the_fixed_point_of_every_step(place: Path, stricts: Any, tmp_path: Path, key: str) -> None:
+    """With inputs at the end of the step: y1' = y1 + h p1 y2', y2' = y2 + h p2 y1', solved by hand."""
+    content = model(**{key: True, "global_relative_tolerance": 1e-12})
+    content["connections"] = {f"{A}.y": [f"{B}.u"], f"{B}.y": [f"{A}.u"]}
+    content["parameters"] = {f"{A}.p": 2, f"{B}.p": 0.5, f"{A}.u": 1.0}
+    if key == "stabilisation":
+        content["end_time"] = content.pop("endTime")
+    result = simulate(written(place, content), out=tmp_path / "out")
+    assert (result.outcome, stricts.complaints) == ("done", []), result.error
+    assert any("with stabilisation every loop is iterated to 1e-12" in note for note in result.notes)
+    got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
+    y1, y2, a, b = 0.0, 0.0, 0.25 * 2.0, 0.25 * 0.5
+    assert len(got["time"]) == 13
+    for k in range(13):
+        assert (got[f"{A}.y"][k], got[f"{B}.y"][k]) == pytest.approx((y1, y2), rel=1e-10, abs=1e-10)
+        y1, y2 = (y1 + a * y2) / (1 - a * b), (y2 + b * y1) / (1 - a * b)
+
+
+def test_unknown_keys_are_findings(place: Path) -> None:
+    with read_system(written(place, model(foo=3, graphs=[]))) as structure:
+        (finding,) = [note for note in structure.notes if isinstance(note, Finding)]
+        assert '"foo" is not a key of a multi-model: it is ignored' in finding
+        assert any('"livestream", "graphs"' in note for note in structure.notes)
+
+
+def test_stabilisation_of_a_configuration_beside_is_read(place: Path) -> None:
+    how = {key: model()[key] for key in ("algorithm", "startTime", "endTime")}
+    what = {key: value for key, value in model().items() if key not in how}
+    mm = written(place, what)
+    written(place, {**how, "stabalizationEnabled": True, "multimodel_path": "mm.json"}, "coe.json")
+    with read_system(mm) as structure:
+        assert [one.type for one in structure.system.annotations] == ["org.uav-cosim.stepping", "org.uav-cosim.master"]
+
+
+def test_paths_of_windows_and_paths_that_are_no_longer_right(place: Path) -> None:
+    how = {key: model()[key] for key in ("algorithm", "startTime", "endTime")}
+    what = {key: value for key, value in model().items() if key not in how}
+    mm = written(place / "Multi-models" / "m", what, "m.mm.json")
+    coe = written(mm.parent / "run", {**how, "multimodel_path": "Multi-models\\m\\m.mm.json"}, "coe.json")
+    with read_system(coe) as structure:
+        assert structure.document == mm and not structure.problems
+        assert not [note for note in structure.notes if "multimodel_path" in note]
+    written(mm.parent / "run", {**how, "multimodel_path": "Multi-models/old/old.mm.json"}, "coe.json")
+    with read_system(coe) as structure:
+        assert structure.document == mm and not structure.problems
+        assert any(f'no file "Multi-models/old/old.mm.json"; {mm} is taken' in note for note in structure.notes)
+    written(mm.parent, what, "other.mm.json")
+    with pytest.raises(SystemDescriptionError, match="there is no file"):
+        read_system(coe)
 
 
 # ---- conversion -------------------------------------------------------------------------------

@@ -146,6 +146,28 @@ def test_connections_of_other_sizes(stricts3: Any, sized: Path) -> None:
     assert "cannot connect 3 elements with 2 elements" in refused(stricts3.ssd(parts, "a/y b/u"))
 
 
+def test_an_empty_instantiation_token(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    """FMI 3.0.2 gives it no least length; the FMUs of FMI-LS-BUS have empty ones. It is passed on as it is."""
+    with zipfile.ZipFile(sized) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    members["modelDescription.xml"] = DESCRIPTION.replace('Token="sized"', 'Token=""').encode()
+    with zipfile.ZipFile(sized, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    assert any('its instantiationToken is ""' in note for note in describe(sized).notes)
+    got = ran(stricts3, stricts3.ssd(stricts3.component("a", "sized.fmu", **{"u[1]": 3.0}), stop=0.5), tmp_path / "out")
+    assert got["a.y[1]"] == [6.0, 6.0]
+
+
+def test_an_array_of_one_element_and_a_scalar(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    """The connector u[1] is a scalar, y an array of one element; in either direction."""
+    parts = stricts3.component("a", "sized.fmu", ports="u:input y:output", n=1, **{"u[1]": 3.0})
+    parts += stricts3.component("b", "sized.fmu", ports="u[1]:input y[1]:output", n=1)
+    parts += stricts3.component("c", "sized.fmu", ports="u:input y:output", n=1)
+    got = ran(stricts3, stricts3.ssd(parts, "a/y b/u[1]", "b/y[1] c/u", stop=1.5), tmp_path / "out")
+    assert (got["b.y[1]"][-1], got["c.y[1]"][-1]) == (12.0, 24.0)
+
+
 def test_sizes_are_not_changed_during_a_run(stricts3: Any, sized: Path) -> None:
     """Reconfiguration Mode is not used: columns, connections and buffers would change with it."""
     system = stricts3.ssd(stricts3.component("a", "sized.fmu"))
