@@ -1,36 +1,79 @@
-"""Reading the elements of our own annotations: typed attributes, and every problem with its line."""
+"""Reading the elements of our own annotations: typed attributes, and every problem with its line.
+
+A run may override attributes (`CheckedSystem.settings`): what it gives is read in place of what is written, or of the
+default where there is no annotation.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from lxml import etree
 
 from cosim_master.check import CheckedSystem
-from cosim_master.document import line_of
+from cosim_master.document import line_of, near
 from cosim_master.errors import Problem, Where
 
 __all__ = ["NAMESPACE", "Attributes", "root_annotation"]
 
 NAMESPACE = "https://uav-cosim.org/ns/1"
+_OPTION = Where("--set")
 
 
 class Attributes:
-    """The attributes of one element (of none: all defaults). Problems go into a list shared by all readers."""
+    """The attributes of one element (of none: all defaults). Problems go into a list shared by all readers.
 
-    def __init__(self, element: etree._Element | None, where: Where, problems: list[Problem]) -> None:
+    Args:
+        given: attributes that a run overrides, by name, as text.
+        tag: of the element; what the overridden attributes are called by: "network" for "network.loss".
+    """
+
+    def __init__(
+        self,
+        element: etree._Element | None,
+        where: Where,
+        problems: list[Problem],
+        given: Mapping[str, str] | None = None,
+        tag: str = "",
+    ) -> None:
         self.element = element
         self.where = where
         self.problems = problems
+        self._given = dict(given or {})
+        self._tag = tag
         self._read: set[str] = set()
 
+    @property
+    def absent(self) -> bool:
+        """Whether nobody says anything: there is neither the element nor an attribute that the run gives."""
+        return self.element is None and not self._given
+
+    def overridden(self, name: str) -> bool:
+        """Whether the run gives this attribute."""
+        return name in self._given
+
     def problem(self, message: str) -> None:
+        """Note what is wrong, at the element's line, or at the option if there is no element."""
         line = line_of(self.element) if self.element is not None else self.where.line
-        self.problems.append(Problem(Where(self.where.path, line), message))
+        where = _OPTION if self.element is None and self._given else Where(self.where.path, line)
+        self.problems.append(Problem(where, message))
+
+    def _wrong(self, name: str, text: str, expected: str) -> None:
+        if name in self._given:
+            self.problems.append(Problem(_OPTION, f"{self._tag}.{name}={text}{expected}"))
+        else:
+            self.problem(f'{name}="{text}"{expected}')
 
     def text(self, name: str, default: str) -> str:
+        """An attribute as it is written."""
         self._read.add(name)
-        return default if self.element is None else self.element.get(name, default)
+        written = default if self.element is None else self.element.get(name, default)
+        return self._given.get(name, written)
+
+    def optional(self, name: str, low: float, high: float) -> float | None:
+        """A number as `number` reads it; None if the attribute is not there."""
+        return self.number(name, low, low, high) if self.text(name, "").strip() else None
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
         """A number from low to high; INF is infinity, as in XML Schema."""
@@ -42,7 +85,7 @@ class Attributes:
         except ValueError:
             value = math.nan
         if not low <= value <= high:
-            self.problem(f'{name}="{text}" must be a number from {low:g} to {high:g}')
+            self._wrong(name, text, f" must be a number from {low:g} to {high:g}")
             return default
         return value
 
@@ -56,14 +99,14 @@ class Attributes:
         except ValueError:
             value = low - 1
         if not low <= value <= high:
-            self.problem(f'{name}="{text}" must be a whole number from {low} to {high}')
+            self._wrong(name, text, f" must be a whole number from {low} to {high}")
             return default
         return value
 
     def choice(self, name: str, default: str, valid: tuple[str, ...]) -> str:
         text = self.text(name, default)
         if text not in valid:
-            self.problem(f'{name}="{text}": valid are {", ".join(valid)}')
+            self._wrong(name, text, f": valid are {', '.join(valid)}")
             return default
         return text
 
@@ -85,22 +128,29 @@ class Attributes:
         unknown = [] if self.element is None else sorted(set(map(str, self.element.attrib)) - self._read)
         if unknown:
             self.problem(f"attribute {', '.join(unknown)}: valid are {', '.join(sorted(self._read))}")
+        for name in sorted(self._given.keys() - self._read):
+            hint = near(f"{self._tag}.{name}", (f"{self._tag}.{one}" for one in self._read))
+            self.problems.append(Problem(_OPTION, f'there is no setting "{self._tag}.{name}"; {hint}'))
 
 
 def root_annotation(checked: CheckedSystem, type: str, tag: str, problems: list[Problem]) -> Attributes:
-    """The one element `tag` of an annotation that belongs to the root system or to the description itself."""
+    """The one element `tag` of an annotation that belongs to the root system or to the description itself.
+
+    The attributes that the run gives for this tag override those that are written.
+    """
+    given = checked.settings.get(tag, {})
     owned = [one for one in checked.annotations if one.annotation.type == type]
     for one in owned:
         if one.owner:
             problems.append(Problem(one.annotation.where, f"{type} belongs to the root system, not to {one.owner}"))
     at_root = [one.annotation for one in owned if not one.owner]
     if not at_root:
-        return Attributes(None, Where(""), problems)
+        return Attributes(None, Where(""), problems, given, tag)
     for extra in at_root[1:]:
         problems.append(Problem(extra.where, f"a second {type}; the first is at {at_root[0].where}"))
     first = at_root[0]
     children = [child for child in first.element if isinstance(child.tag, str)]
     if len(children) != 1 or children[0].tag != f"{{{NAMESPACE}}}{tag}":
         problems.append(Problem(first.where, f'this annotation must hold one <{tag} xmlns="{NAMESPACE}">'))
-        return Attributes(None, first.where, problems)
-    return Attributes(children[0], first.where, problems)
+        return Attributes(None, first.where, problems, given, tag)
+    return Attributes(children[0], first.where, problems, given, tag)

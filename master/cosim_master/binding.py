@@ -9,7 +9,7 @@ what it names is applied, by the names it gives.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from cosim_master.document import near
@@ -17,6 +17,7 @@ from cosim_master.errors import Finding, Problem, Where
 from cosim_master.fmu import Variable
 from cosim_master.limitations import MAPPED_BACK, SIGNAL_START
 from cosim_master.parts import Part, Port, element_name, indices_of
+from cosim_master.patterns import is_pattern, matching, near_pattern
 from cosim_master.ssp_grammar import SAME_TYPE
 from cosim_master.system import (
     INTEGER_RANGES,
@@ -34,6 +35,9 @@ __all__ = ["Assignment", "Bindings", "Unmatched"]
 
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 _FLOATS = ("Real", "Float32")
+_OPTION = Where("--set")
+_NAMED = 5
+"""How many variables a message names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,14 +155,22 @@ class Bindings:
             self._applied = route.source.part, constant.name, parameter
             self._store_value(port.part, variable, value, parameter)
 
-    def override(self, values: Mapping[str, str]) -> None:
-        """Set by hierarchical name, over everything else; here a name that matches nothing is a problem."""
+    def override(self, values: Mapping[str, str], hidden: Container[str] = ()) -> None:
+        """Set by hierarchical name or pattern, over everything else; one that matches nothing is a problem here.
+
+        Args:
+            hidden: names of elements of the root system that hide settings of the run (see `settings`).
+        """
         root = self._wiring.root
         for name, text in values.items():
-            where = Where("--set")
             matches = list(_matches(root, name))
-            if not matches:
-                self._problems.append(Problem(where, f'there is no variable "{name}"; {_hint(root, name)}'))
+            if not matches and is_pattern(name):
+                matches = self._matched(name)
+            elif not matches:
+                tag = name.partition(".")[0]
+                remark = f'; "{tag}" is an element of this system here, not the annotation' if tag in hidden else ""
+                message = f'there is no variable "{name}"; {_hint(root, name)}{remark}'
+                self._problems.append(Problem(_OPTION, message))
             for part, target in matches:
                 if target is None:
                     continue
@@ -166,10 +178,34 @@ class Bindings:
                 kind = "Real" if kind == "Clock" else kind
                 if isinstance(target, Port):
                     kind = kind or next((item.type for _, item, _ in self._driven(target)), None)
-                parameter = self._from_text(name, text, kind, items, where)
+                parameter = self._from_text(name, text, kind, items, _OPTION)
                 if parameter is not None:
                     self._applied = root, name, parameter
                     self._assign(part, target, parameter)
+
+    def _matched(self, pattern: str) -> list[tuple[Part, Variable | Port | None]]:
+        """What a pattern matches, if all of it can be set: variables of FMUs, and connectors of systems."""
+        named: dict[str, tuple[Part, Variable | Port | None]] = {}
+        broken = False
+        for part in self._wiring.root.walk():
+            broken = broken or part.broken
+            targets: Mapping[str, Variable | Port] = part.ports if part.fmu is None else part.fmu.variables
+            prefix = f"{part.name}." if part.name else ""
+            named |= {prefix + name: (part, target) for name, target in targets.items()}
+        found = matching(pattern, named)
+        if not found and not broken:
+            text = f'"{pattern}" matches no variable; {near_pattern(pattern, named)}'
+            self._problems.append(Problem(_OPTION, text))
+        refused: dict[str, list[str]] = {}
+        for name in found:
+            target = named[name][1]
+            if isinstance(target, Variable) and (trouble := _unsettable(target)) is not None:
+                refused.setdefault(trouble, []).append(name)
+        for trouble, names in refused.items():
+            some = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+            text = f'"{pattern}" matches {len(found)} variables, and {len(names)} of them {trouble}: {some}'
+            self._problems.append(Problem(_OPTION, text))
+        return [] if refused else [named[name] for name in found]
 
     def _from_text(
         self, name: str, text: str, kind: str | None, items: Mapping[str, int] | None, where: Where

@@ -5,7 +5,7 @@ Between two steps FMI 2 allows no others to be set (FMI 2.0.5, section 4.2.4).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from cosim_master.check import CheckedSystem
@@ -13,6 +13,8 @@ from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Start, Variable
 from cosim_master.limitations import CHANGE, CLOCKED_CHANGE, STRUCTURAL_CHANGE
+from cosim_master.patterns import is_pattern, matching, near_pattern
+from cosim_master.settings import SETTINGS
 from cosim_master.timing import Timing
 
 __all__ = ["Change", "changes"]
@@ -34,7 +36,8 @@ def changes(checked: CheckedSystem, clock: Timing, wanted: Sequence[tuple[float,
     """Check changes and put them into the order of time; of two at one time the later one in `wanted` wins.
 
     Args:
-        wanted: time in s, hierarchical name of a variable, its new value as text (of an enumeration the item's name).
+        wanted: time in s, hierarchical name or pattern of variables, their new value as text (of an enumeration the
+            item's name).
 
     Raises:
         SystemDescriptionError: all that is wrong with them.
@@ -52,19 +55,41 @@ def changes(checked: CheckedSystem, clock: Timing, wanted: Sequence[tuple[float,
     for time, name, text in wanted:
         k = _base_step(clock, time)
         try:
-            if name not in variables:
-                raise ValueError(f"there is no such variable; {near(name, variables)}")
-            number, variable = variables[name]
-            _check_changeable(variable, driven=name in driven)
-            period = clock.periods[number]
-            if k is None or k % period:
-                raise ValueError(_expected(clock, period, checked.instances[number].name))
-            found.append(Change(k, number, variable, variable.parsed(text)))
+            for target in _targets(name, variables, driven):
+                number, variable = variables[target]
+                period = clock.periods[number]
+                if k is None or k % period:
+                    raise ValueError(_expected(clock, period, checked.instances[number].name))
+                found.append(Change(k, number, variable, variable.parsed(text)))
         except ValueError as error:
             problems.append(Problem(_WHERE, f"{time:g} {name}={text}: {error}"))
     if problems:
         raise SystemDescriptionError(problems)
     return tuple(sorted(found, key=lambda change: change.k))
+
+
+def _targets(name: str, variables: Mapping[str, tuple[int, Variable]], driven: Container[str]) -> list[str]:
+    """The variables that a name or pattern stands for, all of which can be changed.
+
+    Raises:
+        ValueError: there is none, or one of them cannot be changed.
+    """
+    if name in variables:
+        _check_changeable(variables[name][1], driven=name in driven)
+        return [name]
+    if not is_pattern(name):
+        if name.partition(".")[0] in SETTINGS:
+            raise ValueError("settings of radio and recording cannot change during a run; give them by --set")
+        raise ValueError(f"there is no such variable; {near(name, variables)}")
+    found = matching(name, variables)
+    if not found:
+        raise ValueError(f"it matches no variable; {near_pattern(name, variables)}")
+    for one in found:
+        try:
+            _check_changeable(variables[one][1], driven=one in driven)
+        except ValueError as error:
+            raise ValueError(f"it matches {len(found)} variables, one of them {one}: {error}") from None
+    return found
 
 
 def _base_step(clock: Timing, time: float) -> int | None:

@@ -23,6 +23,7 @@ from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import Stage, exchange_order
 from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, UNIT_GAP
 from cosim_master.parts import Part, assemble, measure
+from cosim_master.settings import apart, hidden
 from cosim_master.sizes import check_sizes
 from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
 from cosim_master.units import Unit
@@ -151,6 +152,7 @@ class CheckedSystem:
         unmatched: parameters of bindings that match nothing and are ignored.
         notes: what was assumed or ignored, for the user.
         assignments: start values given to each variable (instance, name), in rising precedence.
+        settings: attributes of our annotations that the run overrides, as text, by tag and name.
     """
 
     structure: SystemStructure
@@ -164,6 +166,7 @@ class CheckedSystem:
     unmatched: tuple[Unmatched, ...]
     notes: tuple[str, ...]
     assignments: Mapping[tuple[str, str], tuple[Assignment, ...]] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
 def natural(name: str) -> tuple[tuple[str | int, ...], str]:
@@ -177,8 +180,9 @@ def check(structure: SystemStructure, overrides: Mapping[str, str] | None = None
 
     Args:
         structure: what `read_system` returned.
-        overrides: start values by hierarchical name ("drone1.autopilot.WPNAV_SPEED"), as text; they win over
-            everything in the files.
+        overrides: start values by hierarchical name ("drone1.autopilot.WPNAV_SPEED") or pattern
+            ("drone*.vehicle.mass"), and settings of radio and recording ("network.loss"), as text. They win over
+            everything in the files, and of two for the same variable the later one wins.
 
     Raises:
         SystemDescriptionError: all problems of the structure, its FMUs, connections and parameters.
@@ -194,7 +198,7 @@ def _uninitialized(fmu: FmuDescription, name: str) -> bool:
 class _Check:
     def __init__(self, structure: SystemStructure, overrides: Mapping[str, str]) -> None:
         self.structure = structure
-        self.overrides = overrides
+        self.overrides, self.settings = apart(overrides, structure)
         self.problems: list[Problem] = list(structure.problems)
         self.notes: list[str] = list(structure.notes)
 
@@ -209,7 +213,7 @@ class _Check:
         links, aliases = self._links(parts, wiring), self._aliases(root, wiring)
         bindings = Bindings(wiring, self.problems, self.notes)
         bindings.apply(root)
-        bindings.override(self.overrides)
+        bindings.override(self.overrides, hidden(self.structure))
         bindings.take_constants()
         check_sizes(wiring, bindings.values, self.problems)
         annotations = self._annotations(root)
@@ -231,6 +235,7 @@ class _Check:
             unmatched=tuple(bindings.unmatched),
             notes=tuple(dict.fromkeys(self.notes)),
             assignments={key: tuple(made) for key, made in bindings.history.items()},
+            settings=self.settings,
         )
 
     def _initial_order(self, links: tuple[Link, ...], fmus: Mapping[str, FmuDescription]) -> tuple[Stage, ...]:

@@ -5,7 +5,6 @@ Needs descriptions only; `plan` makes arrays and calls of it for living instance
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,6 +17,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmu import FmuDescription, Variable
 from cosim_master.network import Network
+from cosim_master.patterns import matching
 from cosim_master.tables import COPY, SIGN
 
 __all__ = ["KINDS", "Delayed", "Layout", "Ports", "call_of", "halves_of", "layout", "shows_error"]
@@ -81,8 +81,8 @@ def layout(
     """Assign places to all values.
 
     Args:
-        record: patterns (fnmatch) of ``instance.variable`` to record; outputs and local variables can be. Nothing
-            given: all outputs.
+        record: patterns (see `patterns`) of ``instance.variable`` to record; outputs and local variables can be.
+            Nothing given: all outputs.
         coupling: delays of connections; None has none.
 
     Raises:
@@ -180,12 +180,11 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
     chosen: set[tuple[str, str]] = set()
     problems = []
     for pattern in record:
-        # [1] is an index in a variable's name, not a set of characters
-        matching = fnmatch.filter(candidates, pattern.replace("[", "[[]"))
-        if not matching and (candidates or pattern != "*"):
+        found = matching(pattern, candidates)
+        if not found and (candidates or pattern != "*"):
             some = f" (such as {', '.join(list(candidates)[:3])})" if candidates else ": the system has none"
             problems.append(Problem(Where("--record"), f"{pattern} matches no output or local variable{some}"))
-        chosen |= {candidates[name] for name in matching}
+        chosen |= {candidates[name] for name in found}
     if problems:
         raise SystemDescriptionError(problems)
     return chosen

@@ -3,16 +3,20 @@
     <ssc:Annotation type="org.uav-cosim.network">
       <network xmlns="https://uav-cosim.org/ns/1" topology="nearest" axis="0 1 0" neighbours="1"
                latency="0.02" jitter="0.005" loss="0.1" range="300" seed="1" position="vehicle.position">
-        <link between="drone1 drone2"/>
+        <link from="drone3" to="*" loss="0.3"/>
         <outage node="drone3" start="10" stop="20"/>
       </network>
     </ssc:Annotation>
 
 `topology`: "broadcast" (everybody hears everybody), "nearest" (the `neighbours` nearest nodes; with an `axis`, a
-vector in NED, that many on each side along it), "listed" (the `link` elements, both ways). `latency` and `jitter` in
-s: a packet takes latency plus a uniformly distributed part of jitter; `loss`: probability per packet and hearer;
-`range` in m. `outage`: the node neither sends nor hears by radio from start to stop (s, default for ever); a packet on
-its way is lost if its hearer is out when it arrives.
+vector in NED, that many on each side along it), "listed" (the `link` elements). `latency` and `jitter` in s: a packet
+takes latency plus a uniformly distributed part of jitter; `loss`: probability per packet and hearer; `range` in m.
+`link`: `between` two nodes, which are both ways, or `from` one `to` another. With names it makes a link of the topology
+"listed". With `latency`, `jitter` or `loss` it also says what they are there, in any topology; what it does not say
+stays as it was, and of several links that say it of the same nodes the last one counts. Patterns (`*`, `?`) describe
+the links of all nodes that they match and make none. The links of gateways are their own.
+`outage`: the node neither sends nor hears by radio from start to stop (s, default for ever); a packet on its way is
+lost if its hearer is out when it arrives.
 `position`: where below a node its NED position is, in m.
 `dialect`: a MAVLink XML file, found from the system's document, with messages that ardupilotmega does not have: their
 packets are checked and routed as any others. Tools that do not know the annotation ignore it.
@@ -24,19 +28,32 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cosim_master.annotation import Attributes, root_annotation
 from cosim_master.check import CheckedSystem, Instance
+from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError
 from cosim_master.fmu import Variable
 from cosim_master.limitations import DIALECT, SEVERAL_PORTS, SMALL_PORT
+from cosim_master.patterns import is_pattern, matching, near_pattern
 from cosim_master.radio import SLOT
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
 
-__all__ = ["ANNOTATION", "SERIAL", "TELEMETRY", "Endpoint", "Gateway", "Network", "Node", "network_of", "with_gateways"]
+__all__ = [
+    "ANNOTATION",
+    "SERIAL",
+    "TELEMETRY",
+    "Channel",
+    "Endpoint",
+    "Gateway",
+    "Network",
+    "Node",
+    "network_of",
+    "with_gateways",
+]
 
 ANNOTATION = "org.uav-cosim.network"
 TELEMETRY, SERIAL = "telemetry", "serial"
@@ -91,8 +108,24 @@ class Gateway:
 
 
 @dataclass(frozen=True, slots=True)
+class Channel:
+    """What packets meet on their way from some nodes to others; None: what they meet without it. Times in s.
+
+    `source` and `target` are names or patterns as they were written, `senders` and `hearers` the nodes that they match.
+    """
+
+    source: str
+    target: str
+    senders: tuple[str, ...]
+    hearers: tuple[str, ...]
+    latency: float | None = None
+    jitter: float | None = None
+    loss: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Network:
-    """Nodes by name, and the radio between them. Times in s, lengths in m."""
+    """Nodes by name, and the radio between them. Times in s, lengths in m. Of `channels` the last one counts."""
 
     nodes: tuple[Node, ...] = ()
     gateways: tuple[Gateway, ...] = ()
@@ -105,6 +138,7 @@ class Network:
     range: float = math.inf
     seed: int = 0
     links: frozenset[tuple[str, str]] = frozenset()
+    channels: tuple[Channel, ...] = ()
     outages: tuple[tuple[str, float, float], ...] = ()
     dialect: tuple[Message, ...] = ()
     notes: tuple[str, ...] = field(default=())
@@ -202,10 +236,14 @@ def _position(node: str, path: str, instances: Mapping[str, Instance]) -> tuple[
 
 def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Network:
     written_seed = reader.integer("seed", 0, 0, 2**53)
+    if reader.overridden("seed") and seed not in (None, written_seed):
+        reader.problem(f"the seed is given twice, as {seed} and by --set network.seed={written_seed}; give it once")
     children = reader.children("link", "outage")
+    topology = reader.choice("topology", "broadcast", ("broadcast", "nearest", "listed"))
+    links, channels = _links(children["link"], {node.name: node for node in nodes}, topology)
     settings = Network(
         nodes=tuple(nodes),
-        topology=reader.choice("topology", "broadcast", ("broadcast", "nearest", "listed")),
+        topology=topology,
         neighbours=reader.integer("neighbours", 1, 1, 1_000_000),
         axis=_axis(reader),
         latency=reader.number("latency", 0.0, 0.0, 3600.0),
@@ -213,7 +251,8 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
         loss=reader.number("loss", 0.0, 0.0, 1.0),
         range=reader.number("range", math.inf, 0.0, math.inf),
         seed=written_seed if seed is None else seed,
-        links=_links(children["link"], nodes),
+        links=links,
+        channels=channels,
         outages=tuple(_outage(child, nodes) for child in children["outage"]),
         notes=_notes(reader, nodes),
     )
@@ -224,8 +263,6 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
                 path = reader.text("position", "vehicle.position")
                 text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
                 reader.problem(f"topology nearest and range need positions; {text}")
-    if settings.links and settings.topology != "listed":
-        reader.problem(f'<link> is for topology="listed", this is "{settings.topology}"')
     for name in ("axis", "neighbours"):
         if settings.topology != "nearest" and reader.text(name, ""):
             reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"')
@@ -263,17 +300,72 @@ def _axis(reader: Attributes) -> tuple[float, float, float] | None:
     return (north / length, east / length, down / length)
 
 
-def _links(children: Sequence[Attributes], nodes: Sequence[Node]) -> frozenset[tuple[str, str]]:
-    names = {node.name for node in nodes}
+def _links(
+    children: Sequence[Attributes], nodes: Mapping[str, Node], topology: str
+) -> tuple[frozenset[tuple[str, str]], tuple[Channel, ...]]:
+    """The links that `link` elements make, and the channels that they describe."""
     links: set[tuple[str, str]] = set()
+    described: list[tuple[Attributes, Channel]] = []
     for child in children:
-        ends = child.text("between", "").split()
+        ends = _ends(child)
+        numbers: dict[str, Any] = {
+            "latency": child.optional("latency", 0.0, 3600.0),
+            "jitter": child.optional("jitter", 0.0, 3600.0),
+            "loss": child.optional("loss", 0.0, 1.0),
+        }
         child.finish()
-        if len(ends) != 2 or len(set(ends)) != 2 or not set(ends) <= names:
-            child.problem(f'between="{" ".join(ends)}" must name two of the nodes {", ".join(sorted(names))}')
+        describes = any(child.text(name, "") for name in numbers)
+        if ends is None or not _linkable(child, ends[0], nodes, topology, describes=describes):
             continue
-        links |= {(ends[0], ends[1]), (ends[1], ends[0])}
-    return frozenset(links)
+        for source, target in ends:
+            if topology == "listed" and source in nodes and target in nodes:
+                links.add((source, target))
+            if describes:
+                matched = _matching(source, nodes), _matching(target, nodes)
+                described.append((child, Channel(source, target, *matched, **numbers)))
+    for child, channel in described if topology == "listed" else ():
+        hearers = frozenset(channel.hearers)
+        if not any(a in channel.senders and b in hearers for a, b in links):
+            child.problem(f'no link is listed from "{channel.source}" to "{channel.target}"; patterns make none')
+    return frozenset(links), tuple(channel for _, channel in described)
+
+
+def _ends(child: Attributes) -> tuple[tuple[str, str], ...] | None:
+    """From where to where a `link` leads, and back if it is both ways; None if it does not say."""
+    between = child.text("between", "").split()
+    source, target = child.text("from", "").strip(), child.text("to", "").strip()
+    if between and not source and not target and len(between) == 2:
+        return ((between[0], between[1]), (between[1], between[0]))
+    if source and target and not between:
+        return ((source, target),)
+    child.problem('a link is between="A B", both ways, or from="A" to="B", one way; "*" is every node')
+    return None
+
+
+def _matching(end: str, nodes: Mapping[str, Node]) -> tuple[str, ...]:
+    return (end,) if end in nodes else tuple(matching(end, nodes))
+
+
+def _linkable(
+    child: Attributes, ends: tuple[str, str], nodes: Mapping[str, Node], topology: str, *, describes: bool
+) -> bool:
+    """Whether there are nodes at the ends of a link, and the link makes or describes something."""
+    known = True
+    for end in ends:
+        if not _matching(end, nodes):
+            known = False
+            hint = near_pattern(end, nodes) if is_pattern(end) else near(end, nodes)
+            child.problem(f'there is no radio node "{end}"; {hint}')
+    if known and len({*_matching(ends[0], nodes), *_matching(ends[1], nodes)}) < 2:
+        known = False
+        child.problem(f'a link from "{ends[0]}" to itself; name two nodes')
+    pattern = not all(end in nodes for end in ends)
+    if known and not describes and topology != "listed":
+        text = 'a <link> without latency, jitter or loss is for topology="listed"'
+        child.problem(f'{text}, this is "{topology}"')
+    elif known and not describes and pattern:
+        child.problem("patterns make no links, they describe them: give names, or latency, jitter or loss")
+    return known and (describes or (topology == "listed" and not pattern))
 
 
 def _outage(child: Attributes, nodes: Sequence[Node]) -> tuple[str, float, float]:
@@ -283,13 +375,13 @@ def _outage(child: Attributes, nodes: Sequence[Node]) -> tuple[str, float, float
     stop = child.number("stop", math.inf, 0.0, math.inf)
     child.finish()
     if name not in names:
-        child.problem(f'outage of node "{name}": the nodes are {", ".join(sorted(names))}')
+        child.problem(f'outage of node "{name}": there is no such radio node; {near(name, names)}')
     if stop <= start:
         child.problem(f"outage from {start:g} s to {stop:g} s: stop must lie behind start")
     return (name, start, stop)
 
 
 def _notes(reader: Attributes, nodes: Sequence[Node]) -> tuple[str, ...]:
-    if reader.element is None and len(nodes) > 1:
+    if reader.absent and len(nodes) > 1:
         return (f"no {ANNOTATION} annotation: packets reach every node at once and without loss",)
     return ()

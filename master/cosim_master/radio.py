@@ -45,6 +45,7 @@ from cosim.packets import (
 __all__ = [
     "BROADCAST",
     "CABLE",
+    "CHANNEL",
     "COUNTERS",
     "DEFERRED",
     "DEFINITION",
@@ -126,6 +127,9 @@ NODE = np.dtype(
         ("last", "i8"),
         ("listed", "i8"),  # topology LISTED: it sends to the nodes links[listed:unlisted]
         ("unlisted", "i8"),
+        ("kind", "i8"),  # as a hearer; nodes of one kind are heard by the same channels
+        ("channel", "i8"),  # it sends by channels[channel:unchannelled], and by SETTINGS to hearers of other kinds
+        ("unchannelled", "i8"),
     ]
 )
 SETTINGS = np.dtype(
@@ -141,6 +145,15 @@ SETTINGS = np.dtype(
         ("keep", "i8"),  # write events and logs
     ]
 )
+CHANNEL = np.dtype(
+    [
+        ("kind", "i8"),  # of its hearers
+        ("latency", "i8"),  # as in SETTINGS
+        ("jitter", "i8"),
+        ("loss", "f8"),
+    ]
+)
+"""What happens to packets on their way from nodes of one kind to nodes of another, where it is not as in SETTINGS."""
 PLACE = np.dtype(
     [
         ("arrival", "i8"),
@@ -180,6 +193,7 @@ class Radio(NamedTuple):
     endpoints: NDArray[Any]  # ENDPOINT, node by node
     nodes: NDArray[Any]  # NODE
     links: NDArray[np.int64]
+    channels: NDArray[Any]  # CHANNEL, by kind of sender, then sorted by kind of hearer
     outages: NDArray[np.int64]  # rows (node, from, until)
     places: NDArray[Any]  # PLACE
     data: NDArray[np.uint8]  # (places, SLOT)
@@ -296,6 +310,24 @@ def _hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
                 r.hearers[found] = other
                 found += 1
     return found
+
+
+@kernel
+def _channel(r: Radio, n: int, other: int) -> tuple[int, int, float]:
+    """Latency, jitter and loss of packets from node `n` to node `other`."""
+    kind = r.nodes[other].kind
+    first, last = r.nodes[n].channel, r.nodes[n].unchannelled
+    while first < last:
+        middle = (first + last) // 2
+        if r.channels[middle].kind < kind:
+            first = middle + 1
+        else:
+            last = middle
+    if first < r.nodes[n].unchannelled and r.channels[first].kind == kind:
+        c = r.channels[first]
+        return c.latency, c.jitter, c.loss
+    s = r.settings[0]
+    return s.latency, s.jitter, s.loss
 
 
 @kernel
@@ -426,6 +458,7 @@ def _by_radio(
     number = r.endpoints[e].number
     r.endpoints[e].number = number + 1
     identity = r.endpoints[e].identity
+    latency, jitter, loss = s.latency, s.jitter, s.loss
     taken = False
     for i in range(hearers):
         other = r.hearers[i]
@@ -435,14 +468,16 @@ def _by_radio(
         if not wanted:
             continue
         taken = True
-        arrival = t + s.latency
-        if s.jitter > 0:
-            arrival += int(np.int64(s.jitter * chance(s.seed, identity, r.nodes[other].identity, number, 1)))
+        if r.channels.size > 0:
+            latency, jitter, loss = _channel(r, n, other)
+        arrival = t + latency
+        if jitter > 0:
+            arrival += int(np.int64(jitter * chance(s.seed, identity, r.nodes[other].identity, number, 1)))
         if _out(r, n, t) or _out(r, other, arrival):
             _event(r, t, -1, e, other, buf, start, stop, LOST_OUTAGE)
         elif s.range < np.inf and _distance2(r, reals, n, other) > s.range * s.range:
             _event(r, t, -1, e, other, buf, start, stop, LOST_RANGE)
-        elif s.loss > 0.0 and chance(s.seed, identity, r.nodes[other].identity, number, 0) < s.loss:
+        elif loss > 0.0 and chance(s.seed, identity, r.nodes[other].identity, number, 0) < loss:
             _event(r, t, -1, e, other, buf, start, stop, LOST_CHANNEL)
         else:
             logged = COUNTED

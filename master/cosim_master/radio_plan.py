@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from cosim_master.calls import table
 from cosim_master.layout import Layout
 from cosim_master.network import TELEMETRY, Endpoint, Network, Node
 from cosim_master.radio import (
+    CHANNEL,
     COUNTERS,
     DEFINITION,
     ENDPOINT,
@@ -73,6 +75,43 @@ def _gateways(network: Network) -> np.ndarray[Any, Any]:
     return table
 
 
+def _channels(network: Network) -> tuple[list[int], list[int], np.ndarray[Any, Any]]:
+    """Kind of each node as a sender and as a hearer, and the CHANNEL table of every kind of sender, put together.
+
+    Nodes are of one kind if the same channels are described by them: a pattern over a thousand nodes makes few kinds,
+    and a thousand channels between two nodes each make few rows. The rows of sender kind k are those with `sender` k.
+    """
+    sending: dict[str, list[int]] = {node.name: [] for node in network.nodes}
+    hearing: dict[str, list[int]] = {node.name: [] for node in network.nodes}
+    for number, channel in enumerate(network.channels):
+        for name in channel.senders:
+            sending[name].append(number)
+        for name in channel.hearers:
+            hearing[name].append(number)
+    sender_kinds: dict[tuple[int, ...], int] = {}
+    hearer_kinds: dict[tuple[int, ...], int] = {}
+    senders = [sender_kinds.setdefault(tuple(numbers), len(sender_kinds)) for numbers in sending.values()]
+    hearers = [hearer_kinds.setdefault(tuple(numbers), len(hearer_kinds)) for numbers in hearing.values()]
+    ends: list[tuple[list[int], list[int]]] = [([], []) for _ in network.channels]
+    for side, kinds in enumerate((sender_kinds, hearer_kinds)):
+        for numbers, kind in kinds.items():
+            for number in numbers:
+                ends[number][side].append(kind)
+    described: dict[tuple[int, int], tuple[float, float, float]] = {}
+    for channel, (froms, tos) in zip(network.channels, ends, strict=True):
+        for pair in product(froms, tos):
+            latency, jitter, loss = described.get(pair, (network.latency, network.jitter, network.loss))
+            described[pair] = (
+                latency if channel.latency is None else channel.latency,
+                jitter if channel.jitter is None else channel.jitter,
+                loss if channel.loss is None else channel.loss,
+            )
+    rows = np.zeros(len(described), dtype=[("sender", "i8"), ("row", CHANNEL)])
+    for i, ((sender, hearer), (latency, jitter, loss)) in enumerate(sorted(described.items())):
+        rows[i] = (sender, (hearer, _nanoseconds(latency), _nanoseconds(jitter), loss))
+    return senders, hearers, rows
+
+
 def _definition(message: Message) -> tuple[int, int, int]:
     return message.id, message.crc_extra, next((f.offset for f in message.fields if f.name == "target_system"), -1)
 
@@ -95,16 +134,19 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
     members = np.cumsum([0, *(len(node.endpoints) for node in nodes)])
     reals = places.ports["Real"].index
     node_table = np.zeros(len(nodes) + len(network.gateways), dtype=NODE)
+    senders, kinds, channels = _channels(network)
     for n, node in enumerate(nodes):
         place = [reals[instance, variable.name] for instance, variable in node.position] or [-1, -1, -1]
-        node_table[n] = (place, _hash(node.name), members[n], members[n + 1], listed[n], listed[n + 1])
+        own = np.searchsorted(channels["sender"], (senders[n], senders[n] + 1))
+        spans = (members[n], members[n + 1], listed[n], listed[n + 1])
+        node_table[n] = (place, _hash(node.name), *spans, kinds[n], *own)
     endpoints = np.zeros(int(members[-1]) + len(network.gateways), dtype=ENDPOINT)
     for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
         capacity = e.rx.packet_capacity if e.rx else 0
         endpoints[i] = (n, _hash(e.name), 0, capacity, 0, -1, -1, _reach(e, nodes[n]))
     for g, gateway in enumerate(network.gateways):
         behind = int(members[-1]) + g
-        node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0)
+        node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0, 0, 0, 0)
         endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1, radio_kernels.ON_AIR)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
@@ -112,6 +154,7 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
         endpoints=table(endpoints),
         nodes=table(node_table),
         links=np.array([b for row in hearers for b in row], dtype=np.int64),
+        channels=table(channels["row"].copy()),
         outages=np.array(outages, dtype=np.int64).reshape(-1, 3),
         places=table(np.zeros(0, dtype=PLACE)),
         data=np.zeros((0, SLOT), dtype=np.uint8),

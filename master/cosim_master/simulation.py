@@ -28,10 +28,11 @@ from cosim_master.fmu import Start
 from cosim_master.gateways import Gateways, gateways_of
 from cosim_master.layout import layout
 from cosim_master.limitations import RECORDING_INTERVAL
-from cosim_master.network import Network, network_of, with_gateways
+from cosim_master.network import Channel, Network, network_of, with_gateways
 from cosim_master.profiling import Profile, Profiler
 from cosim_master.recorder import Recorder
 from cosim_master.run_folder import RunFolder
+from cosim_master.settings import apart
 from cosim_master.single import full_names
 from cosim_master.ssp import read_system
 from cosim_master.stimuli import Stimuli, read_stimuli
@@ -224,7 +225,8 @@ def simulate(
         step: step size in s for systems and FMUs that name none.
         pace: times real time to hold at most; None runs as fast as it can.
         seed: of the radio's random numbers; the system's if None.
-        overrides: start values by hierarchical name, as text.
+        overrides: start values by hierarchical name or pattern, and settings of radio and recording ("network.loss"),
+            as text: see `check`.
         record: patterns of signals to record; the system's, else all outputs.
         at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set while it runs.
         strict: notes that are a `Finding` are errors.
@@ -237,8 +239,8 @@ def simulate(
         ports: address of the first vehicle's serial port, and by how much the others differ.
         on_gateway: is told, in words, what happens to sockets.
         checkpoint_every: s of simulated time between checkpoints in `out`.
-        origin: RUN@TIME, a checkpoint to go on from; `overrides` are then changes at that time, and what is not given
-            (seed, stop time, patterns) is what it was.
+        origin: RUN@TIME, a checkpoint to go on from; `overrides` are then changes at that time, settings of the radio
+            hold from then on, and what is not given (seed, stop time, patterns) is what it was.
         inputs: a CSV file with values of open inputs, see `stimuli`.
 
     Raises:
@@ -248,13 +250,15 @@ def simulate(
         How it ended; a failing FMU is an outcome, and what was recorded until then is kept.
     """
     checkpoint = None if origin is None else find(origin)
-    if checkpoint is not None:
-        was = checkpoint.identity
-        at = [*((checkpoint.time, name, value) for name, value in (overrides or {}).items()), *at]
-        overrides, record = checkpoint.overrides, record or checkpoint.record
-        until = (was.start + was.steps * was.base) / 1e9 if until is None else until
-        seed = was.seed if seed is None else seed
     with read_system(system, variant) as structure:
+        if checkpoint is not None:
+            was = checkpoint.identity
+            now, settings = apart(overrides or {}, structure)
+            at = [*((checkpoint.time, name, value) for name, value in now.items()), *at]
+            new = {f"{tag}.{name}": text for tag, given in settings.items() for name, text in given.items()}
+            overrides, record = {**checkpoint.overrides, **new}, record or checkpoint.record
+            until = (was.start + was.steps * was.base) / 1e9 if until is None else until
+            seed = was.seed if seed is None and "network.seed" not in new else seed
         overrides = full_names(structure, overrides or {})
         at = [(time, *named) for time, name, text in at for named in full_names(structure, {name: text}).items()]
         checked = check(structure, overrides)
@@ -535,6 +539,7 @@ def _manifest(
     }
     if math.isinf(ready.network.range):
         network["range"] = "INF"
+    network["channels"] = [_channel_in_json(channel) for channel in ready.network.channels]
     network["dialect"] = [message.name for message in ready.network.dialect]
     network["links"] = sorted(map(list, ready.network.links))
     network["outages"] = [[n, a, b if math.isfinite(b) else "INF"] for n, a, b in ready.network.outages]
@@ -578,7 +583,9 @@ def _manifest(
             "delays": {".".join(target): delay.ns / 1e9 for target, delay in ready.coupling.delays.items()},
         },
         "seed": ready.network.seed,
+        "settings": {tag: dict(given) for tag, given in checked.settings.items()},
         "network": network,
+        "recording": asdict(ready.recording),
         "packets": dict(result.packets),
         "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
         "instances": {
@@ -600,6 +607,12 @@ def _manifest(
         "notes": list(result.notes),
         **({} if result.profile is None else {"profile": asdict(result.profile)}),
     }
+
+
+def _channel_in_json(channel: Channel) -> dict[str, Any]:
+    numbers = {name: getattr(channel, name) for name in ("latency", "jitter", "loss")}
+    given = {name: value for name, value in numbers.items() if value is not None}
+    return {"from": channel.source, "to": channel.target, **given}
 
 
 def _in_json(value: Start) -> Start:

@@ -130,11 +130,11 @@ def test_links_go_both_ways(swarm: Any) -> None:
             "",
             "attribute delay: valid are axis, dialect, jitter, latency, loss, neighbours, position, range, s",
         ),
-        ("", '<link between="d1 d2"/>', '<link> is for topology="listed", this is "broadcast"'),
-        ('topology="listed"', '<link between="d1 d9"/>', 'between="d1 d9" must name two of the nodes d1, d2, d3'),
-        ('topology="listed"', '<link between="d1 d1"/>', 'between="d1 d1" must name two of the nodes d1, d2, d3'),
-        ('topology="listed"', '<link from="d1"/>', "attribute from: valid are between"),
-        ("", '<outage node="d9"/>', 'outage of node "d9": the nodes are d1, d2, d3'),
+        ("", '<link between="d1 d2"/>', 'a <link> without latency, jitter or loss is for topology="listed", this'),
+        ('topology="listed"', '<link between="d1 d9"/>', 'there is no radio node "d9"; valid: "d1", "d2", "d3"'),
+        ('topology="listed"', '<link between="d1 d1"/>', 'a link from "d1" to itself; name two nodes'),
+        ('topology="listed"', '<link at="d1"/>', "attribute at: valid are between, from, jitter, latency, loss, to"),
+        ("", '<outage node="d9"/>', 'outage of node "d9": there is no such radio node; valid: "d1", "d2", "d3"'),
         ("", '<outage node="d1" start="5" stop="5"/>', "outage from 5 s to 5 s: stop must lie behind start"),
         ("", '<outage node="d1" until="5"/>', "attribute until: valid are node, start, stop"),
         ("", "<burst/>", "<burst> is unknown here: valid are link, outage"),
@@ -238,3 +238,112 @@ def test_a_dialect_that_is_none(swarm: Any, tmp_path: Path) -> None:
     (tmp_path / "bad.xml").write_text("<swarm/>")
     (found,) = problems(swarm, network('dialect="bad.xml"'))
     assert found.endswith("the root of a dialect is <mavlink>, not <swarm>")
+
+
+# ---- links that differ --------------------------------------------------------------------------------------------
+
+
+def test_a_link_one_way_and_a_pattern(swarm: Any) -> None:
+    found = swarm(network('loss="0.1"', '<link from="d3" to="*" loss="0.3"/><link between="d? d1" latency=".5"/>'))
+    assert found.links == frozenset()
+    assert [(c.source, c.target, c.latency, c.jitter, c.loss) for c in found.channels] == [
+        ("d3", "*", None, None, 0.3),
+        ("d?", "d1", 0.5, None, None),
+        ("d1", "d?", 0.5, None, None),
+    ]
+    assert [(c.senders, c.hearers) for c in found.channels] == [
+        (("d3",), ("d1", "d2", "d3")),
+        (("d1", "d2", "d3"), ("d1",)),
+        (("d1",), ("d1", "d2", "d3")),
+    ]
+
+
+def test_names_make_links_and_patterns_describe_them(swarm: Any) -> None:
+    inner = '<link between="d1 d2" jitter="0.1"/><link from="d2" to="d3"/><link from="d1" to="*" loss="1"/>'
+    found = swarm(network('topology="listed"', inner))
+    assert found.links == {("d1", "d2"), ("d2", "d1"), ("d2", "d3")}
+    assert [(c.source, c.target) for c in found.channels] == [("d1", "d2"), ("d2", "d1"), ("d1", "*")]
+
+
+@pytest.mark.parametrize(
+    ("attributes", "inner", "message"),
+    [
+        ("", '<link from="d7" to="*" loss="1"/>', 'there is no radio node "d7"; valid: "d1", "d2", "d3"'),
+        ("", '<link from="d1" to="e*" loss="1"/>', 'there is no radio node "e*"; valid: "d*"'),
+        ("", '<link from="d1" loss="1"/>', 'a link is between="A B", both ways, or from="A" to="B", one way'),
+        ("", '<link between="d1 d2" to="d3" loss="1"/>', 'a link is between="A B", both ways, or from="A" to="B"'),
+        ("", '<link from="d1" to="d1" loss="1"/>', 'a link from "d1" to itself; name two nodes'),
+        ("", '<link from="d1" to="?1" loss="1"/>', 'a link from "d1" to itself; name two nodes'),
+        ("", '<link from="d1" to="d2" loss="2"/>', 'loss="2" must be a number from 0 to 1'),
+        ("", '<link from="d1" to="d2" range="2"/>', "attribute range: valid are between, from, jitter, latency, loss"),
+        ('topology="listed"', '<link between="d1 *"/>', "patterns make no links, they describe them"),
+        (
+            'topology="listed"',
+            '<link between="d1 d2"/><link from="d3" to="*" loss="1"/>',
+            'no link is listed from "d3" to "*"; patterns make none',
+        ),
+    ],
+)
+def test_links_that_are_wrong(swarm: Any, workshop: Any, attributes: str, inner: str, message: str) -> None:
+    found = problems(swarm, network(attributes, inner))
+    assert [text for text in found if message in text], found
+    assert all(text.startswith(f"{workshop.root / 's.ssd'}:") for text in found)
+
+
+# ---- settings that a run overrides --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def overridden(workshop: Any, variable: Any) -> Any:
+    """The network of two agents under overrides; `name` is that of the first agent."""
+    ports = (variable("mavlink_rx", kind="String"), variable("mavlink_tx", "output", kind="String"))
+    workshop.fmu("agent.fmu", *ports, step="0.01", extra=PACKETS)
+
+    def read(overrides: dict[str, str], content: str = "", name: str = "a", seed: int | None = None) -> Network:
+        annotation = workshop.annotation(TYPE, content) if content else ""
+        inner = workshop.component(name, "agent.fmu") + workshop.component("b", "agent.fmu")
+        path = workshop.ssd("s.ssd", workshop.system(inner, after=annotation))
+        return network_of(check(read_system(path), overrides), seed)
+
+    return read
+
+
+def test_a_run_overrides_the_annotation(overridden: Any) -> None:
+    written = network('loss="0.5" latency="0.1" seed="4"', '<link from="a" to="b" jitter="1"/>')
+    given = {"network.loss": "0.2", "network.seed": "9", "network.topology": "listed"}
+    found = overridden(given, written)
+    assert (found.loss, found.latency, found.seed, found.topology) == (0.2, 0.1, 9, "listed")
+    assert found.links == {("a", "b")}
+
+
+def test_a_run_needs_no_annotation(overridden: Any) -> None:
+    found = overridden({"network.latency": " 0.25", "network.range": "INF"})
+    assert (found.latency, found.range, found.notes) == (0.25, math.inf, ())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"network.los": "0.2"}, '--set: there is no setting "network.los"; did you mean "network.loss"?'),
+        ({"network.loss": "2"}, "--set: network.loss=2 must be a number from 0 to 1"),
+        ({"network.seed": "x"}, "--set: network.seed=x must be a whole number from 0 to"),
+        ({"network.topology": "mesh"}, "network.topology=mesh: valid are broadcast, nearest"),
+        ({"network.range": "5"}, "--set: topology nearest and range need positions; "),
+        ({"networks.loss": "5"}, 'there is no variable "networks.loss"'),
+    ],
+)
+def test_settings_that_are_wrong(overridden: Any, given: dict[str, str], message: str) -> None:
+    assert [text for text in problems(overridden, given) if message in text], problems(overridden, given)
+
+
+def test_the_seed_is_given_once(overridden: Any) -> None:
+    assert overridden({"network.seed": "3"}, seed=3).seed == 3
+    (text,) = problems(overridden, {"network.seed": "4"}, seed=3)
+    assert text == "--set: the seed is given twice, as 3 and by --set network.seed=4; give it once"
+
+
+def test_a_component_called_network_wins(overridden: Any) -> None:
+    (text,) = problems(overridden, {"network.loss": "0.2"}, name="network")
+    assert 'there is no variable "network.loss"' in text
+    assert text.endswith('; "network" is an element of this system here, not the annotation')
+    assert overridden({}, network('loss="0.5"'), name="network").loss == 0.5

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.fmu import Variable
-from cosim_master.network import Endpoint, Network, Node
+from cosim_master.network import Channel, Endpoint, Network, Node
 from cosim_master.radio import (
     DEFERRED,
     DELIVERED,
@@ -34,7 +34,7 @@ from cosim_master.radio import (
     send,
     sort_along,
 )
-from cosim_master.radio_plan import grown, make_radio
+from cosim_master.radio_plan import _hash, grown, make_radio
 from tests.master.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)
@@ -430,6 +430,82 @@ def test_an_outage_without_end() -> None:
     air.send(SECOND - 1, "n0", packet(1))
     air.send(10**17, "n0", packet(1))
     assert air.outcomes() == {"radio": 1, "lost: outage": 1}
+
+
+# ---- links that differ -------------------------------------------------------------------------------------------
+
+some_nodes = st.lists(st.sampled_from(["n0", "n1", "n2", "n3"]), min_size=1, unique=True).map(tuple)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.builds(
+            Channel,
+            st.just("*"),
+            st.just("*"),
+            some_nodes,
+            some_nodes,
+            st.sampled_from([None, 0.0, 0.25]),
+            st.sampled_from([None, 0.0, 0.5]),
+            st.sampled_from([None, 0.0, 0.5, 1.0]),
+        ),
+        max_size=5,
+    ),
+    st.sampled_from(["broadcast", "nearest"]),
+)
+def test_what_packets_meet_is_what_the_last_link_says(channels: list[Channel], topology: str) -> None:
+    """Against the links looked through one by one, and the chances computed for each packet."""
+    default = {"latency": 0.1, "jitter": 0.0, "loss": 0.2}
+    air = each_alone(4, topology=topology, neighbours=3, seed=8, channels=tuple(channels), **default)
+    for i in range(30):
+        for n in range(4):
+            air.send(i * 1000, f"n{n}", packet(n + 1, i))
+    assert len(air.events) == 30 * 4 * 3
+    for event in air.events:
+        a, b, number = air.names[event["source"]], air.nodes[event["target"]], int(event["sequence"])
+        meets = dict(default)
+        for channel in channels:
+            if a in channel.senders and b in channel.hearers:
+                said = {name: getattr(channel, name) for name in meets}
+                meets |= {name: value for name, value in said.items() if value is not None}
+        key = np.uint64(8), np.uint64(_hash(a)), np.uint64(_hash(b)), number
+        lost = chance(*key, 0) < meets["loss"]
+        delay = round(meets["latency"] * SECOND) + int(meets["jitter"] * SECOND * chance(*key, 1))
+        assert OUTCOMES[event["outcome"]] == ("lost: channel" if lost else "radio")
+        assert event["arrival"] == (-1 if lost else event["sent"] + delay)
+
+
+def test_a_link_changes_its_own_packets_only() -> None:
+    def fly(*channels: Channel) -> dict[Any, Any]:
+        air = each_alone(3, loss=0.3, jitter=0.01, seed=3, channels=channels)
+        for i in range(200):
+            for n in range(3):
+                air.send(i * 1000, f"n{n}", packet(n + 1, i))
+        return fates(air)
+
+    plain = fly()
+    lossy = fly(Channel("n1", "*", ("n1",), ("n0", "n1", "n2"), loss=0.9))
+    assert {key: fate for key, fate in lossy.items() if key[0] != "n1"} == {
+        key: fate for key, fate in plain.items() if key[0] != "n1"
+    }
+    assert (
+        sum(outcome == OUTCOMES.index("lost: channel") for (a, _, _), (outcome, _) in lossy.items() if a == "n1") > 330
+    )
+    assert all(lossy[key] == fate or key[0] == "n1" for key, fate in plain.items())
+    # Who is lost at 30 % is lost at 90 %, too.
+    gone = {key for key, (outcome, _) in plain.items() if outcome == OUTCOMES.index("lost: channel")}
+    assert gone <= {key for key, (outcome, _) in lossy.items() if outcome == OUTCOMES.index("lost: channel")}
+
+
+def test_a_thousand_links_make_a_table_of_their_own_size_only() -> None:
+    """Patterns make few kinds of nodes, links between two nodes few rows."""
+    names = [f"n{i}" for i in range(1000)]
+    every = tuple(names)
+    pairs = [Channel(a, b, (a,), (b,), loss=0.5) for a, b in itertools.pairwise(names[:300])]
+    air = each_alone(1000, channels=(Channel("*", "*", every, every, latency=0.1), Channel("n7", "*", ("n7",), every)))
+    assert air.radio.channels.size == 2
+    assert each_alone(1000, channels=tuple(pairs)).radio.channels.size == 299
 
 
 # ---- malformed packets --------------------------------------------------------------------------------------------

@@ -37,7 +37,12 @@ System = Annotated[
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="COMPONENT.PARAMETER=VALUE", help="Override a start value; may be repeated."),
+    typer.Option(
+        "--set",
+        metavar="COMPONENT.PARAMETER=VALUE",
+        help="Override a start value, by name or pattern ('drone*.vehicle.mass=2'), or a setting of radio or recording "
+        "(network.loss=0.2); may be repeated.",
+    ),
 ]
 Until = Annotated[
     float | None,
@@ -71,12 +76,13 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document inst
 
 
 def overrides(settings: list[str] | None) -> dict[str, str]:
-    """Start values by hierarchical name, from texts COMPONENT.PARAMETER=VALUE."""
-    found = {}
+    """Start values by hierarchical name or pattern, from texts COMPONENT.PARAMETER=VALUE, in the order in which they win."""
+    found: dict[str, str] = {}
     for setting in settings or []:
         name, equals, value = setting.partition("=")
         if not equals or not name.strip():
             raise usage(f"--set {setting}: write COMPONENT.PARAMETER=VALUE")
+        found.pop(name.strip(), None)  # so that it wins over patterns in between, too
         found[name.strip()] = value.strip()
     return found
 
