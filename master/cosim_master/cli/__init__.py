@@ -4,7 +4,7 @@
     verbs     the command itself, and the decorator that makes a function a verb
     options   options that several verbs have
     progress  what a verb is doing, while it takes long
-    build, run, systems, editing, results   the verbs
+    build, run, systems, editing, pack, results, compare   the verbs
 
 Exit codes: 0 done, 1 a run failed, 2 a bad description or bad usage, 130 interrupted by Ctrl-C.
 """
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 
-from cosim_master.cli import build, editing, results, run, systems  # noqa: F401 (their verbs)
+from cosim_master.cli import build, compare, editing, results, run, systems  # noqa: F401 (their verbs)
 from cosim_master.cli.console import err, out
 from cosim_master.cli.verbs import app
 

@@ -76,7 +76,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document inst
 
 
 def overrides(settings: list[str] | None) -> dict[str, str]:
-    """Start values by hierarchical name or pattern, from texts COMPONENT.PARAMETER=VALUE, in the order in which they win."""
+    """Start values by hierarchical name or pattern, from texts COMPONENT.PARAMETER=VALUE; the later ones win."""
     found: dict[str, str] = {}
     for setting in settings or []:
         name, equals, value = setting.partition("=")
