@@ -13,6 +13,7 @@ from lxml import etree
 
 from cosim_master.errors import Where
 from cosim_master.fmu import FmuDescription, describe
+from cosim_master.settings import SETTINGS
 from cosim_master.system import Annotation, Component, System, SystemStructure
 
 __all__ = ["full_names", "output_interval", "read_fmu"]
@@ -87,8 +88,12 @@ def _stepping(fmu: FmuDescription, where: Where) -> tuple[tuple[Annotation, ...]
 
 
 def full_names(structure: SystemStructure, values: Mapping[str, str]) -> dict[str, str]:
-    """Values by hierarchical name, where the names of variables suffice for a system that is one FMU."""
+    """Values by hierarchical name, where the names of variables suffice for a system that is one FMU.
+
+    Settings of radio and recording keep their names; a variable called so needs the name of the model before it.
+    """
     if structure.path.suffix.lower() != ".fmu":
         return dict(values)
     head = f"{structure.name}."
-    return {name if name.startswith(head) else head + name: value for name, value in values.items()}
+    kept = (head, *(f"{tag}." for tag in SETTINGS))
+    return {name if name.startswith(kept) else head + name: value for name, value in values.items()}
