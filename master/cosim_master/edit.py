@@ -1,4 +1,4 @@
-"""Changes a system in its files: `swap` gives one component another FMU and leaves every other byte as it is.
+"""Changes a system in its files: `swap` gives components another FMU and leaves every other byte as it is.
 
 Only `source` attributes are touched, in the bytes of the file: comments, layout, geometry and everything foreign
 stay. A system is never written that `check` would refuse.
@@ -9,41 +9,34 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from urllib.parse import quote, unquote, urlsplit
-from xml.parsers import expat
+from typing import Any, TypeAlias
 
 from cosim_master import archive, shipped
 from cosim_master.check import check
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.limitations import ENCODING
+from cosim_master.patterns import is_pattern, matching, near_pattern
+from cosim_master.sources import references
 from cosim_master.ssp import FMU_TYPE, ROOT_DOCUMENT, SSP_TYPE, read_system
 from cosim_master.system import Component, Element, System, SystemStructure
 
 __all__ = ["documents", "rebased", "swap"]
 
-_SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription "
-_REFERRING = {_SSD + name for name in ("Component", "ParameterBinding", "ParameterMapping", "SignalDictionary")}
-_TAG = re.compile(rb"<[^\s/>]+")
-_ATTRIBUTE = re.compile(rb"\s+([^\s=/>]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
-
 
 def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | None = None) -> Path:
-    """Give one component of a system another FMU.
+    """Give one component of a system, or all that a pattern matches, another FMU.
 
-    An .ssd that several components share is copied for the one that changes, and only its reference is redirected.
-    Sources that lead out of the system's folder are rewritten to lead to the same files from the new place.
+    An .ssd that serves other components too is copied, once for all that change alike, and only the references to it
+    are redirected; one whose every user changes is changed itself. Sources that lead out of the system's folder are
+    rewritten to lead to the same files from the new place.
 
     Args:
         system: .ssd, .ssp or folder.
-        component: hierarchical name of the component ("drone3.vehicle").
-        fmu: the FMU it gets, or the name of a model whose FMU comes with this project; an .ssp takes a copy of it into
-            resources/.
+        component: hierarchical name of the component ("drone3.vehicle"), or a pattern of such names ("drone*.vehicle").
+        fmu: the FMU it gets; an .ssp takes a copy of it into resources/.
         out: the new system: an .ssp or a folder, which must not exist. None changes `system` itself.
 
     Returns:
@@ -54,7 +47,7 @@ def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | 
             connectors and parameters; every mismatch at once. Nothing has been written then.
     """
     with read_system(system) as structure:
-        chain = _chain(structure, component)
+        chains = _chains(structure, component)
         path = Path(fmu)
         if not path.is_file():
             found = shipped.fmu(str(fmu))
@@ -64,11 +57,11 @@ def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | 
         if out is None and not Path(system).exists():
             raise _refusal(str(system), "a shipped system is not changed in place; give a path for the new one")
         path = path.parent.resolve() / path.name
-        _check_fit(structure, component, chain, path)
+        _check_fit(structure, chains, path)
         target = Path(system) if out is None else Path(out)
         if out is not None and target.exists():
             raise _refusal(str(target), "exists already; give a path that does not")
-        edition = _Edition(structure, chain, path, target, in_place=out is None)
+        edition = _Edition(structure, chains, path, target, in_place=out is None)
         edition.write()
         return target
 
@@ -93,11 +86,29 @@ def _walk(system: System, name: str, chain: tuple[Element, ...]) -> Iterator[tup
             yield from _walk(content, full, inner)
 
 
-def _chain(structure: SystemStructure, component: str) -> tuple[Element, ...]:
-    """The elements from the root system (excluded) to the component (included)."""
+def _chains(structure: SystemStructure, component: str) -> list[tuple[Element, ...]]:
+    """The elements from the root system (excluded) to each component (included) that a name or pattern stands for."""
     everything = list(_walk(structure.system, "", ()))
     fmus = {name: chain for name, chain in everything if isinstance(chain[-1], Component) and _is_fmu(chain[-1])}
-    found = [chain for name, chain in everything if name == component]
+    names = [component]
+    if is_pattern(component) and all(name != component for name, _ in everything):
+        names = matching(component, fmus)
+        if not names:
+            text = f'"{component}" matches no component that is an FMU; {near_pattern(component, fmus)}'
+            raise _refusal(str(structure.path), text)
+    by_name: dict[str, list[tuple[Element, ...]]] = {}
+    for name, chain in everything:
+        by_name.setdefault(name, []).append(chain)
+    return [_chain(structure, name, by_name.get(name, []), fmus) for name in names]
+
+
+def _chain(
+    structure: SystemStructure,
+    component: str,
+    found: Sequence[tuple[Element, ...]],
+    fmus: Mapping[str, tuple[Element, ...]],
+) -> tuple[Element, ...]:
+    """The one of the elements found under a name, if it is an FMU that can be swapped."""
     if not found:
         raise _refusal(str(structure.path), f'there is no component "{component}"; {near(component, fmus)}')
     if len(found) > 1:
@@ -122,99 +133,41 @@ def _is_fmu(component: Component) -> bool:
     return component.content is None and component.type == FMU_TYPE
 
 
-def _check_fit(structure: SystemStructure, name: str, chain: Sequence[Element], fmu: Path) -> None:
+def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path) -> None:
     """Check the system as it would be. A parameter that the new FMU has not is a mismatch here, not a note."""
-    component = chain[-1]
-    assert isinstance(component, Component)
+    gone = {one[-1].where for one in chains if isinstance(one[-1], Component) and one[-1].source is None}
     # That the old FMU is missing may be why it is swapped.
     problems = [
         problem
         for problem in structure.problems
-        if not (component.source is None and problem.where == component.where and problem.message.startswith("source "))
+        if not (problem.where in gone and problem.message.startswith("source "))
     ]
-    changed: Element = replace(component, source=fmu)
-    for element in reversed(chain[:-1]):
-        inside = _inside(element)
-        assert inside is not None
-        grown = _exchanged(inside, changed)
-        changed = replace(element, content=grown) if isinstance(element, Component) else grown
-    system = _exchanged(structure.system, changed)
+    targets = {tuple(element.name for element in chain) for chain in chains}
+    system = _exchanged(structure.system, (), targets, fmu)
     checked = check(replace(structure, system=system, problems=tuple(problems)))
-    lost = [item for item in checked.unmatched if item.name.startswith(name + ".")]
+    heads = tuple(".".join(target) + "." for target in targets)
+    lost = [item for item in checked.unmatched if item.name.startswith(heads)]
     if lost:
         raise SystemDescriptionError(
             Problem(item.where, f'{fmu.name} has no parameter for "{item.name}"; {item.hint}') for item in lost
         )
 
 
-def _exchanged(system: System, element: Element) -> System:
-    return replace(system, elements=tuple(element if item.name == element.name else item for item in system.elements))
-
-
-@dataclass(frozen=True, slots=True)
-class _Reference:
-    """A `source` attribute of a document.
-
-    Attributes:
-        elements: names from the root system (excluded) to the component; empty for other references.
-        start, stop: where its value is in the bytes of the file.
-        target: the file it leads to, absolute; None if its value is no relative path.
-        fragment: what comes after "#" in it.
-    """
-
-    elements: tuple[str, ...]
-    start: int
-    stop: int
-    target: Path | None
-    fragment: str = ""
-
-
-def _references(data: bytes, document: Path, shown: str) -> list[_Reference]:
-    """Every reference of a document to another file, in order."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
-        raise _refusal(shown, ENCODING.text())
-    found: list[_Reference] = []
-    names: list[str | None] = []
-    parser = expat.ParserCreate(namespace_separator=" ")
-
-    def started(tag: str, attributes: dict[str, str]) -> None:
-        named = tag in (_SSD + "System", _SSD + "Component")
-        names.append(attributes.get("name", "") if named else None)
-        uri = attributes.get("source")
-        if uri is None or tag not in _REFERRING or attributes.get("sourceBase") == "component":
-            return
-        elements = tuple(name for name in names if name is not None)[1:] if named else ()
-        start, stop = _span(data, parser.CurrentByteIndex, shown)
-        found.append(_Reference(elements, start, stop, _target(document, uri), unquote(urlsplit(uri).fragment)))
-
-    def ended(_: str) -> None:
-        names.pop()
-
-    parser.StartElementHandler = started
-    parser.EndElementHandler = ended
-    try:
-        parser.Parse(data, True)
-    except (expat.ExpatError, ValueError, LookupError) as error:
-        raise _refusal(shown, f"cannot be changed: {error}") from error
-    return found
-
-
-def _target(document: Path, uri: str) -> Path | None:
-    parts = urlsplit(uri)
-    if parts.scheme or parts.netloc or not parts.path:
-        return None
-    return Path(os.path.normpath(document.parent / unquote(parts.path)))
-
-
-def _span(data: bytes, index: int, shown: str) -> tuple[int, int]:
-    """Where the value of `source` is in the start tag that begins at `index`."""
-    tag = _TAG.match(data, index)
-    at = len(data) if tag is None else tag.end()
-    while (match := _ATTRIBUTE.match(data, at)) is not None:
-        if match.group(1) == b"source":
-            return match.span(2 if match.group(2) is not None else 3)
-        at = match.end()
-    raise _refusal(shown, "has a start tag that cannot be changed; save it as UTF-8")
+def _exchanged(system: System, path: tuple[str, ...], targets: set[tuple[str, ...]], fmu: Path) -> System:
+    """A system whose components at these paths have another FMU."""
+    heads = {target[: len(path) + 1] for target in targets}
+    elements: list[Element] = []
+    for element in system.elements:
+        here = (*path, element.name)
+        inside = _inside(element) if here in heads else None
+        if here in targets and isinstance(element, Component):
+            elements.append(replace(element, source=fmu))
+        elif inside is None:
+            elements.append(element)
+        else:
+            grown = _exchanged(inside, here, {target for target in targets if target[: len(here)] == here}, fmu)
+            elements.append(replace(element, content=grown) if isinstance(element, Component) else grown)
+    return replace(system, elements=tuple(elements))
 
 
 def documents(structure: SystemStructure) -> Iterator[Path]:
@@ -233,22 +186,31 @@ def rebased(data: bytes, old: Path, new: Path, base: Path) -> bytes:
     """The bytes of a document that moves from `old` to `new`: sources that lead out of the folder `base`, which moves
     with it, are rewritten to lead to the same files."""
     pieces, at = [], 0
-    for reference in _references(data, old, str(old)):
+    for reference in references(data, old, str(old)):
         if reference.target is None or reference.target.is_relative_to(base):
             continue
-        uri = quote(Path(os.path.relpath(reference.target, new.parent)).as_posix())
-        if reference.fragment:
-            uri += f"#{quote(reference.fragment)}"
-        pieces += [data[at : reference.start], uri.encode("ascii")]
+        written = reference.written(os.path.relpath(reference.target, new.parent))
+        pieces += [data[at : reference.start], written]
         at = reference.stop
     return b"".join([*pieces, data[at:]])
+
+
+_Change: TypeAlias = tuple[tuple[tuple[str, ...], Path | None, Any], ...]
+"""What changes in a document: names that lead to a component, and the document and its change behind that component,
+or None and nothing for one that gets the FMU. Components whose documents change alike share one."""
 
 
 class _Edition:
     """A changed system: which files it has, and what is in those that change."""
 
     def __init__(
-        self, structure: SystemStructure, chain: Sequence[Element], fmu: Path, target: Path, *, in_place: bool
+        self,
+        structure: SystemStructure,
+        chains: Sequence[Sequence[Element]],
+        fmu: Path,
+        target: Path,
+        *,
+        in_place: bool,
     ) -> None:
         self.structure = structure
         self.fmu = fmu
@@ -265,8 +227,11 @@ class _Edition:
         """The documents that may have to change; those in archives of their own never do."""
         self.done: set[tuple[Path, tuple[str, ...]]] = set()
         """The components whose source has been written, by document and names."""
+        self.targets = {tuple(element.name for element in chain) for chain in chains}
+        self.uses: dict[Path, dict[_Change, str]] = {}
+        """How each document changes for the components that refer to it, and who asks for each change first."""
         self._take_over()
-        self._rewrite(chain)
+        self._rewrite()
 
     def _relative(self, path: Path) -> PurePosixPath | None:
         return PurePosixPath(path.relative_to(self.base).as_posix()) if path.is_relative_to(self.base) else None
@@ -291,53 +256,61 @@ class _Edition:
         """The documents of the system and every existing file they lead to."""
         found = set(self.documents)
         for document in self.documents:
-            references = _references(document.read_bytes(), document, str(document))
-            targets = (reference.target for reference in references)
+            found_here = references(document.read_bytes(), document, str(document))
+            targets = (reference.target for reference in found_here)
             found.update(target for target in targets if target is not None and target.is_file())
         return found
 
-    def _rewrite(self, chain: Sequence[Element]) -> None:
-        documents = self._split(chain)
-        redirected: dict[tuple[Path, tuple[str, ...]], PurePosixPath | Path] = {}
-        copies: dict[Path, PurePosixPath] = {}
-        used = self._uses()
-        for (document, names), (inner, _) in pairwise(documents):
-            if used[inner] > 1 or inner not in self.places:
-                copies[inner] = self._copy_name(inner, ".".join(element.name for element in chain[:-1]))
-                redirected[(document, names)] = copies[inner]
-        last, names = documents[-1]
-        redirected[(last, names)] = self._packed(self.fmu) if self.packing else self.fmu
-        changing = {document for document, _ in documents}
+    def _rewrite(self) -> None:
+        root = self.structure.document
+        change = self._change(self.structure.system, (), ())
+        placed: dict[tuple[Path, _Change], PurePosixPath] = {(root, change): self.places[root]}
+        own = {root: change}
+        copies: list[tuple[Path, _Change, PurePosixPath]] = []
+        for document, wanted in self.uses.items():
+            changes = [one for one in wanted if one]
+            if changes and () not in wanted and document in self.places and document not in own:
+                own[document] = changes.pop(0)
+                placed[document, own[document]] = self.places[document]
+            for one in changes:
+                place = self._copy_name(document, wanted[one])
+                self.files[place] = document  # the name is taken
+                placed[document, one] = place
+                copies.append((document, one, place))
         for document in [path for path in self.places if path in self.documents]:
-            if not self.in_place or self.packing or document in changing:
-                relevant = {} if document in copies else redirected
-                self._place_document(document, self.places[document], relevant)
-        for document, place in copies.items():
-            self._place_document(document, place, redirected)
-        for document, _ in redirected.keys() - self.done:
+            if not self.in_place or self.packing or own.get(document):
+                redirected = self._redirected(own.get(document, ()), placed)
+                self._place_document(document, self.places[document], redirected)
+        for document, one, place in copies:
+            self._place_document(document, place, self._redirected(one, placed))
+        asked = {(document, names) for document, one in placed for names, _, _ in one}
+        for document, _ in sorted(asked - self.done):
             raise _refusal(str(document), "has a source that cannot be found to be changed")
 
-    def _split(self, chain: Sequence[Element]) -> list[tuple[Path, tuple[str, ...]]]:
-        """The documents on the way to the component, each with the names that lead on from it."""
-        documents = []
-        document, names = self.structure.document, []
-        for element in chain:
-            names.append(element.name)
-            if isinstance(element, Component):
-                documents.append((document, tuple(names)))
-                names = []
-                if element.content is not None:
-                    document = element.content.document
-        return documents
+    def _change(self, system: System, path: tuple[str, ...], names: tuple[str, ...]) -> _Change:
+        """How the document changes that `system` is in; in `uses`, how those that it leads to do."""
+        found: list[tuple[tuple[str, ...], Path | None, Any]] = []
+        for element in system.elements:
+            here, inner = (*path, element.name), (*names, element.name)
+            if isinstance(element, System):
+                found += self._change(element, here, inner)
+            elif here in self.targets:
+                found.append((inner, None, ()))
+            elif isinstance(element, Component) and element.content is not None and element.type != SSP_TYPE:
+                document = element.content.document
+                change = self._change(element.content, here, ())
+                first = next((target for target in sorted(self.targets) if target[: len(here)] == here), here)
+                self.uses.setdefault(document, {}).setdefault(change, ".".join(first[:-1]))
+                if change:
+                    found.append((inner, document, change))
+        return tuple(found)
 
-    def _uses(self) -> Counter[Path]:
-        """How many components of the running system each document serves."""
-        uses: Counter[Path] = Counter()
-        for _, chain in _walk(self.structure.system, "", ()):
-            element = chain[-1]
-            if isinstance(element, Component) and element.content is not None:
-                uses[element.content.document] += 1
-        return uses
+    def _redirected(
+        self, change: _Change, placed: Mapping[tuple[Path, _Change], PurePosixPath]
+    ) -> dict[tuple[str, ...], PurePosixPath | Path]:
+        """Where the sources of a document lead that a change is about, by the names that lead to them."""
+        fmu = self._packed(self.fmu) if self.packing else self.fmu
+        return {names: fmu if inner is None else placed[inner, deeper] for names, inner, deeper in change}
 
     def _copy_name(self, document: Path, owner: str) -> PurePosixPath:
         relative = self._relative(document)
@@ -371,16 +344,16 @@ class _Edition:
         self,
         document: Path,
         place: PurePosixPath,
-        redirected: dict[tuple[Path, tuple[str, ...]], PurePosixPath | Path],
+        redirected: Mapping[tuple[str, ...], PurePosixPath | Path],
     ) -> None:
         """Put a document into the new system, with the sources changed that need it."""
         data = document.read_bytes()
         folder = self.root / place.parent
         pieces, at = [], 0
-        for reference in _references(data, document, str(document)):
+        for reference in references(data, document, str(document)):
             old, wanted = reference.target, None
             if reference.elements:
-                wanted = redirected.get((document, reference.elements))
+                wanted = redirected.get(reference.elements)
                 self.done.add((document, reference.elements))
             if wanted is None:
                 if old is None:
@@ -391,10 +364,9 @@ class _Edition:
             location = self.root / wanted
             if old is not None and location == Path(os.path.normpath(folder / os.path.relpath(old, document.parent))):
                 continue
-            uri = quote(Path(os.path.relpath(location, folder)).as_posix())
-            if reference.fragment and wanted not in redirected.values():
-                uri += f"#{quote(reference.fragment)}"
-            pieces += [data[at : reference.start], uri.encode("ascii")]
+            if reference.fragment and wanted in redirected.values():
+                reference = replace(reference, fragment="")
+            pieces += [data[at : reference.start], reference.written(os.path.relpath(location, folder))]
             at = reference.stop
         self.files[place] = b"".join([*pieces, data[at:]]) if pieces else document
         self.places.setdefault(document, place)

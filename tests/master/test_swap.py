@@ -187,6 +187,65 @@ class TestInPlace:
         assert (system / "SystemStructure.ssd").read_bytes() == expected
 
 
+class TestPatterns:
+    def test_all_users_of_a_document_change_it_itself(self, system: Path, workshop: Any) -> None:
+        out = swap(system, "drone*.vehicle", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "swapped")
+        old, new = tree(system), tree(out)
+        assert set(new) == set(old)
+        assert [name for name in old if new[name] != old[name]] == ["parts/drone.ssd"]
+        assert len(changes(old["parts/drone.ssd"], new["parts/drone.ssd"])) == 2
+        found = sources(out)
+        assert [found[f"drone{i}.vehicle"] for i in range(1, 6)] == ["Hexarotor.fmu"] * 5
+        assert found["spare"] == "Quadrotor.fmu"
+
+    def test_some_users_share_one_copy(self, system: Path, workshop: Any) -> None:
+        root = system / "SystemStructure.ssd"
+        root.write_text(
+            root.read_text().replace('name="drone2"', 'name="big2"').replace('name="drone4"', 'name="big4"')
+        )
+        before = tree(system)
+        assert swap(system, "big?.vehicle", workshop.root / "fmus/Hexarotor.fmu") == system
+        after = tree(system)
+        assert set(after) == {*before, "parts/drone-big2.ssd"}
+        assert after["parts/drone.ssd"] == before["parts/drone.ssd"]
+        assert len(changes(before["SystemStructure.ssd"], after["SystemStructure.ssd"])) == 4
+        found = sources(system)
+        assert {name for name, fmu in found.items() if fmu == "Hexarotor.fmu"} == {"big2.vehicle", "big4.vehicle"}
+
+    def test_two_levels(self, system: Path, workshop: Any) -> None:
+        """Two wings of two drones each: wing.ssd refers to drone.ssd twice."""
+        pair = "".join(workshop.component(f"d{i}", "parts/drone.ssd", type=SSD_TYPE) for i in (1, 2))
+        workshop.ssd("system/wing.ssd", workshop.system(pair, name="wing"))
+        wings = "".join(workshop.component(name, "wing.ssd", type=SSD_TYPE) for name in ("left", "right"))
+        workshop.ssd("system/SystemStructure.ssd", workshop.system(wings))
+        hexarotor = workshop.root / "fmus/Hexarotor.fmu"
+        before = set(tree(system))
+
+        def new(name: str, pattern: str) -> tuple[set[str], set[str]]:
+            out = swap(system, pattern, hexarotor, workshop.root / name)
+            swapped = {one for one, fmu in sources(out).items() if fmu == "Hexarotor.fmu"}
+            return set(tree(out)) - before, swapped
+
+        assert new("all", "*.vehicle") == (
+            set(),
+            {f"{wing}.d{i}.vehicle" for wing in ("left", "right") for i in (1, 2)},
+        )
+        assert new("firsts", "*.d1.vehicle") == ({"parts/drone-left.d1.ssd"}, {"left.d1.vehicle", "right.d1.vehicle"})
+        assert new("left", "left.*.vehicle") == (
+            {"parts/drone-left.d1.ssd", "wing-left.d1.ssd"},
+            {"left.d1.vehicle", "left.d2.vehicle"},
+        )
+
+    def test_a_pattern_that_matches_nothing(self, system: Path, workshop: Any) -> None:
+        text = refusal(system, "drone*.vehicel", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "x")
+        assert '"drone*.vehicel" matches no component that is an FMU; did you mean "drone*.vehicle"?' in text
+        assert not (workshop.root / "x").exists()
+
+    def test_a_pattern_whose_components_do_not_all_fit(self, system: Path, workshop: Any) -> None:
+        text = refusal(system, "drone1.*", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "x")
+        assert "estimate" in text and "Hexarotor.fmu" in text
+
+
 class TestArchives:
     def test_a_folder_into_an_ssp_takes_everything_in(self, system: Path, workshop: Any) -> None:
         out = swap(system, "drone3.vehicle", workshop.root / "fmus/Hexarotor.fmu", workshop.root / "out/s.ssp")

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 
-from cosim_master.cli import build, compare, editing, results, run, systems  # noqa: F401 (their verbs)
+from cosim_master.cli import build, compare, editing, pack, results, run, systems  # noqa: F401 (their verbs)
 from cosim_master.cli.console import err, out
 from cosim_master.cli.verbs import app
 
