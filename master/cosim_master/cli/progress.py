@@ -87,7 +87,8 @@ class _Drawn(Activity):
 
     def stage(self, text: str, *, long: bool = False) -> None:  # noqa: ARG002 (it is drawn at once)
         self._text, self._progress, self._since = text, None, time.perf_counter()
-        self._live.start(refresh=True)
+        self._live.start()
+        self._live.refresh()
 
     def starting(self) -> None:
         self.stage("starting")
