@@ -1,23 +1,22 @@
-"""What FMUs, systems and runs consist of, as tables for people."""
+"""What FMUs and systems consist of, and where the time of a run went: as JSON documents, and as tables of them."""
 
 from __future__ import annotations
 
-import json
+import math
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
 from rich.table import Table
 from rich.text import Text
 
 from cosim_master.check import check
-from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import describe
 from cosim_master.profiling import Profile
 from cosim_master.ssp import read_system
 
-__all__ = ["fmu_tables", "profile_tables", "run_tables", "system_tables"]
+__all__ = ["fmu_document", "fmu_tables", "profile_tables", "system_document", "system_tables"]
 
 
 def _table(*columns: str) -> Table:
@@ -38,48 +37,98 @@ def _number(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def fmu_tables(path: Path) -> Iterator[Table | str]:
-    """Identity, capabilities and variables of an FMU."""
+def fmu_document(path: Path) -> dict[str, Any]:
+    """Identity, capabilities and variables of an FMU, as docs/command-line.md describes it."""
     fmu = describe(path)
-    yield f"{fmu.model_name}: {fmu.description}" if fmu.description else fmu.model_name
-    yield f"FMI {fmu.fmi_version}, GUID {fmu.guid}, step size {_number(fmu.step_size) or 'not given'} s"
-    capable = [name for name in fmu.capabilities.__slots__ if getattr(fmu.capabilities, name) is True]
-    yield f"capabilities: {', '.join(capable) or 'none'}"
-    table = _table("variable", "causality", "type", "unit", "start", "description")
-    for v in fmu.variables.values():
-        kind = f"packets ({v.packet_capacity} bytes)" if v.packet_capacity else v.type
-        start = next((n for n, i in (v.items or {}).items() if i == v.start), v.start)
-        _row(table, v.name, v.causality, kind, v.unit.name if v.unit else "", _number(start), v.description)
+    return {
+        "kind": "fmu",
+        "model": fmu.model_name,
+        "description": fmu.description,
+        "fmi_version": fmu.fmi_version,
+        "guid": fmu.guid,
+        "step_size": fmu.step_size,
+        "capabilities": [n for n in fmu.capabilities.__slots__ if getattr(fmu.capabilities, n) is True],
+        "variables": [
+            {
+                "name": v.name,
+                "causality": v.causality,
+                "type": f"packets ({v.packet_capacity} bytes)" if v.packet_capacity else v.type,
+                "unit": v.unit.name if v.unit else None,
+                "start": next((n for n, i in (v.items or {}).items() if i == v.start), _plain(v.start)),
+                "description": v.description,
+            }
+            for v in fmu.variables.values()
+        ],
+        "terminals": {name: list(members) for name, members in fmu.terminals.items()},
+        "notes": list(fmu.notes),
+    }
+
+
+def fmu_tables(path: Path) -> Iterator[Table | str]:
+    """The same for people."""
+    fmu = fmu_document(path)
+    yield f"{fmu['model']}: {fmu['description']}" if fmu["description"] else fmu["model"]
+    yield f"FMI {fmu['fmi_version']}, GUID {fmu['guid']}, step size {_number(fmu['step_size']) or 'not given'} s"
+    yield f"capabilities: {', '.join(fmu['capabilities']) or 'none'}"
+    columns = ("name", "causality", "type", "unit", "start", "description")
+    table = _table("variable", *columns[1:])
+    for v in fmu["variables"]:
+        _row(table, *(_number(v[column]) for column in columns))
     yield table
-    if fmu.terminals:
+    if fmu["terminals"]:
         table = _table("terminal", "variables")
-        for name, members in fmu.terminals.items():
+        for name, members in fmu["terminals"].items():
             _row(table, name, " ".join(members))
         yield table
-    for note in fmu.notes:
+    for note in fmu["notes"]:
         yield f"note: {note}"
 
 
-def system_tables(path: str, variant: str | None = None) -> Iterator[Table | str]:
-    """Instances and connections of a system."""
+def system_document(path: str, variant: str | None = None) -> dict[str, Any]:
+    """Instances and connections of a system, as docs/command-line.md describes it."""
     with read_system(path, variant) as structure:
         checked = check(structure)
-        yield f"{structure.name}: SSP {structure.version}, {len(checked.instances)} instances"
-        table = _table("instance", "FMU", "step [s]", "set by the system")
-        for instance in checked.instances:
-            starts = " ".join(f"{name}={_number(value)}" for name, value in instance.start_values.items())
-            _row(table, instance.name, instance.fmu.path.name, _number(instance.step_size), starts)
-        yield table
-        wires: dict[tuple[str, str], int] = {}
-        for link in checked.links:
-            ends = (link.source[0], link.target[0])
-            wires[ends] = wires.get(ends, 0) + 1
-        table = _table("from", "to", "connections")
-        for (source, target), n in wires.items():
-            _row(table, source, target, str(n))
-        yield table
-        for note in checked.notes:
-            yield f"note: {note}"
+        wires = Counter((link.source[0], link.target[0]) for link in checked.links)
+        return {
+            "kind": "system",
+            "name": structure.name,
+            "version": structure.version,
+            "instances": [
+                {
+                    "name": instance.name,
+                    "fmu": str(instance.fmu.path),
+                    "step_size": instance.step_size,
+                    "start_values": {name: _plain(value) for name, value in instance.start_values.items()},
+                }
+                for instance in checked.instances
+            ],
+            "connections": [{"from": a, "to": b, "count": n} for (a, b), n in wires.items()],
+            "notes": list(checked.notes),
+        }
+
+
+def system_tables(path: str, variant: str | None = None) -> Iterator[Table | str]:
+    """The same for people."""
+    system = system_document(path, variant)
+    yield f"{system['name']}: SSP {system['version']}, {len(system['instances'])} instances"
+    table = _table("instance", "FMU", "step [s]", "set by the system")
+    for one in system["instances"]:
+        starts = " ".join(f"{name}={_number(value)}" for name, value in one["start_values"].items())
+        _row(table, one["name"], Path(one["fmu"]).name, _number(one["step_size"]), starts)
+    yield table
+    table = _table("from", "to", "connections")
+    for wire in system["connections"]:
+        _row(table, wire["from"], wire["to"], str(wire["count"]))
+    yield table
+    for note in system["notes"]:
+        yield f"note: {note}"
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON has it: what is not finite is written as in XML Schema."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
+    return list(map(_plain, value)) if isinstance(value, tuple | list) else value
 
 
 def profile_tables(profile: Profile) -> Iterator[Table | str]:
@@ -95,29 +144,4 @@ def profile_tables(profile: Profile) -> Iterator[Table | str]:
     for name, seconds in profile.phases.items():
         _row(table, name, f"{seconds:.4f}")
     _row(table, "of stepping: in FMUs, over all threads", f"{sum(one.total for one in profile.fmus):.4f}")
-    yield table
-
-
-def run_tables(folder: Path) -> Iterator[Table | str]:
-    """How a run went and what it recorded."""
-    try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        schema = pq.read_schema(folder / "signals.parquet")
-        rows = pq.read_metadata(folder / "signals.parquet").num_rows
-        yield (
-            f"{manifest['system']['name']}: {manifest['outcome']}, {manifest['simulated_s']:g} s simulated in "
-            f"{manifest['wall_s']:.2f} s ({manifest['real_time_factor']:.1f} times real time), seed {manifest['seed']}"
-        )
-        table = _table("packets", "")
-        for name, count in manifest["packets"].items():
-            _row(table, name, str(count))
-        yield table
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SystemDescriptionError(
-            [Problem(Where(str(folder)), f"is not the complete result of a run: {error}")]
-        ) from None
-    table = _table("signal", "type", "unit")
-    for one in schema:
-        _row(table, one.name, str(one.type), (one.metadata or {}).get(b"unit", b"").decode())
-    yield f"{rows} rows of"
     yield table

@@ -13,7 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cosim_master.errors import SystemDescriptionError
-from cosim_master.inspection import fmu_tables, run_tables, system_tables
+from cosim_master.inspection import fmu_tables, system_tables
+from cosim_master.overview import overview
 from cosim_master.simulation import simulate
 from tests.master.probe import LEVEL
 
@@ -73,26 +74,6 @@ def test_a_system(probes: Any) -> None:
     ]
 
 
-def test_a_run(probes: Any, tmp_path: Path) -> None:
-    probes.fmu()
-    out = tmp_path / "out"
-    simulate(probes.ssd(probes.component("a")), out=out, seed=7)
-    lines = shown(run_tables(out))
-    assert lines[0].startswith("test: done, 2 s simulated in ")
-    assert lines[0].endswith("times real time), seed 7")
-    assert ["delivered", "0"] in [line.split() for line in lines]
-    assert [line.split() for line in lines[-8:]] == [
-        ["5", "rows", "of"],
-        ["signal", "type", "unit"],
-        ["time", "double", "s"],
-        ["a.y", "double", "m"],
-        ["a.m", "int32"],
-        ["a.c", "bool"],
-        ["a.r", "string"],
-        ["a.f", "int32"],
-    ]
-
-
 @pytest.mark.parametrize(
     "damage",
     [
@@ -111,7 +92,7 @@ def test_results_that_are_not_complete(probes: Any, tmp_path: Path, damage: Any)
     assert json.loads((out / "manifest.json").read_text())["outcome"] == "done"
     damage(out)
     with pytest.raises(SystemDescriptionError, match=r"out: is not the complete result of a run: "):
-        list(run_tables(out))
+        overview(out)
 
 
 def test_tables_are_tables(probes: Any) -> None:

@@ -117,7 +117,7 @@ def print_json(document: Any) -> None:
     out.print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False), markup=False)
 
 
-def print_tables(tables: Iterator[Table | str]) -> None:
+def print_tables(tables: Iterable[Table | str]) -> None:
     """Print tables and lines; tables are not cut where standard output is no terminal."""
     if not out.is_terminal:
         out.width = 10_000  # a file or a pipe has no width: one line per row

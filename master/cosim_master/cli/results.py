@@ -15,22 +15,44 @@ from cosim_master.cli.verbs import verb
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run's results.")]
 
 
-@verb("info fmus/Quadrotor.fmu", "info master/systems/line5", "info out/line5")
+@verb("info fmus/Quadrotor.fmu", "info master/systems/line5", "info out/line5", "info out/line5 --signals")
 def info(
-    path: Annotated[str, typer.Argument(metavar="PATH", help="An FMU, a system, or the results of a run.")],
+    path: Annotated[str, typer.Argument(metavar="PATH", help="An FMU, a system, or the folder of a run's results.")],
     variant: Variant = None,
+    signals: Annotated[
+        bool, typer.Option("--signals", help="List all signals of a run instead.", show_default=False)
+    ] = False,
+    as_json: Json = False,
 ) -> None:
-    """Show what an FMU, a system or a run consists of."""
-    from cosim_master import inspection
+    """Show what an FMU or a system consists of, or how a run went."""
+    with errors(as_json=as_json), activity() as doing:
+        doing.starting()
+        from cosim_master import inspection
+        from cosim_master.overview import overview, overview_tables, signal_table
 
-    with errors():
+        doing.stage(f"reading {path}")
         target = Path(path)
-        if target.suffix == ".fmu":
-            print_tables(inspection.fmu_tables(target))
-        elif (target / "manifest.json").is_file():
-            print_tables(inspection.run_tables(target))
+        if signals and not (target / "manifest.json").is_file():
+            raise usage(f"--signals: {path} is not the folder of a run's results")
+        if (target / "manifest.json").is_file():
+            document = overview(target)
+            tables = signal_table(document) if signals else overview_tables(document)
+        elif as_json:
+            document = inspection.fmu_document(target) if _is_fmu(target) else inspection.system_document(path, variant)
+            tables = iter(())
         else:
-            print_tables(inspection.system_tables(path, variant))
+            document = {}
+            tables = inspection.fmu_tables(target) if _is_fmu(target) else inspection.system_tables(path, variant)
+        shown = list(tables)
+        doing.end()
+        if as_json:
+            print_json(document)
+        else:
+            print_tables(shown)
+
+
+def _is_fmu(path: Path) -> bool:
+    return path.suffix == ".fmu"
 
 
 @verb("plot out/line5", "plot out/line5 -o figures")
