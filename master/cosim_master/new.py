@@ -4,14 +4,22 @@ What is written is an ordinary system folder: `drone.ssd` (vehicle, autopilot, a
 every drone's component refers, a root SSD with the network, and one .ssv with what differs between drones. Edit it,
 swap parts of it; nothing remembers that it was generated.
 
+Drones start `spacing` apart, but those that stay are twice as far from their western neighbour; the others spread evenly
+between them. News passes one neighbour per step: the error of a section with m gaps between two drones that stay shrinks
+by 1 - 2 epsilon (1 - cos(pi / m)) per step, and in one section fifty drones would take thousands of steps. Long lines
+therefore consist of sections with at most five gaps.
+
 A system id of MAVLink has one byte, so ids repeat every 250 drones. The topologies written here are local: nobody
 hears two drones of one id.
 """
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from urllib.parse import quote
 
@@ -30,23 +38,34 @@ _OURS = "https://uav-cosim.org/ns/1"
 _RECORDED_EVERY = "0.1"
 """s; every base step of thousands of drones would be a flood."""
 _IDS = 250
+_SECTION = 5
+"""Gaps between two drones that stay, at most."""
+_SETTLED = 0.05
 _MODELS = {"vehicle": "Quadrotor", "autopilot": "Autopilot", "agent": "LineAgent"}
 
 
 def new_system(
-    shape: str, drones: int, folder: Path, *, fmus: Path, spacing: float = 10.0, until: float = 60.0
+    shape: str,
+    drones: int,
+    folder: Path,
+    *,
+    fmus: Path,
+    spacing: float = 10.0,
+    until: float | None = None,
+    note: Callable[[str], None] | None = None,
 ) -> Path:
     """Write a system of `drones` drones.
 
     Args:
-        shape: "line" (west to east; the ends stay, the others spread evenly by consensus) or "grid" (rows of a square,
-            each a line of its own, `spacing` m apart).
+        shape: "line" (west to east; the ends and in long lines every fifth drone or so stay, the others spread evenly
+            by consensus) or "grid" (rows of a square, each a line of its own, `spacing` m apart).
         drones: how many; at least 3.
         folder: where; must not exist.
         fmus: folder with Quadrotor.fmu, Autopilot.fmu and LineAgent.fmu.
-        spacing: m between neighbours at the start; on a line, the first half of the drones starts at half of it, so
-            that there is something to spread.
-        until: stop time of the DefaultExperiment, s.
+        spacing: m between neighbours at the start; before a drone that stays, twice as much, so that there is
+            something to spread.
+        until: stop time of the DefaultExperiment, s; None: when errors have come down to 5 %.
+        note: is told, in words, how fast the law converges.
 
     Returns:
         The folder.
@@ -56,9 +75,13 @@ def new_system(
     """
     problems = []
     if shape not in SHAPES:
-        problems.append(Problem(Where(shape), f"is no shape: there are {', '.join(SHAPES)}"))
+        problems.append(Problem(Where(shape), f"is not a shape; valid: {', '.join(SHAPES)}"))
     if drones < 3:
-        problems.append(Problem(Where("--drones"), f"{drones}: two that stay and one that moves are the least"))
+        problems.append(
+            Problem(
+                Where("--drones"), f"{drones} drones are too few: give 3 or more, two that stay and one between them"
+            )
+        )
     if folder.exists():
         problems.append(Problem(Where(str(folder)), "exists already"))
     if not spacing > 0.0:
@@ -75,6 +98,10 @@ def new_system(
     name = folder.name
     (folder / "drone.ssd").write_bytes(_drone(described, folder, fmus))
     rows = _line(drones, spacing) if shape == "line" else _grid(drones, spacing)
+    law = _law(described["agent"], rows)
+    if note is not None:
+        note(_told(law, spacing))
+    until = math.ceil(law.settled / 10.0) * 10.0 if until is None else until
     (folder / "drones.ssv").write_bytes(_parameters(name, rows))
     (folder / "SystemStructure.ssd").write_bytes(_root(name, drones, rows, until))
     return folder
@@ -88,20 +115,28 @@ class _Drone:
 
     __slots__ = ("east", "left", "north", "number", "right", "stubborn")
 
-    def __init__(self, number: int, north: float, east: float, left: int, right: int) -> None:
+    def __init__(self, number: int, north: float, east: float, left: int, right: int, *, stubborn: bool) -> None:
         self.number, self.north, self.east, self.left, self.right = number, north, east, left, right
-        self.stubborn = left == 0 or right == 0
+        self.stubborn = stubborn
+
+
+def _sections(drones: int) -> list[int]:
+    """How many gaps there are between one drone of a line that stays and the next."""
+    gaps = drones - 1
+    sections = -(-gaps // _SECTION)
+    return [gaps // sections + (i < gaps % sections) for i in range(sections)]
 
 
 def _line(drones: int, spacing: float, first: int = 1, north: float = 0.0) -> list[_Drone]:
-    """`drones` on a line: the ends where they belong, the western half of the others bunched up."""
+    """`drones` on a line, west to east."""
+    stays = {0, *accumulate(_sections(drones))}
     rows = []
+    east = 0.0
     for i in range(drones):
-        end = i in (0, drones - 1)
-        east = spacing * i if end or i > drones // 2 else 0.5 * spacing * i
         left = 0 if i == 0 else first + i - 1
         right = 0 if i == drones - 1 else first + i + 1
-        rows.append(_Drone(first + i, north, east, left, right))
+        east += 0.0 if i == 0 else 2.0 * spacing if i in stays else spacing
+        rows.append(_Drone(first + i, north, east, left, right, stubborn=i in stays))
     return rows
 
 
@@ -116,6 +151,42 @@ def _grid(drones: int, spacing: float) -> list[_Drone]:
     for i, size in enumerate(sizes):
         rows += _line(size, spacing, first=len(rows) + 1, north=spacing * i)
     return rows
+
+
+@dataclass(frozen=True, slots=True)
+class _Law:
+    """How the slowest section of a line converges: per step, and at which time [s] its error is down to 5 %."""
+
+    gaps: int
+    rate: float
+    steps: int
+    period: float
+    settled: float
+
+
+def _law(agent: FmuDescription, rows: Sequence[_Drone]) -> _Law:
+    """What to expect of the law with the agent's own parameters (see `cosim_models.consensus`)."""
+    epsilon, period, first = (
+        float(agent.variables[name].start or 0.0) for name in ("epsilon", "period", "first_step_time")
+    )
+    gaps = longest = 0
+    for row in rows:
+        gaps = 0 if row.left == 0 else gaps + 1
+        longest = max(longest, gaps)
+        gaps = 0 if row.stubborn else gaps
+    # The eigenvalues are 1 - 2 epsilon (1 - cos(pi j / m)), j = 1 to m - 1.
+    rate = max(abs(1.0 - 2.0 * epsilon * (1.0 - math.cos(math.pi * j / longest))) for j in range(1, longest))
+    steps = math.ceil(math.log(_SETTLED) / math.log(rate)) if 0.0 < rate < 1.0 else 1
+    return _Law(longest, rate, steps, period, first + steps * period)
+
+
+def _told(law: _Law, spacing: float) -> str:
+    even = spacing * (law.gaps + 1) / law.gaps
+    return (
+        f"drones start {spacing:g} m apart, {2 * spacing:g} m before one that stays, and spread to {even:.4g} m where "
+        f"{law.gaps} gaps lie between two that stay: a step of {law.period:g} s leaves at most {law.rate:.3f} of the "
+        f"error, {law.steps} steps leave 5 % (at {law.settled:.0f} s)"
+    )
 
 
 def _system_id(number: int) -> int:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import itertools
+import re
 import time
 from pathlib import Path
 
@@ -28,7 +30,7 @@ def test_a_line_is_wired_and_numbered(fmus: Path, tmp_path: Path) -> None:
     assert len(checked.instances) == 15
     starts = {i.name: i.start_values for i in checked.instances}
     east = [starts[f"drone{n}.vehicle"]["position_start[2]"] for n in range(1, 6)]
-    assert east == [0.0, 5.0, 10.0, 30.0, 40.0]
+    assert east == [0.0, 10.0, 20.0, 30.0, 50.0]
     assert [starts[f"drone{n}.agent"]["stubborn"] for n in range(1, 6)] == [True, False, False, False, True]
     neighbours = [
         (starts[f"drone{n}.agent"]["left_sysid"], starts[f"drone{n}.agent"]["right_sysid"]) for n in range(1, 6)
@@ -36,6 +38,50 @@ def test_a_line_is_wired_and_numbered(fmus: Path, tmp_path: Path) -> None:
     assert neighbours == [(0, 2), (1, 3), (2, 4), (3, 5), (4, 0)]
     assert ("drone2", "drone3") in network.links
     assert ("drone1", "drone3") not in network.links
+
+
+def _rows(folder: Path, drones: int) -> tuple[list[float], list[bool]]:
+    with read_system(folder) as structure:
+        starts = {one.name: one.start_values for one in check(structure).instances}
+    numbers = range(1, drones + 1)
+    east = [float(starts[f"drone{n}.vehicle"]["position_start[2]"]) for n in numbers]
+    return east, [bool(starts[f"drone{n}.agent"]["stubborn"]) for n in numbers]
+
+
+def test_neighbours_start_as_far_apart_as_asked(fmus: Path, tmp_path: Path) -> None:
+    east, stays = _rows(new_system("line", 50, tmp_path / "line", fmus=fmus, spacing=10.0), 50)
+    gaps = np.diff(east)
+    assert set(gaps) == {10.0, 20.0}
+    assert [i for i, gap in enumerate(gaps) if gap == 20.0] == [i - 1 for i in range(1, 50) if stays[i]]
+    sections = np.diff(np.flatnonzero(stays))
+    assert stays[0] and stays[-1] and (sections.min(), sections.max(), sections.sum()) == (4, 5, 49)
+
+
+@pytest.mark.parametrize("drones", [3, 4, 6, 7, 11, 50])
+def test_the_note_tells_the_rate_of_the_law(fmus: Path, tmp_path: Path, drones: int) -> None:
+    """Against the law carried out step by step on the positions that were written."""
+    notes: list[str] = []
+    folder = new_system("line", drones, tmp_path / "line", fmus=fmus, spacing=10.0, note=notes.append)
+    (text,) = notes
+    east, stays = _rows(folder, drones)
+    x, error = np.array(east), []
+    held = np.flatnonzero(stays)
+    even = np.interp(np.arange(drones), held, x[held])
+    for _ in range(200):
+        error.append(float(np.linalg.norm(x - even)))
+        moved = x[1:-1] + (x[:-2] + x[2:] - 2 * x[1:-1]) / 3.0
+        x[1:-1] = np.where(stays[1:-1], x[1:-1], moved)
+    told = re.search(r"leaves at most ([0-9.]+) of the error, ([0-9]+) steps leave 5 % \(at ([0-9]+) s\)", text)
+    assert told is not None, text
+    ratios = [after / before for before, after in itertools.pairwise(error) if before > 1e-9]
+    assert max(ratios) <= float(told[1]) + 6e-4
+    assert ratios[-1] == pytest.approx(float(told[1]), abs=1e-3)
+    steps = int(told[2])
+    assert error[steps] <= 0.05 * error[0]
+    assert int(told[3]) == round(25.0 + steps * 3.1875)
+    with read_system(folder) as structure:
+        assert structure.stop_time == -(-(25.0 + steps * 3.1875) // 10) * 10
+    assert text.startswith("drones start 10 m apart, 20 m before one that stays, and spread to ")
 
 
 def test_a_grid_is_lines_beside_each_other(fmus: Path, tmp_path: Path) -> None:
@@ -86,15 +132,15 @@ def test_a_new_line_flies_and_spreads(fmus: Path, tmp_path: Path) -> None:
     table = pq.read_table(tmp_path / "out" / "signals.parquet")
     assert table.num_columns == 1 + 4 * 3
     east = np.array([table[f"drone{n}.vehicle.position[2]"].to_numpy()[-1] for n in range(1, 5)])
-    assert east == pytest.approx([0.0, 12.0, 24.0, 36.0], abs=0.6)
+    assert east == pytest.approx([0.0, 16.0, 32.0, 48.0], abs=0.6)
 
 
 def test_all_problems_of_a_request_at_once(tmp_path: Path) -> None:
     with pytest.raises(SystemDescriptionError) as caught:
         new_system("ring", 2, tmp_path, fmus=tmp_path / "nowhere", spacing=0.0)
     text = str(caught.value)
-    assert "ring: is no shape: there are line, grid" in text
-    assert "--drones: 2: two that stay and one that moves are the least" in text
+    assert "ring: is not a shape; valid: line, grid" in text
+    assert "--drones: 2 drones are too few: give 3 or more" in text
     assert "exists already" in text
     assert "--spacing: 0 m: must be positive" in text
     for name in ("Quadrotor", "Autopilot", "LineAgent"):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cosim_master.cli.console import errors, print_json, say, usage
+from cosim_master.cli.console import errors, note, print_json, say, usage
 from cosim_master.cli.options import Json, System, positive
 from cosim_master.cli.verbs import verb
 
@@ -33,16 +33,19 @@ def new(
         float,
         typer.Option(
             metavar="M",
-            help="Metres between neighbours at the start.",
+            help="Metres between neighbours at the start; twice as much before a drone that stays.",
             callback=positive("--spacing", "a distance in m"),
         ),
     ] = 10.0,
     until: Annotated[
-        float,
+        float | None,
         typer.Option(
-            metavar="S", help="Stop time of the new system in s.", callback=positive("--until", "a stop time in s")
+            metavar="S",
+            help="Stop time of the new system in s.",
+            show_default="when the drones have spread",
+            callback=positive("--until", "a stop time in s"),
         ),
-    ] = 60.0,
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write a system of many drones."""
@@ -52,7 +55,7 @@ def new(
     with errors(as_json=as_json):
         if fmus is None:
             fmus = Path("fmus") if Path("fmus").is_dir() else shipped.fmus()
-        written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until)
+        written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until, note=note)
         if as_json:
             print_json({"files": [str(written)]})
         else:
@@ -82,7 +85,12 @@ def convert(
 @verb("swap master/systems/line5 drone3.vehicle fmus/Hexarotor.fmu -o swapped")
 def swap(
     system: System,
-    component: Annotated[str, typer.Argument(metavar="COMPONENT", help="Hierarchical name, e.g. drone3.vehicle.")],
+    component: Annotated[
+        str,
+        typer.Argument(
+            metavar="COMPONENT", help="Hierarchical name or pattern, e.g. drone3.vehicle or 'drone*.vehicle'."
+        ),
+    ],
     fmu: Annotated[
         Path, typer.Argument(metavar="FMU", help="The FMU it gets: a file, or a model that comes with uav-cosim.")
     ],
