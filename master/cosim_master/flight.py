@@ -26,6 +26,8 @@ __all__ = ["Array", "Drone", "Flight", "read_flight"]
 
 Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
+_LINE_AGENT = "LineAgent"
+"""The model whose law is known here; other agents may have parameters of the same names and mean something else."""
 _ROWS = 5000
 """Instants kept: far more than a figure has dots."""
 
@@ -39,12 +41,14 @@ class Drone:
         position: (n, 3) m, NED.
         target: (n,) desired position, m east of the origin; NaN before the agent's first step.
         law: parameters of the agent; empty without agent.
+        on_line: whether its agent follows the law of `Flight.law`, as that of the model LineAgent does.
     """
 
     name: str
     position: Array | None
     target: Array | None
     law: Mapping[str, Any]
+    on_line: bool = False
 
     @property
     def mobile(self) -> bool:
@@ -75,9 +79,11 @@ class Flight:
         """Fixed point of the mobile drones [m east], and by what factor a step shrinks the error's 2-norm at least.
 
         x(k+1) = x(k) - diag(epsilon) L x(k), L the graph's Laplacian with the rows of stubborn drones zeroed; their
-        desired positions at the end are the boundary values. None if a drone's neighbours or parameters are not
-        recorded, or no stubborn drone fixes the solution.
+        desired positions at the end are the boundary values. None if an agent follows another law, a drone's
+        neighbours or parameters are not recorded, or no stubborn drone fixes the solution.
         """
+        if any(drone.target is not None and not drone.on_line for drone in self.drones):
+            return None
         needed = {"sysid", "left_sysid", "right_sysid", "epsilon", "stubborn"}
         drones = [drone for drone in self.drones if drone.target is not None and needed <= drone.law.keys()]
         index = {int(drone.law["sysid"]): i for i, drone in enumerate(drones)}
@@ -109,7 +115,7 @@ def read_flight(run: Path) -> Flight:
         CosimError: the run is not complete, or there is nothing to draw.
     """
     with open_signals(run) as signals:
-        instances = _instances(run / "manifest.json")
+        instances, models = _instances(run / "manifest.json")
         numeric = {f.name: (f.metadata or {}).get(b"unit", b"").decode() for f in signals.schema_arrow}
         parts = _parts(numeric)
         if not parts:
@@ -138,7 +144,7 @@ def read_flight(run: Path) -> Flight:
                 law = instances.get(agent, {}).get("parameters", {})
                 step = column(f"{agent}.step")
                 target = np.where(step > 0, column(f"{agent}.target"), np.nan)[rows]
-            drone = Drone(name, position, target, law)
+            drone = Drone(name, position, target, law, on_line=models.get(agent) == _LINE_AGENT)
             if agent:
                 np.maximum(begun[drone.mobile], step.astype(np.int64), out=begun[drone.mobile])
             drones.append(drone)
@@ -148,12 +154,16 @@ def read_flight(run: Path) -> Flight:
     return Flight(time[rows], tuple(drones), steps)
 
 
-def _instances(manifest: Path) -> Mapping[str, Any]:
+def _instances(manifest: Path) -> tuple[Mapping[str, Any], Mapping[str, str]]:
+    """What a manifest tells of each instance, and the name of its model."""
     try:
-        instances: Mapping[str, Any] = json.loads(manifest.read_text(encoding="utf-8"))["instances"]
+        told = json.loads(manifest.read_text(encoding="utf-8"))
+        instances: Mapping[str, Any] = told["instances"]
+        fmus = told.get("fmus", {})
+        models = {name: fmus.get(one["fmu"], {}).get("model", "") for name, one in instances.items()}
     except (OSError, ValueError, KeyError) as error:
         raise CosimError(f"{manifest}: not the manifest of a complete run: {error!r}") from None
-    return instances
+    return instances, models
 
 
 def _parts(columns: Mapping[str, str]) -> list[tuple[str, str, str]]:

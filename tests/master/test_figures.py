@@ -32,7 +32,8 @@ def write_run(run: Path, columns: Mapping[str, tuple[Any, str]], instances: Mapp
         arrays.append(array)
     run.mkdir(parents=True, exist_ok=True)
     pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), run / "signals.parquet", compression="zstd")
-    (run / "manifest.json").write_text(json.dumps({"outcome": "done", "instances": instances or {}}), encoding="utf-8")
+    manifest = {"outcome": "done", "instances": instances or {}, "fmus": {"LineAgent.fmu": {"model": "LineAgent"}}}
+    (run / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     return run
 
 
@@ -297,6 +298,20 @@ def test_no_errors_where_the_parameters_fix_no_point(tmp_path: Path, agent: str,
             instance["parameters"] = {k: v for k, v in instance["parameters"].items() if v is not None}
     (run / "manifest.json").write_text(json.dumps(manifest))
     assert draw_errors(read_flight(run)) is None
+
+
+def test_no_errors_of_agents_with_another_law(tmp_path: Path) -> None:
+    """An agent of one's own may have the parameters of LineAgent, and a law that its bound says nothing about."""
+    run = consensus_run(tmp_path, last_step=2)
+    assert draw_errors(read_flight(run)) is not None
+    manifest = json.loads((run / "manifest.json").read_text())
+    manifest["fmus"]["RingAgent.fmu"] = {"model": "RingAgent"}
+    manifest["instances"]["drone3.agent"]["fmu"] = "RingAgent.fmu"
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    flight = read_flight(run)
+    assert draw_errors(flight) is None
+    assert len(draw_positions(flight).axes[0].get_lines()) == 10
+    assert not any("errors" in path.name for path in figures(run, tmp_path / "figures"))
 
 
 def test_altitude_and_smallest_distance(tmp_path: Path) -> None:
