@@ -160,7 +160,7 @@ def _instances(manifest: Path) -> tuple[Mapping[str, Any], Mapping[str, str]]:
         told = json.loads(manifest.read_text(encoding="utf-8"))
         instances: Mapping[str, Any] = told["instances"]
         fmus = told.get("fmus", {})
-        models = {name: fmus.get(one["fmu"], {}).get("model", "") for name, one in instances.items()}
+        models = {name: fmus.get(one.get("fmu"), {}).get("model", "") for name, one in instances.items()}
     except (OSError, ValueError, KeyError) as error:
         raise CosimError(f"{manifest}: not the manifest of a complete run: {error!r}") from None
     return instances, models

@@ -4,10 +4,10 @@ What is written is an ordinary system folder: `drone.ssd` (vehicle, autopilot, a
 every drone's component refers, a root SSD with the network, and one .ssv with what differs between drones. Edit it,
 swap parts of it; nothing remembers that it was generated.
 
-Drones start `spacing` apart, but those that stay are twice as far from their western neighbour; the others spread evenly
-between them. News passes one neighbour per step: the error of a section with m gaps between two drones that stay shrinks
-by 1 - 2 epsilon (1 - cos(pi / m)) per step, and in one section fifty drones would take thousands of steps. Long lines
-therefore consist of sections with at most five gaps.
+Drones start `spacing` apart, but those that stay are twice as far from their western neighbour; the others spread
+evenly between them. News passes one neighbour per step: the error of a section with m gaps between two drones that stay
+shrinks by 1 - 2 epsilon (1 - cos(pi / m)) per step, and fifty drones in one section would take thousands of steps. Long
+lines therefore consist of sections with at most five gaps.
 
 A system id of MAVLink has one byte, so ids repeat every 250 drones. The topologies written here are local: nobody
 hears two drones of one id.
