@@ -25,6 +25,8 @@ from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SI
 from cosim_master.parts import Part, assemble, measure
 from cosim_master.settings import apart, hidden
 from cosim_master.sizes import check_sizes
+from cosim_master.solvers import NAMES as SOLVERS
+from cosim_master.solvers import Choice
 from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
 from cosim_master.units import Unit
 from cosim_master.wiring import Wiring
@@ -32,7 +34,8 @@ from cosim_master.wiring import Wiring
 __all__ = ["ANNOTATION_TYPES", "Alias", "CheckedSystem", "Instance", "Link", "OwnedAnnotation", "check", "natural"]
 
 STEPPING = "org.uav-cosim.stepping"
-ANNOTATION_TYPES = (STEPPING, "org.uav-cosim.network", "org.uav-cosim.recording", "org.uav-cosim.master")
+SOLVER = "org.uav-cosim.solver"
+ANNOTATION_TYPES = (STEPPING, SOLVER, "org.uav-cosim.network", "org.uav-cosim.recording", "org.uav-cosim.master")
 _NAMESPACE = "https://uav-cosim.org/ns/1"
 
 
@@ -44,6 +47,7 @@ class Instance:
         name: hierarchical name ("drone1.vehicle"), unique.
         start_values: what the system sets, in the FMU's units and types (enumerations as integers).
         step_size: communication step in s: the system's, else the FMU's own, else None.
+        solver: of an FMU for Model Exchange, None for all others.
     """
 
     name: str
@@ -51,6 +55,7 @@ class Instance:
     start_values: Mapping[str, Value]
     step_size: float | None
     where: Where
+    solver: Choice | None = None
 
     def structural_values(self) -> dict[str, Start]:
         """What the system sets structural parameters of FMI 3 to."""
@@ -195,12 +200,34 @@ def _uninitialized(fmu: FmuDescription, name: str) -> bool:
     return bool(fmu.variables[name].clocks) and name not in fmu.initial_unknowns
 
 
+def _interface(fmu: FmuDescription) -> str:
+    return "CoSimulation" if fmu.model_exchange is None else "ModelExchange"
+
+
+def _positive(name: str, text: str | None) -> float | None:
+    """A number of <solver>, None where the attribute is absent.
+
+    Raises:
+        ValueError: it is not a positive number.
+    """
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise ValueError(f'{name} "{text}" of <solver> must be a positive number')
+    return value
+
+
 class _Check:
     def __init__(self, structure: SystemStructure, overrides: Mapping[str, str]) -> None:
         self.structure = structure
         self.overrides, self.settings = apart(overrides, structure)
         self.problems: list[Problem] = list(structure.problems)
         self.notes: list[str] = list(structure.notes)
+        self._implementations: set[str] = set()
 
     def checked(self) -> CheckedSystem:
         if not measure(self.structure.system, self.problems):
@@ -276,8 +303,10 @@ class _Check:
                     continue
                 elif element.content is not None:
                     visit(element.content)
-                elif element.source is not None and element.source not in found:
-                    found[element.source] = self._describe(element, element.source)
+                elif element.source is not None:
+                    self._implementations.add(element.implementation)
+                    if element.source not in found:
+                        found[element.source] = self._describe(element, element.source)
 
         visit(self.structure.system)
         return found
@@ -294,12 +323,14 @@ class _Check:
             return None
 
     def _sized(self, fmus: Mapping[Path, FmuDescription | None]) -> dict[str, FmuDescription]:
-        """Descriptions of the parts whose arrays the system gives other sizes than their FMU (structural parameters).
+        """Descriptions of the parts whose arrays the system gives other sizes than their FMU (structural parameters),
+        and of those for which it names one of two interfaces.
 
         Arrays are ports, one for each element, so that everything depends on their sizes; what sets those is found by
         going through all bindings once before. Whatever else is wrong then is found again.
         """
-        if not any(v.causality == "structuralParameter" for f in fmus.values() if f for v in f.variables.values()):
+        structural = (v.causality == "structuralParameter" for f in fmus.values() if f for v in f.variables.values())
+        if self._implementations <= {"any"} and not any(structural):
             return {}
         root = assemble(self.structure.system, fmus, [], [])
         bindings = Bindings(Wiring(root, []), [], [])
@@ -307,30 +338,33 @@ class _Check:
         bindings.override(self.overrides)
         bindings.take_constants()
         sized: dict[str, FmuDescription] = {}
-        known: dict[tuple[Path, tuple[tuple[str, int], ...]], FmuDescription | None] = {}
+        known: dict[tuple[Path, tuple[tuple[str, int], ...], str], FmuDescription | None] = {}
         for part in root.walk():
             if part.fmu is None:
                 continue
             given = bindings.values.get(part.name, {})
             variables = part.fmu.variables.values()
-            structural = [v for v in variables if v.causality == "structuralParameter" and v.type == "Integer"]
-            sizes = {v.name: int(given[v.name]) for v in structural if given.get(v.name, v.start) != v.start}
-            if not sizes:
+            integers = [v for v in variables if v.causality == "structuralParameter" and v.type == "Integer"]
+            sizes = {v.name: int(given[v.name]) for v in integers if given.get(v.name, v.start) != v.start}
+            wanted = getattr(part.element, "implementation", "any")
+            if not sizes and wanted in ("any", _interface(part.fmu)):
                 continue
-            key = (part.fmu.path, tuple(sorted(sizes.items())))
+            key = (part.fmu.path, tuple(sorted(sizes.items())), wanted)
             if key not in known:
-                known[key] = self._described_with(part, part.fmu, sizes)
+                known[key] = self._described_with(part, part.fmu, sizes, wanted)
             if (fmu := known[key]) is not None:
                 sized[part.name] = fmu
         return sized
 
-    def _described_with(self, part: Part, fmu: FmuDescription, sizes: Mapping[str, int]) -> FmuDescription | None:
+    def _described_with(
+        self, part: Part, fmu: FmuDescription, sizes: Mapping[str, int], implementation: str
+    ) -> FmuDescription | None:
         try:
-            return describe(fmu.path, sizes)
+            return describe(fmu.path, sizes, implementation)
         except SystemDescriptionError as error:
             shown = ", ".join(f"{name} = {value}" for name, value in sizes.items())
             for problem in error.problems:
-                text = f"{part.name}: with {shown}, {problem.message} (in {fmu.path.name})"
+                text = f"{part.name}: {f'with {shown}, ' if shown else ''}{problem.message} (in {fmu.path.name})"
                 self.problems.append(Problem(part.element.where, text))
             return None
 
@@ -423,19 +457,56 @@ class _Check:
                     text = ONLY_ONCE.text(part.fmu.path.name, other, part.name)
                     self.problems.append(Problem(part.element.where, text))
             values = bindings.values.get(part.name, {})
-            instances.append(Instance(part.name, part.fmu, values, step or part.fmu.step_size, part.element.where))
+            solver = self._solver(part)
+            instances.append(
+                Instance(
+                    part.name,
+                    part.fmu,
+                    values,
+                    step or part.fmu.step_size,
+                    part.element.where,
+                    (solver or Choice()) if part.fmu.model_exchange is not None else None,
+                )
+            )
         return tuple(instances)
 
     def _step_size(self, part: Part) -> float | None:
-        """The communication step the system gives an FMU, from the nearest annotation around it."""
+        """The communication step the system gives an FMU."""
+        annotation = self._nearest(part, STEPPING)
+        return None if annotation is None else self._stepping(annotation)
+
+    def _solver(self, part: Part) -> Choice | None:
+        """The solver the system gives an FMU for Model Exchange."""
+        annotation = self._nearest(part, SOLVER)
+        if annotation is None:
+            return None
+        children = list(annotation.element)
+        if len(children) != 1 or children[0].tag != f"{{{_NAMESPACE}}}solver":
+            text = f'annotation {SOLVER} needs one element: <solver xmlns="{_NAMESPACE}" name="cvode"/>'
+            self.problems.append(Problem(annotation.where, text))
+            return None
+        element, where = children[0], Where(annotation.where.path, line_of(children[0]))
+        try:
+            if unknown := sorted({*map(str, element.attrib)} - {"name", "step", "tolerance"}):
+                raise ValueError(f'<solver> has no attribute "{unknown[0]}"; valid: "name", "step", "tolerance"')
+            numbers = {name: _positive(name, element.get(name)) for name in ("step", "tolerance")}
+            if (name := element.get("name", "cvode")) not in SOLVERS:
+                raise ValueError(f'there is no solver "{name}"; valid: {", ".join(SOLVERS)}')
+        except ValueError as error:
+            self.problems.append(Problem(where, str(error)))
+            return None
+        return Choice(name, **numbers)
+
+    def _nearest(self, part: Part, kind: str) -> Annotation | None:
+        """The nearest annotation of a type around a part."""
         owner: Part | None = part
         while owner is not None:
             inner = owner.system.annotations if owner.system is not None else ()
             outer = owner.element.annotations if owner.element is not owner.system else ()
             top = self.structure.annotations if owner.parent is None else ()
             for annotation in (*inner, *outer, *top):
-                if annotation.type == STEPPING:
-                    return self._stepping(annotation)
+                if annotation.type == kind:
+                    return annotation
             owner = owner.parent
         return None
 

@@ -13,7 +13,7 @@ from cosim_master.document import near
 from cosim_master.system import INTEGER_RANGES
 from cosim_master.units import Unit
 
-__all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable"]
+__all__ = ["Capabilities", "Clock", "FmuDescription", "ModelExchange", "Start", "Variable"]
 
 Start: TypeAlias = float | int | bool | str
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
@@ -143,6 +143,24 @@ class Capabilities:
 
 
 @dataclass(frozen=True, slots=True)
+class ModelExchange:
+    """What a solver needs to know about an FMU for Model Exchange.
+
+    Attributes:
+        states, derivatives: value references of the continuous states and of their derivatives, scalars only.
+        event_indicators: how many there are.
+        completed_step: fmi2CompletedIntegratorStep must be called after each step of the solver.
+        directional_derivatives: the FMU provides them.
+    """
+
+    states: tuple[int, ...]
+    derivatives: tuple[int, ...]
+    event_indicators: int
+    completed_step: bool
+    directional_derivatives: bool
+
+
+@dataclass(frozen=True, slots=True)
 class FmuDescription:
     """What a co-simulation needs to know about one FMU file.
 
@@ -161,6 +179,7 @@ class FmuDescription:
         shapes: arrays of FMI 3 and their sizes; their elements are variables, "position[1]", "matrix[2,3]".
         terminals: of FMI 3, with the names of their member variables.
         start_time, stop_time, tolerance: of the DefaultExperiment; None where it is silent.
+        model_exchange: of an FMU that is to be integrated by us; None for co-simulation.
     """
 
     path: Path
@@ -184,3 +203,4 @@ class FmuDescription:
     start_time: float | None = None
     stop_time: float | None = None
     tolerance: float | None = None
+    model_exchange: ModelExchange | None = None

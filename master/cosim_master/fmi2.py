@@ -28,7 +28,7 @@ from typing import Any
 from cosim_master.errors import FmuError
 from cosim_master.fmu import FmuDescription, Variable
 
-__all__ = ["STATUS", "Instance", "Library", "SharedHandle", "set_kind"]
+__all__ = ["CALLBACK_TYPES", "STATUS", "Instance", "Library", "SharedHandle", "set_kind"]
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +36,8 @@ STATUS = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal", "fmi
 _LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
 _ALLOCATE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t)
 _FREE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+CALLBACK_TYPES = (_LOGGER, _ALLOCATE, _FREE)
+"""Of logger, allocateMemory and freeMemory."""
 _STEP_FINISHED = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int)
 
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
@@ -85,8 +87,11 @@ class Library:
         except OSError as error:
             raise FmuError(fmu.model_name, f"loading {fmu.path}", str(error)) from None
         libc = ctypes.CDLL("msvcrt" if platform.system() == "Windows" else None)
-        self._allocate = _ALLOCATE(ctypes.cast(libc.calloc, ctypes.c_void_p).value or 0)
-        self._free = _FREE(ctypes.cast(libc.free, ctypes.c_void_p).value or 0)
+        self.memory: tuple[Any, Any] = (
+            _ALLOCATE(ctypes.cast(libc.calloc, ctypes.c_void_p).value or 0),
+            _FREE(ctypes.cast(libc.free, ctypes.c_void_p).value or 0),
+        )
+        """The callbacks allocateMemory and freeMemory."""
 
     def address(self, function: str) -> int:
         """The address of an FMI function.
@@ -115,15 +120,20 @@ class Library:
             SharedHandle: the FMU is good for one instance only.
             FmuError: the FMU refused (a wrong GUID, a stale interpreted FMU); its log lines say why.
         """
-        return Instance(self, name, self._allocate, self._free)
+        return Instance(self, name, *self.memory)
 
 
 class Instance:
     """One living instance. Not to be used from two threads at once."""
 
     fmi = 2
+    _instantiates = "fmi2Instantiate"
+    kind = 1
+    """fmi2CoSimulation."""
 
-    def __init__(self, library: Library, name: str, allocate: Any, free: Any) -> None:
+    def __init__(
+        self, library: Library, name: str, allocate: Any, free: Any, fmu: FmuDescription | None = None
+    ) -> None:
         self.library = library
         self.name = name
         self.alive = False
@@ -132,29 +142,39 @@ class Instance:
         self.time: float | None = None
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
         # ctypes objects that the FMU points to must live as long as the instance.
-        self._callbacks = _Callbacks(_LOGGER(self._log), allocate, free, None, None)
-        instantiate = library.function("fmi2Instantiate")
-        instantiate.restype = ctypes.c_void_p
-        self.fmu = fmu = library.fmu
-        handle = instantiate(
-            ctypes.c_char_p(name.encode()),
-            ctypes.c_int(1),
-            ctypes.c_char_p(fmu.guid.encode()),
-            ctypes.c_char_p(library.resources.as_uri().encode()),
-            ctypes.byref(self._callbacks),
-            ctypes.c_int(0),
-            ctypes.c_int(library.python),
-        )
+        self._logger = _LOGGER(self._log)
+        self.fmu = fmu or library.fmu
+        handle = self._instantiate(allocate, free)
         if not handle:
             hint = "" if self.lines else "; it logged nothing (is the GUID of its modelDescription.xml the binary's?)"
-            raise FmuError(name, "fmi2Instantiate", f"it returned NULL{hint}", log=self.lines)
-        self.handle = int(handle)
+            raise FmuError(name, self._instantiates, f"it returned NULL{hint}", log=self.lines)
+        self.handle = handle
         if (other := library.handles.setdefault(self.handle, name)) != name:
             text = (
                 f"it returned the handle of {other}: the FMU keeps everything in globals, it is good for one instance"
             )
-            raise SharedHandle(name, "fmi2Instantiate", text, log=self.lines)
+            raise SharedHandle(name, self._instantiates, text, log=self.lines)
         self.alive = True
+
+    def _instantiate(self, allocate: Any, free: Any) -> int:
+        """The handle of a new instance; 0 if the FMU refuses."""
+        self._callbacks = _Callbacks(self._logger, allocate, free, None, None)
+        instantiate = self.library.function("fmi2Instantiate")
+        instantiate.restype = ctypes.c_void_p
+        handle = instantiate(
+            ctypes.c_char_p(self.name.encode()),
+            ctypes.c_int(self.kind),
+            ctypes.c_char_p(self.fmu.guid.encode()),
+            ctypes.c_char_p(self.library.resources.as_uri().encode()),
+            ctypes.byref(self._callbacks),
+            ctypes.c_int(0),
+            ctypes.c_int(self.library.python),
+        )
+        return int(handle or 0)
+
+    def step_address(self) -> int:
+        """The address of the function that makes a step."""
+        return self.library.address("fmi2DoStep")
 
     def _log(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
         text = (message or b"").decode("utf-8", "replace").replace("%%", "%").rstrip()

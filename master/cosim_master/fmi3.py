@@ -63,6 +63,7 @@ class Instance3:
     """
 
     fmi = 3
+    _instantiates = "fmi3InstantiateCoSimulation"
 
     def __init__(
         self, library: Library, name: str, fmu: FmuDescription | None = None, *, early_return: bool = True
@@ -97,13 +98,13 @@ class Instance3:
             handle = self._instantiate()
         if not handle:
             hint = "" if self.lines else "; it logged nothing (is the token of its modelDescription.xml the binary's?)"
-            raise FmuError(name, "fmi3InstantiateCoSimulation", f"it returned NULL{hint}", log=self.lines)
+            raise FmuError(name, self._instantiates, f"it returned NULL{hint}", log=self.lines)
         self.handle = int(handle)
         if (other := library.handles.setdefault(self.handle, name)) != name:
             text = (
                 f"it returned the handle of {other}: the FMU keeps everything in globals, it is good for one instance"
             )
-            raise FmuError(name, "fmi3InstantiateCoSimulation", text, log=self.lines)
+            raise FmuError(name, self._instantiates, text, log=self.lines)
         self.alive = True
 
     def _instantiate(self) -> int | None:
@@ -289,6 +290,10 @@ class Instance3:
         return whole_nanoseconds(seconds)
 
     # ---- steps and states --------------------------------------------------------------------------------------------
+
+    def step_address(self) -> int:
+        """The address of the function that makes a step."""
+        return self.library.address("fmi3DoStep")
 
     def use_answers(self, address: int) -> None:
         """Where the stepping loop keeps what fmi3DoStep answers (`stepping.ANSWERS`): `do_step` writes there, too."""

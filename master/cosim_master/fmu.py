@@ -2,7 +2,7 @@
 
 FMPy parses; this module decides what is fatal (we could not run the FMU, or not run it right) and what is a note
 (the description breaks a rule that does not matter for a run; many exporters do). The only module that imports FMPy.
-Supported: FMI 2.0 and 3.0 for Co-Simulation (`fmu3` has what differs). FMI 1 is refused by name.
+Supported: FMI 2.0 and 3.0 for Co-Simulation and Model Exchange (`fmu3` has what differs), FMI 1.0 for Co-Simulation.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from fmpy.model_description import ModelDescription, ValidationError, read_model
 from lxml import etree
 
 from cosim_master import archive
-from cosim_master.description import Capabilities, Clock, FmuDescription, Start, Variable
+from cosim_master.description import Capabilities, Clock, FmuDescription, ModelExchange, Start, Variable
 from cosim_master.document import line_of, near, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu3 import Reading3, dependencies3
-from cosim_master.limitations import FMI_VERSION, NO_LIBRARY, NOT_COSIMULATION
+from cosim_master.limitations import EXCHANGE1, EXCHANGE_CLOCKS, FMI_VERSION, NO_LIBRARY, SCHEDULED_EXECUTION
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
 __all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "describe", "extract", "platform"]
@@ -46,23 +46,24 @@ def platform(fmi: int = 2) -> str:
     return f"{system}{struct.calcsize('P') * 8}"
 
 
-def describe(path: str | Path, sizes: Mapping[str, int] | None = None) -> FmuDescription:
+def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implementation: str = "any") -> FmuDescription:
     """Read and judge the description of an FMU.
 
     Args:
         path: the .fmu file.
         sizes: of structural parameters of FMI 3, other values than the FMU's own: arrays have other sizes then.
+        implementation: "CoSimulation", "ModelExchange", or "any": co-simulation if the FMU has it.
 
     Raises:
         SystemDescriptionError: not a ZIP archive, without a readable modelDescription.xml, of another FMI version,
-            not for Co-Simulation, or without a library for this platform; all problems at once.
+            without that interface, or without a library for this platform; all problems at once.
     """
     shown = str(path)
     names = archive.member_names(Path(path), shown)
     data = archive.read_member(Path(path), "modelDescription.xml", shown, limit=_MAX_DESCRIPTION_BYTES)
     if data is None:
         raise SystemDescriptionError([Problem(Where(shown), "is not an FMU: it has no modelDescription.xml")])
-    reading = _Reading(f"{shown}/modelDescription.xml", data, sizes or {})
+    reading = _Reading(f"{shown}/modelDescription.xml", data, sizes or {}, implementation)
     library = None if reading.identifier is None else _library(names, reading.identifier, Where(shown), reading)
     if reading.problems:
         raise SystemDescriptionError(reading.problems)
@@ -136,9 +137,11 @@ def _library(names: Sequence[str], identifier: str, where: Where, reading: _Read
 class _Reading:
     """One modelDescription.xml being read. Whatever is fatal goes to `problems`, the rest to `notes`."""
 
-    def __init__(self, shown: str, data: bytes, sizes: Mapping[str, int]) -> None:
+    def __init__(self, shown: str, data: bytes, sizes: Mapping[str, int], implementation: str) -> None:
         self.shown = shown
         self.sizes = sizes
+        self.implementation = implementation
+        self.interface = "CoSimulation"
         self.problems: list[Problem] = []
         self.notes: list[str] = []
         self.identifier: str | None = None
@@ -148,7 +151,8 @@ class _Reading:
         self._interface()
         if self.problems:
             raise SystemDescriptionError(self.problems)
-        self._structure()
+        if self.fmi == 2:
+            self._structure()
         if self.problems:
             raise SystemDescriptionError(self.problems)
         if self.fmi == 2:
@@ -172,18 +176,15 @@ class _Reading:
         version = root.get("fmiVersion", "")
         if root.tag != "fmiModelDescription":
             self._problem(root, f"the root element is <{root.tag}>; it must be <fmiModelDescription>")
-        elif version != "2.0" and not re.fullmatch(r"3[.]0([.][0-9]+)?", version):
+        elif version not in ("1.0", "2.0") and not re.fullmatch(r"3[.]0([.][0-9]+)?", version):
             self._problem(root, FMI_VERSION.text(version))
-        elif (interface := root.find("CoSimulation")) is None:
-            has = [name for name in ("ModelExchange", "ScheduledExecution") if root.find(name) is not None]
-            words = " and ".join(name.replace("E", " E") for name in has)
-            text = NOT_COSIMULATION.text(words) if has else "is not an FMU for Co-Simulation: it has no interface"
-            self._problem(root, text)
-        else:
+        elif version == "1.0":
+            self._interface1()
+        elif (interface := self._chosen()) is not None:
             self.identifier = interface.get("modelIdentifier")
             if not self.identifier or "/" in self.identifier:
-                self._problem(interface, "<CoSimulation> needs the attribute modelIdentifier, a C identifier")
-        self.fmi = 3 if version.startswith("3.") else 2
+                self._problem(interface, f"<{interface.tag}> needs the attribute modelIdentifier, a C identifier")
+        self.fmi = {"1": 1, "3": 3}.get(version[:1], 2)
         if not self.problems:
             token = "instantiationToken" if self.fmi == 3 else "guid"
             if root.get(token) is None:
@@ -192,6 +193,31 @@ class _Reading:
                 self.notes.append(f'its {token} is "": whether library and description belong together is not known')
             if root.find("ModelVariables") is None:
                 self._problem(root, "<fmiModelDescription> needs <ModelVariables>")
+
+    def _chosen(self) -> etree._Element | None:
+        """The element of the interface that is used; co-simulation before Model Exchange, if nobody says which."""
+        wanted = ("CoSimulation", "ModelExchange") if self.implementation == "any" else (self.implementation,)
+        for name in wanted:
+            if (interface := self.root.find(name)) is not None:
+                self.interface = name
+                return interface
+        every = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+        has = [name for name in every if self.root.find(name) is not None]
+        if has == ["ScheduledExecution"]:
+            self._problem(self.root, SCHEDULED_EXECUTION.text())
+        elif has:
+            self._problem(self.root, f"has no <{self.implementation}>; it has {' and '.join(has)}")
+        else:
+            self._problem(self.root, f"has no interface; valid: {' and '.join(wanted)}")
+        return None
+
+    def _interface1(self) -> None:
+        """FMI 1.0 has one interface for each FMU; that of co-simulation has an Implementation."""
+        self.identifier = self.root.get("modelIdentifier")
+        if self.root.find("Implementation") is None or self.implementation == "ModelExchange":
+            self._problem(self.root, EXCHANGE1.text())
+        elif not self.identifier or "/" in self.identifier:
+            self._problem(self.root, "<fmiModelDescription> needs the attribute modelIdentifier, a C identifier")
 
     def _structure(self) -> None:
         """Indices of the ModelStructure count from 1. FMPy takes 0 for the last variable."""
@@ -284,17 +310,27 @@ class _Reading:
     def _variables(self) -> None:
         elements = self.root.findall("ModelVariables/ScalarVariable")
         capacities = self._packet_ports()
+        negated = []
         for read, element in zip(self.model.modelVariables, elements, strict=True):
             if read.name in self.variables:
                 self._problem(element, f'variable "{read.name}" is declared twice')
                 continue
+            if element.get("alias") == "negatedAlias":  # its value would have to be negated on the way
+                negated.append(read.name)
+                continue
             variable = self._variable(read, element, capacities.pop(read.name, None))
             if variable is not None:
                 self.variables[read.name] = variable
+        if negated:
+            self.notes.append(f'{len(negated)} negated aliases ("{negated[0]}", ...) are left out')
         for name in capacities:
             self._problem(self.root, f'PacketPort: there is no variable "{name}"; {near(name, self.variables)}')
-        if self.model.initialUnknowns == [] and any(
-            variable.causality == "output" and variable.initial != "exact" for variable in self.variables.values()
+        if (
+            self.fmi == 2
+            and self.model.initialUnknowns == []
+            and any(
+                variable.causality == "output" and variable.initial != "exact" for variable in self.variables.values()
+            )
         ):
             self.notes.append("has no InitialUnknowns: what its outputs depend on while initializing is not known")
 
@@ -307,7 +343,9 @@ class _Reading:
         self.variables, self.shapes = reading.variables, reading.shapes
         self.notes += reading.notes
         clocks = [v.name for v in self.variables.values() if v.clock is not None]
-        if clocks and not self.model.coSimulation.hasEventMode:
+        if clocks and self.interface == "ModelExchange":
+            self._problem(self.root, EXCHANGE_CLOCKS.text(clocks[0]))
+        elif clocks and not self.model.coSimulation.hasEventMode:
             self._problem(self.root, f'has Clocks ("{clocks[0]}"), but no Event Mode: FMI 3.0.2, 2.3.1 requires it')
 
     def _variable(self, read: Any, element: etree._Element, capacity: int | None) -> Variable | None:
@@ -326,16 +364,18 @@ class _Reading:
             limits.append(cast("float | None", self._value(element, bound, text, "Real")))
         items = None
         if read.type == "Enumeration" and declared is not None:
-            items = {item.name: self._item(element, declared, item.value) for item in declared.items}
+            numbered = [str(i + 1) if self.fmi == 1 else item.value for i, item in enumerate(declared.items)]
+            pairs = zip(declared.items, numbered, strict=True)
+            items = {item.name: self._item(element, declared, value) for item, value in pairs}
         if capacity is not None and read.type != "String":
             self._problem(element, f'PacketPort "{read.name}" is of type {read.type}; in FMI 2 it must be a String')
         return Variable(
             name=read.name,
             value_reference=read.valueReference,
             type=read.type,
-            causality=read.causality,
+            causality="local" if read.causality == "none" else read.causality,
             variability=read.variability,
-            initial=None if read.causality in ("input", "independent") else read.initial,
+            initial=self._initial(read),
             unit=unit,
             start=self._value(element, "start", read.start, read.type),
             minimum=limits[0],
@@ -344,6 +384,14 @@ class _Reading:
             packet_capacity=capacity,
             description=read.description or "",
         )
+
+    def _initial(self, read: Any) -> str | None:
+        if read.causality in ("input", "independent"):
+            return None
+        if self.fmi == 1:
+            return "exact" if read.start is not None and read.variability != "constant" else "calculated"
+        initial: str | None = read.initial
+        return initial
 
     def _value(self, element: etree._Element, attribute: str, text: str | None, kind: str) -> Start | None:
         """A start value or limit, None if it is absent."""
@@ -389,7 +437,12 @@ class _Reading:
                 dependencies3(model.outputs, self.shapes),
                 dependencies3(model.initialUnknowns, self.shapes),
             )
-        flags = {name: getattr(model.coSimulation, name, False) for name in Capabilities.__slots__}
+        of_interface = model.modelExchange if self.interface == "ModelExchange" else model.coSimulation
+        flags = {name: getattr(of_interface, name, False) for name in Capabilities.__slots__}
+        if self.interface == "ModelExchange":
+            flags["canHandleVariableCommunicationStepSize"] = True
+        if self.fmi == 1:
+            outputs, flags = self._outputs1(), self._flags1()
         return FmuDescription(
             path=path.resolve(),
             digest=_digest(path),
@@ -412,7 +465,48 @@ class _Reading:
             start_time=self.start_time,
             stop_time=self.stop_time,
             tolerance=self.tolerance,
+            model_exchange=self._model_exchange(),
         )
+
+    def _model_exchange(self) -> ModelExchange | None:
+        """States and their derivatives in the order of the model structure."""
+        if self.interface != "ModelExchange":
+            return None
+        element = self.root.find("ModelExchange")
+        assert element is not None
+        derivatives = [unknown.variable for unknown in self.model.derivatives]
+        states = [variable.derivative for variable in derivatives]
+        scalars = all(s is not None and not s.dimensions for s in states)
+        able = "providesDirectionalDerivatives" if self.fmi == 3 else "providesDirectionalDerivative"
+        needed = element.get("needsCompletedIntegratorStep", "false") in ("true", "1")
+        if self.fmi == 2:
+            needed = element.get("completedIntegratorStepNotNeeded", "false") not in ("true", "1")
+        return ModelExchange(
+            states=tuple(s.valueReference for s in states) if scalars else (),
+            derivatives=tuple(d.valueReference for d in derivatives),
+            event_indicators=self.model.numberOfEventIndicators or 0,
+            completed_step=needed,
+            directional_derivatives=scalars and element.get(able) in ("true", "1"),
+        )
+
+    def _outputs1(self) -> dict[str, tuple[str, ...] | None]:
+        """Direct dependencies of FMI 1.0: names of inputs in the outputs themselves."""
+        found: dict[str, tuple[str, ...] | None] = {}
+        for element in self.root.iterfind("ModelVariables/ScalarVariable"):
+            if element.get("causality") == "output":
+                given = element.find("DirectDependency")
+                names = None if given is None else tuple(one.text or "" for one in given.iterfind("Name"))
+                found[element.get("name", "")] = names
+        return found
+
+    def _flags1(self) -> dict[str, Any]:
+        flags: dict[str, Any] = dict.fromkeys(Capabilities.__slots__, False)
+        flags["needsExecutionTool"] = self.root.find("Implementation/CoSimulation_Tool") is not None
+        given = self.root.find("Implementation/*/Capabilities")
+        for name in ("canHandleVariableCommunicationStepSize", "canBeInstantiatedOnlyOncePerProcess"):
+            flags[name] = given is not None and given.get(name) in ("true", "1")
+        flags["maxOutputDerivativeOrder"] = 0
+        return flags
 
 
 def _dependencies(unknown: Any) -> tuple[str, ...] | None:

@@ -43,9 +43,9 @@ MODELICA = Limitation(
 )
 IMPLEMENTATION = Limitation(
     "SSP 2.0, 5.4",
-    "FMUs for Model Exchange or Scheduled Execution",
+    "implementation of an FMU that is not one of its interfaces",
     "error",
-    'implementation="{}" is not supported; valid: any, CoSimulation',
+    'implementation="{}" is not supported; valid: any, CoSimulation, ModelExchange',
 )
 ABSOLUTE_URI = Limitation(
     "SSP 2.0, 5.4",
@@ -154,15 +154,27 @@ GEOMETRY = Limitation("SSP 2.0, 5.2.2", "geometry, notes and icons", "silent", "
 
 FMI_VERSION = Limitation(
     "FMI",
-    "FMI 1.0, drafts of FMI 3.0 (3.0-beta.3), and versions after 3.0",
+    "drafts of FMI 3.0 (3.0-beta.3), and versions after 3.0",
     "error",
-    'FMI "{}" is not supported; valid: fmiVersion="2.0" and "3.0"',
+    'FMI "{}" is not supported; valid: fmiVersion="1.0", "2.0" and "3.0"',
 )
-NOT_COSIMULATION = Limitation(
+EXCHANGE1 = Limitation(
     "FMI",
-    "FMUs for Model Exchange or Scheduled Execution only",
+    "FMUs of FMI 1.0 for Model Exchange",
     "error",
-    "is not an FMU for Co-Simulation: it is for {} only",
+    "is an FMU of FMI 1.0 for Model Exchange; of FMI 1.0 only co-simulation is supported",
+)
+SCHEDULED_EXECUTION = Limitation(
+    "FMI 3.0.2, 5",
+    "FMUs for Scheduled Execution only",
+    "error",
+    "is an FMU for Scheduled Execution only, which is not supported; valid: CoSimulation, ModelExchange",
+)
+EXCHANGE_CLOCKS = Limitation(
+    "FMI 3.0.2, 3",
+    "Clocks of FMUs for Model Exchange",
+    "error",
+    'has Clocks ("{}") in Model Exchange, which are not supported',
 )
 NO_LIBRARY = Limitation(
     "FMI",

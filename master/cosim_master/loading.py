@@ -20,6 +20,7 @@ from typing import Self, TypeVar
 
 from cosim.kernel import cache_folder
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmi1 import Library1
 from cosim_master.fmi2 import Library, SharedHandle
 from cosim_master.fmu import FmuDescription, extract
 from cosim_master.limitations import PYTHON_SOURCES
@@ -89,22 +90,27 @@ def _digest(file: Path) -> str:
         return ""
 
 
+def _opened(fmu: FmuDescription, folder: Path) -> Library:
+    """The library of an FMU that is unpacked in a folder."""
+    kind = Library1 if fmu.fmi_version == "1.0" else Library
+    return kind(fmu, folder.joinpath(*fmu.library.split("/")), folder / "resources")
+
+
 class Libraries:
     """Loaded FMU files. A context manager: unpacked files go when it closes, after all instances are freed."""
 
     def __init__(self) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="uav-cosim-"))
-        self._loaded: dict[Path, Library] = {}
+        self._loaded: dict[tuple[Path, str], Library] = {}
         self._sharing: set[Path] = set()
         self._copies = 0
 
     def load(self, fmu: FmuDescription) -> Library:
         """The library of an FMU file, loaded now if it is not yet."""
-        library = self._loaded.get(fmu.path)
+        key = (fmu.path, fmu.library)
+        library = self._loaded.get(key)
         if library is None:
-            folder = self._unpacked(fmu)
-            library = Library(fmu, folder.joinpath(*fmu.library.split("/")), folder / "resources")
-            self._loaded[fmu.path] = library
+            self._loaded[key] = library = _opened(fmu, self._unpacked(fmu))
         return library
 
     def instantiate(self, fmu: FmuDescription, name: str, make: Callable[[Library, str], _Made]) -> _Made:
@@ -128,7 +134,7 @@ class Libraries:
         self._copies += 1
         folder = self._folder / f"copy{self._copies}"
         extract(fmu, folder)
-        return make(Library(fmu, folder.joinpath(*fmu.library.split("/")), folder / "resources"), name)
+        return make(_opened(fmu, folder), name)
 
     def _unpacked(self, fmu: FmuDescription) -> Path:
         if not _sources(fmu):

@@ -222,7 +222,7 @@ class _Native:
 def _instance_table(clock: Timing, network: Network, living: Sequence[Living], native: _Native) -> np.ndarray[Any, Any]:
     table = np.zeros(len(living), dtype=INSTANCE)
     table["handle"] = [one.handle for one in living]
-    table["do_step"] = [one.library.address(f"fmi{_version(one)}DoStep") for one in living]
+    table["do_step"] = [one.step_address() for one in living]
     table["answers"] = [native.take(ANSWERS) if _version(one) == 3 else 0 for one in living]
     for row, one in zip(table, living, strict=True):
         if isinstance(one, Instance3):

@@ -18,7 +18,8 @@ from cosim_master.living import Living
 
 __all__ = ["STATE_FUNCTIONS", "self_test"]
 
-STATE_FUNCTIONS = {"2": ("fmi2GetFMUstate", "fmi2SetFMUstate"), "3": ("fmi3GetFMUState", "fmi3SetFMUState")}
+_OF_FMI2 = ("fmi2GetFMUstate", "fmi2SetFMUstate")
+STATE_FUNCTIONS = {"1": _OF_FMI2, "2": _OF_FMI2, "3": ("fmi3GetFMUState", "fmi3SetFMUState")}
 """By major version of FMI."""
 
 

@@ -33,7 +33,8 @@ from cosim_master.profiling import Profile, Profiler
 from cosim_master.recorder import Recorder
 from cosim_master.run_folder import RunFolder
 from cosim_master.settings import apart
-from cosim_master.single import full_names
+from cosim_master.single import as_model_exchange, full_names, output_interval
+from cosim_master.solvers import Choice
 from cosim_master.ssp import read_system
 from cosim_master.stimuli import Stimuli, read_stimuli
 from cosim_master.system import Component, System
@@ -148,6 +149,9 @@ def prepare(
             problems.extend(error.problems)
             return None
 
+    if step is None and (step := _default_step(checked, until)) is not None:
+        text = f"the FMU names no step size: {step:g} s are taken"
+        checked = replace(checked, notes=(*checked.notes, text))
     recording = gathered(lambda: _recording(checked, record))
     clock = gathered(lambda: timing(checked, until, step))
     network = gathered(lambda: network_of(checked, seed))
@@ -170,6 +174,15 @@ def prepare(
     if strict and (findings := [note.problem for note in ready.notes if isinstance(note, Finding)]):
         raise SystemDescriptionError(findings)
     return ready
+
+
+def _default_step(checked: CheckedSystem, until: float | None) -> float | None:
+    """The step of an FMU alone that names none, if it is known how long it runs."""
+    stop = until if until is not None else checked.stop_time
+    is_alone = checked.structure.path.suffix.lower() == ".fmu"
+    if not is_alone or stop is None or stop <= checked.start_time or checked.instances[0].step_size is not None:
+        return None
+    return output_interval(stop - checked.start_time)
 
 
 def _recording(checked: CheckedSystem, record: Sequence[str]) -> Recording:
@@ -213,6 +226,7 @@ def simulate(
     checkpoint_every: float | None = None,
     origin: str | None = None,
     inputs: Path | None = None,
+    solver: str | None = None,
 ) -> RunResult:
     """Run a system from its file to its results.
 
@@ -242,6 +256,7 @@ def simulate(
         origin: RUN@TIME, a checkpoint to go on from; `overrides` are then changes at that time, settings of the radio
             hold from then on, and what is not given (seed, stop time, patterns) is what it was.
         inputs: a CSV file with values of open inputs, see `stimuli`.
+        solver: of FMUs for Model Exchange, as `solvers.Choice.parsed` reads it; one FMU alone then is one of these.
 
     Raises:
         SystemDescriptionError: the description is wrong, `out` cannot be written to, or a socket not be opened.
@@ -259,9 +274,13 @@ def simulate(
             overrides, record = {**checkpoint.overrides, **new}, record or checkpoint.record
             until = (was.start + was.steps * was.base) / 1e9 if until is None else until
             seed = was.seed if seed is None and "network.seed" not in new else seed
+        if solver is not None:
+            structure = as_model_exchange(structure)
         overrides = full_names(structure, overrides or {})
         at = [(time, *named) for time, name, text in at for named in full_names(structure, {name: text}).items()]
         checked = check(structure, overrides)
+        if solver is not None:
+            checked = _with_solver(checked, solver)
         stimuli = None if inputs is None else read_stimuli(inputs, checked, [*overrides])
         ready = prepare(
             checked, until=until, step=step, seed=seed, record=record, at=at, strict=strict, stimuli=stimuli
@@ -348,6 +367,22 @@ def simulate(
                 # An FMU that takes the process with it when it ends leaves a complete recording, and its manifest.
                 failures = execution.end(lambda errors: _manifest(ready, _failing(result, errors), *about))
             return _failing(result, failures)
+
+
+def _with_solver(checked: CheckedSystem, text: str) -> CheckedSystem:
+    """The system with this solver for all its instances of Model Exchange.
+
+    Raises:
+        SystemDescriptionError: there is no such solver, or no such instance.
+    """
+    try:
+        choice = Choice.parsed(text)
+        if all(instance.solver is None for instance in checked.instances):
+            raise ValueError("no FMU of this system is for Model Exchange: all have solvers of their own")
+    except ValueError as error:
+        raise SystemDescriptionError([Problem(Where(f"--solver {text}"), str(error))]) from None
+    instances = [replace(one, solver=choice) if one.solver is not None else one for one in checked.instances]
+    return replace(checked, instances=tuple(instances))
 
 
 def _failing(result: RunResult, failures: Sequence[FmuError]) -> RunResult:
@@ -592,6 +627,7 @@ def _manifest(
             instance.name: {
                 "fmu": str(instance.fmu.path),
                 "step": period * ready.clock.base / 1e9,
+                **({} if instance.solver is None else {"solver": asdict(instance.solver)}),
                 "parameters": {name: _in_json(value) for name, value in parameters[instance.name].items()},
             }
             for instance, period in zip(checked.instances, ready.clock.periods, strict=True)

@@ -7,21 +7,17 @@ and inputs can be set. Start and stop time are those of the FMU's DefaultExperim
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
-from lxml import etree
-
 from cosim_master.errors import Where
-from cosim_master.fmu import FmuDescription, describe
+from cosim_master.fmu import describe
 from cosim_master.settings import SETTINGS
-from cosim_master.system import Annotation, Component, System, SystemStructure
+from cosim_master.system import Component, System, SystemStructure
 
-__all__ = ["full_names", "output_interval", "read_fmu"]
+__all__ = ["as_model_exchange", "full_names", "output_interval", "read_fmu"]
 
 _FMU_TYPE = "application/x-fmu-sharedlibrary"
-_STEPPING = "org.uav-cosim.stepping"
-_OURS = "https://uav-cosim.org/ns/1"
-_SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 
 
 def read_fmu(path: Path) -> SystemStructure:
@@ -43,14 +39,13 @@ def read_fmu(path: Path) -> SystemStructure:
         annotations=(),
         where=where,
     )
-    annotations, notes = _stepping(fmu, where)
     system = System(
         name=name,
         connectors=(),
         parameter_bindings=(),
         elements=(component,),
         connections=(),
-        annotations=annotations,
+        annotations=(),
         document=file.resolve(),
         where=where,
     )
@@ -63,7 +58,6 @@ def read_fmu(path: Path) -> SystemStructure:
         where=where,
         start_time=fmu.start_time or 0.0,
         stop_time=fmu.stop_time,
-        notes=notes,
     )
 
 
@@ -75,16 +69,15 @@ def output_interval(span: float) -> float:
     return next(fitting, max(ticks // 500, 1)) / 1e9
 
 
-def _stepping(fmu: FmuDescription, where: Where) -> tuple[tuple[Annotation, ...], tuple[str, ...]]:
-    """The step of an FMU that names none, where its DefaultExperiment says how long it runs."""
-    span = None if fmu.stop_time is None else fmu.stop_time - (fmu.start_time or 0.0)
-    if fmu.step_size is not None or span is None or span <= 0.0:
-        return (), ()
-    step = output_interval(span)
-    element = etree.Element(f"{{{_SSC}}}Annotation", {"type": _STEPPING})
-    etree.SubElement(element, f"{{{_OURS}}}stepping", {"stepSize": repr(step)})
-    note = f"the FMU names no step size: {step:g} s are taken, for its DefaultExperiment of {span:g} s"
-    return (Annotation(_STEPPING, element, where),), (note,)
+def as_model_exchange(structure: SystemStructure) -> SystemStructure:
+    """The system of one FMU with the FMU's interface for Model Exchange, whatever else it has."""
+    if structure.path.suffix.lower() != ".fmu":
+        return structure
+    elements = tuple(
+        replace(one, implementation="ModelExchange") if isinstance(one, Component) else one
+        for one in structure.system.elements
+    )
+    return replace(structure, system=replace(structure.system, elements=elements))
 
 
 def full_names(structure: SystemStructure, values: Mapping[str, str]) -> dict[str, str]:

@@ -173,7 +173,7 @@ class Document:
         kind = self._component_type(element)
         valid = ("any", "CoSimulation", "ModelExchange", "ScheduledExecution")
         implementation = self.reader.choice(element, "implementation", valid, "any")
-        if implementation not in ("any", "CoSimulation"):
+        if implementation not in ("any", "CoSimulation", "ModelExchange"):
             self.reader.problem(element, IMPLEMENTATION.text(implementation))
         connectors = self._connectors(element)
         source, content, fragment = self._source(element, kind, connectors)

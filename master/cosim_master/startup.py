@@ -57,7 +57,7 @@ def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Livin
     tied = {i for members in lockstep(checked) for i in members}
     for i, instance in enumerate(checked.instances):
         # Who returns early leaves those behind that it drives by Clocks, or is ahead of those that drive it.
-        make_one = partial(make, fmu=instance.fmu, early_return=i not in tied)
+        make_one = partial(make, fmu=instance.fmu, early_return=i not in tied, solver=instance.solver)
         living.append(libraries.instantiate(instance.fmu, instance.name, make_one))
 
 

@@ -344,7 +344,7 @@ def test_an_array_is_one_variable_per_element(stricts3: Any) -> None:
         ('<Dimension start="2"/>', '<Dimension start="2000000"/>', "has 2000000 elements; at most 1048576"),
         ('start="0"><Dim', 'start="0 1 2"><Dim', "has 2 elements and 3 start values"),
         ('start="false"', 'start="maybe"', 'start "maybe" of "b_in" is not of type Boolean'),
-        ('<CoSimulation modelIdentifier="Unit"', '<ModelExchange modelIdentifier="Unit"', "is not an FMU for Co-Simul"),
+        ("<CoSimulation modelId", "<ScheduledExecution modelId", "Scheduled Execution only"),
     ],
 )
 def test_descriptions_that_are_wrong(stricts3: Any, old: str, new: str, message: str) -> None:

@@ -27,6 +27,7 @@ from cosim_master.saving import save
 from cosim_master.simulation import simulate
 from cosim_master.ssp import SSD_TYPE, read_system
 from cosim_master.system import Component
+from tests.master import clocked as clocks
 from tests.master import strict as strict2
 from tests.master import strict3
 from tests.master.clocked import clocked
@@ -193,7 +194,7 @@ def of_ssp(workshop: Any, variable: Any, monkeypatch: pytest.MonkeyPatch) -> Pro
     meta = '<ssc:MetaData kind="general" type="text/plain" source="a.txt"/>'
     return {
         "MODELICA": lambda: ssd(component("a", unit, type="text/x-modelica; path=A")),
-        "IMPLEMENTATION": lambda: ssd(component("a", unit, implementation="ModelExchange")),
+        "IMPLEMENTATION": lambda: ssd(component("a", unit, implementation="ScheduledExecution")),
         "ABSOLUTE_URI": lambda: ssd(component("a", "file:///unit.fmu")),
         "OTHER_SSD": lambda: ssd(component("a", "other.ssd#id", type=SSD_TYPE)),
         "CLOCK": lambda: workshop.ssd("s.ssd", signals(kind="Clock"), version="2.0"),
@@ -253,14 +254,6 @@ def of_fmi(
         text = workshop.description([variable("y", "output")], step=0.5).replace(old, new)
         return alone(workshop.pack("one.fmu", text))
 
-    def other_interfaces() -> Said:
-        exchanged = said(described("CoSimulation", "ModelExchange"))
-        text = strict3.description().replace("<CoSimulation", "<ScheduledExecution")
-        outcome, lines = said(alone(workshop.pack("three.fmu", text)))
-        assert exchanged[0] == outcome and "for Model Exchange only" in exchanged[1][0]
-        assert "for Scheduled Execution only" in lines[0]
-        return outcome, [*exchanged[1], *lines]
-
     def strict(flags: str = "", **values: Any) -> Said:
         stricts.fmu(flags=flags)
         outcome = ran(stricts.ssd(stricts.component("a", **values)))
@@ -292,8 +285,8 @@ def of_fmi(
         return alone(workshop.pack("one.fmu", text, library=None))
 
     return {
-        "FMI_VERSION": lambda: described('fmiVersion="2.0"', 'fmiVersion="1.0"'),
-        "NOT_COSIMULATION": other_interfaces,
+        "FMI_VERSION": lambda: described('fmiVersion="2.0"', 'fmiVersion="1.5"'),
+        "EXCHANGE1": lambda: described('fmiVersion="2.0"', 'fmiVersion="1.0"'),
         "NO_LIBRARY": without_binary,
         "LARGE_DESCRIPTION": large,
         "ONLY_ONCE": twice,
@@ -310,6 +303,20 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
         stricts3.fmu(extra=extra, flags=flags)
         made: Path = stricts3.ssd(stricts3.component("a", **values))
         return made
+
+    def packed(text: str) -> Path:
+        workshop = stricts3.workshop
+        workshop.pack("three.fmu", text)
+        made: Path = workshop.ssd("alone.ssd", workshop.system(workshop.component("a", "three.fmu")))
+        return made
+
+    def scheduled() -> Path:
+        text = strict3.description().replace("<CoSimulation", "<ScheduledExecution")
+        return packed(text)
+
+    def exchanged_clock() -> Path:
+        text = clocks.description("fixed").replace("<CoSimulation", "<ModelExchange")
+        return packed(text)
 
     def long() -> Path:
         made = alone()
@@ -348,6 +355,8 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
     return {
         "CLOCK_END": lambda: pair(to="constant"),
         "SILENT_CLOCK": silent,
+        "SCHEDULED_EXECUTION": scheduled,
+        "EXCHANGE_CLOCKS": exchanged_clock,
         "TIED_STEPS": lambda: ran(pair(step=0.25)),
         "MISSED_TICK": missed,
         "CLOCKED_CHANGE": lambda: changed("a.u"),

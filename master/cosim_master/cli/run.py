@@ -67,6 +67,14 @@ def run(
         Path | None,
         typer.Option("--input", metavar="FILE.csv", help="Values of open inputs over time, as FMPy reads them."),
     ] = None,
+    solver: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME[:NUMBER]",
+            help="Integrates FMUs for Model Exchange: cvode[:TOLERANCE], euler[:STEP] or rk4[:STEP].",
+            show_default="the system's, or cvode",
+        ),
+    ] = None,
     record: Annotated[
         list[str] | None,
         typer.Option(
@@ -144,6 +152,7 @@ def run(
                 checkpoint_every=checkpoint_every,
                 origin=origin,
                 inputs=inputs,
+                solver=solver,
             )
     if as_json:
         print_json(_document(result))
