@@ -89,6 +89,7 @@ class Link:
     Integers, Enumerations or Booleans, sorted; other values stay as they are.
     `initial_only` links end at a parameter: exchanged while initializing only. `recoded` links carry packets between an
     FMU of FMI 2 and one of FMI 3: "to bytes" or "to text" (base64); bytes are hexadecimal text in Python.
+    Where several links have one target, its value is their sum, in the order of `term`, which no other link has.
     """
 
     source: tuple[str, str]
@@ -99,6 +100,7 @@ class Link:
     where: Where
     mapping: tuple[tuple[int, int], ...] = ()
     recoded: str = ""
+    term: int | None = None
 
     def converted(self, value: Any) -> Any:
         """The target's value for a value of the source.
@@ -410,7 +412,15 @@ class _Check:
                 recoded = ""
                 if {route.source.type, port.type} == {"String", "Binary"}:
                     recoded = "to bytes" if port.type == "Binary" else "to text"
-                links.append(Link(*ends, route.factor, route.offset, initial_only, connection.where, mapping, recoded))
+                term = 0 if port in wiring.further else None
+                links.append(
+                    Link(*ends, route.factor, route.offset, initial_only, connection.where, mapping, recoded, term)
+                )
+                for number, (other, origin) in enumerate(wiring.further.get(port, ()), start=1):
+                    route = wiring.hop(wiring.route(origin), other, port)
+                    if route.source is not None:
+                        source = (route.source.part.name, route.source.name)
+                        links.append(Link(source, ends[1], route.factor, route.offset, False, other.where, term=number))
         return tuple(sorted(links, key=lambda link: (natural(link.target[0]), natural(link.target[1]))))
 
     def _aliases(self, root: Part, wiring: Wiring) -> tuple[Alias, ...]:

@@ -63,9 +63,16 @@ class Layout:
     """All of numbers."""
 
 
+TERM = -1
+"""In place of a delay: a further term of a sum."""
+
+
 @dataclass(frozen=True, slots=True)
 class Delayed:
-    """A delayed connection: from which output of a kind to which of `Layout.constants`, and how."""
+    """A delayed connection, or (ns is 0, then TERM) a term of a sum.
+
+    From which output of a kind to which of `Layout.constants`, and how.
+    """
 
     kind: int
     source: int
@@ -207,8 +214,11 @@ def _inputs(
     `Layout.constants`.
     """
     by_instance: dict[str, dict[str, Link]] = {}
+    terms: dict[tuple[str, str], list[Link]] = {}
     for one in links:
-        by_instance.setdefault(one.target[0], {})[one.target[1]] = one
+        by_instance.setdefault(one.target[0], {}).setdefault(one.target[1], one)
+        if one.term is not None:
+            terms.setdefault(one.target, []).append(one)
     mirrors: dict[int, int] = {}
     reals, integers, booleans = (len(ports[kind].outputs) for kind in KINDS)
     places: dict[tuple[int, object], int] = {}
@@ -250,7 +260,14 @@ def _inputs(
             kind = set_kind(target)
             if (link := own.get(name)) is not None:
                 sources, factor, offset = sources_of(link, target), link.factor, link.offset
-                if (delay := coupling.delays.get(link.target)) is not None:
+                if (summed := terms.get(link.target)) is not None:
+                    n = len(constants[0])
+                    for term in summed:
+                        ns = 0 if term is summed[0] else TERM
+                        delayed.append(Delayed(0, sources_of(term, target)[0], term, n, ns, 0.0))
+                    sources, factor, offset = [-1 - n], 1.0, 0.0
+                    constants[0].append(0.0)
+                elif (delay := coupling.delays.get(link.target)) is not None:
                     held = constants[0] if kind == "Real" else constants[1]
                     begins: list[Any] = halves_of(int(delay.start)) if target.wide else [delay.start]
                     for n, (source, begin) in enumerate(zip(sources, begins, strict=True), start=len(held)):

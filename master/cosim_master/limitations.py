@@ -346,6 +346,27 @@ OTHER_KEYS = Limitation(
     "{}: ignored, since it changes no values: {}",
 )
 
+# ---- OspSystemStructure.xml ------------------------------------------------------------------------------------------
+
+OSP_ALGORITHM = Limitation(
+    "OspSystemStructure",
+    'the algorithm "ecco", whose steps vary',
+    "error",
+    '<Algorithm> is "{}"; valid: fixedStep',
+)
+OSP_BOND = Limitation(
+    "OspSystemStructure",
+    "power bonds, which are for ecco",
+    "note",
+    'powerBond="{}" is ignored: only ecco uses it, and steps have one size',
+)
+OSP_SUM = Limitation(
+    "OspSystemStructure",
+    "writing functions Sum and VectorSum (convert): SSP has no such connections",
+    "error",
+    "{} is a sum of several outputs, which an SSP cannot say",
+)
+
 # ---- masters ---------------------------------------------------------------------------------------------------------
 
 NANOSECONDS = Limitation(

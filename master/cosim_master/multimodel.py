@@ -19,8 +19,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote, urlsplit
 
-from lxml import etree
-
 from cosim_master.document import near
 from cosim_master.errors import Finding, Problem, SystemDescriptionError, Where
 from cosim_master.limitations import ALGORITHM, FAULTS, LARGE_FILE, OTHER_KEYS, STABILISATION, SWAP, TRANSFER
@@ -35,14 +33,13 @@ from cosim_master.system import (
     ParameterBinding,
     System,
     SystemStructure,
+    annotation,
 )
 
 __all__ = ["read_multimodel"]
 
 STEPPING = "org.uav-cosim.stepping"
 MASTER = "org.uav-cosim.master"
-_OURS = "https://uav-cosim.org/ns/1"
-_SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _FMU_TYPE = "application/x-fmu-sharedlibrary"
 _LARGEST = 64 << 20
 _END = re.compile(r"(\{[^{}]+\})\.([^.{}]+)\.(.+)", re.DOTALL)
@@ -418,21 +415,14 @@ class _Reading:
     def _annotations(self) -> tuple[Annotation, ...]:
         made = []
         if self._step is not None:
-            made.append(_annotation(STEPPING, "stepping", {"stepSize": repr(self._step[0])}, self._step[1]))
+            made.append(annotation(STEPPING, "stepping", {"stepSize": repr(self._step[0])}, self._step[1]))
         if self._tolerance is not None:
             settings = {"algorithm": "fixed-point", "tolerance": repr(self._tolerance[0])}
-            made.append(_annotation(MASTER, "master", settings, self._tolerance[1]))
+            made.append(annotation(MASTER, "master", settings, self._tolerance[1]))
         return tuple(made)
 
     def _problem(self, file: _Json, text: str | None, message: str) -> None:
         self.problems.append(Problem(file.where(file.spelled.get(text or "", text)), message))
-
-
-def _annotation(kind: str, name: str, attributes: Mapping[str, str], where: Where) -> Annotation:
-    """An annotation of ours as an .ssd would have it."""
-    element = etree.Element(f"{{{_SSC}}}Annotation", {"type": kind})
-    etree.SubElement(element, f"{{{_OURS}}}{name}", dict(attributes))
-    return Annotation(kind, element, where)
 
 
 def _simplified(key: str) -> str:

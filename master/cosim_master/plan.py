@@ -13,7 +13,7 @@ from cosim_master.calls import table
 from cosim_master.coupling import Coupling
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
-from cosim_master.layout import KINDS, Layout, Ports, call_of
+from cosim_master.layout import KINDS, TERM, Layout, Ports, call_of
 from cosim_master.living import Living
 from cosim_master.network import Network
 from cosim_master.tables import (
@@ -165,8 +165,8 @@ def _delay_table(
         row["whole"], row["source"] = whole, one.source + (integers if one.kind == 2 else 0)
         row["place"] = own[whole] + one.constant
         row["factor"], row["offset"] = one.link.factor, one.link.offset
-        row["first"], row["length"] = len(kept), one.ns // clock.base
-        kept += [float(one.start)] * int(row["length"])
+        row["first"], row["length"] = len(kept), -1 if one.ns == TERM else one.ns // clock.base
+        kept += [float(one.start)] * max(int(row["length"]), 0)
     return table, np.array(kept)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
-from urllib.parse import unquote, urlsplit
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 from lxml import etree
 
@@ -22,7 +22,7 @@ from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.limitations import ABSOLUTE_URI, LARGE_DOCUMENT
 from cosim_master.system import ExtractedArchive
 
-__all__ = ["File", "Files", "Target", "is_file", "parsed", "read_reference"]
+__all__ = ["File", "Files", "Target", "is_file", "parsed", "read_reference", "read_source"]
 
 _MAX_DOCUMENT_BYTES = 256 << 20
 _T = TypeVar("_T")
@@ -132,6 +132,34 @@ def read_reference(uri: str) -> tuple[str | None, Target]:
     if not path and not fragment:
         return "is empty", nowhere
     return None, Target(path, fragment or None)
+
+
+def read_source(base: File, uri: str) -> tuple[str | None, File | None, str]:
+    """What is wrong with the URI of an FMU, or None; its file; and a note, if it is not used as it says.
+
+    A file relative to `base`, an absolute one (file:), or one that a server of proxyfmu would run: proxyfmu://HOST?file=
+    PATH, where HOST says where; it is run here. A server that knows an FMU by its GUID only has no file for us.
+    """
+    nowhere = "write the path of a file, or proxyfmu://localhost?file=PATH"
+    try:
+        parts = urlsplit(uri.replace("\\", "/"))
+        path = unquote(parts.path, errors="strict")
+    except (ValueError, UnicodeDecodeError):
+        return f"is not a URI; {nowhere}", None, ""
+    note = ""
+    if parts.scheme in ("proxyfmu", "proxy-fmu"):
+        found = dict(parse_qsl(parts.query)).get("file")
+        if not found:
+            return f"names no file (?file=PATH); {nowhere}", None, ""
+        path, note = found.removeprefix("file:///"), f"{uri}: the FMU is run here, in this process, not by proxyfmu"
+    elif parts.scheme not in ("", "file"):
+        return f'has the scheme "{parts.scheme}"; {nowhere}', None, ""
+    if not path:
+        return f"is empty; {nowhere}", None, ""
+    file = Path(os.path.normpath(base.path.parent / path))
+    if not is_file(file):
+        return f'does not exist: no file "{file}"', None, note
+    return None, File(file, str(file)), note
 
 
 def parsed(file: File) -> etree._Element:

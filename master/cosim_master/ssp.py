@@ -13,6 +13,7 @@ from cosim_master import shipped
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.multimodel import read_multimodel
+from cosim_master.osp import OSP_DOCUMENT, read_osp
 from cosim_master.references import File, Files, parsed
 from cosim_master.single import read_fmu
 from cosim_master.ssd import COMPONENT_TYPES, FMU_TYPE, ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, Document
@@ -52,6 +53,13 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
             message = f'a multi-model has no variants; give it without --variant "{variant}"'
             raise SystemDescriptionError([Problem(Where(str(given)), message)])
         return read_multimodel(given)
+    if given.is_dir() and not (given / ROOT_DOCUMENT).is_file() and (given / OSP_DOCUMENT).is_file():
+        given = given / OSP_DOCUMENT
+    if given.suffix.lower() == ".xml":
+        if variant is not None:
+            message = f'a structure of OSP has no variants; give it without --variant "{variant}"'
+            raise SystemDescriptionError([Problem(Where(str(given)), message)])
+        return read_osp(given)
     try:
         if given.is_dir():
             root = _chosen(File(place, str(given)), variant, files)
@@ -63,7 +71,8 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
                 raise SystemDescriptionError([Problem(Where(str(given)), message)])
             root = File(place, str(given))
         else:
-            message = f"is neither an .ssd, an .ssp, an .fmu, a multi-model (.json) nor a folder with {ROOT_DOCUMENT}"
+            kinds = f"an .ssd, an .ssp, an .fmu, a multi-model (.json), an {OSP_DOCUMENT}"
+            message = f"is neither {kinds} nor a folder with {ROOT_DOCUMENT}"
             raise SystemDescriptionError([Problem(Where(str(given)), message)])
         return _structure(given, root, files)
     except BaseException:

@@ -48,6 +48,10 @@ class SettledLoop:
     rounds: int
 
 
+_Terms = dict[tuple[str, str], dict[int, Any]]
+"""Values of the terms of sums, by input and number."""
+
+
 def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Living]) -> None:
     """Append an instance to `living` for each of the system's.
 
@@ -175,23 +179,28 @@ def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledL
 def _exchange(checked: CheckedSystem, living: Mapping[str, Living]) -> tuple[SettledLoop, ...]:
     """Stage by stage: get all sources of a stage at once, then set its targets."""
     loops = []
+    terms: _Terms = {}
     for stage in checked.init_order:
         links = [checked.links[i] for i in stage.links]
         ends = list(dict.fromkeys(link.source for link in links))
         got = _get(living, ends)
         if not stage.loop:
-            _set(living, links, got)
+            _set(living, links, got, terms)
             continue
         names = tuple(".".join(end) for end in ends)
-        rounds = settle(partial(_go_round, living, links, ends), [got[end] for end in ends], names)
+        rounds = settle(partial(_go_round, living, links, ends, terms), [got[end] for end in ends], names)
         loops.append(SettledLoop(names, rounds))
     return tuple(loops)
 
 
 def _go_round(
-    living: Mapping[str, Living], links: Sequence[Link], ends: Sequence[tuple[str, str]], values: list[Any]
+    living: Mapping[str, Living],
+    links: Sequence[Link],
+    ends: Sequence[tuple[str, str]],
+    terms: _Terms,
+    values: list[Any],
 ) -> list[Any]:
-    _set(living, links, dict(zip(ends, values, strict=True)))
+    _set(living, links, dict(zip(ends, values, strict=True)), terms)
     got = _get(living, ends)
     return [got[end] for end in ends]
 
@@ -209,11 +218,18 @@ def _get(living: Mapping[str, Living], ends: Sequence[tuple[str, str]]) -> dict[
     return got
 
 
-def _set(living: Mapping[str, Living], links: Sequence[Link], got: Mapping[tuple[str, str], Any]) -> None:
-    """Set the targets of links from the values of their sources."""
+def _set(
+    living: Mapping[str, Living], links: Sequence[Link], got: Mapping[tuple[str, str], Any], terms: _Terms
+) -> None:
+    """Set the targets of links from the values of their sources; `terms` are those of sums that are known so far."""
     targets: dict[str, dict[str, Any]] = {}
     for link in links:
-        targets.setdefault(link.target[0], {})[link.target[1]] = link.converted(got[link.source])
+        value = link.converted(got[link.source])
+        if link.term is not None:
+            known = terms.setdefault(link.target, {})
+            known[link.term] = value
+            value = sum(known[n] for n in sorted(known))
+        targets.setdefault(link.target[0], {})[link.target[1]] = value
     for name, new in targets.items():
         one = living[name]
         _set_all(one, [one.fmu.variables[n] for n in new], new, inputs=None)

@@ -396,6 +396,8 @@ def _delay(p: Plan, k: int) -> None:
             at = d.first + step % d.length
             new, value = value, p.kept[at]
             p.kept[at] = new
+        elif d.length < 0:
+            value += p.real_out[d.place]
         if d.whole == 0:
             p.real_out[d.place] = value
         else:

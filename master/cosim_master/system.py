@@ -41,6 +41,7 @@ __all__ = [
     "SystemStructure",
     "Transformation",
     "Value",
+    "annotation",
 ]
 
 Kind: TypeAlias = Literal[
@@ -70,6 +71,13 @@ class Annotation:
     type: str
     element: etree._Element
     where: Where
+
+
+def annotation(kind: str, name: str, attributes: Mapping[str, str], where: Where) -> Annotation:
+    """An annotation of ours, as an .ssd would have it, with one element and its attributes."""
+    element = etree.Element("{http://ssp-standard.org/SSP1/SystemStructureCommon}Annotation", {"type": kind})
+    etree.SubElement(element, f"{{https://uav-cosim.org/ns/1}}{name}", dict(attributes))
+    return Annotation(kind, element, where)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +157,8 @@ class Connection:
     """A connection between two connectors of a system or its direct elements; an element of None is the system.
 
     Start and end say nothing about the direction; owner and kind of the connectors do (SSP 2.0, section 5.3.2).
-    Indices select one element of an array connector, counting from 1; empty for the whole connector.
+    Indices select one element of an array connector, counting from 1; empty for the whole connector. All `summed`
+    connections to one input give it their sum, which SSP cannot say (OspSystemStructure.xml can).
     """
 
     start_element: str | None
@@ -161,6 +170,7 @@ class Connection:
     transformation: Transformation | None = None
     start_indices: tuple[int, ...] = ()
     end_indices: tuple[int, ...] = ()
+    summed: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -165,10 +165,10 @@ DELAY = np.dtype(
         ("factor", "f8"),
         ("offset", "f8"),
         ("first", "i8"),  # in kept: the values on their way, one for each base step of the system's own grid
-        ("length", "i8"),
+        ("length", "i8"),  # -1: no delay, a further term of the sum that is in `place`
     ]
 )
-"""A delayed connection."""
+"""A delayed connection, or a term of a sum."""
 SLOPE = np.dtype(
     [
         ("input", "i8"),  # in real_in

@@ -90,6 +90,7 @@ class Wiring:
     Attributes:
         incoming: the connection into a port and its source.
         outgoing: the connections out of a port and their destinations.
+        further: the other connections into a port whose value is the sum of several.
         unit_gaps: connections that join a port with a unit to one without.
         findings: connections that join units of which one has no definition.
     """
@@ -98,6 +99,7 @@ class Wiring:
         self.root = root
         self.incoming: dict[Port, tuple[Connection, Port]] = {}
         self.outgoing: dict[Port, list[tuple[Connection, Port]]] = {}
+        self.further: dict[Port, list[tuple[Connection, Port]]] = {}
         self.unit_gaps: list[Connection] = []
         self.findings: list[Finding] = []
         self._problems = problems
@@ -177,6 +179,9 @@ class Wiring:
         return None
 
     def _flow(self, connection: Connection, source: Port, target: Port) -> None:
+        if target in self.incoming and connection.summed and self.incoming[target][0].summed:
+            self.further.setdefault(target, []).append((connection, source))
+            return
         if target in self.incoming:
             first = self.incoming[target][0].where
             holder = target.part.system is None and isinstance(target.part.element, System)

@@ -22,8 +22,16 @@ class Stricts:
         self.workshop = workshop
         self._folder, self._log, self._calls = folder, log, calls
 
-    def fmu(self, name: str = "strict.fmu", *, flags: str = ABLE, step: float = 0.5, guid: str = "strict") -> Path:
-        """A strict FMU; with the GUID "fixed" its steps must all have one size."""
+    def fmu(
+        self,
+        name: str = "strict.fmu",
+        *,
+        flags: str = ABLE,
+        step: float = 0.5,
+        guid: str = "strict",
+        complete: bool = False,
+    ) -> Path:
+        """A strict FMU; with the GUID "fixed" its steps must all have one size. `complete`: for libcosim too."""
         variables = [
             variable("u"),
             variable("p", "parameter", start="1", variability="tunable", max="1000"),
@@ -43,7 +51,7 @@ class Stricts:
         path = self.workshop.root / name
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("modelDescription.xml", text.replace('guid="{0}"', f'guid="{guid}"'))
-            library = compiled(Path(__file__).with_name("strict.c"), self._folder)
+            library = compiled(Path(__file__).with_name("strict_complete.c" if complete else "strict.c"), self._folder)
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", library)
         return path
 
