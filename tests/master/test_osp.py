@@ -46,8 +46,8 @@ GROUPS = (
     "<VariableGroups>"
     '<Generic name="all"><Generic name="way"><Variable ref="y"/></Generic>'
     '<Generic name="text"><Variable ref="u"/></Generic></Generic>'
-    '<Generic name="all back"><Generic name="way"><Variable ref="u"/></Generic>'
-    '<Generic name="text"><Variable ref="y"/></Generic></Generic>'
+    '<Generic name="all back"><Generic name="back way"><Variable ref="u"/></Generic>'
+    '<Generic name="back text"><Variable ref="y"/></Generic></Generic>'
     '<Force name="f"><Variable ref="y"/></Force><Force name="g"><Variable ref="u"/></Force>'
     "</VariableGroups></OspModelDescription>"
 )
