@@ -360,13 +360,6 @@ OSP_BOND = Limitation(
     "note",
     'powerBond="{}" is ignored: only ecco uses it, and steps have one size',
 )
-OSP_SUM = Limitation(
-    "OspSystemStructure",
-    "writing functions Sum and VectorSum (convert): SSP has no such connections",
-    "error",
-    "{} is a sum of several outputs, which an SSP cannot say",
-)
-
 # ---- masters ---------------------------------------------------------------------------------------------------------
 
 NANOSECONDS = Limitation(

@@ -467,6 +467,23 @@ def of_multimodels(stricts: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
 
 
 @pytest.fixture
+def of_osp(stricts: Any) -> Provoked:
+    def structure(algorithm: str = "fixedStep", bond: str = "") -> Path:
+        stricts.fmu()
+        ends = '<Variable simulator="a" name="y"/><Variable simulator="b" name="u"/>'
+        path: Path = stricts.workshop.root / "OspSystemStructure.xml"
+        path.write_text(
+            '<OspSystemStructure xmlns="http://opensimulationplatform.com/MSMI/OSPSystemStructure" version="0.1">'
+            f"<BaseStepSize>0.5</BaseStepSize><Algorithm>{algorithm}</Algorithm><Simulators>"
+            '<Simulator name="a" source="strict.fmu"/><Simulator name="b" source="strict.fmu"/></Simulators>'
+            f"<Connections><VariableConnection {bond}>{ends}</VariableConnection></Connections></OspSystemStructure>"
+        )
+        return path
+
+    return {"OSP_ALGORITHM": lambda: structure("ecco"), "OSP_BOND": lambda: structure(bond='powerBond="p"')}
+
+
+@pytest.fixture
 def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Provoked:
     def strict(stop: float = 2.0, step: float | None = None, flags: str = "", **options: Any) -> Said:
         stricts.fmu(flags=flags)
@@ -530,7 +547,12 @@ def overrun(stricts: Any) -> Said:
 
 
 FIXTURE = {"SSP 2.0": "of_ssp", "FMI": "of_fmi", "FMI 2.0.5": "of_fmi", "FMI 3.0.2": "of_fmi3"}
-FIXTURE |= {"MAVLink": "of_mavlink", "Multi-models": "of_multimodels", "Masters": "of_masters"}
+FIXTURE |= {
+    "MAVLink": "of_mavlink",
+    "Multi-models": "of_multimodels",
+    "OspSystemStructure": "of_osp",
+    "Masters": "of_masters",
+}
 
 
 def test_the_document_is_what_is_generated() -> None:
