@@ -53,8 +53,11 @@ def fingerprint_of(
     steps = (coupling.minimum_step, coupling.maximum_step)
     delays = sorted((target, delay.ns, delay.start) for target, delay in coupling.delays.items())
     radio = (network.topology, network.neighbours, network.axis, network.latency, network.jitter, network.loss)
-    reach = (network.range, sorted(network.links), network.outages, network.dialect)
-    nodes = ((node.name, [endpoint.name for endpoint in node.endpoints]) for node in network.nodes)
+    reach = (network.range, sorted(network.links), network.channels, network.outages, network.dialect)
+    nodes = (
+        (node.name, [endpoint.name for endpoint in node.endpoints], [(i, v.name) for i, v in node.position])
+        for node in network.nodes
+    )
     return {
         "version": _digest([version("uav-cosim")]),
         "system": _digest([system, *links]),

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -70,6 +73,27 @@ def test_from_28_s_on_drone_3_has_weak_motors(fmus: Path, tmp_path: Path) -> Non
     assert branch.up(3)[-1] == pytest.approx(0.0, abs=0.3)
     for drone in (1, 2, 4, 5):
         assert branch.up(drone)[-1] == pytest.approx(10.0, abs=0.1)
+
+
+def _by_radio(row: Mapping[str, Any]) -> bool:
+    return row["outcome"] in ("radio", "lost: channel")
+
+
+def test_from_4_s_on_the_radio_is_dead(line5: Path, tmp_path: Path) -> None:
+    """Settings of the radio hold from the checkpoint on: what was sent before has the fate it had, in flight or not."""
+    simulate(line5, out=tmp_path / "run", until=UNTIL, checkpoint_every=4.0)
+    origin = f"{tmp_path / 'run'}@4"
+    branch = simulate(line5, out=tmp_path / "branch", origin=origin, overrides={"network.loss": "1"})
+    assert branch.outcome == "done"
+    by_radio = {
+        name: [row for row in pq.read_table(tmp_path / name / "packets.parquet").to_pylist() if _by_radio(row)]
+        for name in ("run", "branch")
+    }
+    early = {name: [row for row in rows if row["sent"] <= 4.0] for name, rows in by_radio.items()}
+    assert early["run"] == early["branch"] != []
+    assert {row["outcome"] for row in by_radio["branch"] if row["sent"] > 4.0} == {"lost: channel"}
+    with pytest.raises(SystemDescriptionError, match="the seed of the radio must be what it was"):
+        simulate(line5, out=tmp_path / "other", origin=origin, overrides={"network.seed": "99"})
 
 
 def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> None:
