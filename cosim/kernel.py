@@ -175,8 +175,10 @@ def _set_whole(record: Any, offset: int, value: int) -> None:
 
 
 if numba is not None and not numba.config.DISABLE_JIT:
+    from llvmlite import ir
     from numba.core import cgutils
     from numba.extending import intrinsic
+    from numba.np import arrayobj
 
     def _reader(kind: Any) -> Any:
         def read(typing: Any, record: Any, offset: Any) -> Any:  # noqa: ARG001 (numba prescribes the arguments)
@@ -200,6 +202,35 @@ if numba is not None and not numba.config.DISABLE_JIT:
             return numba.types.void(record, numba.types.int64, kind), lower
 
         return intrinsic(write)
+
+    class _OnStack:
+        """A context that takes the memory for a copy from the stack, and gives it back."""
+
+        def __init__(self, context: Any, builder: Any) -> None:
+            self._context, self.nrt = context, self
+            self._before = cgutils.alloca_once(builder, cgutils.voidptr_t)
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._context, name)
+
+        def allocate(self, builder: Any, size: Any) -> Any:
+            save = builder.module.declare_intrinsic("llvm.stacksave.p0", (), ir.FunctionType(cgutils.voidptr_t, ()))
+            builder.store(builder.call(save, ()), self._before)
+            return builder.alloca(ir.IntType(8), size)
+
+        def free(self, builder: Any, _: Any) -> None:
+            kind = ir.FunctionType(ir.VoidType(), (cgutils.voidptr_t,))
+            restore = builder.module.declare_intrinsic("llvm.stackrestore.p0", (), kind)
+            builder.call(restore, (builder.load(self._before),))
+
+    _maybe_copy_source = arrayobj.maybe_copy_source
+
+    def _copy_source(context: Any, builder: Any, *arguments: Any) -> Any:
+        """``m.v[1:] = m.v[:2]`` in a kernel, which allocates nothing: what overlaps is copied first."""
+        within = context if context.enable_nrt else _OnStack(context, builder)
+        return _maybe_copy_source(within, builder, *arguments)
+
+    arrayobj.maybe_copy_source = _copy_source
 
     _get_real, _set_real = _reader(numba.types.float64), _writer(numba.types.float64)
     _get_whole, _set_whole = _reader(numba.types.int32), _writer(numba.types.int32)

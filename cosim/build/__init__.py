@@ -1,4 +1,4 @@
-"""From a model class to an .fmu file: compiled where its kernels allow, interpreted otherwise or on request."""
+"""From a model class to an .fmu file: compiled if it has kernels, interpreted otherwise or on request."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from types import ModuleType
+from typing import Any, TypedDict
 
 from cosim.build.compiled import HOST, TARGETS, CannotCompile, build_compiled
 from cosim.build.interpreted import build_interpreted
@@ -29,12 +30,11 @@ __all__ = ["HOST", "TARGETS", "Built", "CannotCompile", "build", "build_all", "l
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """What `build` did: the file, how it was built, whether it was up to date already, and why not compiled."""
+    """The file that `build` wrote, whether it is compiled, and whether it was up to date already."""
 
     file: Path
     compiled: bool
     fresh: bool
-    note: str = ""
 
 
 def load_models(source: str) -> list[type[Model]]:
@@ -92,31 +92,38 @@ def _defined_in(module: ModuleType) -> list[type[Model]]:
 
 
 def build(
-    model: type[Model], folder: Path, *, interpreted: bool = False, targets: Sequence[str] = (HOST,), fmi: int = 2
+    model: type[Model],
+    folder: Path,
+    *,
+    interpreted: bool = False,
+    targets: Sequence[str] = (HOST,),
+    fmi: int = 2,
+    checked: bool | None = None,
 ) -> Built:
-    """Write ``folder/<Model>.fmu`` (FMI 2) or ``folder/<Model>.fmi3.fmu`` (FMI 3) unless it is there and up to date.
+    """Writes ``folder/<Model>.fmu`` (FMI 2) or ``folder/<Model>.fmi3.fmu`` (FMI 3) unless it is there and up to date.
+
+    Args:
+        interpreted: pack the sources; its kernels run as plain Python. Models without kernels always do.
+        targets: platforms to compile for; an up to date FMU keeps those that it has besides.
+        fmi: 2 or 3.
+        checked: compile with checks of indices and loops; None: yes, unless the model's package says
+            ``CHECKED = False``, as one does that is tested with checks and shipped without.
 
     Raises:
         ValueError: the declaration is wrong, a target or the FMI version is unknown, or an FMI 3 FMU was to be
             interpreted: pythonfmu packs FMI 2 only.
-        CannotCompile: an FMI 3 FMU was asked for, and the model has no kernels or they cannot be compiled.
+        CannotCompile: the kernels cannot be compiled, or an FMI 3 FMU was asked for and the model has none.
         RuntimeError: the C compiler failed.
     """
-    file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi)
+    file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi, checked)
     if (built := _up_to_date(file, stamp)) is not None:
         return built
     folder.mkdir(parents=True, exist_ok=True)
-    note = ""
     if compile_it:
-        try:
-            build_compiled(model, sources, {**stamp, "compiled": True}, file, targets, fmi)
-            return Built(file, compiled=True, fresh=False)
-        except CannotCompile as reason:
-            if fmi == 3:
-                raise
-            note = f"interpreted: {reason}"
-    build_interpreted(model, sources, {**stamp, "compiled": False, "note": note}, file)
-    return Built(file, compiled=False, fresh=False, note=note)
+        build_compiled(model, sources, stamp, file, stamp["targets"], fmi, checked=stamp["checked"])
+    else:
+        build_interpreted(model, sources, stamp, file)
+    return Built(file, compile_it, fresh=False)
 
 
 def build_all(
@@ -126,6 +133,7 @@ def build_all(
     interpreted: bool = False,
     targets: Sequence[str] = (HOST,),
     fmi: int = 2,
+    checked: bool | None = None,
 ) -> Iterator[Built]:
     """As `build`, of several models, in their order; those of packages that are not up to date in processes of their
     own, as many at a time as there are processors.
@@ -133,9 +141,10 @@ def build_all(
     Raises:
         ValueError, CannotCompile, RuntimeError: as `build` does.
     """
+    how: dict[str, Any] = {"interpreted": interpreted, "targets": targets, "fmi": fmi, "checked": checked}
 
     def elsewhere(model: type[Model]) -> bool:
-        file, _, _, stamp = _wanted(model, folder, interpreted, targets, fmi)
+        file, _, _, stamp = _wanted(model, folder, **how)
         return "." in model.__module__ and _up_to_date(file, stamp) is None
 
     stale = [model for model in models if elsewhere(model)]
@@ -143,24 +152,32 @@ def build_all(
         stale = []
     # Not forked: numba and LLVM have threads and locks.
     with ProcessPoolExecutor(max(1, min(len(stale), os.cpu_count() or 1)), get_context("spawn")) as processes:
-        building = {
-            model: processes.submit(build, model, folder, interpreted=interpreted, targets=targets, fmi=fmi)
-            for model in stale
-        }
+        building = {model: processes.submit(build, model, folder, **how) for model in stale}
         try:
             for model in models:
                 if model in building:
                     yield building[model].result()
                 else:
-                    yield build(model, folder, interpreted=interpreted, targets=targets, fmi=fmi)
+                    yield build(model, folder, **how)
         finally:
             processes.shutdown(cancel_futures=True)
 
 
+class _Stamp(TypedDict):
+    """What an FMU was built from and how: one with the same stamp is up to date."""
+
+    sources: dict[str, str]
+    builder: str
+    targets: list[str]
+    compiler: str
+    compiled: bool
+    checked: bool
+
+
 def _wanted(
-    model: type[Model], folder: Path, interpreted: bool, targets: Sequence[str], fmi: int
-) -> tuple[Path, bool, Sources, dict[str, object]]:
-    """The file, whether to compile it, what it is made of, and its stamp: an FMU with the same one is up to date."""
+    model: type[Model], folder: Path, interpreted: bool, targets: Sequence[str], fmi: int, checked: bool | None
+) -> tuple[Path, bool, Sources, _Stamp]:
+    """The file, whether to compile it, the sources it is made of, and its stamp."""
     if unknown := set(targets) - set(TARGETS):
         raise ValueError(f"target {', '.join(sorted(unknown))}: there are {', '.join(TARGETS)}")
     if fmi not in (2, 3):
@@ -172,20 +189,23 @@ def _wanted(
     file = folder / (f"{model.__name__}.fmi3.fmu" if fmi == 3 else f"{model.__name__}.fmu")
     sources = sources_of(model)
     compile_it = model.kernels is not None and not interpreted
-    stamp: dict[str, object] = {
+    every = set(targets) | (set((_stamp_of(file) or {}).get("targets", ())) & set(TARGETS)) if compile_it else set()
+    if checked is None:
+        package = sys.modules.get(model.__module__.partition(".")[0])
+        checked = bool(getattr(package, "CHECKED", True))
+    stamp: _Stamp = {
         "sources": dict(sources.digests),
         "builder": _builder_digest(),
-        "targets": sorted(targets) if compile_it else [],
-        "compiler": os.environ.get("CC", "") if compile_it and HOST in targets else "",
+        "targets": sorted(every),
+        "compiler": os.environ.get("CC", "") if HOST in every else "",
+        "compiled": compile_it,
+        "checked": checked and compile_it,
     }
     return file, compile_it, sources, stamp
 
 
-def _up_to_date(file: Path, stamp: dict[str, object]) -> Built | None:
-    previous = _stamp_of(file)
-    if previous is None or {k: previous.get(k) for k in stamp} != stamp:
-        return None
-    return Built(file, bool(previous.get("compiled")), fresh=True, note=str(previous.get("note", "")))
+def _up_to_date(file: Path, stamp: _Stamp) -> Built | None:
+    return Built(file, stamp["compiled"], fresh=True) if _stamp_of(file) == stamp else None
 
 
 def _builder_digest() -> str:
@@ -199,7 +219,7 @@ def _builder_digest() -> str:
     return digest.hexdigest()
 
 
-def _stamp_of(file: Path) -> dict[str, object] | None:
+def _stamp_of(file: Path) -> dict[str, Any] | None:
     try:
         with zipfile.ZipFile(file) as archive:
             stamp = json.loads(archive.read("resources/build.json"))

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -25,6 +25,7 @@ import numpy as np
 
 from cosim.build.description import as_text, model_description
 from cosim.build.description3 import TIME, exported, model_description3, terminals
+from cosim.build.faults import faults_of, place
 from cosim.build.sources import Sources
 from cosim.model import Model, Variable, busy_part, flat_variables, record_layout
 
@@ -66,9 +67,18 @@ HOST = _host()
 
 
 def build_compiled(
-    model: type[Model], sources: Sources, stamp: dict[str, object], file: Path, targets: Sequence[str], fmi: int = 2
+    model: type[Model],
+    sources: Sources,
+    stamp: Mapping[str, object],
+    file: Path,
+    targets: Sequence[str],
+    fmi: int = 2,
+    *,
+    checked: bool = True,
 ) -> None:
-    """Write the FMU `file` with a binary for each of `targets` (keys of `TARGETS`); `fmi`: 2 or 3.
+    """Writes the FMU `file` with a binary for each of `targets` (keys of `TARGETS`); `fmi`: 2 or 3.
+
+    `checked`: with checks of indices and loops (`cosim.build.checks`).
 
     Raises:
         CannotCompile: numba cannot lower a kernel, or it needs more than the C library.
@@ -78,11 +88,12 @@ def build_compiled(
     described = model_description3(model, guid) if fmi == 3 else model_description(model, guid, compiled=True)
     description = as_text(described).encode()
     dtype, head = record_layout(model.variables)
-    ir = _lower(model, dtype)
+    ir = _lower(model, dtype, checked)
     binaries: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
         folder = Path(temporary)
-        (folder / "model.h").write_text((_header3 if fmi == 3 else _header)(model, guid, dtype, head), encoding="utf-8")
+        header = (_header3 if fmi == 3 else _header)(model, guid, dtype, head)
+        (folder / "model.h").write_text(f"#define CHECKED {int(checked)}\n{header}", encoding="utf-8")
         for name in targets:
             target = TARGETS[name]
             code = folder / f"{name}.o"
@@ -93,7 +104,7 @@ def build_compiled(
             binaries[f"binaries/{folder_in_fmu}/{library.name}"] = library.read_bytes()
     entries = {
         "modelDescription.xml": description,
-        "resources/build.json": json.dumps(stamp, indent=1, sort_keys=True).encode(),
+        "resources/build.json": json.dumps(dict(stamp), indent=1, sort_keys=True).encode(),
         **binaries,
     }
     if fmi == 3 and (grouped := terminals(model)) is not None:
@@ -105,22 +116,31 @@ def build_compiled(
     part.replace(file)
 
 
-def _lower(model: type[Model], dtype: np.dtype[np.void]) -> list[str]:
+def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> list[str]:
     """LLVM IR of the two kernels over a pointer to the record, entry points `model_start` and `model_advance`.
 
     These are numba's own functions, without its wrappers for Python and C:
     ``int32 model_start(int32 *code, void **exception, void *record)``; what they return is 0, or not where the
     kernel has raised.
     """
+    from cosim.build.checks import checked as with_checks
+    from cosim.build.checks import texts_of_exceptions
+
     numba: Any = import_module("numba")
     carray, types = numba.carray, numba.types
 
     if numba.config.DISABLE_JIT:
-        raise CannotCompile("numba's compiler is switched off (NUMBA_DISABLE_JIT)")
+        raise CannotCompile(
+            "numba's compiler is switched off (NUMBA_DISABLE_JIT): unset it, or build with --interpreted"
+        )
     assert model.kernels is not None
     start: Any
     advance: Any
     start, advance = model.kernels
+    if not all(hasattr(kernel, "py_func") for kernel in model.kernels):
+        raise _cannot_compile(model)
+    if checked:
+        start, advance = with_checks(start), with_checks(advance)
 
     def enter_start(p: Any) -> Any:
         return start(carray(p, 1)[0])
@@ -137,36 +157,55 @@ def _lower(model: type[Model], dtype: np.dtype[np.void]) -> list[str]:
             kernel.compile((record, *of))  # by itself first: what fails is then told of the author's lines only
             returned = kernel.overloads[(record, *of)].signature.return_type
             if not isinstance(returned, types.Integer):
-                raise TypeError(f"it returns {returned}; a kernel returns 0 or a key of errors")
+                raise TypeError(f"it returns {_in_words(str(returned))}; a kernel returns 0 or a key of errors")
             compiled = numba.njit(types.int32(types.CPointer(record), *of), **plain)(entry)
         except Exception as error:  # numba answers some faults of a kernel with a KeyError or an AssertionError
-            raise CannotCompile(f"{model.__name__}.{what}: {_reason(error, kernel)}") from error
+            raise _cannot_compile(model, error, kernel) from error
         ((signature, overload),) = compiled.overloads.items()
         name = re.escape(overload.fndesc.llvm_func_name)
         ir.append(re.sub(rf"(?<![\w.$-]){name}(?![\w.$-])", f"model_{what}", compiled.inspect_llvm(signature)))
-    return ir
+    return [texts_of_exceptions(text) for text in ir]
+
+
+def _cannot_compile(model: type[Model], error: Exception | None = None, kernel: Any = None) -> CannotCompile:
+    """The error with every fault that the sources show, and what numba says where they show none."""
+    recursion = "calls itself" in str(error)  # the sources show no other reason
+    faults = (not recursion and faults_of(model)) or [_reason(error, kernel)]
+    return CannotCompile("\n".join(f"{model.__name__}: {fault}" for fault in faults))
 
 
 def _place_of(kernel: Any) -> str:
     code = getattr(kernel, "py_func", kernel).__code__
-    return f"{code.co_filename}:{code.co_firstlineno}"
+    return place(code.co_filename, code.co_firstlineno)
 
 
-def _reason(error: Exception, kernel: Any) -> str:
+def _reason(error: Exception | None, kernel: Any) -> str:
     """Where (file:line) and what, from one of numba's messages, which are long: the innermost comes first."""
-    if not hasattr(kernel, "py_func"):
-        return f"{_place_of(kernel)}: {kernel.__name__} is no @kernel"
     lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Failed in")]
-    place = _place_of(kernel)
-    places = re.findall(r" at (.+\.py) \((\d+)\)$", str(error), re.MULTILINE)
-    if own := [(file, line) for file, line in places if "numba" not in Path(file).parts]:
-        place = ":".join(own[0])
-    elif getattr(error, "loc", None) is not None and error.loc.filename != __file__:  # type: ignore[attr-defined]
-        place = f"{error.loc.filename}:{error.loc.line}"  # type: ignore[attr-defined]
-    if "Only accept returning of array passed" in str(error):
-        return f"{place}: it makes an array; a kernel has those of its record"
-    text = lines[0] if type(error).__module__.startswith("numba") else f"{type(error).__name__}: {error}"
-    return f"{place}: {text}" + (f" {lines[1]}" if text.endswith(":") and len(lines) > 1 else "")
+    where = _place_of(kernel)
+    places = re.findall(r"(?: at |^File \")(.+\.py)(?: \(|\", line )(\d+)", str(error), re.MULTILINE)
+    own = [(str(Path(file).absolute()), int(line)) for file, line in places if "numba" not in Path(file).parts]
+    if own:
+        where = place(*own[0])
+    elif getattr(error, "loc", None) is not None and error.loc.filename != __file__:  # type: ignore[union-attr]
+        where = place(error.loc.filename, error.loc.line)  # type: ignore[union-attr]
+    if re.search("Only accept returning of array passed|NRT required", str(error)):
+        return f"{where}: it makes an array; a kernel has those of its record"
+    text = str(error) if type(error) is TypeError else f"{type(error).__name__}: {error}"
+    text = lines[0] if type(error).__module__.startswith("numba") else text
+    if used := re.search(r"^ *>>> (.+)$", str(error), re.MULTILINE):
+        text = f"there is no {used[1]}"
+    if unlike := re.search(r"Cannot unify (.+) and (.+) for '(\w+)", str(error)):
+        one, other = (_in_words(kind) for kind in unlike.group(1, 2))
+        text = f"{unlike[3]} is {one} in one place and {other} in another; give it one type"
+    return f"{where}: {text}" + (f" {lines[1]}" if text.endswith(":") and len(lines) > 1 else "")
+
+
+def _in_words(kind: str) -> str:
+    """A type of numba's in the words of Python."""
+    words = {"float64": "a float", "int64": "an int", "bool": "a bool", "none": "None"}
+    tuples = re.fullmatch(r"(Uni)?Tuple\(.*\)", kind)
+    return "a tuple" if tuples else words.get(kind, kind)
 
 
 def _emit(ir: list[str], target: Target, model: type[Model]) -> bytes:
@@ -293,6 +332,7 @@ def _model_h(
             *rows,
             "};",
             f"#define N_ERRORS {len(errors)}",
+            f'#define ERROR_CODES "{", ".join(map(str, sorted(model.errors))) or "it has none"}"',
             "static const KernelError ERRORS[] = {",
             *(errors or ["    {0, 0},"]),
             "};",

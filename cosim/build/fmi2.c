@@ -52,11 +52,11 @@ typedef struct {
 } Variable;
 typedef struct { int code; const char *text; } KernelError;
 
-#include "model.h" /* MODEL, GUID, RECORD_SIZE, HEAD_SIZE, TEXT_SIZE, BUSY_FROM, BUSY_TO, VARIABLES, N_VARIABLES, DEFAULTS, ERRORS, N_ERRORS */
+#include "model.h" /* MODEL, GUID, RECORD_SIZE, HEAD_SIZE, TEXT_SIZE, BUSY_FROM, BUSY_TO, VARIABLES, N_VARIABLES, DEFAULTS, ERRORS, N_ERRORS, ERROR_CODES, CHECKED */
 
-/* 0, or not if the kernel has raised an exception, of which no more is known here; `code` is what it returned. */
-extern int model_start(int *code, void **exception, void *record);
-extern int model_advance(int *code, void **exception, void *record, double t, double h);
+/* 0, or not if the kernel has raised: then `exception` points to the text, a format for index_text; `code` is what it returned. */
+extern int model_start(int *code, const char *const **exception, void *record);
+extern int model_advance(int *code, const char *const **exception, void *record, double t, double h);
 
 /* ---- instances --------------------------------------------------------------------------------------------------- */
 
@@ -133,12 +133,29 @@ static void reset(Instance *s) {
     s->progress.mode = INSTANTIATED;
 }
 
-static fmi2Status kernel_status(Instance *s, const char *what, int raised, int code) {
-    if (raised) return fail(s, "%s: the kernel raised an exception; the interpreted FMU tells which", what);
+#if CHECKED
+/* A checked kernel calls this before it raises for an index out of its array. */
+static _Thread_local long long failed_index, failed_length;
+void model_index_failed(int64_t index, int64_t length);
+void model_index_failed(int64_t index, int64_t length) {
+    failed_index = index;
+    failed_length = length;
+}
+#else
+enum { failed_index, failed_length = 0 };
+#endif
+
+static fmi2Status kernel_status(Instance *s, const char *what, int raised, const char *const *exception, int code) {
+    if (raised) {
+        char text[1024] = "the kernel raised an exception";
+        long long index = failed_index, length = failed_length;
+        if (raised > 0 && exception && *exception) snprintf(text, sizeof text, *exception, index, length, -length, length - 1);
+        return fail(s, "%s: %s", what, text);
+    }
     if (!code) return fmi2OK;
     for (size_t i = 0; i < N_ERRORS; i++)
         if (ERRORS[i].code == code) return fail(s, "%s: %s (code %d)", what, ERRORS[i].text, code);
-    return fail(s, "%s: error code %d", what, code);
+    return fail(s, "%s returned %d; it returns 0, or a key of errors (" ERROR_CODES ")", what, code);
 }
 
 /* In initialization mode `start` runs once before values are read after others were set. */
@@ -147,9 +164,9 @@ static fmi2Status ensure_started(Instance *s) {
     memcpy(s->record + HEAD_SIZE, DEFAULTS + HEAD_SIZE, RECORD_SIZE - HEAD_SIZE);
     s->progress.started = 1;
     int code = 0;
-    void *exception = NULL;
+    const char *const *exception = NULL;
     int raised = model_start(&code, &exception, s->record);
-    return kernel_status(s, "start", raised, code);
+    return kernel_status(s, "start", raised, exception, code);
 }
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -436,9 +453,9 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolea
     /* Of many instances most are out of the cache: ask for all lines at once, not one after the other as the kernel comes to them. */
     for (size_t at = BUSY_FROM / LINE * LINE; at < BUSY_TO; at += LINE) __builtin_prefetch(s->record + at, 1);
     int code = 0;
-    void *exception = NULL;
+    const char *const *exception = NULL;
     int raised = model_advance(&code, &exception, s->record, t, h);
-    if (raised || code) return kernel_status(s, "advance", raised, code);
+    if (raised || code) return kernel_status(s, "advance", raised, exception, code);
     s->progress.time = t + h;
     return fmi2OK;
 }

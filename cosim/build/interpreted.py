@@ -12,6 +12,7 @@ import shutil
 import sys
 import tempfile
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from pythonfmu import FmuBuilder
@@ -63,7 +64,7 @@ class {model}(_Model):
 '''
 
 
-def build_interpreted(model: type[Model], sources: Sources, stamp: dict[str, object], file: Path) -> None:
+def build_interpreted(model: type[Model], sources: Sources, stamp: Mapping[str, object], file: Path) -> None:
     """Write the FMU `file`."""
     guid = sources.guid(model.__name__)
     entry = f"cosim_fmu_{model.__name__.lower()}_{guid[:8]}"
@@ -76,7 +77,7 @@ def build_interpreted(model: type[Model], sources: Sources, stamp: dict[str, obj
         description = folder / "description.xml"
         description.write_text(as_text(model_description(model, guid, compiled=False)), encoding="utf-8")
         build = folder / "build.json"
-        build.write_text(json.dumps(stamp, indent=1, sort_keys=True))
+        build.write_text(json.dumps(dict(stamp), indent=1, sort_keys=True))
         path, loaded = list(sys.path), set(sys.modules)
         try:
             written = FmuBuilder.build_FMU(

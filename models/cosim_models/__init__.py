@@ -2,3 +2,6 @@
 
 Nothing here knows the master: models and master meet in `cosim` and in .fmu files.
 """
+
+CHECKED = False
+"""Their FMUs are built without checks of indices, for speed; the tests fly the same systems with checks."""

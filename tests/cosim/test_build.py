@@ -24,7 +24,7 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from cosim import Input, Model, Output
-from cosim.build import HOST, TARGETS, Built, build, build_all, load_models, models_of_package
+from cosim.build import HOST, TARGETS, Built, CannotCompile, build, build_all, load_models, models_of_package
 from cosim.build.sources import sources_of
 
 MODELS = models_of_package("cosim_models")
@@ -317,6 +317,7 @@ def test_compiler_out_of_order(
 
 
 def line_of(text: str) -> int:
+    """The first line of sample_models.py with `text`."""
     lines = (Path(__file__).with_name("sample_models.py")).read_text().splitlines()
     return next(i for i, line in enumerate(lines, start=1) if text in line)
 
@@ -324,45 +325,57 @@ def line_of(text: str) -> int:
 @pytest.mark.parametrize(
     ("model", "at", "reason"),
     [
-        ("Allocates", "m.y = np.full(3, t).sum()", "it makes an array; a kernel has those of its record"),
+        (
+            "Allocates",
+            "m.y = np.full(3, t).sum()",
+            "np.full makes an array; a kernel has those of its record: declare a Memory",
+        ),
         ("Borrows", "def borrow(", "needs numba_frexp, which only a Python process has"),
         ("Attribute", "return x.nothing", "Unknown attribute 'nothing' of type float64"),
-        ("Forgetful", "def forgetful(", "it returns none; a kernel returns 0 or a key of errors"),
-        ("Misspelt", "def misspelt(", "'yy'"),
-        ("Plain", "def plain(", "plain is no @kernel"),
+        ("Forgetful", "    m.y = t", "forgetful returns 0, or a key of errors: end it with return 0"),
+        ("Misspelt", "m.yy = t", 'no variable "yy" in Misspelt; did you mean "y"?'),
+        ("Plain", "def plain(", "plain is not a kernel: write @kernel above its def"),
     ],
 )
-def test_what_numba_cannot_compile_is_built_interpreted(
-    model: str, at: str, reason: str, samples: SimpleNamespace, tmp_path: Path
+@pytest.mark.parametrize("checked", [True, False])
+def test_kernels_that_cannot_be_compiled_are_an_error(
+    model: str, at: str, reason: str, checked: bool, samples: SimpleNamespace, tmp_path: Path
 ) -> None:
-    built = build(getattr(samples, model), tmp_path)
-    assert not built.compiled
-    assert built.note.startswith(f"interpreted: {model}")
-    line = line_of(at)
-    places = [f"sample_models.py:{line - d}: " for d in (0, 1)]  # of a function, its decorator
-    assert any(place in built.note for place in places), built.note
-    assert reason in built.note
-    assert "\n" not in built.note
-    assert validate_fmu(str(built.file)) == []
-    assert build(getattr(samples, model), tmp_path) == Built(built.file, False, True, built.note)
+    file = Path(__file__).with_name("sample_models.py")
+    shown = os.path.relpath(file)
+    line = max(
+        i
+        for i, text in enumerate(file.read_text().splitlines(), start=1)
+        if at in text and (model != "Forgetful" or i < line_of("def misspelt("))
+    )
+    with pytest.raises(CannotCompile) as failed:
+        build(getattr(samples, model), tmp_path, checked=checked)
+    places = [f"{model}: {shown}:{line - d}: {reason}" for d in (0, 1)]  # of a function, its decorator
+    assert str(failed.value) in places
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_a_plain_function_runs_interpreted(samples: SimpleNamespace, tmp_path: Path) -> None:
-    result = fmpy.simulate_fmu(str(build(samples.Plain, tmp_path).file), stop_time=1.0, output_interval=0.25)
+def test_a_plain_function_runs_interpreted_where_that_is_asked_for(samples: SimpleNamespace, tmp_path: Path) -> None:
+    plain = build(samples.Plain, tmp_path, interpreted=True)
+    assert not plain.compiled
+    result = fmpy.simulate_fmu(str(plain.file), stop_time=1.0, output_interval=0.25)
     assert list(result["y"]) == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
-def test_without_numbas_compiler_everything_is_interpreted(tmp_path: Path) -> None:
+def test_without_numbas_compiler_nothing_is_compiled(tmp_path: Path) -> None:
     code = """
 import sys
 from pathlib import Path
-from cosim.build import build, load_models
+from cosim.build import CannotCompile, build, load_models
 built = {m.__name__: m for m in load_models(sys.argv[1])}
-print(build(built["Plant"], Path(sys.argv[2])).note)
+try:
+    build(built["Plant"], Path(sys.argv[2]))
+except CannotCompile as error:
+    print(error)
 """
     samples = Path(__file__).with_name("sample_models.py")
-    note = python(code, str(samples), str(tmp_path), NUMBA_DISABLE_JIT="1")
-    assert note == "interpreted: numba's compiler is switched off (NUMBA_DISABLE_JIT)\n"
+    told = python(code, str(samples), str(tmp_path), NUMBA_DISABLE_JIT="1")
+    assert told == "numba's compiler is switched off (NUMBA_DISABLE_JIT): unset it, or build with --interpreted\n"
 
 
 # -- sources --------------------------------------------------------------------------------------------------------
@@ -682,7 +695,7 @@ def fail(file: Path, **settings: Any) -> tuple[str | None, list[tuple[int, str]]
     return error, [tuple(entry) for entry in log]
 
 
-RAISED = "the kernel raised an exception; the interpreted FMU tells which"
+RAISED = "sample_models.py:{}: ValueError: the kernel does not {}"
 
 
 @pytest.mark.parametrize(
@@ -690,9 +703,9 @@ RAISED = "the kernel raised an exception; the interpreted FMU tells which"
     [
         (1, "ExitInitializationMode", 'start: the plant is "broken" by 100 %% of \\ faults (code 7)'),
         (2, "DoStep", 'advance: the plant is "broken" by 100 %% of \\ faults (code 7)'),
-        (3, "DoStep", "advance: error code 99"),
-        (4, "ExitInitializationMode", f"start: {RAISED}"),
-        (5, "DoStep", f"advance: {RAISED}"),
+        (3, "DoStep", "advance returned 99; it returns 0, or a key of errors (7)"),
+        (4, "ExitInitializationMode", f"start: {RAISED.format(54, 'start')}"),
+        (5, "DoStep", f"advance: {RAISED.format(70, 'advance')}"),
     ],
 )
 def test_faults_reach_the_logger(compiled_plant: Path, fault: int, what: str, compiled: str) -> None:
@@ -738,7 +751,7 @@ def test_faults_are_visible_without_a_logger_of_ones_own(
 
 def test_strings_through_fmpy(samples: SimpleNamespace, tmp_path: Path) -> None:
     built = build(samples.Text, tmp_path)
-    assert (built.compiled, built.note) == (False, "")
+    assert not built.compiled
     with instance(built.file, tmp_path / "x") as one:
         one.fmu.setString([one.vr["mark"]], ["?"])
         one.initialise()

@@ -317,7 +317,7 @@ def test_cross_builds(samples: SimpleNamespace, tmp_path: Path) -> None:
         assert elf_symbols(binaries[name])[0] == EXPORTED
     assert_dylib(binaries["aarch64-darwin/Plant.dylib"], 0x0100000C)
     assert build(samples.Plant, tmp_path, targets=targets[::-1]).fresh
-    assert not build(samples.Plant, tmp_path, targets=targets[:2]).fresh
+    assert build(samples.Plant, tmp_path, targets=["linux-x86_64"]).fresh  # and keeps the others
 
 
 @pytest.mark.slow

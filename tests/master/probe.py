@@ -114,7 +114,7 @@ def model(folder: Path, file: str, source: str, *, interpreted: bool = False) ->
     path.write_text(source)
     (found,) = load_models(str(path))
     built = build(found, folder, interpreted=interpreted)
-    assert built.compiled == (found.kernels is not None and not interpreted), built.note
+    assert built.compiled == (found.kernels is not None and not interpreted)
     return built.file
 
 

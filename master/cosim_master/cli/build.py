@@ -39,6 +39,14 @@ def build(
     fmi: Annotated[
         int, typer.Option(metavar="2|3", help="2 writes NAME.fmu, 3 writes NAME.fmi3.fmu; a system may have both.")
     ] = 2,
+    checked: Annotated[
+        bool | None,
+        typer.Option(
+            "--checked/--unchecked",
+            help="Whether steps fail where an index lies outside its array or a loop does not end.",
+            show_default="checked; the models of cosim_models: unchecked",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Build FMUs from models, only those that changed."""
@@ -57,19 +65,26 @@ def build(
                 names = ", ".join(model.__name__ for model in known)
                 raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
             chosen += matching
+        if fmi == 3 and not models:
+            for model in [model for model in chosen if model.kernels is None]:
+                chosen.remove(model)
+                note = "not built: it has no kernels, and interpreted FMUs are FMI 2 only"
+                made.append({"file": None, "model": model.__name__, "state": "not built", "note": note})
+                if not as_json:
+                    say(f"{model.__name__}: {note}")
         with activity() as doing:
-            building = build_all(chosen, folder, interpreted=interpreted, targets=target or [HOST], fmi=fmi)
+            building = build_all(
+                chosen, folder, interpreted=interpreted, targets=target or [HOST], fmi=fmi, checked=checked
+            )
             for n, model in enumerate(chosen, start=1):
                 doing.stage(f"building {model.__name__} ({n} of {len(chosen)})")
                 built = next(building)
                 state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
-                entry = {"file": str(built.file), "model": model.__name__, "state": state, "note": built.note or None}
+                entry = {"file": str(built.file), "model": model.__name__, "state": state, "note": None}
                 made.append(entry)
                 doing.end()
                 if not as_json:
                     say(f"{built.file}: {state}")
-                    if built.note:
-                        say(f"  {built.note}")
     except (ValueError, ImportError, SyntaxError, CannotCompile) as error:
         raise usage(str(error)) from None
     except RuntimeError as error:

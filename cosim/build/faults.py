@@ -1,0 +1,302 @@
+"""Why a kernel does not compile, in the terms of its author: file, line, variable, and how to write it.
+
+numba speaks of types and of its own passes. This reads the source of the kernels, and of those that they call, once
+numba has refused them, and finds what authors get wrong: names and variables that do not exist, arrays that are
+assigned whole, lists, dicts and strings, new arrays, calls of functions that are not kernels.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import inspect
+import os
+import textwrap
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+from cosim.model import Model, record_layout
+
+__all__ = ["faults_of", "place"]
+
+_NEW_ARRAYS = (
+    *("arange", "array", "asarray", "concatenate", "copy", "diag", "empty", "empty_like", "eye", "full", "full_like"),
+    *("hstack", "linspace", "ones", "ones_like", "outer", "vstack", "zeros", "zeros_like"),
+)
+_REMEMBERED = "what a kernel remembers are variables of its record (State, Memory)"
+_NOT_IN_KERNELS: dict[type[ast.AST], str] = {
+    ast.Dict: f"a kernel has no dicts; {_REMEMBERED}",
+    ast.DictComp: f"a kernel has no dicts; {_REMEMBERED}",
+    ast.Set: "a kernel has no sets; write the comparisons out",
+    ast.SetComp: "a kernel has no sets; write the comparisons out",
+    ast.List: f"a kernel has no lists; write a tuple, (1.0, 2.0); {_REMEMBERED}",
+    ast.ListComp: "a kernel has no lists; write a loop over an array of the record",
+    ast.GeneratorExp: "a kernel has no generators; write a loop",
+    ast.Yield: "a kernel has no generators; it returns once",
+    ast.JoinedStr: "a kernel has no strings; return a key of errors, whose text the model declares",
+    ast.Lambda: "a kernel has no functions within; write a @kernel beside it",
+    ast.FunctionDef: "a kernel has no functions within; write a @kernel beside it",
+    ast.ClassDef: "a kernel has no classes within",
+    ast.Try: "a kernel does not catch exceptions; test for the condition before",
+    ast.With: "a kernel has no with",
+    ast.Import: "a kernel does not import; import above it",
+    ast.ImportFrom: "a kernel does not import; import above it",
+    ast.Global: f"a kernel has no global variables; {_REMEMBERED}",
+    ast.Await: "a kernel does not wait",
+}
+_BUILTINS_OF_KERNELS = (
+    *("abs", "bool", "divmod", "enumerate", "float", "int", "len", "max", "min", "pow", "range", "round", "sum", "zip"),
+)
+
+
+def place(file: str, line: int) -> str:
+    """``file:line``, from the working folder where the file lies below it."""
+    relative = os.path.relpath(file)
+    return f"{Path(file).absolute() if relative.startswith('..') else relative}:{line}"
+
+
+def faults_of(model: type[Model]) -> list[str]:
+    """Each fault of the model's kernels as ``file:line: what; how to write it``, in the order of the sources."""
+    assert model.kernels is not None
+    found: dict[tuple[str, int, str], None] = {}
+    known: set[tuple[Any, tuple[str, ...]]] = set()
+    record = _Record(model)
+    for kernel, number in zip(model.kernels, (1, 3), strict=True):
+        waiting = [(kernel, (record.argument, *[""] * (number - 1)), True)]
+        while waiting:
+            function, arguments, entry = waiting.pop()
+            if (function, arguments) in known:
+                continue
+            known.add((function, arguments))
+            reader = _Reader.of(function, arguments, record, entry)
+            if reader is None:
+                continue
+            found |= dict.fromkeys(reader.faults)
+            waiting += [(callee, given, False) for callee, given in reader.calls]
+    return [f"{place(file, line)}: {text}" for file, line, text in sorted(found, key=lambda one: one[:2])]
+
+
+class _Record:
+    """The fields of a model's record: name -> shape."""
+
+    argument = "record"
+    """What stands for a record among the arguments of a call."""
+
+    def __init__(self, model: type[Model]) -> None:
+        self.model = model.__name__
+        dtype, _ = record_layout(model.variables)
+        assert dtype.fields is not None
+        self.shapes: Mapping[str, tuple[int, ...]] = {name: field[0].shape for name, field in dtype.fields.items()}
+
+
+class _Reader(ast.NodeVisitor):
+    """Reads one function, some of whose arguments are the record."""
+
+    def __init__(self, function: Any, tree: ast.FunctionDef, records: set[str], record: _Record, entry: bool) -> None:
+        self.file = function.__code__.co_filename
+        self.function, self.records, self.record, self.entry = function, records, record, entry
+        self.faults: list[tuple[str, int, str]] = []
+        self.calls: list[tuple[Any, tuple[str, ...]]] = []
+        code = function.__code__
+        self.local = {*code.co_varnames, *code.co_cellvars}
+        cells = function.__closure__ or ()
+        self.outer = {**vars(builtins), **function.__globals__}
+        for name, cell in zip(code.co_freevars, cells, strict=True):
+            self.outer[name] = cell.cell_contents
+        self._body(tree)
+
+    @classmethod
+    def of(cls, kernel: Any, arguments: Sequence[str], record: _Record, entry: bool) -> _Reader | None:
+        """The reader of a kernel; None where there is no source of it."""
+        function = getattr(kernel, "py_func", kernel)
+        try:
+            lines, first = inspect.getsourcelines(function)
+            tree = ast.parse(textwrap.dedent("".join(lines)))
+        except (OSError, SyntaxError, TypeError):
+            return None
+        ast.increment_lineno(tree, first - 1)
+        if not tree.body or not isinstance(tree.body[0], ast.FunctionDef):
+            return None
+        names = [argument.arg for argument in tree.body[0].args.args]
+        records = {name for name, given in zip(names, arguments, strict=False) if given == record.argument}
+        reader = cls(function, tree.body[0], records, record, entry)
+        if function is kernel and not hasattr(kernel, "py_func") and entry:
+            reader.faults.insert(0, (reader.file, tree.body[0].lineno, _not_a_kernel(kernel.__name__)))
+        return reader
+
+    def _body(self, tree: ast.FunctionDef) -> None:
+        for statement in tree.body:
+            self.visit(statement)
+        if not self.entry:
+            return
+        returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
+        key = f"{tree.name} returns 0, or a key of errors"
+        if not returns:
+            self._fault(tree.body[-1], f"{key}: end it with return 0")
+        for one in returns:
+            if one.value is None:
+                self._fault(one, f"{key}: write return 0")
+            elif isinstance(one.value, ast.Constant) and type(one.value.value) is not int:
+                self._fault(one, f"{key}, not {ast.unparse(one.value)}")
+
+    def _fault(self, node: ast.AST, text: str) -> None:
+        self.faults.append((self.file, getattr(node, "lineno", 0), text))
+
+    # ---- what an expression means ----------------------------------------------------------------------------------
+
+    def _shape(self, node: ast.AST) -> tuple[int, ...] | None:
+        """The shape of ``m.field``; None of anything else."""
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in self.records:
+            return self.record.shapes.get(node.attr)
+        return None
+
+    def _value(self, node: ast.AST) -> Any:
+        """The object that a global name or an attribute of a module means; None where it is unknown."""
+        if isinstance(node, ast.Name) and node.id not in self.local:
+            return self.outer.get(node.id)
+        if isinstance(node, ast.Attribute) and inspect.ismodule(module := self._value(node.value)):
+            return getattr(module, node.attr, None)
+        return None
+
+    # ---- nodes ------------------------------------------------------------------------------------------------------
+
+    def generic_visit(self, node: ast.AST) -> None:
+        if (text := _NOT_IN_KERNELS.get(type(node))) is not None:
+            self._fault(node, text)
+            return
+        super().generic_visit(node)
+
+    def visit_Expr(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Constant):  # a docstring
+            self.visit(node.value)
+
+    def visit_Raise(self, node: ast.Raise) -> None:
+        """Texts are for this."""
+
+    def visit_Assert(self, node: ast.Assert) -> None:
+        self.visit(node.test)
+
+    def visit_Constant(self, node: ast.Constant) -> None:
+        if isinstance(node.value, str | bytes):
+            self._fault(node, "a kernel has no strings; use an IntEnum, or return a key of errors")
+
+    def visit_Name(self, node: ast.Name) -> None:
+        if isinstance(node.ctx, ast.Load) and node.id not in self.local and node.id not in self.outer:
+            names = [*self.local, *(name for name in self.outer if not name.startswith("__"))]
+            self._fault(node, f'no name "{node.id}"{_meant(node.id, names)}')
+
+    def visit_Attribute(self, node: ast.Attribute) -> None:
+        of = node.value
+        if isinstance(of, ast.Name) and of.id in self.records:
+            if node.attr not in self.record.shapes:
+                meant = _meant(node.attr, list(self.record.shapes))
+                self._fault(node, f'no variable "{node.attr}" in {self.record.model}{meant}')
+            return
+        if inspect.ismodule(module := self._value(of)) and not hasattr(module, node.attr):
+            self._fault(node, f'{ast.unparse(of)} has no "{node.attr}"{_meant(node.attr, dir(module))}')
+        self.visit(of)
+
+    def visit_Assign(self, node: ast.Assign) -> None:
+        for target in node.targets:
+            self._assigned(target, node.value)
+            if isinstance(target, ast.Name) and isinstance(node.value, ast.Name) and node.value.id in self.records:
+                self.records.add(target.id)
+        self.generic_visit(node)
+
+    def visit_BinOp(self, node: ast.BinOp) -> None:
+        sides = (side.value if isinstance(side, ast.Subscript) and _has_slice(side) else side for side in _sides(node))
+        if any(self._shape(side) for side in sides):
+            self._fault(node, f"{ast.unparse(node)} makes an array; a kernel has those of its record: write a loop")
+            return
+        self.generic_visit(node)
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
+        self.visit(node.target)
+        if node.value is not None:
+            self._assigned(node.target, node.value)
+            self.visit(node.value)
+
+    def _assigned(self, target: ast.expr, value: ast.expr) -> None:
+        left, right = ast.unparse(target), ast.unparse(value)
+        to, given = self._shape(target), self._shape(value)
+        if to and given and to != given:
+            self._fault(target, f"{left} is an array of {_sizes(to)}, {right} one of {_sizes(given)}")
+        elif to:
+            what = "copies an array" if given else f"assigns to an array of {_sizes(to)}"
+            self._fault(target, f"{left} = {right} {what}: write {left}[:] = {right}")
+        elif to == () and given:
+            self._fault(target, f"{left} is a scalar, {right} is an array of {_sizes(given)}: give it an element of it")
+        elif to == () and isinstance(value, ast.Tuple):
+            self._fault(
+                target, f"{left} is a scalar: it cannot be given a tuple; declare it with shape={len(value.elts)}"
+            )
+
+    def visit_Subscript(self, node: ast.Subscript) -> None:
+        shape = self._shape(node.value)
+        name = ast.unparse(node.value)
+        indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if shape == ():
+            self._fault(node, f"{name} is a scalar and has no elements; declare it with shape=")
+        elif shape is not None and len(indices) > len(shape):
+            self._fault(node, f"{name} has {len(shape)} dimension{'s' * (len(shape) > 1)}, not {len(indices)}")
+        for index in indices:
+            if shape is not None and isinstance(index, ast.Constant) and not isinstance(index.value, int):
+                self._fault(node, f"index {ast.unparse(index)} of {name}: an index is an int")
+                return
+        self.generic_visit(node)
+
+    def visit_Call(self, node: ast.Call) -> None:
+        called, name = self._value(node.func), ast.unparse(node.func)
+        if hasattr(called, "py_func"):
+            self._call(node, called, name)
+        elif isinstance(called, FunctionType) and called.__module__.partition(".")[0] not in ("numpy", "numba", "math"):
+            self._fault(node, _not_a_kernel(name))
+        elif inspect.isbuiltin(called) or inspect.isclass(called):
+            own = getattr(builtins, called.__name__, None) is called
+            if own and called.__name__ not in _BUILTINS_OF_KERNELS:
+                self._fault(node, f"a kernel has no {called.__name__}()")
+                return
+        if getattr(called, "__name__", "") in _NEW_ARRAYS and name.partition(".")[0] in ("np", "numpy"):
+            self._fault(node, f"{name} makes an array; a kernel has those of its record: declare a Memory")
+            return
+        self.generic_visit(node)
+
+    def _call(self, node: ast.Call, called: Any, name: str) -> None:
+        parameters = inspect.signature(called.py_func)
+        try:
+            bound = parameters.bind(*node.args, **{k.arg: k.value for k in node.keywords if k.arg})
+        except TypeError as error:
+            self._fault(node, f"{name}{parameters.replace(return_annotation=inspect.Signature.empty)}: {error}")
+            return
+        given = tuple(
+            self.record.argument if isinstance(a, ast.Name) and a.id in self.records else ""
+            for a in (bound.arguments.get(parameter) for parameter in parameters.parameters)
+        )
+        self.calls.append((called, given))
+
+
+def _sides(node: ast.BinOp) -> tuple[ast.expr, ast.expr]:
+    return node.left, node.right
+
+
+def _has_slice(node: ast.Subscript) -> bool:
+    return any(isinstance(part, ast.Slice) for part in ast.walk(node.slice))
+
+
+def _not_a_kernel(name: str) -> str:
+    return f"{name} is not a kernel: write @kernel above its def"
+
+
+def _sizes(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
+
+
+def _meant(name: str, candidates: Sequence[str]) -> str:
+    names = sorted(set(candidates))
+    close = get_close_matches(name, names, 1, 0.5) or (names if len(names) == 1 else [])
+    if close:
+        return f'; did you mean "{close[0]}"?'
+    return f"; there are {', '.join(names)}" if 0 < len(names) < 20 else ""

@@ -1,0 +1,427 @@
+"""Models that are wrong: each gives an error with file, line, and how to write it; none changes memory that is not its
+own."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import dedent, indent
+from typing import Any
+
+import fmpy
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
+
+from cosim.build import CannotCompile, build, load_models
+
+MODEL = """\
+import math
+from enum import IntEnum
+
+import numpy as np
+
+from cosim import Input, Memory, Model, Output, PacketOutput, Parameter, kernel
+from cosim.kernel import get_whole, set_real
+
+SIZES = {{"small": 1}}
+
+
+def plain(x):
+    return x
+
+
+@kernel
+def half(x):
+    return 0.5 * x
+
+
+@kernel
+def fill(values, n):
+    for i in range(n):
+        values[i] = 7.0
+
+
+@kernel
+def double(m, factor):
+    m.y = factor * m.u
+{helper}
+
+@kernel
+def start(m):
+    return 0
+
+
+@kernel
+def advance(m, t, h):
+{body}
+
+
+class Gauge(Model):
+    \"\"\"A gauge.\"\"\"
+
+    step_size = 0.1
+    variables = (
+        Output("y"),
+        Output("v", shape=3),
+        Output("energy", start=100.0),
+        Input("u", start=0.5),
+        Input("w", shape=3, start=0.5),
+        Parameter("n", type=int, start=3),
+        Parameter("case", type=int),
+        Memory("table", shape=(2, 4)),
+        Memory("counts", dtype="i4", shape=3),
+        Memory("x", shape=5),
+        PacketOutput("tx", capacity=10),
+    )
+    kernels = (start, advance)
+    errors = {{7: "the gauge is broken"}}
+"""
+
+
+@pytest.fixture
+def loaded() -> Iterator[Any]:
+    """Loads a model of this text; its module is forgotten afterwards."""
+    names: list[str] = []
+
+    def load(folder: Path, body: str, helper: str = "") -> Any:
+        file = folder / "gauge.py"
+        text = indent(dedent(body).strip(), "    ")
+        file.write_text(MODEL.format(body=text, helper=f"\n\n{dedent(helper).strip()}\n" if helper else ""))
+        sys.modules.pop("gauge", None)
+        names.append("gauge")
+        (model,) = load_models(str(file))
+        return model
+
+    yield load
+    for name in names:
+        sys.modules.pop(name, None)
+
+
+def line_of(file: Path, text: str) -> int:
+    """The line of the kernel `advance` that begins with `text`."""
+    lines = file.read_text().splitlines()
+    begin = lines.index("def advance(m, t, h):")
+    return next(i for i, line in enumerate(lines[begin:], start=begin + 1) if line.strip().startswith(text))
+
+
+REMEMBERS = "what a kernel remembers are variables of its record (State, Memory)"
+AT_BUILD = {
+    "a variable that is not declared": (
+        "m.z = t",
+        "m.z",
+        'no variable "z" in Gauge; there are case, counts, energy, n, table, tx, tx_len, u, v, w, x, y',
+    ),
+    "a misspelt variable": ("m.energi = t", "m.energi", 'no variable "energi" in Gauge; did you mean "energy"?'),
+    "a misspelt variable that is read": (
+        "m.y = m.tx_lenn",
+        "m.y",
+        'no variable "tx_lenn" in Gauge; did you mean "tx_len"?',
+    ),
+    "an array that is assigned whole": (
+        "m.v = m.counts",
+        "m.v",
+        "m.v = m.counts copies an array: write m.v[:] = m.counts",
+    ),
+    "an array of another length": ("m.v = m.x", "m.v", "m.v is an array of 3, m.x one of 5"),
+    "a slice that is assigned to an array": (
+        "m.v = m.x[:3]",
+        "m.v",
+        "m.v = m.x[:3] assigns to an array of 3: write m.v[:] = m.x[:3]",
+    ),
+    "a number that is assigned to an array": (
+        "m.v = 0.0",
+        "m.v",
+        "m.v = 0.0 assigns to an array of 3: write m.v[:] = 0.0",
+    ),
+    "a sum of arrays": (
+        "m.v[:] = m.w[:] + 1.0",
+        "m.v",
+        "m.w[:] + 1.0 makes an array; a kernel has those of its record: write a loop",
+    ),
+    "an array that is assigned to a scalar": (
+        "m.y = m.w",
+        "m.y",
+        "m.y is a scalar, m.w is an array of 3: give it an element of it",
+    ),
+    "a tuple that is assigned to a scalar": (
+        "m.y = (1.0, 2.0)",
+        "m.y",
+        "m.y is a scalar: it cannot be given a tuple; declare it with shape=2",
+    ),
+    "an index of a scalar": ("m.y = m.u[0]", "m.y", "m.u is a scalar and has no elements; declare it with shape="),
+    "too many indices": ("m.y = m.v[0, 1]", "m.y", "m.v has 1 dimension, not 2"),
+    "an index that is no int": ("m.y = m.v[1.0]", "m.y", "index 1.0 of m.v: an index is an int"),
+    "an undefined name": ("m.y = gian * t", "m.y", 'no name "gian"'),
+    "a misspelt kernel": ("m.y = halff(t)", "m.y", 'no name "halff"; did you mean "half"?'),
+    "a misspelt function of a module": ("m.y = math.sqr(t)", "m.y", 'math has no "sqr"; did you mean "sqrt"?'),
+    "a function that is not a kernel": ("m.y = plain(t)", "m.y", "plain is not a kernel: write @kernel above its def"),
+    "too few arguments": ("double(m)", "double(m)", "double(m, factor): missing a required argument: 'factor'"),
+    "too many arguments": ("m.y = half(t, h)", "m.y", "half(x): too many positional arguments"),
+    "a dict": (
+        'm.y = {"a": 1.0}["a"]',
+        "m.y",
+        f"a kernel has no dicts; {REMEMBERS}",
+    ),
+    "a list": (
+        "values = [1.0, t]\nvalues.append(2.0)\nm.y = values[0]",
+        "values = ",
+        f"a kernel has no lists; write a tuple, (1.0, 2.0); {REMEMBERS}",
+    ),
+    "a set": ("m.y = len({m.u, t})", "m.y", "a kernel has no sets; write the comparisons out"),
+    "a string": (
+        'name = "a" + str(t)\nm.y = len(name)',
+        "name",
+        "a kernel has no strings; use an IntEnum, or return a key of errors",
+    ),
+    "a new array": (
+        "m.y = np.zeros(3).sum()",
+        "m.y",
+        "np.zeros makes an array; a kernel has those of its record: declare a Memory",
+    ),
+    "an exception that is caught": (
+        "try:\n    m.y = t\nexcept ValueError:\n    pass",
+        "try:",
+        "a kernel does not catch exceptions; test for the condition before",
+    ),
+    "a file": ('print(open("x").read())', "print", "a kernel has no print()"),
+    "a function within": (
+        "def f(x):\n    return np.zeros(3)\nm.y = f(t).sum()",
+        "def f",
+        "a kernel has no functions within; write a @kernel beside it",
+    ),
+    "an import": ("import os\nm.y = len(os.sep)", "import os", "a kernel does not import; import above it"),
+    "a global variable": (
+        "global total\ntotal = t",
+        "global",
+        f"a kernel has no global variables; {REMEMBERS}",
+    ),
+    "types that do not agree": (
+        "x = 1.0\nif t > 1.0:\n    x = (1.0, 2.0)\nm.y = x",
+        "m.y = x",
+        "x is a float in one place and a tuple in another; give it one type",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", AT_BUILD)
+def test_what_is_wrong_with_a_kernel_is_told_when_it_is_built(case: str, loaded: Any, tmp_path: Path) -> None:
+    body, at, message = AT_BUILD[case]
+    model = loaded(tmp_path, f"{body}\nreturn 0")
+    with pytest.raises(CannotCompile) as failed:
+        build(model, tmp_path / "fmus")
+    file = tmp_path / "gauge.py"
+    first = str(failed.value).splitlines()[0]
+    assert first.startswith(f"Gauge: {file}:{line_of(file, at)}: {message}"), failed.value
+    assert not (tmp_path / "fmus" / "Gauge.fmu").exists()
+
+
+RECURSION = """
+@kernel
+def factorial(n):
+    if n < 2:
+        return 1
+    return n * factorial(n - 1)
+"""
+
+
+def test_recursion_is_refused(loaded: Any, tmp_path: Path) -> None:
+    model = loaded(tmp_path, "m.y = factorial(m.n)\nreturn 0", RECURSION)
+    with pytest.raises(CannotCompile) as failed:
+        build(model, tmp_path / "fmus")
+    line = next(i for i, text in enumerate((tmp_path / "gauge.py").read_text().splitlines(), 1) if "n - 1" in text)
+    assert str(failed.value) == f"Gauge: {tmp_path / 'gauge.py'}:{line}: factorial calls itself; write a loop"
+
+
+@pytest.mark.parametrize(
+    ("body", "at", "message"),
+    [
+        ("m.y = t", "m.y = t", "advance returns 0, or a key of errors: end it with return 0"),
+        ("m.y = t\nreturn", "return", "advance returns 0, or a key of errors: write return 0"),
+        ("m.y = t\nreturn 0.0", "return 0.0", "advance returns 0, or a key of errors, not 0.0"),
+        ("m.y = t\nreturn m.y", "def advance", "it returns a float; a kernel returns 0 or a key of errors"),
+    ],
+)
+def test_wrong_returns(body: str, at: str, message: str, loaded: Any, tmp_path: Path) -> None:
+    model = loaded(tmp_path, body)
+    with pytest.raises(CannotCompile) as failed:
+        build(model, tmp_path / "fmus")
+    lines = (tmp_path / "gauge.py").read_text().splitlines()
+    first = lines.index("def advance(m, t, h):")
+    line = next(i for i, text in enumerate(lines[first:], first + 1) if text.strip().startswith(at))
+    told = [f"Gauge: {tmp_path / 'gauge.py'}:{line - d}: {message}" for d in (0, 1)]  # of a function, its decorator
+    assert str(failed.value) in told
+
+
+def test_all_faults_are_told_at_once(loaded: Any, tmp_path: Path) -> None:
+    model = loaded(tmp_path, "m.z = t\nm.y = lost\nsquare(m)\nreturn 0", "@kernel\ndef square(m):\n    m.yy = 1.0\n")
+    with pytest.raises(CannotCompile) as failed:
+        build(model, tmp_path / "fmus")
+    told = [line.split(": ", 2)[2] for line in str(failed.value).splitlines()]
+    assert [text.split(";")[0] for text in told] == [
+        'no variable "yy" in Gauge',
+        'no variable "z" in Gauge',
+        'no name "lost"',
+    ]
+
+
+# -- at run time ------------------------------------------------------------------------------------------------------
+
+RUNTIME = {  # case -> lines of `advance`, the line that fails, what is told, case by case of one FMU
+    1: ("for i in range(1, 4):\n    m.v[i] = 7.0", "m.v[i] = 7.0", "index 3 of m.v[3]; valid: -3 to 2"),
+    2: ("m.y = m.v[m.n]", "m.y = m.v[m.n]", "index 3 of m.v[3]; valid: -3 to 2"),
+    3: ("m.v[-m.n - 1] = 7.0", "m.v[-m.n - 1]", "index -4 of m.v[3]; valid: -3 to 2"),
+    4: ("m.table[m.n, 0] = 7.0", "m.table[m.n, 0]", "index 3 in dimension 1 of m.table[2, 4]; valid: -2 to 1"),
+    5: ("m.table[1, m.n + 1] = 7.0", "m.table[1", "index 4 in dimension 2 of m.table[2, 4]; valid: -4 to 3"),
+    6: ("fill(m.v, m.n + 1)", "values[i] = 7.0", "index 3 of values[3]; valid: -3 to 2"),
+    7: ("m.tx[m.n + 7] = 5", "m.tx[m.n + 7]", "index 10 of m.tx[10]; valid: -10 to 9"),
+    8: ("row = m.table[1]\nrow[m.n + 1] = 7.0", "row[m.n + 1]", "index 4 of row[4]; valid: -4 to 3"),
+    9: ("m.v[:] = m.x", "m.v[:] = m.x", "ValueError: m.v[...] is given an array of another length"),
+    10: ("m.v[: m.n + 1] = m.x[: m.n + 1]", "m.v[: m.n", "ValueError: m.v[...] is given an array of another length"),
+    11: ("m.y = (1.0, 2.0)[m.n]", "m.y = (1.0", "IndexError: tuple index out of range"),
+    12: ("while m.n > 2:\n    m.y += 1.0", "while m.n", "RuntimeError: the loop has not ended after 100000000 passes"),
+    13: ('raise ValueError("100 % wrong")', "raise ValueError", "ValueError: 100 % wrong"),
+    14: ("assert m.n < 3, 'too many'", "assert", "AssertionError: too many"),
+    15: ("set_real(m, 1000000, 7.0)", "set_real(", "offset 1000000 of a record with fields at offsets below 217"),
+    16: ("m.y = get_whole(m, -4)", "m.y = get_whole", "offset -4 of a record with fields at offsets below 221"),
+    17: ("return 99", "", "advance returned 99; it returns 0, or a key of errors (7)"),
+    18: ("return -1", "", "advance returned -1; it returns 0, or a key of errors (7)"),
+    19: ("return 7", "", "advance: the gauge is broken (code 7)"),
+}
+GOOD = {  # what Python allows: negative indices from the end, slices that are cut, copies of what overlaps
+    20: ("m.v[-1] = 5.0\nm.v[-m.n] = 4.0", [4.0, 0.0, 5.0]),
+    21: ("m.v[1:99] = 6.0", [0.0, 6.0, 6.0]),
+    22: ("m.v[:] = (1.0, 2.0, 3.0)\nm.v[1:] = m.v[:-1]", [1.0, 1.0, 2.0]),
+    23: ("m.v[:] = m.w\nm.v[0] = m.counts[0]", [0.0, 0.5, 0.5]),
+    24: ("for i in range(m.n):\n    for k in range(1000):\n        m.v[i] += 1.0", [1000.0, 1000.0, 1000.0]),
+}
+
+
+def by_case() -> str:
+    lines = [(case, lines) for table in (RUNTIME, GOOD) for case, (lines, *_) in table.items()]
+    return "\n".join(f"if m.case == {case}:\n{indent(body, '    ')}" for case, body in lines) + "\nreturn 0"
+
+
+@pytest.fixture(scope="module")
+def gauges(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Path]]:
+    """One model with a way to fail for each value of `case`, built in each way."""
+    folder = tmp_path_factory.mktemp("gauges")
+    file = folder / "failing_gauge.py"
+    file.write_text(MODEL.format(body=indent(by_case(), "    "), helper=""))
+    (model,) = load_models(str(file))
+    yield {
+        "file": file,
+        "fmi2": build(model, folder).file,
+        "fmi3": build(model, folder, fmi=3).file,
+        "interpreted": build(model, folder / "interpreted", interpreted=True).file,
+        "unchecked": build(model, folder / "unchecked", checked=False).file,
+    }
+    sys.modules.pop("failing_gauge")
+
+
+class Driven:
+    """An instance of one of these FMUs, through FMPy."""
+
+    def __init__(self, file: Path, folder: Path, case: int) -> None:
+        self.log: list[str] = []
+        description = fmpy.read_model_description(str(file))
+        self._vr = {v.name: v.valueReference for v in description.modelVariables}
+        self._fmi3 = description.fmiVersion.startswith("3")
+        instance = (FMU3Slave if self._fmi3 else FMU2Slave)(
+            guid=description.guid,
+            unzipDirectory=fmpy.extract(str(file), str(folder)),
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName="gauge",
+        )
+        self._fmu: Any = instance
+        if self._fmi3:
+            self._callback = fmi3LogMessageCallback(lambda e, status, category, text: self.log.append(text.decode()))
+            instance.instantiate(logMessage=self._callback, loggingOn=True)
+            instance.setInt32([self._vr["case"]], [case])
+            instance.enterInitializationMode()
+        else:
+            self._callbacks = fmi2CallbackFunctions()
+            self._callbacks.logger = fmi2CallbackLoggerTYPE(
+                lambda e, name, status, category, text: self.log.append(text.decode().replace("%%", "%"))
+            )
+            instance.instantiate(callbacks=self._callbacks, loggingOn=True)
+            instance.setInteger([self._vr["case"]], [case])
+            instance.setupExperiment()
+            instance.enterInitializationMode()
+        instance.exitInitializationMode()
+
+    def step(self) -> None:
+        if self._fmi3:
+            self._fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=0.1)
+        else:
+            self._fmu.doStep(0.0, 0.1)
+
+    def reals(self, name: str) -> list[float]:
+        if self._fmi3:
+            return list(self._fmu.getFloat64([self._vr[name]], 3 if name == "v" else 1))
+        names = [f"{name}[{i}]" for i in (1, 2, 3)] if name == "v" else [name]
+        return list(self._fmu.getReal([self._vr[one] for one in names]))
+
+    def close(self) -> None:
+        self._fmu.freeInstance()
+
+
+@pytest.fixture
+def drive(gauges: dict[str, Path], tmp_path: Path) -> Iterator[Any]:
+    made: list[Driven] = []
+
+    def begin(build: str, case: int) -> Driven:
+        made.append(Driven(gauges[build], tmp_path / str(len(made)), case))
+        return made[-1]
+
+    yield begin
+    for one in made:
+        one.close()
+
+
+def told(file: Path, case: int) -> str:
+    _, at, message = RUNTIME[case]
+    if not at:
+        return message
+    lines = file.read_text().splitlines()
+    begin = lines.index(f"    if m.case == {case}:") if at not in "values[i] = 7.0" else 0
+    line = next(i for i, text in enumerate(lines[begin:], begin + 1) if text.strip().startswith(at))
+    return f"advance: failing_gauge.py:{line}: {message}"
+
+
+@pytest.mark.parametrize("fmi", ["fmi2", "fmi3"])
+@pytest.mark.parametrize("case", RUNTIME)
+def test_what_goes_wrong_in_a_step_is_told_with_its_place(
+    case: int, fmi: str, drive: Any, gauges: dict[str, Path]
+) -> None:
+    one = drive(fmi, case)
+    with pytest.raises(FMICallException, match=r"DoStep failed with status 3 \(error\)"):
+        one.step()
+    assert one.log == [told(gauges["file"], case)]
+    assert one.reals("energy") == [100.0]  # lies behind v in the record
+    assert set(one.reals("v")) <= {0.0, 7.0}
+
+
+@pytest.mark.parametrize("build", ["fmi2", "unchecked", "interpreted"])
+@pytest.mark.parametrize("case", GOOD)
+def test_checks_allow_what_python_allows(case: int, build: str, drive: Any) -> None:
+    one = drive(build, case)
+    one.step()
+    assert one.reals("v") == GOOD[case][1]
+    assert one.log == []
+
+
+def test_without_checks_exceptions_are_told_too(drive: Any, gauges: dict[str, Path]) -> None:
+    for case in (13, 14, 17):
+        one = drive("unchecked", case)
+        with pytest.raises(FMICallException):
+            one.step()
+        assert one.log == [told(gauges["file"], case)]
+
+
+def test_without_checks_an_index_may_change_another_variable(drive: Any) -> None:
+    one = drive("unchecked", 1)
+    one.step()
+    assert one.reals("energy") == [7.0]
