@@ -110,8 +110,13 @@ class FmuError(CosimError):
         self.time = time
         self.log = tuple(log)
         at = "" if time is None else f" at t = {time:.9g} s"
-        lines = [f"{instance}: {function} failed{at}: {status}", *(f"    {line}" for line in _together(self.log))]
+        said = [line for line in self.log if not line.startswith(_WRAPPER)] or self.log
+        lines = [f"{instance}: {function} failed{at}: {status}", *(f"    {line}" for line in _together(said))]
         super().__init__("\n".join(lines))
+
+
+_WRAPPER = ("Fatal py exception encountered: ", "unknown error")
+"""The begins of lines with which pythonfmu's wrapper reports that Python raised; the FMU itself has said what and why."""
 
 
 def _together(log: Iterable[str]) -> Iterator[str]:

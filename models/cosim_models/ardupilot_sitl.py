@@ -211,8 +211,14 @@ class ArduPilotSITL(Model):
     def exit_initialization_mode(self) -> None:
         """Start ArduPilot, or find it, and wait for its first servo outputs."""
         super().exit_initialization_mode()
-        with self._logged():
+        try:
             self._begin()
+        except (RuntimeError, TimeoutError) as error:  # what its user can mend needs no traceback
+            self.log(str(error))
+            raise
+        except BaseException:
+            with self._logged():
+                raise
 
     def _begin(self) -> None:
         m = self.m

@@ -208,6 +208,16 @@ def test_a_traceback_reaches_the_user(run: Any, probes: Any, tmp_path: Path) -> 
     assert stdout.startswith("failed: 1 s simulated")
 
 
+def test_arducopter_that_is_missing_is_one_message(run: Any, fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ARDUPILOT_SITL", raising=False)
+    system = fmus.parent / "master" / "systems" / "line5-ardupilot"
+    code, stdout, stderr = run("run", str(system))
+    first, second = stderr[stderr.index("error: ") :].splitlines()
+    assert (code, stdout) == (1, "")
+    assert first == "error: drone1.autopilot: fmi2ExitInitializationMode failed at t = 0 s: fmi2Fatal"
+    assert second.startswith("    there is no ArduPilot to start: set the environment variable ARDUPILOT_SITL or the ")
+
+
 def test_check(run: Any, system: Path, probes: Any) -> None:
     code, stdout, _ = run("check", str(system), "--set", "a.p=2", "--until", "5")
     assert code == 0

@@ -35,3 +35,11 @@ def test_what_an_fmu_logs_again_and_again_is_shown_once() -> None:
     error = FmuError("a", "fmi2SetReal", "fmi2Error", 0.0, ["out of range", "no", "no", "no", "out of range"])
     assert str(error).splitlines()[1:] == ["    out of range", "    no (3 times)", "    out of range"]
     assert error.log == ("out of range", "no", "no", "no", "out of range")
+
+
+def test_the_words_of_pythonfmus_wrapper_are_left_out_where_there_are_others() -> None:
+    wrapper = ["Fatal py exception encountered: [doStep] PyObject_CallMethod", "unknown error"]
+    assert str(FmuError("a", "fmi2DoStep", "fmi2Fatal", 0.0, ["no battery", *wrapper])).splitlines()[1:] == [
+        "    no battery"
+    ]
+    assert str(FmuError("a", "fmi2DoStep", "fmi2Fatal", 0.0, wrapper)).splitlines()[1:] == [f"    {w}" for w in wrapper]
