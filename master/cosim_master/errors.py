@@ -116,7 +116,7 @@ class FmuError(CosimError):
 
 
 _WRAPPER = ("Fatal py exception encountered: ", "unknown error")
-"""The begins of lines with which pythonfmu's wrapper reports that Python raised; the FMU itself has said what and why."""
+"""Lines with which pythonfmu's wrapper reports that Python raised begin so; the FMU itself has said what and why."""
 
 
 def _together(log: Iterable[str]) -> Iterator[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -38,7 +38,7 @@ def open_signals(run: Path) -> Any:
     return signals
 
 
-def export_csv(run: Path, file: Path) -> tuple[str, ...]:
+def export_csv(run: Path, file: Path | TextIO) -> tuple[str, ...]:
     """Write all recorded numbers of a run as CSV, as FMPy writes and reads results.
 
     One row per recorded instant below a row of quoted names, `"time","component.variable",...`. Floating-point numbers
@@ -47,7 +47,7 @@ def export_csv(run: Path, file: Path) -> tuple[str, ...]:
 
     Args:
         run: folder of the run.
-        file: where to write; its folder is made if need be.
+        file: where to write; its folder is made if need be. An open file is written to and left open.
 
     Returns:
         The names of the String variables that were left out, in the order of recording.
@@ -58,15 +58,22 @@ def export_csv(run: Path, file: Path) -> tuple[str, ...]:
     with open_signals(run) as signals:
         fields = list(signals.schema_arrow)
         numbers = [field.name for field in fields if not pa.types.is_string(field.type)]
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            with file.open("w", encoding="utf-8", newline="\n") as out:
-                out.write(",".join(map(_quoted, numbers)) + "\n")
-                for batch in signals.iter_batches(batch_size=4096, columns=numbers):
-                    out.writelines(_rows(batch))
-        except OSError as error:
-            raise CosimError(f"{file}: cannot be written: {error.strerror or error}") from error
+        if isinstance(file, Path):
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                with file.open("w", encoding="utf-8", newline="\n") as out:
+                    _write(out, signals, numbers)
+            except OSError as error:
+                raise CosimError(f"{file}: cannot be written: {error.strerror or error}") from error
+        else:
+            _write(file, signals, numbers)
     return tuple(field.name for field in fields if pa.types.is_string(field.type))
+
+
+def _write(out: TextIO, signals: Any, names: list[str]) -> None:
+    out.write(",".join(map(_quoted, names)) + "\n")
+    for batch in signals.iter_batches(batch_size=4096, columns=names):
+        out.writelines(_rows(batch))
 
 
 def _quoted(name: str) -> str:

@@ -15,7 +15,7 @@ import logging
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
+    "begin_verb",
+    "end_verb",
     "err",
     "errors",
     "is_live",
@@ -60,7 +62,16 @@ class _Verbosity:
     verbose: bool = False
 
 
+@dataclass(slots=True)
+class _Spoken:
+    """What the present verb has printed: its errors, and whether its JSON document is out."""
+
+    errors: list[dict[str, Any]] = field(default_factory=list)
+    document: bool = False
+
+
 _verbosity = _Verbosity()
+_spoken = _Spoken()
 
 
 class _Log(logging.Handler):
@@ -114,6 +125,7 @@ def notes(texts: Iterable[str]) -> None:
 
 def print_json(document: Any) -> None:
     """Print the one JSON document of a verb."""
+    _spoken.document = True
     out.print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False), markup=False)
 
 
@@ -127,6 +139,7 @@ def print_tables(tables: Iterable[Table | str]) -> None:
 
 def report_error(text: str) -> None:
     """Print an error."""
+    _spoken.errors.append({"file": None, "line": None, "message": text})
     err.print(Text.assemble(("error:", "bold red"), f" {text}"))
 
 
@@ -156,6 +169,18 @@ def errors(*, as_json: bool = False) -> Iterator[None]:
         if as_json:
             print_json({"errors": [{"file": None, "line": None, "message": str(error)}]})
         raise typer.Exit(1) from None
+
+
+def begin_verb() -> None:
+    """Forget what an earlier verb of this process has printed."""
+    _spoken.errors.clear()
+    _spoken.document = False
+
+
+def end_verb() -> None:
+    """Print the errors of a verb as its JSON document, if it has ended without one."""
+    if _spoken.errors and not _spoken.document:
+        print_json({"errors": list(_spoken.errors)})
 
 
 def _error(problem: Problem) -> dict[str, Any]:

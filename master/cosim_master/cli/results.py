@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cosim_master.cli.console import errors, note, print_json, print_tables, say, usage
+from cosim_master.cli.console import errors, notes, print_json, print_tables, say, usage
 from cosim_master.cli.options import Json, Variant
 from cosim_master.cli.progress import activity
 from cosim_master.cli.verbs import verb
@@ -78,29 +79,37 @@ def plot(
             say(str(file))
 
 
-@verb("export out/line5 -o line5.csv", "export out/line5 --csv -")
+@verb("export out/line5 -o line5.csv", "export out/line5 -o - | head -3")
 def export(
     run: Run,
     csv: Annotated[
-        Path | None,
+        Path,
         typer.Option(
-            "-o", "--out", "--csv", metavar="FILE", help="CSV file to write, as FMPy writes its results; - is stdout."
+            "-o",
+            "--out",
+            "--csv",
+            metavar="FILE",
+            help="CSV file to write, as FMPy writes its results; - is standard output.",
         ),
-    ] = None,
+    ],
     as_json: Json = False,
 ) -> None:
     """Write the signals of a run in another format."""
-    if csv is None:
-        raise usage("export: give the CSV file to write: -o FILE, or -o - for standard output")
-    from cosim_master.export import export_csv
-
+    to_stdout = str(csv) == "-"
+    if as_json and to_stdout:
+        raise usage("export: --json and -o - both want standard output; leave out one")
     with errors(as_json=as_json), activity() as doing:
-        doing.stage(f"writing {csv}")
-        left_out = export_csv(run, csv)
+        doing.starting()
+        from cosim_master.export import export_csv
+
+        if not to_stdout:
+            doing.stage(f"writing {csv}")
+        else:
+            doing.end()
+        left_out = export_csv(run, sys.stdout if to_stdout else csv)
         doing.end()
-        for name in left_out:
-            note(f"{name} is text, which this format has no place for: left out")
+        notes(f"{name} is text, which this format has no place for: left out" for name in left_out)
         if as_json:
             print_json({"files": [str(csv)], "left_out": list(left_out)})
-        else:
+        elif not to_stdout:
             say(str(csv))

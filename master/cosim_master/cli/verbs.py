@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
-from cosim_master.cli.console import report_error, set_verbosity
+from cosim_master.cli.console import begin_verb, end_verb, report_error, set_verbosity
 
 __all__ = ["app", "verb"]
 
@@ -60,11 +60,15 @@ def verb(*examples: str) -> Callable[[F], F]:
         @functools.wraps(function)
         def call(*, quiet: bool, verbose: bool, **arguments: Any) -> None:
             set_verbosity(quiet=quiet or None, verbose=verbose or None)
+            begin_verb()
             try:
                 function(**arguments)
             except KeyboardInterrupt:
                 report_error("interrupted")
                 raise typer.Exit(130) from None
+            finally:
+                if arguments.get("as_json"):
+                    end_verb()
 
         own = inspect.signature(function, eval_str=True)
         switches = [
