@@ -10,7 +10,7 @@ import math
 import re
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,15 @@ class Instance:
     step_size: float | None
     where: Where
     solver: Choice | None = None
+
+    def integrated(self, solver: Choice) -> Instance:
+        """The same with a solver; the FMU's state says all only if the solver remembers nothing."""
+        able, exchange = self.fmu.capabilities, self.fmu.model_exchange
+        if exchange is not None:
+            saves, serialises = exchange.saves_state, exchange.serialises_state
+            back = solver.can_go_back
+            able = replace(able, canGetAndSetFMUstate=back and saves, canSerializeFMUstate=back and serialises)
+        return replace(self, fmu=replace(self.fmu, capabilities=able), solver=solver)
 
     def structural_values(self) -> dict[str, Start]:
         """What the system sets structural parameters of FMI 3 to."""
@@ -468,16 +477,10 @@ class _Check:
                     self.problems.append(Problem(part.element.where, text))
             values = bindings.values.get(part.name, {})
             solver = self._solver(part)
-            instances.append(
-                Instance(
-                    part.name,
-                    part.fmu,
-                    values,
-                    step or part.fmu.step_size,
-                    part.element.where,
-                    (solver or Choice()) if part.fmu.model_exchange is not None else None,
-                )
-            )
+            instance = Instance(part.name, part.fmu, values, step or part.fmu.step_size, part.element.where)
+            if part.fmu.model_exchange is not None:
+                instance = instance.integrated(solver or Choice())
+            instances.append(instance)
         return tuple(instances)
 
     def _step_size(self, part: Part) -> float | None:
@@ -497,15 +500,18 @@ class _Check:
             return None
         element, where = children[0], Where(annotation.where.path, line_of(children[0]))
         try:
-            if unknown := sorted({*map(str, element.attrib)} - {"name", "step", "tolerance"}):
-                raise ValueError(f'<solver> has no attribute "{unknown[0]}"; valid: "name", "step", "tolerance"')
+            if unknown := sorted({*map(str, element.attrib)} - {"name", "step", "tolerance", "restart"}):
+                valid = '"name", "step", "tolerance", "restart"'
+                raise ValueError(f'<solver> has no attribute "{unknown[0]}"; valid: {valid}')
             numbers = {name: _positive(name, element.get(name)) for name in ("step", "tolerance")}
             if (name := element.get("name", "cvode")) not in SOLVERS:
                 raise ValueError(f'there is no solver "{name}"; valid: {", ".join(SOLVERS)}')
+            if (restart := element.get("restart", "false")) not in ("true", "false"):
+                raise ValueError(f'restart "{restart}" of <solver>; valid: true, false')
         except ValueError as error:
             self.problems.append(Problem(where, str(error)))
             return None
-        return Choice(name, **numbers)
+        return Choice(name, **numbers, restart=restart == "true")
 
     def _nearest(self, part: Part, kind: str) -> Annotation | None:
         """The nearest annotation of a type around a part."""

@@ -151,6 +151,7 @@ class ModelExchange:
         event_indicators: how many there are.
         completed_step: fmi2CompletedIntegratorStep must be called after each step of the solver.
         directional_derivatives: the FMU provides them.
+        saves_state, serialises_state: the FMU's own capabilities; whether an instance has them depends on its solver.
     """
 
     states: tuple[int, ...]
@@ -158,6 +159,8 @@ class ModelExchange:
     event_indicators: int
     completed_step: bool
     directional_derivatives: bool
+    saves_state: bool = False
+    serialises_state: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -487,6 +487,8 @@ class _Reading:
             event_indicators=self.model.numberOfEventIndicators or 0,
             completed_step=needed,
             directional_derivatives=scalars and element.get(able) in ("true", "1"),
+            saves_state=self.model.modelExchange.canGetAndSetFMUstate,
+            serialises_state=self.model.modelExchange.canSerializeFMUstate,
         )
 
     def _outputs1(self) -> dict[str, tuple[str, ...] | None]:

@@ -5,7 +5,9 @@
 Between steps an instance is in Event Mode, where everything may be set and got; the master's loop sets inputs and gets
 outputs by the FMU's own functions, and calls `do_step` by an address, as it calls every FMU. Events come by time
 (nextEventTime), by state (an event indicator changes its sign) and by step (completedIntegratorStep). Inputs hold
-during a step. The solver begins anew with every step, so that a saved state is the FMU's own and the next event's time.
+during a step. The solver goes on from step to step where neither inputs nor tunable parameters, states or derivatives
+have been changed in between. A saved state is the FMU's own and the next event's time, which is all for a solver that
+remembers nothing (`Choice.can_go_back`).
 """
 
 from __future__ import annotations
@@ -13,17 +15,19 @@ from __future__ import annotations
 import ctypes
 import math
 import struct
+from collections.abc import Sequence
 from typing import Any
 
-from cosim_master.description import FmuDescription, ModelExchange
+from cosim_master.description import FmuDescription, ModelExchange, Variable
 from cosim_master.errors import FmuError
-from cosim_master.fmi2 import Instance, Library
+from cosim_master.fmi2 import Instance, Library, set_kind
 from cosim_master.fmi3 import Instance3
 from cosim_master.solvers import Choice, Rejected, Solver, SolverError, make
 
 __all__ = ["Exchanged2", "Exchanged3"]
 
 _OK, _DISCARD, _ERROR = 0, 2, 3
+_TUNABLE = ("parameter", "tunable")
 _CHATTER = 1000
 """So many events at one time, and the model will never go on."""
 _STEP2 = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int)
@@ -128,8 +132,12 @@ class _Exchanged:
         self._cause: FmuError | None = None
         self._ends_at: float | None = None
         self._next_events: dict[int, float] = {}
+        self._before: Any = None
 
     # What differs between the versions.
+
+    def get(self, variables: Sequence[Variable]) -> list[Any]:
+        raise NotImplementedError
 
     def call(self, function: str, *arguments: Any) -> None:
         raise NotImplementedError
@@ -161,6 +169,10 @@ class _Exchanged:
             text = "it wants the run to end before its first step (terminateSimulation)"
             raise FmuError(self.name, self._update_function, text, self.time, self.lines) from None
         self._equations = _Equations(self, self.fmu.model_exchange)
+        variables = self.fmu.variables.values()
+        given = [v for v in variables if v.causality == "input" or (v.causality, v.variability) == _TUNABLE]
+        self._watched = [[v for v in given if set_kind(v) == kind] for kind in dict.fromkeys(map(set_kind, given))]
+        self._slopes = (ctypes.c_double * max(1, self._equations.states))()
         step, tolerance = self.fmu.step_size, self.fmu.tolerance
         try:
             self._solver = make(self._choice, self._equations, step=step, tolerance=tolerance)
@@ -207,9 +219,15 @@ class _Exchanged:
         self.time, stop, slack = t, t + h, 1e-12 * max(1.0, abs(t + h))
         solver.time = t
         self.ask("SetTime", ctypes.c_double(max(t, self._next_event) if self._next_event <= t + slack else t))
+        timed = self._next_event <= t + slack
         self._iterate()
-        self._continue(solver, t, h)
-        events = 0
+        now = self._situation(solver.x)
+        if now is not None and now == self._before and not timed:
+            self.ask("EnterContinuousTimeMode")
+            solver.resume(h)
+        else:
+            self._continue(solver, t, h)
+        events, self._before = 0, None
         while solver.time < stop - slack:
             begin = solver.time
             target = min(stop, max(self._next_event, begin))
@@ -233,7 +251,20 @@ class _Exchanged:
                     self.ask("SetTime", ctypes.c_double(self._next_event))
                 self._iterate()
                 self._continue(solver, solver.time, h)
+        if not self._choice.can_go_back:
+            self._before = self._situation(solver.x)
         self.ask("EnterEventMode")
+
+    def _situation(self, x: Any) -> Any:
+        """What the solver's next step depends on, without the solver's memory; None for solvers that have none."""
+        if self._choice.can_go_back or not self._equations.states:
+            return None
+        self._equations.read_states(ctypes.addressof(self._slopes))
+        states = bytes(self._slopes)
+        n = ctypes.c_size_t(self._equations.states)
+        self.ask(self.derivatives_function, self._slopes, n)
+        inputs = [self.get(variables) for variables in self._watched]
+        return states, x.tobytes(), bytes(self._slopes), inputs
 
     def _continue(self, solver: Solver, time: float, h: float) -> None:
         """From Event Mode to continuous time, where the solver begins anew."""
@@ -277,6 +308,9 @@ class Exchanged2(_Exchanged, Instance):
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
         return self._explained(super().failure(function, status, detail))
+
+    def get(self, variables: Sequence[Variable]) -> list[Any]:
+        return Instance.get(self, variables)
 
     def counts(self) -> tuple[int, int]:
         exchange = self.fmu.model_exchange
@@ -376,6 +410,9 @@ class Exchanged3(_Exchanged, Instance3):
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
         return self._explained(super().failure(function, status, detail))
+
+    def get(self, variables: Sequence[Variable]) -> list[Any]:
+        return Instance3.get(self, variables)
 
     def counts(self) -> tuple[int, int]:
         states, indicators = ctypes.c_size_t(0), ctypes.c_size_t(0)

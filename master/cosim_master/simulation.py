@@ -381,7 +381,7 @@ def _with_solver(checked: CheckedSystem, text: str) -> CheckedSystem:
             raise ValueError("no FMU of this system is for Model Exchange: all have solvers of their own")
     except ValueError as error:
         raise SystemDescriptionError([Problem(Where(f"--solver {text}"), str(error))]) from None
-    instances = [replace(one, solver=choice) if one.solver is not None else one for one in checked.instances]
+    instances = [one.integrated(choice) if one.solver is not None else one for one in checked.instances]
     return replace(checked, instances=tuple(instances))
 
 

@@ -76,7 +76,7 @@ def test_a_stiff_oscillator_as_fmpy_integrates_it(dynamics: Any, fmi: int) -> No
     expected = by_fmpy(file, 8.0, 0.5, start_values={"mu": 10.0})
     for name in ("x", "y"):
         np.testing.assert_allclose(got[f"Vanderpol.{name}"], expected[name], rtol=0, atol=2e-5)
-    assert got["Vanderpol.asked"][-1] > 10
+    assert got["Vanderpol.asked"][-1] > 4
 
 
 @BOTH
@@ -155,7 +155,7 @@ def test_model_exchange_and_co_simulation_in_one_system(dynamics: Any, workshop:
     for name, exact in (("a", a), ("b", b), ("c", c)):
         np.testing.assert_allclose(got[f"{name}.x"], exact, rtol=0, atol=1e-6)
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    assert manifest["instances"]["a"]["solver"] == {"name": "rk4", "step": 0.05, "tolerance": None}
+    assert manifest["instances"]["a"]["solver"] == {"name": "rk4", "step": 0.05, "tolerance": None, "restart": False}
     assert manifest["instances"]["b"]["solver"]["name"] == "cvode" and "solver" not in manifest["instances"]["c"]
 
 
@@ -164,8 +164,10 @@ def test_model_exchange_and_co_simulation_in_one_system(dynamics: Any, workshop:
 def test_runs_repeat_and_go_on_bit_for_bit(dynamics: Any, tmp_path: Path, fmi: int, model: str) -> None:
     file = dynamics.fmu(model, fmi, stop=4.0, step=0.25)
     first, second = tmp_path / "first", tmp_path / "second"
-    simulate(file, out=first, checkpoint_every=1.5)
-    simulate(file, out=second, origin=f"{first}@1.5")
+    with pytest.raises(SystemDescriptionError, match="has no checkpoints: canGetAndSetFMUstate of"):
+        simulate(file, out=first, checkpoint_every=1.5)
+    simulate(file, out=first, checkpoint_every=1.5, solver="rk4:0.01")
+    simulate(file, out=second, origin=f"{first}@1.5", solver="rk4:0.01")
     tables = [pq.read_table(folder / "signals.parquet") for folder in (first, second)]
     assert tables[0].num_rows == 17
     assert tables[0] == tables[1]
@@ -173,15 +175,18 @@ def test_runs_repeat_and_go_on_bit_for_bit(dynamics: Any, tmp_path: Path, fmi: i
 
 @BOTH
 def test_an_iterated_loop_goes_back(dynamics: Any, workshop: Any, tmp_path: Path, fmi: int) -> None:
-    """x' = u both ways: every step is made again until both agree: x = cosh would need continuous exchange, with
-    inputs held at their values at the end of the step it is implicit Euler: x_(k+1) = x_k / (1 - h)."""
+    """x' = u both ways, every step made again until both agree: with inputs held at their values at the end of the step
+    it is implicit Euler. CVODE that begins anew at every communication point can go back."""
     dynamics.fmu("DRIVE", fmi, "ME", name="d.fmu", step=0.1)
     master = '<master xmlns="https://uav-cosim.org/ns/1" algorithm="fixed-point" tolerance="1e-12" iterations="60"/>'
     parts = workshop.component("a", "d.fmu", "u:input x:output") + workshop.component(
         "b", "d.fmu", "u:input x:output m:input"
     )
     wires = workshop.connection("a/x", "b/u") + workshop.connection("b/x", "a/u")
-    after = f'<ssd:Annotations><ssc:Annotation type="org.uav-cosim.master">{master}</ssc:Annotation></ssd:Annotations>'
+    solver = '<solver xmlns="https://uav-cosim.org/ns/1" name="cvode" tolerance="1e-9" restart="true"/>'
+    listed = f'<ssc:Annotation type="org.uav-cosim.master">{master}</ssc:Annotation>'
+    listed += f'<ssc:Annotation type="org.uav-cosim.solver">{solver}</ssc:Annotation>'
+    after = f"<ssd:Annotations>{listed}</ssd:Annotations>"
     file = workshop.ssd("s.ssd", workshop.system(parts, wires, after=after))
     result = simulate(file, out=tmp_path / "out", until=1.0, overrides={"b.m": "1"})
     assert result.outcome == "done", result.error
