@@ -240,12 +240,14 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
         reader.problem(f"the seed is given twice, as {seed} and by --set network.seed={written_seed}; give it once")
     children = reader.children("link", "outage")
     topology = reader.choice("topology", "broadcast", ("broadcast", "nearest", "listed"))
-    links, channels = _links(children["link"], {node.name: node for node in nodes}, topology)
+    axis = _axis(reader)
+    made = [link for link in children["link"] if topology == "listed" or not _only_makes(reader, link)]
+    links, channels = _links(made, {node.name: node for node in nodes}, topology)
     settings = Network(
         nodes=tuple(nodes),
         topology=topology,
         neighbours=reader.integer("neighbours", 1, 1, 1_000_000),
-        axis=_axis(reader),
+        axis=axis if topology == "nearest" or not reader.overridden("topology") else None,
         latency=reader.number("latency", 0.0, 0.0, 3600.0),
         jitter=reader.number("jitter", 0.0, 0.0, 3600.0),
         loss=reader.number("loss", 0.0, 0.0, 1.0),
@@ -264,7 +266,9 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
                 text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
                 reader.problem(f"topology nearest and range need positions; {text}")
     for name in ("axis", "neighbours"):
-        if settings.topology != "nearest" and reader.text(name, ""):
+        # Where the run has another topology than the file, what the file says of its own is left out.
+        meant = reader.overridden(name) or not reader.overridden("topology")
+        if settings.topology != "nearest" and meant and reader.text(name, ""):
             reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"')
     return settings
 
@@ -328,6 +332,11 @@ def _links(
         if not any(a in channel.senders and b in hearers for a, b in links):
             child.problem(f'no link is listed from "{channel.source}" to "{channel.target}"; patterns make none')
     return frozenset(links), tuple(channel for _, channel in described)
+
+
+def _only_makes(reader: Attributes, link: Attributes) -> bool:
+    """Whether a link is for the topology of the file alone, and the run has another one."""
+    return reader.overridden("topology") and not any(link.text(name, "") for name in ("latency", "jitter", "loss"))
 
 
 def _ends(child: Attributes) -> tuple[tuple[str, str], ...] | None:

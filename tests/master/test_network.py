@@ -316,6 +316,19 @@ def test_a_run_overrides_the_annotation(overridden: Any) -> None:
     assert found.links == {("a", "b")}
 
 
+def test_another_topology_leaves_out_what_was_for_the_first(overridden: Any) -> None:
+    listed = network('topology="listed"', '<link between="a b"/><link from="a" to="b" loss="1"/>')
+    found = overridden({"network.topology": "broadcast"}, listed)
+    assert (found.topology, found.links, [c.loss for c in found.channels]) == ("broadcast", frozenset(), [1.0])
+    nearest = network('topology="nearest" axis="0 1 0" neighbours="2"')
+    found = overridden({"network.topology": "broadcast"}, nearest)
+    assert (found.topology, found.axis, found.notes) == ("broadcast", None, ())
+    (text,) = problems(overridden, {"network.topology": "broadcast", "network.neighbours": "3"}, nearest)
+    assert text.endswith('neighbours is for topology="nearest", this is "broadcast"')
+    (text,) = problems(overridden, {"network.topology": "mesh"}, nearest)
+    assert text == "--set: network.topology=mesh: valid are broadcast, nearest, listed"
+
+
 def test_a_run_needs_no_annotation(overridden: Any) -> None:
     found = overridden({"network.latency": " 0.25", "network.range": "INF"})
     assert (found.latency, found.range, found.notes) == (0.25, math.inf, ())
