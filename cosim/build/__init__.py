@@ -9,14 +9,18 @@ import inspect
 import json
 import os
 import pkgutil
+import signal
 import sys
+import tempfile
 import zipfile
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any, TypedDict
 
@@ -134,9 +138,13 @@ def build_all(
     targets: Sequence[str] = (HOST,),
     fmi: int = 2,
     checked: bool | None = None,
+    on_building: Callable[[Sequence[str]], None] | None = None,
 ) -> Iterator[Built]:
     """As `build`, of several models, in their order; those of packages that are not up to date in processes of their
-    own, as many at a time as there are processors.
+    own, as many at a time as there are processors. Ctrl-C, any other exception and `close` end these processes.
+
+    Args:
+        on_building: is told the names of the models that are being built, whenever they change, by any thread.
 
     Raises:
         ValueError, CannotCompile, RuntimeError: as `build` does.
@@ -150,17 +158,62 @@ def build_all(
     stale = [model for model in models if elsewhere(model)]
     if len(stale) < 2:
         stale = []
-    # Not forked: numba and LLVM have threads and locks.
-    with ProcessPoolExecutor(max(1, min(len(stale), os.cpu_count() or 1)), get_context("spawn")) as processes:
-        building = {model: processes.submit(build, model, folder, **how) for model in stale}
+    tell = on_building or (lambda _: None)
+    workers = max(1, min(len(stale), os.cpu_count() or 1))
+    others = set(active_children())
+    with (
+        TemporaryDirectory(prefix="uav-cosim-builds-") as scratch,
+        # Not forked: numba and LLVM have threads and locks.
+        ProcessPoolExecutor(workers, get_context("spawn"), _work_in, (scratch,)) as processes,
+    ):
+        with _interrupts_held():  # Ctrl-C is for this process; it ends the others
+            building = {model: processes.submit(build, model, folder, **how) for model in stale}
+        _follow(building, workers, tell)
         try:
             for model in models:
                 if model in building:
                     yield building[model].result()
                 else:
+                    if not building:
+                        tell([model.__name__])
                     yield build(model, folder, **how)
+        except BaseException:
+            for process in {*active_children()} - others:
+                process.terminate()
+            raise
         finally:
             processes.shutdown(cancel_futures=True)
+
+
+def _work_in(scratch: str) -> None:
+    """Temporary files of this process lie in a folder that whoever started it removes."""
+    tempfile.tempdir = scratch
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Processes that are started meanwhile never receive SIGINT; this one does, afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _follow(building: Mapping[type[Model], Future[Built]], workers: int, tell: Callable[[Sequence[str]], None]) -> None:
+    """Tell which models are being built: of those that are not done the first ones, in the order of submission."""
+
+    def report(_: Future[Built] | None = None) -> None:
+        left = [model.__name__ for model, future in building.items() if not future.done()]
+        if left:
+            tell(left[:workers])
+
+    for future in building.values():
+        future.add_done_callback(report)
+    report()
 
 
 class _Stamp(TypedDict):

@@ -50,7 +50,9 @@ def build(
     as_json: Json = False,
 ) -> None:
     """Build FMUs from models, only those that changed."""
-    from cosim.build import HOST, CannotCompile, build_all, load_models, models_of_package
+    with activity() as doing:
+        doing.starting()
+        from cosim.build import HOST, CannotCompile, build_all, load_models, models_of_package
 
     made: list[dict[str, Any]] = []
     try:
@@ -74,17 +76,21 @@ def build(
                     say(f"{model.__name__}: {note}")
         with activity() as doing:
             building = build_all(
-                chosen, folder, interpreted=interpreted, targets=target or [HOST], fmi=fmi, checked=checked
+                chosen,
+                folder,
+                interpreted=interpreted,
+                targets=target or [HOST],
+                fmi=fmi,
+                checked=checked,
+                on_building=lambda names: doing.stage(f"building {', '.join(names)}"),
             )
-            for n, model in enumerate(chosen, start=1):
-                doing.stage(f"building {model.__name__} ({n} of {len(chosen)})")
-                built = next(building)
+            for model, built in zip(chosen, building, strict=True):
                 state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
                 entry = {"file": str(built.file), "model": model.__name__, "state": state, "note": None}
                 made.append(entry)
-                doing.end()
                 if not as_json:
-                    say(f"{built.file}: {state}")
+                    with doing.interrupted():
+                        say(f"{built.file}: {state}")
     except (ValueError, ImportError, SyntaxError, CannotCompile) as error:
         raise usage(str(error)) from None
     except RuntimeError as error:

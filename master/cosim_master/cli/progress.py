@@ -50,6 +50,11 @@ class Activity:
     def end(self) -> None:
         """End the stage: the verb is about to print."""
 
+    @contextmanager
+    def interrupted(self) -> Iterator[None]:
+        """Within, the verb prints, and the stage goes on afterwards."""
+        yield
+
 
 class _Lines(Activity):
     """A line for a stage that takes longer than `LONG`."""
@@ -81,14 +86,16 @@ class _Drawn(Activity):
     def __init__(self) -> None:
         self._live = Live(self, console=err, transient=True, redirect_stdout=False, refresh_per_second=10)
         self._spinner = Spinner("dots" if "utf" in err.encoding else "line")
+        self._lock = threading.RLock()  # a stage may begin in any thread
         self._text: str | None = None
         self._progress: Progress | None = None
         self._since = 0.0
 
     def stage(self, text: str, *, long: bool = False) -> None:  # noqa: ARG002 (it is drawn at once)
-        self._text, self._progress, self._since = text, None, time.perf_counter()
-        self._live.start()
-        self._live.refresh()
+        with self._lock:
+            self._text, self._progress, self._since = text, None, time.perf_counter()
+            self._live.start()
+            self._live.refresh()
 
     def starting(self) -> None:
         self.stage("starting")
@@ -99,8 +106,17 @@ class _Drawn(Activity):
         self._progress = progress
 
     def end(self) -> None:
-        self._live.stop()
-        self._text = self._progress = None
+        with self._lock:
+            self._live.stop()
+            self._text = self._progress = None
+
+    @contextmanager
+    def interrupted(self) -> Iterator[None]:
+        with self._lock:
+            self._live.stop()
+            yield
+            if self._text is not None:
+                self._live.start(refresh=True)
 
     def __rich__(self) -> Any:
         if self._progress is not None:
