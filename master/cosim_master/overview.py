@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,7 @@ def _messages(table: pa.Table, seconds: float) -> list[dict[str, Any]]:
         found.append(
             {
                 "id": one["message"],
-                "name": _name(one["message"]),
+                "name": _names().get(one["message"], f"message {one['message']}"),
                 "senders": senders,
                 "sent": one["count_all"],
                 "rate": one["count_all"] / senders / seconds if seconds > 0.0 else None,
@@ -103,12 +104,16 @@ def _messages(table: pa.Table, seconds: float) -> list[dict[str, Any]]:
     return sorted(found, key=lambda message: (-message["sent"], message["id"]))
 
 
-def _name(message: int) -> str:
-    """The name of a message; that of a dialect of one's own is not known here."""
-    from pymavlink.dialects.v20 import ardupilotmega
+@cache
+def _names() -> dict[int, str]:
+    """Names of messages by id: of all of ArduPilot's with pymavlink, else of those that models can send."""
+    try:
+        from pymavlink.dialects.v20 import ardupilotmega
+    except ImportError:
+        from cosim import messages
 
-    known = ardupilotmega.mavlink_map.get(message)
-    return str(known.msgname) if known is not None else f"message {message}"
+        return {getattr(messages, n): n for n in dir(messages) if hasattr(messages, f"encode_{n.lower()}")}
+    return {number: str(message.msgname) for number, message in ardupilotmega.mavlink_map.items()}
 
 
 def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:

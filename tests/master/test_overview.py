@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
-from cosim_master.overview import overview, overview_tables, signal_table
+from cosim_master.overview import _names, overview, overview_tables, signal_table
 from cosim_master.simulation import simulate
 
 VERDICT = {
@@ -114,6 +115,14 @@ def test_the_document(tmp_path: Path) -> None:
         {"name": "time", "type": "double", "unit": "s"},
         {"name": "a.y", "type": "int32", "unit": ""},
     ]
+
+
+def test_messages_have_names_without_pymavlink(monkeypatch: pytest.MonkeyPatch) -> None:
+    with_it = _names()
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
+    without = _names.__wrapped__()
+    assert without[0] == "HEARTBEAT" and without[33] == "GLOBAL_POSITION_INT" and len(without) > 50
+    assert without.items() <= with_it.items()
 
 
 def test_for_people(tmp_path: Path) -> None:
