@@ -211,6 +211,7 @@ def test_a_stage_that_takes_long_is_a_line(monkeypatch: pytest.MonkeyPatch, caps
         assert doing._timer is not None  # type: ignore[attr-defined]
         doing._timer.join()  # type: ignore[attr-defined]
         doing.stage("compiling", long=True)
+        doing.stage("compiling", long=True)
         doing.starting()
     assert capsys.readouterr().err == "loading 15 FMU instances ...\ncompiling ...\n"
     monkeypatch.setattr(progress, "LONG", 1000.0)

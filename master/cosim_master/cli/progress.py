@@ -61,11 +61,14 @@ class _Lines(Activity):
 
     def __init__(self) -> None:
         self._timer: threading.Timer | None = None
+        self._said = ""
 
     def stage(self, text: str, *, long: bool = False) -> None:
         self.end()
         if long:
-            err.print(Text(f"{text} ...", "dim"))
+            if text != self._said:
+                err.print(Text(f"{text} ...", "dim"))
+            self._said = text
             return
         self._timer = threading.Timer(LONG, lambda: err.print(Text(f"{text} ...", "dim")))
         self._timer.daemon = True
@@ -93,7 +96,9 @@ class _Drawn(Activity):
 
     def stage(self, text: str, *, long: bool = False) -> None:  # noqa: ARG002 (it is drawn at once)
         with self._lock:
-            self._text, self._progress, self._since = text, None, time.perf_counter()
+            if text != self._text:
+                self._since = time.perf_counter()
+            self._text, self._progress = text, None
             self._live.start()
             self._live.refresh()
 
