@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,16 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim_master.check import check
+from cosim_master.datasheet import datasheet
 from cosim_master.fmu import describe
 from cosim_master.profiling import Profile
 from cosim_master.ssp import read_system
 
 __all__ = ["fmu_document", "fmu_tables", "profile_tables", "system_document", "system_tables"]
+
+
+_FEW = 30
+"""So many variables of an FMU fit on a screen."""
 
 
 def _table(*columns: str) -> Table:
@@ -38,9 +43,16 @@ def _number(value: Any) -> str:
 
 
 def fmu_document(path: Path) -> dict[str, Any]:
-    """Identity, capabilities and variables of an FMU, as docs/command-line.md describes it."""
+    """Identity, capabilities and variables of an FMU, as docs/command-line.md describes it.
+
+    Of an FMU that cannot be run here there is what `datasheet` reads, and why it is refused.
+    """
+    sheet = datasheet(path)
+    if sheet["refused"]:
+        return {"kind": "fmu", "step_size": None, "capabilities": [], "variables": [], "notes": [], **sheet}
     fmu = describe(path)
     return {
+        **sheet,
         "kind": "fmu",
         "model": fmu.model_name,
         "description": fmu.description,
@@ -64,12 +76,16 @@ def fmu_document(path: Path) -> dict[str, Any]:
     }
 
 
-def fmu_tables(path: Path) -> Iterator[Table | str]:
-    """The same for people."""
+def fmu_tables(path: Path, *, every: bool = True) -> Iterator[Table | str]:
+    """The same for people; if not `every`, of many variables only how many there are, by causality."""
     fmu = fmu_document(path)
     yield f"{fmu['model']}: {fmu['description']}" if fmu["description"] else fmu["model"]
     yield f"FMI {fmu['fmi_version']}, GUID {fmu['guid']}, step size {_number(fmu['step_size']) or 'not given'} s"
     yield f"capabilities: {', '.join(fmu['capabilities']) or 'none'}"
+    yield from _sheet(fmu)
+    if not fmu["variables"] or not (every or len(fmu["variables"]) <= _FEW):
+        yield _by_causality(fmu["variables_by_causality"])
+        return
     columns = ("name", "causality", "type", "unit", "start", "description")
     table = _table("variable", *columns[1:])
     for v in fmu["variables"]:
@@ -82,6 +98,32 @@ def fmu_tables(path: Path) -> Iterator[Table | str]:
         yield table
     for note in fmu["notes"]:
         yield f"note: {note}"
+
+
+def _sheet(fmu: Mapping[str, Any]) -> Iterator[str]:
+    """Lines about what an FMU is for, where it runs, and what comes with it."""
+    for name, flags in fmu["interfaces"].items():
+        yield f"{name}: {', '.join(flags) or 'no capabilities'}"
+    sources = f"; {fmu['sources']} files of sources" if fmu["sources"] else ""
+    yield f"platforms: {', '.join(fmu['platforms']) or 'none'}{sources}"
+    if experiment := fmu["default_experiment"]:
+        yield f"default experiment: {', '.join(f'{name} {value}' for name, value in experiment.items())}"
+    for standard in fmu["layered_standards"]:
+        yield " ".join(filter(None, ("layered standard:", *standard.values())))
+    if fmu["terminals"]:
+        yield f"terminals: {', '.join(fmu['terminals'])}"
+    if fmu["generated"]:
+        yield f"made by {fmu['generated']}"
+    for text in fmu["refused"]:
+        yield f"cannot be run here: {text}"
+
+
+def _by_causality(variables: Mapping[str, Sequence[str]]) -> Table:
+    table = _table("causality", "variables", "such as")
+    for causality, names in variables.items():
+        shown = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+        _row(table, causality, str(len(names)), shown)
+    return table
 
 
 def system_document(path: str, variant: str | None = None) -> dict[str, Any]:

@@ -26,9 +26,12 @@ def main() -> None:
 
 
 def _joined(arguments: list[str]) -> list[str]:
-    """The two words after --at as one: Typer has no options that may be repeated and take two."""
+    """The two words after --at as one, and a word after --reference: Typer has no options like these."""
     joined: list[str] = []
-    for argument in arguments:
+    for i, argument in enumerate(arguments):
+        if argument == "--reference" and not (i + 1 < len(arguments) and arguments[i + 1].lower().endswith(".csv")):
+            joined.append(f"--reference={systems.BROUGHT_ALONG}")
+            continue
         if len(joined) > 1 and joined[-2] == "--at" and " " not in joined[-1]:
             joined[-1] += f" {argument}"
         else:

@@ -20,6 +20,9 @@ Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run's resu
 def info(
     path: Annotated[str, typer.Argument(metavar="PATH", help="An FMU, a system, or the folder of a run's results.")],
     variant: Variant = None,
+    variables: Annotated[
+        bool, typer.Option("--variables", help="List all variables of an FMU.", show_default=False)
+    ] = False,
     signals: Annotated[
         bool, typer.Option("--signals", help="List all signals of a run instead.", show_default=False)
     ] = False,
@@ -43,7 +46,11 @@ def info(
             tables = iter(())
         else:
             document = {}
-            tables = inspection.fmu_tables(target) if _is_fmu(target) else inspection.system_tables(path, variant)
+            tables = (
+                inspection.fmu_tables(target, every=variables)
+                if _is_fmu(target)
+                else inspection.system_tables(path, variant)
+            )
         shown = list(tables)
         doing.end()
         if as_json:

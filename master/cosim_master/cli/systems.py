@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,8 +13,12 @@ from cosim_master.cli.options import Json, Settings, Step, Strict, System, Until
 from cosim_master.cli.progress import activity
 from cosim_master.cli.verbs import verb
 
+BROUGHT_ALONG = "brought along"
+"""What --reference without a file stands for."""
+
 if TYPE_CHECKING:
     from cosim_master.check import CheckedSystem
+    from cosim_master.reference_results import Verdict
     from cosim_master.timing import Timing
 
 
@@ -28,6 +33,17 @@ def check(
         bool, typer.Option("--init", help="Load and initialize the FMUs too, and stop there.", show_default=False)
     ] = False,
     strict: Strict = False,
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[FILE.csv]",
+            help="Of an FMU: run it and compare it with a CSV file, or with the results that it brings along.",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(help="Of --reference: allowed difference, in parts of the largest value of a column."),
+    ] = 1e-3,
     as_json: Json = False,
 ) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
@@ -35,11 +51,25 @@ def check(
         doing.starting()
         from cosim_master.check import check as check_system
         from cosim_master.layout import layout
+        from cosim_master.reference_results import against_reference
         from cosim_master.simulation import prepare
         from cosim_master.single import full_names
         from cosim_master.ssp import read_system
 
         doing.stage(f"checking {system}")
+        if Path(system).suffix.lower() == ".fmu" and Path(system).is_file():
+            _check_fmu(Path(system))
+        elif reference is not None:
+            raise usage(f"--reference: {system} is not an FMU")
+        if reference is not None:
+            doing.stage(f"running {system}")
+            file = None if reference == BROUGHT_ALONG else Path(reference)
+            verdict = against_reference(
+                Path(system), file, tolerance=tolerance, until=until, step=step, overrides=overrides(settings)
+            )
+            doing.end()
+            _report_reference(verdict, as_json=as_json)
+            return
         with read_system(system, variant) as structure:
             checked = check_system(structure, full_names(structure, overrides(settings)))
             ready = prepare(checked, until=until, step=step, strict=strict)
@@ -76,6 +106,30 @@ def check(
                 f"{len(ready.network.nodes)} radio nodes, {ready.clock.steps} steps of {ready.clock.base / 1e9:g} s: "
                 "no problems"
             )
+
+
+def _check_fmu(path: Path) -> None:
+    """Raise all that is wrong with an FMU."""
+    from cosim_master.datasheet import findings
+    from cosim_master.errors import SystemDescriptionError
+
+    if problems := findings(path):
+        raise SystemDescriptionError(problems)
+
+
+def _report_reference(verdict: Verdict, *, as_json: bool) -> None:
+    if as_json:
+        print_json({**asdict(verdict), "agrees": verdict.agrees})
+    else:
+        for one in verdict.differences:
+            word = "agrees" if one.agrees else "DIFFERS"
+            apart = f"{one.largest:.3g} at t = {one.time:.9g} s, allowed {one.allowed:.3g}"
+            out.print(f"{one.name}: {word}, by {apart}", markup=False)
+        if verdict.left_out:
+            notes([f"not compared, since they are no outputs: {_shortened(list(verdict.left_out))}"])
+        say(f"{verdict.rows} rows of {verdict.source}")
+    if not verdict.agrees:
+        raise typer.Exit(1)
 
 
 def _try_out(checked: CheckedSystem, clock: Timing) -> list[dict[str, Any]]:
