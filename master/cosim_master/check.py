@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from base64 import b64decode, b64encode
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ from cosim_master.errors import Finding, FmuError, Problem, SystemDescriptionErr
 from cosim_master.fmu import FmuDescription, Start, describe
 from cosim_master.initialization import Stage, exchange_order
 from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, UNIT_GAP
+from cosim_master.omsimulator import OMSIMULATOR
+from cosim_master.omsimulator import settings as settings_of_omsimulator
 from cosim_master.parts import Part, assemble, measure
 from cosim_master.settings import apart, hidden
 from cosim_master.sizes import check_sizes
@@ -459,6 +461,8 @@ class _Check:
             if annotation.type.startswith("org.uav-cosim"):
                 hint = near(annotation.type, ANNOTATION_TYPES)
                 self.problems.append(Problem(annotation.where, f'there is no annotation "{annotation.type}"; {hint}'))
+            elif annotation.type == OMSIMULATOR:
+                self.notes += settings_of_omsimulator(annotation).notes
             else:
                 self.notes.append(f"{annotation.where}: {ANNOTATION.text(annotation.type)}")
         return tuple(owned)
@@ -484,15 +488,22 @@ class _Check:
         return tuple(instances)
 
     def _step_size(self, part: Part) -> float | None:
-        """The communication step the system gives an FMU."""
+        """The communication step the system gives an FMU: our annotation's, else OMSimulator's."""
         annotation = self._nearest(part, STEPPING)
-        return None if annotation is None else self._stepping(annotation)
+        if annotation is not None:
+            return self._stepping(annotation)
+        annotation = self._nearest(part, OMSIMULATOR, lambda one: settings_of_omsimulator(one).step is not None)
+        return None if annotation is None else settings_of_omsimulator(annotation).step
 
     def _solver(self, part: Part) -> Choice | None:
         """The solver the system gives an FMU for Model Exchange."""
         annotation = self._nearest(part, SOLVER)
         if annotation is None:
-            return None
+            annotation = self._nearest(part, OMSIMULATOR, lambda one: settings_of_omsimulator(one).solver is not None)
+            found = None if annotation is None else settings_of_omsimulator(annotation)
+            if found is None or found.solver is None:
+                return None
+            return Choice(found.solver, step=found.solver_step, tolerance=found.tolerance)
         children = list(annotation.element)
         if len(children) != 1 or children[0].tag != f"{{{_NAMESPACE}}}solver":
             text = f'annotation {SOLVER} needs one element: <solver xmlns="{_NAMESPACE}" name="cvode"/>'
@@ -513,15 +524,15 @@ class _Check:
             return None
         return Choice(name, **numbers, restart=restart == "true")
 
-    def _nearest(self, part: Part, kind: str) -> Annotation | None:
-        """The nearest annotation of a type around a part."""
+    def _nearest(self, part: Part, kind: str, fits: Callable[[Annotation], bool] = lambda _: True) -> Annotation | None:
+        """The nearest annotation of a type around a part that fits."""
         owner: Part | None = part
         while owner is not None:
             inner = owner.system.annotations if owner.system is not None else ()
             outer = owner.element.annotations if owner.element is not owner.system else ()
             top = self.structure.annotations if owner.parent is None else ()
             for annotation in (*inner, *outer, *top):
-                if annotation.type == kind:
+                if annotation.type == kind and fits(annotation):
                     return annotation
             owner = owner.parent
         return None

@@ -124,6 +124,18 @@ INNER_FILE = Limitation(
 )
 META_DATA = Limitation("SSP 2.0, 4.5.4", "meta data and signatures (they are not verified)", "note", "<{}> is ignored")
 ANNOTATION = Limitation("SSP 2.0, 4.2", "annotations of other tools", "note", 'annotation "{}" is ignored')
+OMS_MASTER = Limitation(
+    "SSP 2.0, 4.2",
+    "OMSimulator's masters with variable steps (oms-mav); docs/masters.md has another one (richardson)",
+    "note",
+    "OMSimulator's master with variable steps is not taken over ({}): steps have one size",
+)
+OMS_IGNORED = Limitation(
+    "SSP 2.0, 4.2",
+    "OMSimulator's other settings: tolerances of a master with fixed steps, files of results",
+    "note",
+    "settings of OMSimulator that are ignored: {}",
+)
 NO_SOURCE = Limitation(
     "SSP 2.0, 5.4",
     "components without a source: nothing comes from them",
@@ -360,6 +372,33 @@ OSP_BOND = Limitation(
     "note",
     'powerBond="{}" is ignored: only ecco uses it, and steps have one size',
 )
+# ---- writing for other engines ---------------------------------------------------------------------------------------
+
+CONVERTED_LINK = Limitation(
+    "Conversion",
+    "sums, mapped values and packets recoded between versions of FMI; for libcosim connections to parameters",
+    "error",
+    "{} is {}: the file that is written cannot say this",
+)
+FMPY_TRANSFORMATION = Limitation(
+    "Conversion",
+    "for FMPy: connections with a factor or an offset, which it does not apply",
+    "error",
+    "{}: FMPy applies no factor, offset or unit",
+)
+ENGINE_TYPES = Limitation(
+    "Conversion",
+    "for libcosim, Ecos and OMSimulator: connections of different types; for FMPy: those of texts",
+    "error",
+    "{} is {} and driven by {}, which {} does not connect",
+)
+ENGINE_FMI = Limitation(
+    "Conversion",
+    "for libcosim and FMPy: FMUs of FMI 3.0",
+    "error",
+    "{} is of FMI {}, which {} does not run in a system",
+)
+
 # ---- masters ---------------------------------------------------------------------------------------------------------
 
 NANOSECONDS = Limitation(

@@ -18,7 +18,7 @@ from cosim_master.document import Reader, line_of, local_name, near, whole
 from cosim_master.errors import Finding, Problem, SystemDescriptionError, Where
 from cosim_master.limitations import DEEP, IMPLEMENTATION, MODELICA, NO_SOURCE, OTHER_SSD
 from cosim_master.parts import MAX_DEPTH
-from cosim_master.references import File, Files, is_file, parsed, read_reference
+from cosim_master.references import File, Files, is_file, parsed, read_reference, read_source
 from cosim_master.schema import validate
 from cosim_master.ssc import Definitions, note_ignored, read_connector, read_transformation, read_version
 from cosim_master.ssp_grammar import ANNOTATIONS, GRAMMAR, KINDS, KINDS_2, SSB, SSC, SSD, SSM, SSV
@@ -209,6 +209,15 @@ class Document:
             name = element.get("name", "")
             self.files.notes.append(f"{where}: {NO_SOURCE.text(name)}")
             return None, System(name, connectors, (), (), (), (), self.path, where), None
+        if uri.partition(":")[0] in ("proxyfmu", "proxy-fmu") and kind == FMU_TYPE:
+            trouble, source, note = read_source(self.file, uri)
+            if trouble is None and source is not None and self._leads_out(source):
+                trouble = "leads out of the .ssp archive"
+            if trouble is not None or source is None:
+                self.reader.problem(element, f'source "{uri}" {trouble}')
+                return None, None, None
+            self.files.notes.append(f"{where}: {note}")
+            return source, None, None
         trouble, target = read_reference(uri)
         fits = kind == (SSD_TYPE if target.path == "" else SSP_TYPE)
         if trouble is None and target.fragment is not None and not fits:
@@ -230,6 +239,9 @@ class Document:
             self.reader.problem(element, f'"{file.shown}" is not an FMU; say type="{needed}"')
             return None, None, None
         return file, None, None
+
+    def _leads_out(self, file: File) -> bool:
+        return self.file.boundary is not None and not file.path.is_relative_to(self.file.boundary)
 
     def _embedded(self, element: etree._Element, name: str) -> System | None:
         """The system of this document with the given id (section 5.4, "source")."""

@@ -16,6 +16,7 @@ import pytest
 import cosim_master
 from cosim_master import archive, fmu3, limitations, multimodel, references
 from cosim_master.check import check
+from cosim_master.conversion import convert
 from cosim_master.edit import swap
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.gateways import gateways_of
@@ -230,6 +231,14 @@ def of_ssp(workshop: Any, variable: Any, monkeypatch: pytest.MonkeyPatch) -> Pro
         "INNER_FILE": changed_inside,
         "META_DATA": lambda: ssd(component("a", unit, after=meta)),
         "ANNOTATION": lambda: ssd(component("a", unit, after=workshop.annotation("com.example", "<x/>"))),
+        "OMS_MASTER": lambda: ssd(
+            component("a", unit, after=workshop.annotation("org.openmodelica", '<VariableStepMaster description="x"/>'))
+        ),
+        "OMS_IGNORED": lambda: ssd(
+            component(
+                "a", unit, after=workshop.annotation("org.openmodelica", '<SimulationInformation resultFile="x"/>')
+            )
+        ),
         "NO_SOURCE": lambda: workshop.ssd("s.ssd", system('<ssd:Component name="a"/>'), version="2.0"),
         "SIGNAL_START": lambda: workshop.ssd("s.ssd", signals(workshop.bindings({"tap.t": 1.0}))),
         "LOCAL": lambda: ssd(
@@ -484,6 +493,28 @@ def of_osp(stricts: Any) -> Provoked:
 
 
 @pytest.fixture
+def of_conversion(stricts: Any, stricts3: Any, tmp_path: Path) -> Provoked:
+    def converted(engine: str, *wires: str, inner: str = "", fmi3: bool = False) -> Said:
+        maker = stricts3 if fmi3 else stricts
+        maker.fmu()
+        parts = "".join(maker.component(name) for name in "ab")
+        wired = "".join(maker.workshop.connection(*wire.split(), inner) for wire in wires)
+        path = maker.workshop.ssd("c.ssd", maker.workshop.system(parts, wired))
+        with pytest.raises(SystemDescriptionError) as caught:
+            convert(path, tmp_path / "converted", engine)
+        return "error", [str(problem) for problem in caught.value.problems]
+
+    table = '<ssc:BooleanMappingTransformation><ssc:MapEntry source="true" target="false"/>'
+    table += "</ssc:BooleanMappingTransformation>"
+    return {
+        "CONVERTED_LINK": lambda: converted("ecos", "a/c b/b", inner=table),
+        "FMPY_TRANSFORMATION": lambda: converted("fmpy", "a/y b/u", inner='<ssc:LinearTransformation factor="2"/>'),
+        "ENGINE_TYPES": lambda: converted("libcosim", "a/n b/u"),
+        "ENGINE_FMI": lambda: converted("libcosim", fmi3=True),
+    }
+
+
+@pytest.fixture
 def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Provoked:
     def strict(stop: float = 2.0, step: float | None = None, flags: str = "", **options: Any) -> Said:
         stricts.fmu(flags=flags)
@@ -551,6 +582,7 @@ FIXTURE |= {
     "MAVLink": "of_mavlink",
     "Multi-models": "of_multimodels",
     "OspSystemStructure": "of_osp",
+    "Conversion": "of_conversion",
     "Masters": "of_masters",
 }
 

@@ -266,7 +266,7 @@ def test_the_converted_system_gives_the_same(place: Path, tmp_path: Path) -> Non
     content["fmus"]["{B}"] = "sub dir/strict.fmu"
     (place / "sub dir" / "strict.fmu").write_bytes((place / "other.fmu").read_bytes())
     mm = written(place, content)
-    folder = convert(mm, tmp_path / "converted")
+    folder = convert(mm, tmp_path / "converted").file.parent
     assert sorted(file.name for file in (folder / "resources").iterdir()) == ["strict.fmu", "strict_2.fmu"]
     assert simulate(mm, out=tmp_path / "one").outcome == "done"
     assert simulate(folder, out=tmp_path / "two").outcome == "done"

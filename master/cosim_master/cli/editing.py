@@ -62,24 +62,40 @@ def new(
             say(f"{written}: {shape} of {drones} drones; uav-cosim run {written}")
 
 
-@verb("convert Multi-models/tanks/mm.json -o tanks")
+@verb("convert Multi-models/tanks/mm.json -o tanks", "convert tanks --for libcosim -o tanks-osp")
 def convert(
-    multimodel: Annotated[
-        Path,
-        typer.Argument(metavar="MULTIMODEL", help="A multi-model of INTO-CPS or the configuration of a run (.json)."),
+    system: Annotated[
+        str,
+        typer.Argument(
+            metavar="SYSTEM", help="A multi-model (.json) or an OspSystemStructure.xml; with --for any system."
+        ),
     ],
     folder: NewFolder,
+    engine: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            metavar="omsimulator|libcosim|ecos|fmpy",
+            help="Write what this engine reads.",
+            show_default="uav-cosim",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write a multi-model as an SSP."""
-    from cosim_master.conversion import convert as convert_multimodel
+    """Write a multi-model or a structure of OSP as an SSP, or any system for another engine."""
+    from cosim_master.conversion import ENGINES
+    from cosim_master.conversion import convert as convert_system
 
+    if engine is not None and engine not in ENGINES:
+        raise usage(f"--for {engine}: valid: {', '.join(ENGINES)}")
     with errors(as_json=as_json):
-        written = convert_multimodel(multimodel, folder)
+        written = convert_system(system, folder, engine)
         if as_json:
-            print_json({"files": [str(written)]})
-        else:
-            say(f"{written}: uav-cosim run {folder}")
+            print_json({"files": [str(written.file)], "notes": list(written.notes)})
+            return
+        for text in written.notes:
+            note(text)
+        say(f"{folder}: uav-cosim run {folder}" if engine is None else f"{written.file}: for {engine}")
 
 
 @verb("swap master/systems/line5 drone3.vehicle fmus/Hexarotor.fmu -o swapped")
