@@ -110,10 +110,10 @@ def test_libcosim_runs_what_is_written_for_it(nested: Path, tmp_path: Path) -> N
     assert rows == [list(row) for row in ours[1:]], done.stderr
 
 
-def test_fmpy_runs_what_is_written_for_it(probes: Any, tmp_path: Path) -> None:
-    """y = u + p: 3 + 1, in a process of its own; FMPy applies the parameter set that it is given."""
-    probes.fmu()
-    system = probes.ssd(probes.component("a", p=3.0) + probes.component("ab", p=1.0), "a/y ab/u")
+def test_fmpy_runs_what_is_written_for_it(stricts: Any, tmp_path: Path) -> None:
+    """The integral of p times the number of steps; FMPy applies the parameter set that it is given."""
+    stricts.fmu(complete=True)
+    system = stricts.ssd(stricts.component("a") + stricts.component("ab", p=2.0), "a/n ab/u")
     made = convert(system, tmp_path / "made", "fmpy")
     folder = made.file.parent
     with zipfile.ZipFile(tmp_path / "made.ssp", "w") as archive:
@@ -127,7 +127,8 @@ def test_fmpy_runs_what_is_written_for_it(probes: Any, tmp_path: Path) -> None:
     command = [sys.executable, "-c", program, str(tmp_path / "made.ssp"), str(folder / "initialValues.ssv")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     (row,) = [line for line in done.stdout.splitlines() if line.startswith("ROW")] or [done.stderr]
-    assert row == "ROW 4.0"
+    assert row == f"ROW {0.5 * 2.0 * sum(range(6))}"
+    assert signals(system, tmp_path / "out")["ab.y"][-1] == 15.0
     assert "a is a_" in made.notes[0]
 
 

@@ -32,7 +32,8 @@ def positive(option: str, meaning: str) -> Callable[[float | None], float | None
 System = Annotated[
     str,
     typer.Argument(
-        metavar="SYSTEM", help="An .ssd, .ssp, .fmu, multi-model (.json), or folder with a SystemStructure.ssd."
+        metavar="SYSTEM",
+        help="An .ssd, .ssp, .fmu, multi-model (.json), OspSystemStructure.xml, or folder with a SystemStructure.ssd.",
     ),
 ]
 Settings = Annotated[
