@@ -294,6 +294,8 @@ class Bindings:
             for connection, port in connections:
                 route = self._wiring.hop(route, connection, port)
             number = route.mapping.get(value, value) if isinstance(value, int) else value
+            if isinstance(number, bool) and (variable.type in _FLOATS or variable.type in INTEGER_RANGES):
+                number = int(number)
             if variable.type in _FLOATS and not isinstance(number, str | bool):
                 number = route.factor * float(number) + route.offset
             self._store_value(inner, variable, number, parameter)
@@ -346,8 +348,11 @@ class Bindings:
     def _store(self, part: Part, variable: Variable, parameter: Parameter) -> None:
         kind = _kind(variable)
         trouble, value = _unsettable(variable), parameter.value
+        unit = variable.unit
+        if unit is None and (port := part.ports.get(variable.name)) is not None:
+            unit = port.unit  # that of its connector, where the FMU has none: connections convert to it, too
         if trouble is None:
-            trouble, value = _converted(parameter, kind, variable.unit, variable.items)
+            trouble, value = _converted(parameter, kind, unit, variable.items)
             self._look_at_units(parameter, kind, variable.unit)
         if trouble is not None:
             self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))

@@ -94,15 +94,15 @@ def _targets(name: str, variables: Mapping[str, tuple[int, Variable]], driven: C
 
 def _base_step(clock: Timing, time: float) -> int | None:
     """The base step that begins at `time`, None if none does."""
-    ticks = time * 1e9 - clock.start
+    ticks = time * 1e9 * clock.per_ns - clock.start
     if not abs(ticks) < 2**62:
         return None
     k = round(ticks / clock.base)
-    return k if 0 <= k < clock.steps and abs(k * clock.base - ticks) < 0.5 else None
+    return k if 0 <= k < clock.steps and abs(k * clock.base - ticks) < 0.5 * clock.per_ns else None
 
 
 def _expected(clock: Timing, period: int, name: str) -> str:
-    start, step = clock.start / 1e9, period * clock.base / 1e9
+    start, step = clock.time(0), clock.seconds(period)
     last = start + (clock.steps - 1) // period * step
     return CHANGE.text(name, f"{step:g}", f"{start:g}", f"{last:g}")
 

@@ -50,6 +50,7 @@ class Instance:
         start_values: what the system sets, in the FMU's units and types (enumerations as integers).
         step_size: communication step in s: the system's, else the FMU's own, else None.
         solver: of an FMU for Model Exchange, None for all others.
+        step_source: "system" or "FMU", whose it is; empty for none.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Instance:
     step_size: float | None
     where: Where
     solver: Choice | None = None
+    step_source: str = ""
 
     def integrated(self, solver: Choice) -> Instance:
         """The same with a solver; the FMU's state says all only if the solver remembers nothing."""
@@ -480,8 +482,9 @@ class _Check:
                     text = ONLY_ONCE.text(part.fmu.path.name, other, part.name)
                     self.problems.append(Problem(part.element.where, text))
             values = bindings.values.get(part.name, {})
+            size, source = (step, "system") if step else (part.fmu.step_size, "FMU" if part.fmu.step_size else "")
             solver = self._solver(part)
-            instance = Instance(part.name, part.fmu, values, step or part.fmu.step_size, part.element.where)
+            instance = Instance(part.name, part.fmu, values, size, part.element.where, step_source=source)
             if part.fmu.model_exchange is not None:
                 instance = instance.integrated(solver or Choice())
             instances.append(instance)
@@ -591,3 +594,6 @@ class _Check:
             where = wiring.unit_gaps[0].where
             count = len(wiring.unit_gaps)
             self.notes.append(UNIT_GAP.text(count, where))
+        if wiring.truths:
+            where, count = wiring.truths[0].where, len(wiring.truths)
+            self.notes.append(f"{count} connections join a Boolean to a number: true is 1, false 0; the first: {where}")

@@ -43,7 +43,7 @@ _FORMAT = 2
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What must be the same for a run to go on: of FMUs their digests by instance, of time ns and base steps.
+    """What must be the same for a run to go on: of FMUs their digests by instance, of time ticks and base steps.
 
     A file of inputs is known by its digest, too.
     """
@@ -56,6 +56,7 @@ class Identity:
     every: int
     seed: int
     input: str = ""
+    per_ns: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,7 @@ class Checkpoint:
             "every": "the recording interval",
             "seed": "the seed of the radio",
             "input": "the file of --input",
+            "per_ns": "the tick of time",
         }
         for name in mine:
             if mine[name] != other[name]:

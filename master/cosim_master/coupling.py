@@ -11,6 +11,7 @@ what each guarantees, and when it refuses.
 `order`: of instances that depend on each other, as far as it is to be a certain one.
 `tolerance`, `iterations`, `relaxation`: of the two that iterate. `tolerance`, `minimumStep`, `maximumStep` (s): of
 Richardson.
+`nan`: "refuse" (the default) ends a run with an output that is NaN, "allow" does not.
 `extrapolation`: 1 gives Real inputs their derivatives along, of all connections or of one.
 `connection`: the one that drives the input `to`. `delay` in s: the input at t is the output of t - delay, until then
 `start` (in the input's unit; without it, what the input starts with). A delayed connection takes no part in the
@@ -31,7 +32,15 @@ from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Start, Variable
 from cosim_master.initialization import Stage, components, exchange_order
-from cosim_master.limitations import EXTRAPOLATION, LOOP_EVENTS, LOOP_STATE, STEP_CONTROL, STEP_DELAY
+from cosim_master.limitations import (
+    EXTRAPOLATION,
+    FINE_GRID,
+    LOOP_EVENTS,
+    LOOP_STATE,
+    STEP_CONTROL,
+    STEP_DELAY,
+    STEP_FRACTION,
+)
 
 __all__ = ["ANNOTATION", "Coupling", "Delay", "Target", "connected", "coupling_of"]
 
@@ -49,6 +58,8 @@ _NUMBERS = {
 }
 """Which algorithms an attribute is for."""
 _LONGEST = 1_000_000_000
+_FINEST_DELAY = 10_000
+"""Base steps of the shortest step up to which delayed connections, which remember a value for each, are possible."""
 Target = tuple[str, str]
 """An input: instance and variable."""
 
@@ -77,6 +88,7 @@ class Coupling:
         iterations: how often a loop is stepped at most, until they do not change by more.
         relaxation: the part of a change that a fixed-point iteration makes.
         minimum_step, maximum_step: of Richardson, ns; 0 leaves them to it.
+        nan: whether outputs may be NaN.
     """
 
     algorithm: str = "jacobi"
@@ -89,6 +101,7 @@ class Coupling:
     relaxation: float = 1.0
     minimum_step: int = 0
     maximum_step: int = 0
+    nan: bool = False
     where: Where | None = None
     notes: tuple[str, ...] = ()
 
@@ -102,30 +115,43 @@ class Coupling:
         """All instances in the order in which they step."""
         return tuple(i for group in self.groups for i in group)
 
-    def check(self, checked: CheckedSystem, base: int, periods: Sequence[int]) -> None:
+    def check(self, checked: CheckedSystem, base: int, periods: Sequence[int], per_ns: int = 1) -> None:
         """Whether it fits the clock.
 
         Args:
-            base: base step, ns.
+            base: base step, in ticks.
             periods: of each instance, in base steps.
+            per_ns: ticks of a nanosecond.
 
         Raises:
-            SystemDescriptionError: delays that are no multiples of it, loops with instances of longer steps.
+            SystemDescriptionError: delays that are not multiples of it, or of a base step far below all steps; loops
+                with instances of longer steps; Richardson with steps that are not whole nanoseconds.
         """
+        seconds = base / (1e9 * per_ns)
         problems = [
             Problem(
                 one.where,
-                f"delay {one.ns / 1e9:g} s of {'.'.join(target)} is no multiple of the base step {base / 1e9:g} s",
+                f"delay {one.ns / 1e9:g} s of {'.'.join(target)} is not a multiple of the base step {seconds:.9g} s",
             )
             for target, one in self.delays.items()
-            if one.ns % base
+            if 2 * abs(one.ns * per_ns - round(one.ns * per_ns / base) * base) >= per_ns
         ]
+        if self.delays and min(periods) > _FINEST_DELAY:
+            (_, first), shortest = next(iter(self.delays.items())), min(periods) * seconds
+            problems.append(
+                Problem(first.where, FINE_GRID.text("delayed connections", f"{seconds:.9g}", f"{shortest:.9g}"))
+            )
+        if self.variable and min(periods) > _FINEST_DELAY:
+            text = FINE_GRID.text("richardson's rows", f"{seconds:.9g}", f"{min(periods) * seconds:.9g}")
+            problems.append(Problem(self.where or checked.structure.where, text))
+        if self.variable and per_ns > 1:
+            problems.append(Problem(self.where or checked.structure.where, STEP_FRACTION.text(f"{seconds:.9g}")))
         for i in (i for loop in self.loops for i in loop):
             if periods[i] > 1:
-                one_, size = checked.instances[i], periods[i] * base / 1e9
+                one_, size = checked.instances[i], periods[i] * seconds
                 text = (
                     f"{self.algorithm}: {one_.name} is part of a loop and steps by {size:g} s, but what iterates "
-                    f"must step by the base step, here {base / 1e9:g} s"
+                    f"must step by the base step, here {seconds:.9g} s"
                 )
                 problems.append(Problem(one_.where, text))
         if problems:
@@ -145,6 +171,7 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     algorithm = reader.choice("algorithm", "jacobi", ALGORITHMS)
     order = tuple(reader.text("order", "").split())
     every = reader.integer("extrapolation", 0, 0, 1)
+    nan = reader.choice("nan", "refuse", ("refuse", "allow")) == "allow"
     delays, wanted = _connections(checked, reader.children("connection")["connection"], every)
     extrapolated = _extrapolated(checked, wanted, every, algorithm, problems)
     numbers = _numbers(reader, algorithm)
@@ -162,7 +189,7 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     reader.finish()
     if problems:
         raise SystemDescriptionError(problems)
-    return Coupling(algorithm, groups, delays, extrapolated, loops, *numbers, where=reader.where, notes=notes)
+    return Coupling(algorithm, groups, delays, extrapolated, loops, *numbers, nan=nan, where=reader.where, notes=notes)
 
 
 def connected(checked: CheckedSystem, coupling: Coupling) -> CheckedSystem:

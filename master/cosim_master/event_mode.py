@@ -22,8 +22,8 @@ from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
 from cosim_master.layout import KINDS, Layout, halves_of
 from cosim_master.living import Living
-from cosim_master.stepping import collect_again
-from cosim_master.tables import BASE, BEGIN, END, SHOW, START, K, Plan
+from cosim_master.stepping import collect_again, end_here
+from cosim_master.tables import BASE, BEGIN, END, FINER, PER_NS, SHOW, START, K, Plan
 from cosim_master.texts import Texts
 
 __all__ = ["EventMode"]
@@ -62,8 +62,13 @@ class EventMode:
 
     @property
     def _ns(self) -> int:
+        return self._at(max(int(self._plan.clock[K]), 0))
+
+    def _at(self, k: int) -> int:
+        """The time of base step k, ns."""
         clock = self._plan.clock
-        return int(clock[START] + max(clock[K], 0) * clock[BASE])
+        per_ns = int(clock[PER_NS])
+        return (int(clock[START]) + k * int(clock[BASE]) + per_ns // 2) // per_ns
 
     @property
     def pending(self) -> bool:
@@ -112,9 +117,13 @@ class EventMode:
                 own = [i for i in members if i in at_end]
                 touched |= {*self.events.settle(now, self.events.enter(own), members, held=self._held_inputs)}
             if together:
-                now = self._ns + int(self._plan.clock[BASE])
+                now = self._at(k + 1)
                 entered = self.events.enter(together)
-                touched |= {*self.events.settle(now, entered, ends, here, self._held_outputs)}
+                try:
+                    touched |= {*self.events.settle(now, entered, ends, here, self._held_outputs)}
+                except EndedByEvent:
+                    self._end_here(ends)
+                    raise
         except FmuError as error:
             raise RunFailed([error]) from None
         except EndedByEvent as ended:
@@ -125,9 +134,20 @@ class EventMode:
         collect_again(self._plan, np.array(sorted(touched & set(ends)), dtype=np.int64))
         raise_failures(self._plan, self._places, self._living)
 
+    def _end_here(self, ends: Sequence[int]) -> None:
+        """An FMU ends the run in Event Mode at the end of a macro step: all have stepped, so there is a row of it."""
+        clock = self._plan.clock
+        if clock[FINER] > 1:
+            return
+        self.show(ends)
+        collect_again(self._plan, np.array(ends, dtype=np.int64))
+        raise_failures(self._plan, self._places, self._living)
+        end_here(self._plan, np.zeros(0, dtype=np.int64))
+
     def _finish(self, pending: Mapping[int, int]) -> list[int]:
         """The rest of the steps that the loop has left to events; returns who has an event at the end of it."""
         at_end: list[int] = []
+        near = 0.0 if self._plan.clock[PER_NS] == 1 else 6e-10
         for i in pending:
             # Those tied together by Clocks have one next event, so all of them have begun their step, or none has.
             begun = pending[i] == END
@@ -137,7 +157,9 @@ class EventMode:
             for one in members:
                 self._living3(one).pending = 0
             end = reached(self._plan) + float(self._plan.instances[i]["h"])
-            at_end += self.events.finish(members, reached(self._plan), end, begun=begun, held=self._held_inputs)
+            at_end += self.events.finish(
+                members, reached(self._plan), end, begun=begun, held=self._held_inputs, near=near
+            )
         return at_end
 
     def _held_inputs(self, link: Link) -> Any:

@@ -397,6 +397,7 @@ class Events:
         *,
         begun: bool,
         held: Callable[[Link], Any] | None = None,
+        near: float = 0.0,
     ) -> list[int]:
         """The rest of a step from `t` to `end`, in parts if there are events between them.
 
@@ -404,6 +405,7 @@ class Events:
             members: instances that step together.
             begun: fmi3DoStep has been called for this step already, and `Instance3.answers` has what it answered.
             held: as for `settle`.
+            near: s; what is that near to `end` is at `end`. Events have whole nanoseconds, steps need not.
 
         Returns:
             Those that have an event at `end`.
@@ -412,9 +414,10 @@ class Events:
             FmuError: the FMU refused, or does not get on.
             EndedByEvent: it wants the simulation to end.
         """
-        near = 1e-9 * max(end - t, abs(end) * 1e-3)
+        rounded, near = near > 0.0, max(1e-9 * max(end - t, abs(end) * 1e-3), near)
         for _ in range(_MOST_STEPS):
             until = min(end, max(min(self._one(i).next_event for i in members), t))
+            until = end if rounded and until > end - near else until
             needed: set[int] = set()
             if not begun and until > t + near:
                 for i in members:

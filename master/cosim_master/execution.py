@@ -58,7 +58,7 @@ from cosim_master.repetition import Grid, Snapshot, cannot_be_repeated
 from cosim_master.richardson import Rejected, Richardson
 from cosim_master.rollback import self_test
 from cosim_master.startup import answers, initialize, instantiate
-from cosim_master.stepping import collect_all, end_here, places_needed, record, run, sent_bytes, work
+from cosim_master.stepping import collect_all, end_here, next_point, places_needed, record, run, sent_bytes, work
 from cosim_master.stimuli import Agenda, Stimuli
 from cosim_master.tables import (
     BASE,
@@ -74,6 +74,7 @@ from cosim_master.tables import (
     LAST,
     NEED_LOG,
     NEED_PLACES,
+    PER_NS,
     PHASE,
     QUIT,
     ROWS,
@@ -96,10 +97,14 @@ _WORTH_THREADS = 64
 
 
 class _Discarded(Exception):
-    """Steps were discarded, and can be repeated at least `shrink` times shorter; else these are the failures."""
+    """Steps were discarded, and can be repeated at least `shrink` times shorter.
 
-    def __init__(self, failures: Sequence[FmuError], shrink: float) -> None:
-        self.failures, self.shrink = tuple(failures), shrink
+    Args:
+        failures: makes the errors, given the reason for which they are not repeated.
+    """
+
+    def __init__(self, failures: Callable[[str], list[FmuError]], shrink: float) -> None:
+        self.failures, self.shrink = failures, shrink
 
 
 class Execution:
@@ -120,6 +125,7 @@ class Execution:
         profiler: measures where the time goes.
         checkpoint: go on from there.
         coupling: the master; None is Jacobi.
+        grid: rows at every base step, also where no step of an instance ends.
         on_stage: is told, in words, what is done next, until the first step.
 
     Attributes:
@@ -147,6 +153,7 @@ class Execution:
         profiler: Profiler | None = None,
         checkpoint: Checkpoint | None = None,
         coupling: Coupling | None = None,
+        grid: bool = False,
         on_stage: Callable[[str], None] | None = None,
     ) -> None:
         self.checked, self.clock, self.places, self.network = checked, clock, places, network
@@ -170,9 +177,9 @@ class Execution:
                 instantiate(checked, self._libraries, self.living)
             tell(f"initializing {len(checked.instances)} FMU instances")
             with self._phase("initialize"):
-                span = (clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
+                span = (clock.time(0), clock.time(clock.steps))
                 delayed = coupling.delays if coupling is not None else {}
-                self._event_mode = EventMode(checked, places, self.living, clock.start, delayed)
+                self._event_mode = EventMode(checked, places, self.living, clock.start_ns, delayed)
                 self._events = self._event_mode.events
                 initialize(checked, self.living, *span, self._events)
                 self.parameters, self.notes = answers(checked, self.living)
@@ -188,6 +195,7 @@ class Execution:
                 free=free,
                 threads=self.threads,
                 coupling=coupling,
+                grid=grid or (coupling is not None and coupling.variable),
             )
             if profiler is not None:
                 profiler.attach(self.plan, self.living)
@@ -280,7 +288,7 @@ class Execution:
         # Strings that are no packets are rare and slow to exchange: Python does it, one macro step at a time.
         while self.plan.clock[K] < stop:
             self._texts.set_inputs(self.plan)
-            self._run(int(self.plan.clock[K]) + 1)
+            self._run(int(next_point(self.plan, stop)))
 
     def _change(self) -> None:
         """Set what is to be changed at this communication point."""
@@ -425,6 +433,8 @@ class Execution:
         """Go back to where the discarded step began, and divide the steps that begin there."""
         assert self._snapshot is not None
         rows, reached = self._rows(), int(self.plan.clock[K])
+        done = self._recorded()
+        step = float(np.max(self.plan.instances["h"]))
         try:
             self.radio = self._snapshot.restore(self.plan)
             self._texts.outputs |= self._saved_texts
@@ -432,16 +442,38 @@ class Execution:
             if self._recorder is not None:
                 self._recorder.take_back()
             self._macro_steps(reached)
-        except (FmuError, _Discarded) as error:
-            raise RunFailed([*discarded.failures, *([error] if isinstance(error, FmuError) else [])]) from None
+        except (FmuError, RunFailed, RunTerminated, _Discarded) as error:
+            self._put_back(*done)
+            reason = "to repeat it, the run went back to a copy of its state and did not come again to this step"
+            raise RunFailed([*discarded.failures(reason), *_failures_of(error)]) from None
         again = self._rows()
         if changed := [name for name in rows if not np.array_equal(rows[name], again[name], equal_nan=True)]:
+            self._put_back(*done)
             text = f"the step cannot be repeated: after fmi2SetFMUstate, {', '.join(changed[:3])} went another way"
             owner = next(one.name for one in reversed(self.living) if changed[0].startswith(f"{one.name}."))
-            raise RunFailed([*discarded.failures, FmuError(owner, "fmi2SetFMUstate", text, self.time)])
+            reason = "to repeat it, the run went back to a copy of its state"
+            raise RunFailed([*discarded.failures(reason), FmuError(owner, "fmi2SetFMUstate", text, self.time)])
         if self._grid.refine(discarded.shrink) == 0:
-            raise RunFailed(discarded.failures)
+            tried = f"shorter steps down to {step:.9g} s did not help"
+            raise RunFailed(discarded.failures(tried if self._grid.factor > 1 else f"{step:.9g} s cannot be divided"))
         self._save()
+
+    def _recorded(self) -> tuple[Any, ...]:
+        """What has been recorded since rows were last written out, and the radio, for `_put_back`."""
+        plan, n = self.plan, int(self.plan.clock[ROWS])
+        blocks = [block[:n].copy() for block in (plan.ticks, plan.real_block, plan.int_block)]
+        texts = [] if self._recorder is None else self._recorder.unwritten_texts()
+        return int(plan.clock[K]), self.radio, blocks, texts
+
+    def _put_back(self, k: int, radio: Any, blocks: Sequence[Any], texts: Sequence[list[str]]) -> None:
+        """The recording as it was before a repetition that failed: what was complete stays complete."""
+        plan, n = self.plan, len(blocks[0])
+        plan.ticks[:n], plan.real_block[:n], plan.int_block[:n] = blocks
+        plan.clock[ROWS], plan.clock[K], self.radio = n, k, radio
+        if self._recorder is not None:
+            self._recorder.take_back()
+            for row in texts:
+                self._recorder.texts(row)
 
     def _rows(self) -> dict[str, np.ndarray[Any, Any]]:
         """What has been recorded since rows were last written out, by signal."""
@@ -467,7 +499,8 @@ class Execution:
         discarded = [i for i in failed if tuple(rows["failed"][i][:2]) == DISCARD]
         if len(ended) + len(discarded) < len(failed):
             return
-        failures, shrink = [], 2.0
+        waiting: list[tuple[int, float | None]] = []
+        shrink = 2.0
         ends = [(i, self.time + float(rows["h"][i])) for i in ended]
         for i in discarded:
             living, h = self.living[i], float(rows["h"][i])
@@ -476,14 +509,19 @@ class Execution:
             if living.ended():
                 ends.append((i, self.time if last is None else last))
                 continue
-            reason = self._unrepeatable or f"shorter steps down to {h:.9g} s did not help"
             if last is not None and last > self.time:
                 shrink = max(shrink, h / (last - self.time))
-            failures.append(discard_failure(self.plan, living, i, last, reason))
+            waiting.append((i, last))
+
+        def failures(reason: str) -> list[FmuError]:
+            for i, _ in waiting:
+                self.living[i].time = self.time
+            return [discard_failure(self.plan, self.living[i], i, last, reason) for i, last in waiting]
+
         if ends:
             self._terminate(sorted(ends), complete=len(ends) == len(failed))
         if self._unrepeatable or self._snapshot is None:
-            raise RunFailed(failures)
+            raise RunFailed(failures(self._unrepeatable or "it cannot be repeated"))
         raise _Discarded(failures, shrink)
 
     def _terminate(self, ends: Sequence[tuple[int, float]], *, complete: bool) -> None:
@@ -494,7 +532,7 @@ class Execution:
         if python and clock[K] == 0:
             text = f"fmi2Discard: it wants the run to end in its first step {_FORGETFUL}"
             raise RunFailed([self.living[ends[0][0]].failure("fmi2DoStep", STATUS.index("fmi2Discard"), text)])
-        end = (clock[START] + (clock[K] + 1) * clock[BASE]) / 1e9
+        end = (clock[START] + (clock[K] + 1) * clock[BASE]) / (1e9 * clock[PER_NS])
         stepped = all(rows[i]["length"] == 1 and time >= end - 1e-9 for i, time in ends)
         if complete and stepped and not self._texts and clock[K] + 1 <= clock[LAST] and self._grid.factor == 1:
             end_here(self.plan, np.array([i for i, _ in ends]))
@@ -539,7 +577,8 @@ class Execution:
     @property
     def _now(self) -> int:
         clock = self.plan.clock
-        return int(clock[START] + max(clock[K], 0) * clock[BASE])
+        ticks, per_ns = int(clock[START] + max(clock[K], 0) * clock[BASE]), int(clock[PER_NS])
+        return (ticks + per_ns // 2) // per_ns
 
     def _make_room(self, events: int, log: int) -> None:
         """At least so many free rows of events and bytes of log."""
@@ -585,7 +624,7 @@ class Execution:
             elif reason == NEED_LOG:
                 self._flush_packets()
             elif reason == EVENTS_DUE:
-                self._event_mode.handle()
+                self._handle_events()
                 continue
             elif reason == STEPS_DUE:
                 self._step_coupled()
@@ -597,13 +636,22 @@ class Execution:
                 self._save()
                 rows = int(self.plan.clock[ROWS])
 
+    def _handle_events(self) -> None:
+        rows = int(self.plan.clock[ROWS])
+        try:
+            self._event_mode.handle()
+        except RunTerminated:
+            if self._texts and self.plan.clock[ROWS] > rows:
+                self._read_texts(recorded=True)
+            raise
+
     def _trust(self, numbers: Sequence[int], why: str) -> None:
         """Let instances show that they can go back to an earlier state."""
-        start, base, steps = self.clock.start / 1e9, self.clock.base, self.clock.steps
+        start, steps = self.clock.time(0), self.clock.steps
         sizes = []
         for i in numbers:
             period = self.clock.periods[i]
-            sizes.append([period * base / 1e9] * max(1, min(2, steps // period)))
+            sizes.append([self.clock.seconds(period)] * max(1, min(2, steps // period)))
             one = self.living[i]
             if isinstance(one, Instance3) and self.plan.clock[FINAL] == 0:
                 one.final = False
@@ -721,6 +769,13 @@ class Execution:
                 failures.append(error)
         self._libraries.__exit__(None, None, None)
         return failures
+
+
+def _failures_of(error: Exception) -> list[FmuError]:
+    """What went wrong in a repetition, where it is more than another discarded step."""
+    if isinstance(error, FmuError):
+        return [error]
+    return list(error.failures) if isinstance(error, RunFailed) else []
 
 
 class _Trials:

@@ -22,6 +22,7 @@ from cosim_master.tables import (
     NOT_A_NUMBER,
     NOT_BASE64,
     NOT_CALLED,
+    PER_NS,
     START,
     TOO_LONG,
     K,
@@ -67,7 +68,7 @@ class RunTerminated(CosimError):
 def reached(plan: Plan) -> float:
     """Simulation time of the present communication point, s."""
     clock = plan.clock
-    return float(clock[START] + max(clock[K], 0) * clock[BASE]) / 1e9
+    return float(clock[START] + max(clock[K], 0) * clock[BASE]) / (1e9 * float(clock[PER_NS]))
 
 
 def raise_failures(plan: Plan, places: Layout, instances: Sequence[Living]) -> None:

@@ -209,9 +209,9 @@ def _inputs(
 ]:
     """Fill in what feeds every input.
 
-    Integers and booleans that are mapped on the way get a place behind all outputs of `int_out`, integer sources of
-    real inputs get a mirror among the reals; returns the rows (from, to) of the mirrors, those of `Plan.mapped`, and
-    `Layout.constants`.
+    Integers and booleans that are mapped on the way get a place behind all outputs of `int_out`, integer and boolean
+    sources of real inputs get a mirror among the reals; returns the rows (from, to) of the mirrors, those of
+    `Plan.mapped`, and `Layout.constants`.
     """
     by_instance: dict[str, dict[str, Link]] = {}
     terms: dict[tuple[str, str], list[Link]] = {}
@@ -238,19 +238,21 @@ def _inputs(
     def sources_of(link: Link, target: Variable) -> list[int]:
         """Where the value of an input comes from; two places for an integer of 64 bits."""
         source_kind = next(k for k in KINDS if link.source in ports[k].index)
-        source = ports[source_kind].index[link.source]
-        wide = ports[source_kind].outputs[source][1].wide
-        first = integers if source_kind == "Boolean" else 0
+        at = ports[source_kind].index[link.source]
+        wide = ports[source_kind].outputs[at][1].wide
+        at += integers if source_kind == "Boolean" else 0
         if link.mapping:
-            at = first + source
             rows = [(at, COPY, 0), (at + 1, COPY, 1)] if wide else [(at, COPY, 0)]
             rows += [(-1 - at if wide else at, _signed(key), _signed(value)) for key, value in link.mapping]
-            source = place_of((at, link.mapping), rows) - first
-        if set_kind(target) == "Real" and source_kind == "Integer":
-            source = mirrors.setdefault(-1 - source if wide else source, reals + len(mirrors))
+            at = place_of((at, link.mapping), rows)
+        if set_kind(target) == "Real":
+            if source_kind == "Real":
+                return [at]
+            return [mirrors.setdefault(-1 - at if wide else at, reals + len(mirrors))]
+        first = integers if set_kind(target) == "Boolean" else 0
         if not target.wide:
-            return [source]
-        return [source, source + 1 if wide else place_of((first + source, SIGN), [(first + source, SIGN, 0)]) - first]
+            return [at - first]
+        return [at - first, at + 1 - first if wide else place_of((at, SIGN), [(at, SIGN, 0)]) - first]
 
     for instance in checked.instances:
         own = by_instance.get(instance.name, {})

@@ -77,9 +77,9 @@ DIRECTION = Limitation(
 )
 NARROWING = Limitation(
     "SSP 2.0, 5.3.2.1",
-    "connections from a type to a narrower one (Real to Integer, Integer to Int8)",
+    "connections from a type to a narrower one (Real to Integer, Integer to Int8, numbers to Boolean)",
     "error",
-    "{} is {} and {} is {}; types must be equal (or Integer to Real)",
+    "{} is {} and {} is {}; types must be equal (or Boolean to Integer to Real)",
 )
 MAPPED_BACK = Limitation(
     "SSP 2.0, 5.2.3",
@@ -401,8 +401,11 @@ ENGINE_FMI = Limitation(
 
 # ---- masters ---------------------------------------------------------------------------------------------------------
 
-NANOSECONDS = Limitation(
-    "Masters", "step sizes that are no whole number of ns", "error", "{}: step size {} s is not a whole number of ns"
+FINE_STEPS = Limitation(
+    "Masters",
+    "step sizes without a common unit that is large enough for the run (fractions such as 1/30 have one)",
+    "error",
+    "step size {} s: to count the time of this run exactly takes more than 62 bits; try {}",
 )
 WHOLE_TIMES = Limitation(
     "Masters", "start and stop times that are not", "error", "start and stop time must be whole nanoseconds"
@@ -411,7 +414,7 @@ BASE_STEP = Limitation(
     "Masters",
     "runs that end between two base steps",
     "error",
-    "a run of {} s is no multiple of the base step {} s; try --until {}",
+    "a run of {} s is not a multiple of the base step {} s; try --until {}",
 )
 OVERRUN = Limitation(
     "Masters",
@@ -423,7 +426,7 @@ RECORDING_INTERVAL = Limitation(
     "Masters",
     "recording between communication points",
     "error",
-    "recording interval {} s is no multiple of the base step {} s",
+    "recording interval {} s is not a multiple of the base step {} s",
 )
 CHANGE = Limitation(
     "Masters",
@@ -431,7 +434,12 @@ CHANGE = Limitation(
     "error",
     "no step of {} begins then; its steps begin every {} s from {} to {} s",
 )
-NOT_A_NUMBER = Limitation("Masters", "outputs that are NaN", "failure", "{} is not a number")
+NOT_A_NUMBER = Limitation(
+    "Masters",
+    'outputs that are NaN, unless the annotation org.uav-cosim.master of the system says nan="allow"',
+    "failure",
+    '{} is not a number; where that is meant, allow it: <master xmlns="https://uav-cosim.org/ns/1" nan="allow"/>',
+)
 INITIAL_LOOP = Limitation(
     "Masters",
     "loops at initialization that neither going round nor Newton's method solves",
@@ -473,6 +481,18 @@ STEP_DELAY = Limitation(
     "steps that the error decides, with delayed connections",
     "error",
     "richardson: the connection to {} is delayed, which needs steps of one size",
+)
+STEP_FRACTION = Limitation(
+    "Masters",
+    "steps that the error decides, where a base step is not a whole number of ns",
+    "error",
+    "richardson: its rows lie on whole nanoseconds, but the base step is {} s; try --step with one that is whole",
+)
+FINE_GRID = Limitation(
+    "Masters",
+    "delays, or steps that the error decides, where the base step is far below the step of any instance",
+    "error",
+    "{} need each base step, {} s here, where the shortest step is {} s; try step sizes with a larger common divisor",
 )
 
 LIMITATIONS = tuple(value for value in tuple(globals().values()) if isinstance(value, Limitation))

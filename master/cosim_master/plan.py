@@ -52,6 +52,7 @@ def make_plan(
     free: Sequence[int] = (),
     threads: int = 1,
     coupling: Coupling | None = None,
+    grid: bool = False,
 ) -> Plan:
     """The plan of a run over living instances, in the order of `places.instances`.
 
@@ -60,6 +61,7 @@ def make_plan(
         free: numbers of the instances that any thread may step.
         threads: how many will step them, the main one included.
         coupling: the master; None is Jacobi.
+        grid: rows and exchange at every base step, also where no step of an instance ends.
     """
     kinds = [places.ports[kind] for kind in KINDS]
     real = kinds[0]
@@ -137,8 +139,11 @@ def make_plan(
                 order,
                 1,
                 int(not (coupling and coupling.variable)),
+                clock.per_ns,
+                int(coupling is not None and coupling.nan),
             ]
         ),
+        grids=np.array([] if grid else clock.grids, dtype=np.int64),
         delays=table(delays),
         slopes=table(slopes),
         kept=kept,
@@ -165,8 +170,9 @@ def _delay_table(
         row["whole"], row["source"] = whole, one.source + (integers if one.kind == 2 else 0)
         row["place"] = own[whole] + one.constant
         row["factor"], row["offset"] = one.link.factor, one.link.offset
-        row["first"], row["length"] = len(kept), -1 if one.ns == TERM else one.ns // clock.base
-        kept += [float(one.start)] * max(int(row["length"]), 0)
+        steps = -1 if one.ns == TERM else round(one.ns * clock.per_ns / clock.base)
+        row["first"], row["length"] = len(kept), steps
+        kept += [float(one.start)] * max(steps, 0)
     return table, np.array(kept)
 
 
@@ -230,7 +236,7 @@ def _instance_table(clock: Timing, network: Network, living: Sequence[Living], n
     libraries = {id(one.library): i for i, one in enumerate(living)}
     table["library"] = [libraries[id(one.library)] for one in living]
     table["period"] = table["length"] = clock.periods
-    table["h"] = [period * clock.base / 1e9 for period in clock.periods]
+    table["h"] = [clock.seconds(period) for period in clock.periods]
     endpoint: dict[str, int] = {}
     for i, e in enumerate(e for node in network.nodes for e in node.endpoints):
         endpoint.setdefault(e.instance, i)

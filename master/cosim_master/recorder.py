@@ -34,7 +34,7 @@ from cosim_master.layout import KINDS, Layout
 from cosim_master.network import Network
 from cosim_master.radio import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
 from cosim_master.run_folder import clear
-from cosim_master.tables import ROWS, Plan
+from cosim_master.tables import PER_NS, ROWS, Plan
 
 __all__ = ["EPOCH", "Recorder"]
 
@@ -178,6 +178,10 @@ class Recorder:
         """The values of all recorded String variables for the row just recorded."""
         self._text_rows.append(values)
 
+    def unwritten_texts(self) -> list[list[str]]:
+        """What was said by `texts` since rows were last written."""
+        return list(self._text_rows)
+
     def take_back(self) -> None:
         """Forget what was said since rows were last written: the run has gone back to there."""
         self._text_rows.clear()
@@ -192,7 +196,7 @@ class Recorder:
         integers = sum(1 + v.wide for _, kind, _, v in self._columns if kind == "Integer")
         booleans = plan.int_block[:, integers:]
         blocks: dict[str, Any] = {"Real": plan.real_block, "Integer": plan.int_block, "Boolean": booleans}
-        arrays = [pa.array(plan.ticks[:n] / 1e9)]
+        arrays = [pa.array(plan.ticks[:n] / (1e9 * plan.clock[PER_NS]))]
         for _, kind, column, variable in self._columns:
             if kind == "String":
                 arrays.append(pa.array([row[column] for row in self._text_rows[:n]], type=pa.string()))

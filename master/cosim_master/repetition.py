@@ -22,7 +22,7 @@ import numpy as np
 from cosim_master.living import Living
 from cosim_master.radio import Radio
 from cosim_master.rollback import STATE_FUNCTIONS
-from cosim_master.tables import BASE, EVERY, FAULTS, FINER, LAST, K, Plan
+from cosim_master.tables import BASE, EVERY, FAULTS, FINER, LAST, PER_NS, K, Plan
 
 __all__ = ["FINEST", "Grid", "Snapshot", "cannot_be_repeated"]
 
@@ -159,4 +159,4 @@ class Grid:
         clock, rows = self._plan.clock, self._plan.instances
         lengths = np.minimum(rows["period"], clock[LAST] - clock[K])
         rows["length"] = np.where(due, lengths, rows["length"])
-        rows["h"] = np.where(due, lengths * clock[BASE] / 1e9, rows["h"])
+        rows["h"] = np.where(due, lengths * clock[BASE] / (1e9 * clock[PER_NS]), rows["h"])

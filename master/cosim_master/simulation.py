@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
+from fractions import Fraction
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -38,7 +39,7 @@ from cosim_master.solvers import Choice
 from cosim_master.ssp import read_system
 from cosim_master.stimuli import Stimuli, read_stimuli
 from cosim_master.system import Component, System
-from cosim_master.timing import Timing, timing
+from cosim_master.timing import Timing, exact, timing
 
 __all__ = ["RECORDING", "Progress", "Prepared", "Recording", "RunResult", "prepare", "simulate"]
 
@@ -157,18 +158,19 @@ def prepare(
     network = gathered(lambda: network_of(checked, seed))
     coupling = gathered(lambda: coupling_of(checked))
     if clock is not None and coupling is not None:
-        gathered(lambda: coupling.check(checked, clock.base, clock.periods))
+        gathered(lambda: coupling.check(checked, clock.base, clock.periods, clock.per_ns))
     if problems:
         raise SystemDescriptionError(problems)
     every = 1
     if recording.interval is not None:
-        every = round(recording.interval * 1e9 / clock.base)
-        if every < 1 or not math.isclose(every * clock.base, recording.interval * 1e9, rel_tol=1e-9):
-            text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{clock.base / 1e9:g}")
+        interval = exact(recording.interval) or Fraction(0)
+        every = round(interval * clock.per_ns / clock.base)
+        if every < 1 or not math.isclose(every * clock.base, interval * clock.per_ns, rel_tol=1e-9):
+            text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{clock.seconds(1):.9g}")
             raise SystemDescriptionError([Problem(checked.structure.where, text)])
     checked = connected(checked, coupling)
     if stimuli is not None:
-        checked = stimuli.initialize(checked, clock.start / 1e9)
+        checked = stimuli.initialize(checked, clock.time(0))
         stimuli.sample(clock)
     ready = Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling, stimuli)
     if strict and (findings := [note.problem for note in ready.notes if isinstance(note, Finding)]):
@@ -236,7 +238,7 @@ def simulate(
         out: folder for the results, whatever it holds, or a `RunFolder`, which says what may be overwritten; None
             records nothing.
         until: stop time in s; the system's DefaultExperiment if None.
-        step: step size in s for systems and FMUs that name none.
+        step: step size in s of all FMUs, whatever the system and they themselves name.
         pace: times real time to hold at most; None runs as fast as it can.
         seed: of the radio's random numbers; the system's if None.
         overrides: start values by hierarchical name or pattern, and settings of radio and recording ("network.loss"),
@@ -272,7 +274,7 @@ def simulate(
             at = [*((checkpoint.time, name, value) for name, value in now.items()), *at]
             new = {f"{tag}.{name}": text for tag, given in settings.items() for name, text in given.items()}
             overrides, record = {**checkpoint.overrides, **new}, record or checkpoint.record
-            until = (was.start + was.steps * was.base) / 1e9 if until is None else until
+            until = (was.start + was.steps * was.base) / (1e9 * was.per_ns) if until is None else until
             seed = was.seed if seed is None and "network.seed" not in new else seed
         if solver is not None:
             structure = as_model_exchange(structure)
@@ -335,6 +337,7 @@ def simulate(
                     profiler=profiler,
                     checkpoint=checkpoint,
                     coupling=ready.coupling,
+                    grid=ready.recording.interval is not None and ready.every == 1,
                     on_stage=on_stage,
                 )
             except SystemDescriptionError:
@@ -397,7 +400,7 @@ class _Checkpoints:
     """Checkpoints at equal intervals of simulated time; none if `every` is None.
 
     Raises:
-        SystemDescriptionError: the interval is no multiple of the base step, or there is no folder for them.
+        SystemDescriptionError: the interval is not a multiple of the base step, or there is no folder for them.
     """
 
     def __init__(
@@ -414,6 +417,7 @@ class _Checkpoints:
             fmus={instance.name: instance.fmu.digest for instance in checked.instances},
             start=clock.start,
             base=clock.base,
+            per_ns=clock.per_ns,
             steps=clock.steps,
             every=ready.every,
             seed=ready.network.seed,
@@ -427,9 +431,9 @@ class _Checkpoints:
         if out is None:
             raise SystemDescriptionError([Problem(Where("checkpoints"), "there is no folder for them")])
         self._folder = out / "checkpoints"
-        steps = every * 1e9 / clock.base
+        steps = every * 1e9 * clock.per_ns / clock.base
         if not 1 <= steps < 2**62 or not math.isclose(steps, round(steps), rel_tol=1e-9):
-            text = f"every {every:g} s is no multiple of the base step {clock.base / 1e9:g} s"
+            text = f"every {every:g} s is not a multiple of the base step {clock.seconds(1):.9g} s"
             raise SystemDescriptionError([Problem(Where("checkpoints"), text)])
         self._every = round(steps)
 
@@ -488,7 +492,7 @@ def _run(
 ) -> RunResult:
     clock = ready.clock
     start = execution.time
-    stop = (clock.start + clock.steps * clock.base) / 1e9
+    stop = clock.time(clock.steps)
     outcome = "done"
     failure: CosimError | None = None
     began = time.perf_counter()
@@ -517,7 +521,7 @@ def _run(
                 on_progress(Progress(execution.time, start, stop, wall, packets))
             spent = max(time.perf_counter() - before, 1e-6)
             if pace is not None:
-                chunk = max(1, min(int(_SLICE * 0.4 * pace * 1e9 / clock.base), clock.steps))
+                chunk = max(1, min(int(_SLICE * 0.4 * pace / clock.seconds(1)), clock.steps))
             else:
                 chunk = max(1, min(4 * chunk, int(chunk * slice_ / spent) or 1))
         if gateways:
@@ -597,11 +601,11 @@ def _manifest(
             else {"input": {"path": str(ready.stimuli.path), "sha256": ready.stimuli.digest}}
         ),
         "fingerprint": dict(fingerprint),
-        "start_time": ready.clock.start / 1e9,
-        "base_step": ready.clock.base / 1e9,
+        "start_time": ready.clock.time(0),
+        "base_step": ready.clock.seconds(1),
         "changes": [
             {
-                "time": (ready.clock.start + change.k * ready.clock.base) / 1e9,
+                "time": ready.clock.time(change.k),
                 "variable": f"{checked.instances[change.instance].name}.{change.variable.name}",
                 "value": _in_json(change.value),
             }
@@ -626,11 +630,14 @@ def _manifest(
         "instances": {
             instance.name: {
                 "fmu": str(instance.fmu.path),
-                "step": period * ready.clock.base / 1e9,
+                "step": ready.clock.seconds(period),
+                "step_by": source,
                 **({} if instance.solver is None else {"solver": asdict(instance.solver)}),
                 "parameters": {name: _in_json(value) for name, value in parameters[instance.name].items()},
             }
-            for instance, period in zip(checked.instances, ready.clock.periods, strict=True)
+            for instance, period, source in zip(
+                checked.instances, ready.clock.periods, ready.clock.sources, strict=True
+            )
         },
         "fmus": {
             path: {"sha256": fmu.digest, "guid": fmu.guid, "model": fmu.model_name}

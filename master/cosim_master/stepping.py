@@ -1,6 +1,6 @@
 """The macro step: Python that numba compiles, over a plan of flat arrays, calling FMI functions by address.
 
-    t_k = t0 + k*h, k an integer
+    t_k = t0 + k*h, k an integer; t0 and h whole ticks, of which a whole number makes a nanosecond
     DELIVER   packets that have arrived by t_k         -> mavlink_rx of receivers that are due
     STEP      exchange: outputs(t_k) -> inputs, all read before any is written (Jacobi)
               step every instance that is due: t_k -> t_k + n*h
@@ -10,6 +10,8 @@
 
 With Gauss-Seidel, instances step one after the other, and each takes its inputs from what the others have by then.
 Delayed connections and extrapolated inputs remember earlier values (`Plan.kept`).
+
+Base steps in which no instance begins or ends a step are passed over (`Plan.grids`).
 
 `run` returns to Python only where Python is needed, and goes on from the phase in which it left. If an instance
 fails, the others of the macro step still finish; `failed` then names every failure and k stays where it was.
@@ -88,6 +90,7 @@ from cosim_master.tables import (
     LAST,
     LEFT,
     LIMIT,
+    NAN_ALLOWED,
     NEED_LOG,
     NEED_PLACES,
     NO_EVENT,
@@ -95,6 +98,7 @@ from cosim_master.tables import (
     NOT_BASE64,
     NOT_CALLED,
     ORDER,
+    PER_NS,
     PHASE,
     QUIT,
     ROWS,
@@ -114,6 +118,7 @@ __all__ = [
     "collect_again",
     "collect_all",
     "end_here",
+    "next_point",
     "places_needed",
     "record",
     "run",
@@ -133,6 +138,44 @@ def _fail(instances: NDArray[Any], i: int, function: int, status: int, detail: i
         m.failed[0] = function
         m.failed[1] = status
         m.failed[2] = detail
+
+
+@inlined
+def _time(clock: NDArray[np.int64], k: int) -> int:
+    """Communication point t_k, ns: what lies between two is rounded."""
+    ticks, per_ns = clock[START] + k * clock[BASE], clock[PER_NS]
+    return int(ticks if per_ns == 1 else (ticks + per_ns // 2) // per_ns)
+
+
+@kernel
+def _is_point(grids: NDArray[np.int64], k: int, finer: int) -> bool:
+    """Whether the step of an instance ends at base step k."""
+    ending = 0
+    for j in range(grids.size):
+        ending += k % (grids[j] * finer) == 0
+    return bool(ending > 0)
+
+
+@kernel
+def _following(grids: NDArray[np.int64], clock: NDArray[np.int64], k: int, stop: int) -> int:
+    """The first base step from k on, at most `stop`, in which an instance begins or ends a step or a row is due."""
+    found = stop if k >= clock[LAST] else min(stop, clock[LAST] - 1)
+    for j in range(grids.size):
+        begins = -(-k // grids[j]) * grids[j]
+        ends = -(-(k + 1) // grids[j]) * grids[j] - 1
+        found = min(found, begins, ends)
+    if clock[EVERY] > 1:
+        found = min(found, -(-k // clock[EVERY]) * clock[EVERY])
+    return int(max(found, k))
+
+
+@kernel
+def next_point(p: Plan, stop: int) -> int:
+    """The base step behind the present one at which there is something to do, at most `stop`."""
+    k = p.clock[K] + 1
+    if p.grids.size > 0 and p.delays.size == 0 and p.clock[FINER] == 1:
+        return int(_following(p.grids, p.clock, k, stop))
+    return int(k)
 
 
 @inlined
@@ -209,11 +252,15 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
 
 
 @kernel
-def _blame(instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64]) -> int:
-    """Fail every instance with an output that is NaN; returns how many.
+def _blame(
+    instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64], clock: NDArray[np.int64]
+) -> int:
+    """Fail every instance with an output that is NaN, unless that is allowed; returns how many.
 
     The first loop is all there is to do as long as there is none, and takes several outputs at a time.
     """
+    if clock[NAN_ALLOWED] != 0:
+        return 0
     found = 0
     for j in range(real_out.size):
         found += real_out[j] != real_out[j]
@@ -291,8 +338,8 @@ def _corrupted(instances: NDArray[Any], library: int) -> bool:
 
 
 @kernel
-def _do_step3(m: Any, t: float, h: float, final: int) -> Any:
-    """fmi3DoStep: a status, ENDED or EARLY; LEFT for a step with an event in it."""
+def _do_step3(m: Any, t: float, h: float, final: int, near: float) -> Any:
+    """fmi3DoStep: a status, ENDED or EARLY; LEFT for a step with an event in it, `near` s before its end or earlier."""
     has_events = load_u1(np.uintp(m.answers + np.uintp(24))) != 0
     if not has_events:
         status = do_step3(m.do_step, m.handle, t, h, final, m.answers)
@@ -300,7 +347,7 @@ def _do_step3(m: Any, t: float, h: float, final: int) -> Any:
         if status > 1 or load_i4(m.answers) & NO_EVENT == 0:
             return status
         return ENDED if load_u1(np.uintp(m.answers + np.uintp(1))) != 0 else EARLY
-    slack = 1e-9 * max(h, abs(t) * 1e-3)
+    slack = max(1e-9 * max(h, abs(t) * 1e-3), near)
     following = load_f8(np.uintp(m.answers + np.uintp(16)))
     if following < t + h - slack:
         store_i1(np.uintp(m.answers + np.uintp(25)), BEGIN)
@@ -334,7 +381,8 @@ def _step_some(
     k, base = clock[K], clock[BASE]
     left = clock[LAST] - k
     final = clock[FINAL]
-    t = (clock[START] + k * base) / 1e9
+    per_second = 1e9 * clock[PER_NS]
+    t = (clock[START] + k * base) / per_second
     failed = 0
     for chosen_one in chosen:
         i: Any = np.uintp(chosen_one)  # an index that can be negative costs a comparison each time it is used
@@ -350,11 +398,12 @@ def _step_some(
             if well:
                 if m.length != min(m.period, left):
                     m.length = min(m.period, left)
-                    m.h = m.length * base / 1e9
+                    m.h = m.length * base / per_second
                 if m.answers == np.uintp(0):
                     status = do_step2(m.do_step, m.handle, t, m.h, final)
                 else:
-                    status = _do_step3(m, t, m.h, final)
+                    # Events have whole nanoseconds.
+                    status = _do_step3(m, t, m.h, final, 0.0 if clock[PER_NS] == 1 else 6e-10)
                 later = status == LEFT
                 if not later and (status > 1 or status < 0):
                     _fail(instances, i, DO_STEP, status, 0)
@@ -413,7 +462,9 @@ def _extrapolate(p: Plan, k: int, first: int, last: int) -> None:
         if s.instance < first or s.instance >= last or k % p.instances[s.instance].period != 0:
             continue
         value = p.real_in[s.input]
-        p.kept[s.place] = (value - s.before) / ((t - s.at) / 1e9) if s.known != 0 and t > s.at else 0.0
+        p.kept[s.place] = (
+            (value - s.before) / ((t - s.at) / (1e9 * p.clock[PER_NS])) if s.known != 0 and t > s.at else 0.0
+        )
         s.before = value
         s.at = t
         s.known = 1
@@ -453,7 +504,7 @@ def _step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
 def step_each(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Exchange and step the instances `chosen`, one after the other."""
     p.clock[FAILURES] += _step_in_order(p, p.clock[K], chosen)
-    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
 
 
 @kernel
@@ -462,14 +513,14 @@ def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
     for i in chosen:
         _feed(p, p.clock[K], p.feeds[i : i + 1])
     p.clock[FAILURES] += _step_chosen(p, chosen)
-    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
 
 
 @kernel
 def _deliver_all(p: Plan, r: Radio, k: int) -> None:
     """What has arrived for instances that are due, as base64 text."""
     instances, ports, text, endpoints, places = p.instances, p.ports, p.text, r.endpoints, r.places
-    t = p.clock[START] + k * p.clock[BASE]
+    t = _time(p.clock, k)
     for e in range(ports.size):
         port = ports[e]
         period = instances[port.instance].period
@@ -583,7 +634,7 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
         return NEED_LOG
     if r.settings[0].topology == NEAREST_ON_AXIS:
         sort_along(r, p.real_out)
-    t = p.clock[START] + (k + 1) * p.clock[BASE]
+    t = _time(p.clock, k + 1)
     for e in range(p.ports.size):
         if p.ports[e].sent > 0:
             send(r, p.real_out, t, e, p.tx[e], p.ports[e].sent)
@@ -623,7 +674,7 @@ def collect_all(p: Plan) -> None:
             _collect_packets(p.instances, p.calls, p.ports, i, p.scratch[0], p.tx)
         if m.failed[0] != 0:
             p.clock[FAILURES] += 1
-    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
 
 
 @kernel
@@ -658,7 +709,7 @@ def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
             _collect_packets(p.instances, p.calls, p.ports, i, p.scratch[0], p.tx)
         if m.failed[0] != 0:
             p.clock[FAILURES] += 1
-    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
 
 
 @kernel
@@ -711,7 +762,7 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 clock[FAILURES] += _join_in(p)
             elif p.free.size > 0:
                 clock[FAILURES] += _step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, p.free)
-            clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out)
+            clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
             if clock[FAILURES] > 0:
                 return FAILED
             clock[PHASE] = SEND
@@ -722,9 +773,14 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             if reason != DONE:
                 return reason
         k += 1
+        if p.grids.size > 0 and p.delays.size == 0 and clock[FINER] == 1:
+            k = _following(p.grids, clock, k, max(k, k_stop))
         clock[K] = k
         clock[PHASE] = DELIVER
-        if k % clock[EVERY] == 0 or k == clock[LAST]:
+        if (
+            k % clock[EVERY] == 0
+            and (p.grids.size == 0 or clock[EVERY] > clock[FINER] or _is_point(p.grids, k, clock[FINER]))
+        ) or k == clock[LAST]:
             _record(p, k)
             if clock[ROWS] == p.ticks.size:
                 return BLOCK_FULL

@@ -102,7 +102,7 @@ class Stimuli:
         dues = []
         for column in self._columns:
             steps = np.arange(0, clock.steps, clock.periods[column.instance], dtype=np.int64)
-            times = (clock.start + steps * clock.base) / 1e9
+            times = (clock.start + steps * clock.base) / (1e9 * clock.per_ns)
             values = interpolated(self._rows, column.values, times, held=column.held)
             changed = np.ones(len(values), dtype=bool)
             changed[1:] = values[1:] != values[:-1]

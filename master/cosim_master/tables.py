@@ -48,11 +48,13 @@ __all__ = [
     "LIMIT",
     "NEED_LOG",
     "NEED_PLACES",
+    "NAN_ALLOWED",
     "NOT_A_NUMBER",
     "NOT_BASE64",
     "NOT_CALLED",
     "NO_EVENT",
     "ORDER",
+    "PER_NS",
     "PHASE",
     "PORTS",
     "Plan",
@@ -204,10 +206,12 @@ PORTS = np.dtype(
 K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL, ORDER, FINER, FINAL = range(
     15
 )
-"""Places in `Plan.clock`. START and BASE in ns; REALS_IN, REALS_OUT: how many of the inputs and outputs are real;
-BLOCK: how many instances a thread takes at a time, 0 without threads. EVENTFUL: how many instances use Event Mode.
-ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: into how many parts base steps are divided now.
-FINAL: whether no FMU state of before a step is restored after it."""
+PER_NS, NAN_ALLOWED = 15, 16
+"""Places in `Plan.clock`. START and BASE in ticks, of which PER_NS make a nanosecond; REALS_IN, REALS_OUT: how many of
+the inputs and outputs are real; BLOCK: how many instances a thread takes at a time, 0 without threads. EVENTFUL: how
+many instances use Event Mode. ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: into how many parts
+base steps are divided now. FINAL: whether no FMU state of before a step is restored after it. NAN_ALLOWED: whether
+outputs may be NaN."""
 JACOBI, IN_ORDER, BY_PYTHON = 0, 1, 2
 
 TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
@@ -251,8 +255,9 @@ class Plan(NamedTuple):
     int_recorded: NDArray[np.int64]
     real_block: NDArray[np.float64]  # (rows, recorded reals)
     int_block: NDArray[np.int32]
-    ticks: NDArray[np.int64]  # time of each row of the block, ns
+    ticks: NDArray[np.int64]  # time of each row of the block, in ticks
     clock: NDArray[np.int64]
+    grids: NDArray[np.int64]  # where no instance steps by the base step: the periods that there are; else none
     delays: NDArray[Any]  # DELAY
     slopes: NDArray[Any]  # SLOPE, instance by instance
     kept: NDArray[np.float64]  # values on their way through delays, derivatives of inputs

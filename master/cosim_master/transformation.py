@@ -19,9 +19,14 @@ _WHOLE = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "UInt32"
 
 
 def compatible(source: str | None, target: str | None) -> bool:
-    """Whether a value of type `source` may go to `target`: the same, widening without loss, or unknown."""
+    """Whether a value of type `source` may go to `target`: the same, widening without loss, or unknown.
+
+    A Boolean goes to numbers, true as 1; SSP leaves such conversions to the implementation (SSP 2.0, 5.3.2.1).
+    """
     if source is None or target is None or source == target:
         return True
+    if source == "Boolean":
+        return target in INTEGER_RANGES or target in ("Real", "Float32")
     source = "Integer" if source == "Enumeration" else source
     target = "Integer" if target == "Enumeration" else target
     if source in INTEGER_RANGES and target in INTEGER_RANGES:

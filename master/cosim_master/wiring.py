@@ -92,6 +92,7 @@ class Wiring:
         outgoing: the connections out of a port and their destinations.
         further: the other connections into a port whose value is the sum of several.
         unit_gaps: connections that join a port with a unit to one without.
+        truths: connections that join a Boolean to a number.
         findings: connections that join units of which one has no definition.
     """
 
@@ -101,6 +102,7 @@ class Wiring:
         self.outgoing: dict[Port, list[tuple[Connection, Port]]] = {}
         self.further: dict[Port, list[tuple[Connection, Port]]] = {}
         self.unit_gaps: list[Connection] = []
+        self.truths: list[Connection] = []
         self.findings: list[Finding] = []
         self._problems = problems
         self._routes: dict[Port, Route] = {}
@@ -255,6 +257,8 @@ class Wiring:
             source = self.incoming[target][1]
             self._problem(connection.where, NARROWING.text(source, route.type, target, target.type))
             return Route(route.source, 1.0, 0.0, target.unit, target.type, target.items)
+        if route.type == "Boolean" and target.type not in (None, "Boolean", "String", "Binary"):
+            self.truths.append(connection)
         kind = target.type or route.type
         table = connection.transformation
         mapping = route.mapping

@@ -8,7 +8,8 @@
    mode, from t = `when` on: 1 steps longer than `longest` are discarded, without a last successful time; 2 with one;
    3 the step is discarded and the FMU wants to end, at `when`; 4 pending; 5 error; 6 fatal; 7 every step is discarded;
    9 fmi2Terminate fails; 10 fmi2SetFMUstate forgets y; 11 warnings everywhere;
-   12 the step is done, and discarded since the FMU wants to end with it.
+   12 the step is done, and discarded since the FMU wants to end with it; 13 as 7, and the step before it is discarded as
+   well once fmi2SetFMUstate has been called.
    At any time: 8 fmi2SetReal discards values above 100. */
 
 #include <math.h>
@@ -46,7 +47,7 @@ typedef struct {
     char name[256];
     const Callbacks *callbacks;
     Callbacks copy;
-    int state, states, was_set, fixed, has_stop, terminated;
+    int again, state, states, was_set, fixed, has_stop, terminated;
     double start, stop, h, last;
     char *text;
     Values v;
@@ -158,7 +159,8 @@ EXPORT int fmi2DoStep(Strict *p, double t, double h, int no_return) {
     int mode = t + h > p->v.real[WHEN] + 1e-9 ? p->v.mode : 0;
     p->terminated = 0;
     p->last = t;
-    if (mode == 7 || ((mode == 1 || mode == 2) && h > p->v.real[LONGEST] * (1 + 1e-9)) || mode == 3) {
+    if (p->again && p->v.mode == 13 && t > p->v.real[WHEN] - 1.5 * h) mode = 7;
+    if (mode == 7 || mode == 13 || ((mode == 1 || mode == 2) && h > p->v.real[LONGEST] * (1 + 1e-9)) || mode == 3) {
         if (mode == 2) p->last = t + p->v.real[LONGEST];
         if (mode == 3) p->terminated = 1, p->last = p->v.real[WHEN];
         p->state = FAILED;
@@ -312,6 +314,7 @@ EXPORT int fmi2SetFMUstate(Strict *p, Saved *saved) {
     double y = p->v.real[Y];
     p->v = saved->v, p->state = saved->state;
     if (p->v.mode == 10) p->v.real[Y] = y;
+    if (p->v.mode == 13) p->again = 1;
     p->was_set = 0;
     return answer(p);
 }

@@ -110,7 +110,10 @@ class TestConnections:
         (link,) = two(workshop.connection("one/y", "two/v", suppressUnitConversion="true")).links
         assert (link.factor, link.offset) == (1.0, 0.0)
 
-    @pytest.mark.parametrize(("source", "target"), [("yn", "w"), ("yn", "e"), ("ye", "n"), ("ye", "e"), ("ye", "more")])
+    @pytest.mark.parametrize(
+        ("source", "target"),
+        [("yn", "w"), ("yb", "w"), ("yb", "n"), ("yn", "e"), ("ye", "n"), ("ye", "e"), ("ye", "more")],
+    )
     def test_types_that_go_together(self, two: Any, workshop: Any, source: str, target: str) -> None:
         (link,) = two(workshop.connection(f"one/{source}", f"two/{target}")).links
         assert (link.factor, link.offset) == (1.0, 0.0)
@@ -118,7 +121,8 @@ class TestConnections:
     @pytest.mark.parametrize(
         ("source", "target", "types"),
         [
-            ("w", "yb", "Boolean and two.w is Real"),
+            ("b", "y", "Real and two.b is Boolean"),
+            ("e", "yb", "Boolean and two.e is Enumeration"),
             ("n", "y", "Real and two.n is Integer"),
             ("s", "ye", "Enumeration and two.s is String"),
             ("b", "yn", "Integer and two.b is Boolean"),

@@ -387,7 +387,7 @@ def test_fmi_3_has_no_derivatives_of_inputs(stricts3: Any) -> None:
         ('><connection to="a.u" delay="0.5"/></master>', 'to="a.u": no connection leads there; did you mean "b.u"'),
         ('><connection to="b.s" delay="0.5"/></master>', 'to="b.s": it is a String'),
         ('><connection to="b.u" delay="x"/></master>', 'delay="x" must be a number from 0 to 1e+06'),
-        ('><connection to="b.u" delay="0.3"/></master>', "delay 0.3 s of b.u is no multiple of the base step 0.5 s"),
+        ('><connection to="b.u" delay="0.3"/></master>', "delay 0.3 s of b.u is not a multiple of the base step 0.5 s"),
         ('><connection to="b.u" delay="0.5" start="hot"/></master>', 'start="hot" of b.u: valid: a number'),
         (
             '><connection to="b.u" delay="0.5"/><connection to="b.u" delay="1"/></master>',

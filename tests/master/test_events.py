@@ -113,12 +113,16 @@ def test_updates_without_end_are_a_failure(stricts3: Any) -> None:
     assert "the discrete states of a do not settle in 100 iterations at one time" in str(result.error)
 
 
-def test_an_fmu_ends_the_run_in_event_mode(stricts3: Any) -> None:
-    """Pitfall 28: terminateSimulation of fmi3UpdateDiscreteStates."""
+def test_an_fmu_ends_the_run_in_event_mode(stricts3: Any, tmp_path: Path) -> None:
+    """Pitfall 28: terminateSimulation of fmi3UpdateDiscreteStates. All have stepped until then: there is a row."""
     stricts3.fmu(flags=EVENTS)
-    result = ran(stricts3, stricts3.ssd(stricts3.component("a", mode=14, when=0.5)))
+    parts = stricts3.component("a", mode=14, when=0.5) + stricts3.component("b")
+    result = simulate(stricts3.ssd(parts), out=tmp_path / "out")
+    assert stricts3.complaints == []
     assert result.outcome == "terminated"
     assert "a: it wants the run to end at t = 1 s (terminateSimulation)" in str(result.error)
+    assert result.simulated_s == 1.0
+    assert pq.read_table(tmp_path / "out" / "signals.parquet")["time"].to_pylist() == [0.0, 0.5, 1.0]
 
 
 def test_a_slow_instance_with_events(stricts3: Any, tmp_path: Path) -> None:

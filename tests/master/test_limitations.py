@@ -520,12 +520,15 @@ def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Prov
         stricts.fmu(flags=flags)
         return ran(stricts.ssd(stricts.component("a", step=step), stop=stop), **options)
 
-    def coupled(master: str, inner: str = "", flags: str = "", *, events: bool = False) -> Said:
-        """Two FMUs that depend on each other, under a master."""
+    def coupled(
+        master: str, inner: str = "", flags: str = "", *, events: bool = False, step: float | None = None
+    ) -> Said:
+        """Two FMUs that depend on each other, under a master; `step` is that of the first."""
         maker, ends = (stricts3, ("f64_out[1]", "f64_in[1]")) if events else (stricts, ("y", "u"))
         maker.fmu(flags=f'hasEventMode="true" {ABLE}' if events else flags)
         options = {"ports": f"{ends[0]}:output {ends[1]}:input"} if events else {}
-        parts = "".join(maker.component(name, **options) for name in "ab")
+        first = {} if step is None else {"step": step}
+        parts = maker.component("a", **first, **options) + maker.component("b", **options)
         wires = "".join(maker.workshop.connection(f"{a}/{ends[0]}", f"{b}/{ends[1]}") for a, b in ("ab", "ba"))
         inside = f'<master xmlns="https://uav-cosim.org/ns/1" {master}>{inner}</master>'
         after = maker.workshop.annotation("org.uav-cosim.master", inside)
@@ -551,7 +554,7 @@ def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Prov
         )
 
     return {
-        "NANOSECONDS": lambda: strict(step=1e-10),
+        "FINE_STEPS": lambda: strict(step=1.2345678912345678e-10),
         "WHOLE_TIMES": lambda: strict(stop=1.00000000001),
         "BASE_STEP": lambda: strict(stop=1.75),
         "OVERRUN": lambda: overrun(stricts),
@@ -565,6 +568,10 @@ def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Prov
         "STEP_CONTROL": lambda: coupled('algorithm="richardson"'),
         "STEP_DELAY": lambda: coupled(
             'algorithm="richardson"', '<connection to="b.u" delay="0.5"/>', flags=strict2.ABLE
+        ),
+        "STEP_FRACTION": lambda: coupled('algorithm="richardson"', flags=strict2.ABLE, step=1 / 3),
+        "FINE_GRID": lambda: coupled(
+            'algorithm="jacobi"', '<connection to="b.u" delay="0.5"/>', flags=strict2.ABLE, step=0.333333333
         ),
         "CHECKPOINT": lambda: strict(out=tmp_path / "out", checkpoint_every=1.0),
     }

@@ -117,6 +117,22 @@ def test_an_fmu_that_discards_whatever_is_tried(stricts: Any, tmp_path: Path) ->
     assert len(stricts.steps) < 60
 
 
+def test_a_repetition_that_fails_loses_nothing(stricts: Any, tmp_path: Path) -> None:
+    """Having gone back, the FMU discards a step that it had done: rows of the steps that were done stay."""
+    stricts.fmu()
+    parts = stricts.component("a", mode=13, when=1.0, u=1.0, s="x") + stricts.component("b")
+    message = failed(stricts, stricts.ssd(parts, "a/y b/u", "a/r b/s"), out=tmp_path / "out")
+    assert message.endswith(
+        "to repeat it, the run went back to a copy of its state and did not come again to this step"
+    )
+    assert "did not help" not in message and "at t = 1 s" in message
+    got = signals(tmp_path / "out")
+    assert got["time"] == [0.0, 0.5, 1.0] and got["a.y"] == [0.0, 0.5, 1.0] and got["a.n"] == [0, 1, 2]
+    assert got["b.r"] == ["x!!", "x!!", "x!!"]
+    steps = [step for step in stricts.steps if step.startswith("a")]
+    assert steps == ["a 0 + 0.5", "a 0.5 + 0.5", "a 1 + 0.5", "a 0 + 0.5", "a 0.5 + 0.5"]
+
+
 def test_an_fmu_whose_state_is_not_restored(stricts: Any, tmp_path: Path) -> None:
     """It says that it can; what it does when stepped again shows that it cannot."""
     stricts.fmu()

@@ -113,6 +113,6 @@ def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> 
     assert "signals.parquet has other columns" in refused(record=("*.position*",))
     with pytest.raises(SystemDescriptionError, match="the system's documents must be what it was"):
         simulate(SYSTEMS / "line5", out=tmp_path / "on", origin=origin)
-    assert "no multiple of the base step" in refused(checkpoint_every=0.0001)
+    assert "not a multiple of the base step" in refused(checkpoint_every=0.0001)
     (tmp_path / "run" / "checkpoints" / "1" / "state.npz").write_bytes(b"PK")
     assert "the checkpoint is damaged" in refused()

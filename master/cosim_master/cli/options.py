@@ -64,8 +64,8 @@ Step = Annotated[
     float | None,
     typer.Option(
         metavar="S",
-        help="Step size in s where neither system nor FMU names one.",
-        show_default="none",
+        help="Step size in s of all FMUs.",
+        show_default="that of the system, else what each FMU proposes",
         callback=positive("--step", "a step size in s"),
     ),
 ]

@@ -89,7 +89,7 @@ def check(
                         "connections": len(checked.links),
                         "radio_nodes": len(ready.network.nodes),
                         "steps": ready.clock.steps,
-                        "base_step": ready.clock.base / 1e9,
+                        "base_step": ready.clock.seconds(1),
                         "initialized": init,
                         "loops": loops,
                         "notes": list(ready.notes),
@@ -103,7 +103,7 @@ def check(
                 say(f"{len(checked.instances)} instances initialized")
             say(
                 f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
-                f"{len(ready.network.nodes)} radio nodes, {ready.clock.steps} steps of {ready.clock.base / 1e9:g} s: "
+                f"{len(ready.network.nodes)} radio nodes, {ready.clock.steps} steps of {ready.clock.seconds(1):.9g} s: "
                 "no problems"
             )
 
@@ -135,7 +135,7 @@ def _report_reference(verdict: Verdict, *, as_json: bool) -> None:
 def _try_out(checked: CheckedSystem, clock: Timing) -> list[dict[str, Any]]:
     from cosim_master.startup import try_out
 
-    found = try_out(checked, clock.start / 1e9, (clock.start + clock.steps * clock.base) / 1e9)
+    found = try_out(checked, clock.time(0), clock.time(clock.steps))
     return [{"rounds": loop.rounds, "outputs": list(loop.outputs)} for loop in found]
 
 
