@@ -264,6 +264,8 @@ def _feeds(places: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any, Any]:
     """Feeds of neighbouring instances with one period as one: their inputs lie behind each other."""
+    if not len(feeds):
+        return feeds
     begins = np.ones(len(feeds), dtype=bool)
     begins[1:] = (np.diff(periods) != 0) | (np.diff(feeds["plain"].astype(np.int64)) != 0)
     runs = feeds[begins]
