@@ -34,6 +34,8 @@ __all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "desc
 
 _MAX_DESCRIPTION_BYTES = 128 << 20
 _LIBRARY_SUFFIX = {"linux": ".so", "win": ".dll", "darwin": ".dylib"}
+SOURCES = "sources"
+"""`FmuDescription.library` of an FMU that is compiled from its sources."""
 _SHOWN_NOTES = 5
 
 
@@ -128,6 +130,9 @@ def _library(names: Sequence[str], identifier: str, where: Where, reading: _Read
     if len(others) == 1:
         reading.notes.append(f"its library is {others[0]}, by its modelIdentifier it should be {expected}")
         return others[0]
+    if reading.fmi > 1 and any(name.startswith("sources/") for name in names):
+        reading.notes.append("it has no binary for this platform: its sources are compiled")
+        return SOURCES
     available = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
     offered = f"it has binaries for {', '.join(available)}" if available else "it has no binaries"
     reading.problems.append(Problem(where, NO_LIBRARY.text(expected, offered)))

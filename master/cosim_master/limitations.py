@@ -190,7 +190,7 @@ EXCHANGE_CLOCKS = Limitation(
 )
 NO_LIBRARY = Limitation(
     "FMI",
-    "FMUs without a binary for this platform; sources are not compiled",
+    "FMUs with neither a binary for this platform nor sources",
     "error",
     "has no library for this platform ({}); {}",
 )

@@ -22,8 +22,9 @@ from cosim.kernel import cache_folder
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi1 import Library1
 from cosim_master.fmi2 import Library, SharedHandle
-from cosim_master.fmu import FmuDescription, extract
+from cosim_master.fmu import SOURCES, FmuDescription, extract
 from cosim_master.limitations import PYTHON_SOURCES
+from cosim_master.sources_only import compiled
 
 __all__ = ["Libraries", "check_sources"]
 
@@ -93,6 +94,8 @@ def _digest(file: Path) -> str:
 def _opened(fmu: FmuDescription, folder: Path) -> Library:
     """The library of an FMU that is unpacked in a folder."""
     kind = Library1 if fmu.fmi_version == "1.0" else Library
+    if fmu.library == SOURCES:
+        return kind(fmu, compiled(fmu, folder), folder / "resources")
     return kind(fmu, folder.joinpath(*fmu.library.split("/")), folder / "resources")
 
 
