@@ -156,10 +156,8 @@ def read_source(base: File, uri: str) -> tuple[str | None, File | None, str]:
         return f'has the scheme "{parts.scheme}"; {nowhere}', None, ""
     if not path:
         return f"is empty; {nowhere}", None, ""
-    file = Path(os.path.normpath(base.path.parent / path))
-    if not is_file(file):
-        return f'does not exist: no file "{file}"', None, note
-    return None, File(file, str(file)), note
+    trouble, found_file = Files().resolved(base, Target(path, None))
+    return trouble, None if trouble else found_file, note
 
 
 def parsed(file: File) -> etree._Element:

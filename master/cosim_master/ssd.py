@@ -211,8 +211,6 @@ class Document:
             return None, System(name, connectors, (), (), (), (), self.path, where), None
         if uri.partition(":")[0] in ("proxyfmu", "proxy-fmu") and kind == FMU_TYPE:
             trouble, source, note = read_source(self.file, uri)
-            if trouble is None and source is not None and self._leads_out(source):
-                trouble = "leads out of the .ssp archive"
             if trouble is not None or source is None:
                 self.reader.problem(element, f'source "{uri}" {trouble}')
                 return None, None, None
@@ -239,9 +237,6 @@ class Document:
             self.reader.problem(element, f'"{file.shown}" is not an FMU; say type="{needed}"')
             return None, None, None
         return file, None, None
-
-    def _leads_out(self, file: File) -> bool:
-        return self.file.boundary is not None and not file.path.is_relative_to(self.file.boundary)
 
     def _embedded(self, element: etree._Element, name: str) -> System | None:
         """The system of this document with the given id (section 5.4, "source")."""
