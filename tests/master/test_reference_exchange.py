@@ -20,6 +20,8 @@ from cosim_master.simulation import simulate
 
 VARIABLE = "REFERENCE_FMUS"
 TOLERANCE = {"Roberts": 1e-4}
+RELATIVE = {"Roberts": 1e-6}
+"""Tolerances of the solvers, where FMPy takes too many steps with 1e-10."""
 
 
 def available() -> list[Path]:
@@ -51,7 +53,7 @@ def test_a_reference_fmu_is_integrated_as_by_fmpy(tmp_path: Path, file: Path) ->
     numbers = [n for n in outputs if fmu.variables[n].type in ("Real", "Integer", "Boolean")]
     expected = fmpy.simulate_fmu(
         str(file), validate=False, fmi_type="ModelExchange", stop_time=stop, output_interval=step,
-        relative_tolerance=1e-10, record_events=False, output=numbers,
+        relative_tolerance=RELATIVE.get(file.stem, 1e-10), record_events=False, output=numbers,
     )  # fmt: skip
     rows = min(len(got["time"]), len(expected["time"]))
     assert rows >= (stop - (fmu.start_time or 0.0)) / step * 0.85
