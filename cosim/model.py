@@ -25,6 +25,8 @@ import numpy as np
 from pythonfmu import Boolean, Fmi2Slave, Integer, Real, String
 from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
 
+from cosim.verdict import Verdict, complaints
+
 __all__ = [
     "FlatVariable",
     "Input",
@@ -70,6 +72,7 @@ class Variable:
     dtype: str = ""
     capacity: int = 0
     rare: bool = False
+    verdict: Verdict | None = None
 
     def __post_init__(self) -> None:
         name = self.name
@@ -182,10 +185,14 @@ def Input(
     shape: int | None = None,
     unit: str | None = None,
     start: Start | None = None,
+    verdict: Verdict | None = None,
     description: str = "",
 ) -> Variable:
-    """An input, held constant over a step. `type`: float, int, bool or an IntEnum; `unit`: SI, FMI notation."""
-    return _declare("input", name, type, shape, start, unit=unit, description=description)
+    """An input, held constant over a step. `type`: float, int, bool or an IntEnum; `unit`: SI, FMI notation.
+
+    `verdict`: Role.OPTIONAL for one that may stay open.
+    """
+    return _declare("input", name, type, shape, start, unit=unit, verdict=verdict, description=description)
 
 
 def Output(
@@ -196,10 +203,15 @@ def Output(
     unit: str | None = None,
     start: Start | None = None,
     depends: tuple[str, ...] = (),
+    verdict: Verdict | None = None,
     description: str = "",
 ) -> Variable:
-    """An output. `depends`: the inputs on which `start` makes it depend directly (feed-through), default none."""
-    return _declare("output", name, type, shape, start, unit=unit, depends=depends, description=description)
+    """An output. `depends`: the inputs on which `start` makes it depend directly (feed-through), default none.
+
+    `verdict`: what it says about how the instance does, see `cosim.verdict`.
+    """
+    more = {"unit": unit, "depends": depends, "verdict": verdict, "description": description}
+    return _declare("output", name, type, shape, start, **more)
 
 
 def Parameter(
@@ -213,10 +225,14 @@ def Parameter(
     maximum: float | None = None,
     tunable: bool = False,
     rare: bool = False,
+    verdict: Verdict | None = None,
     description: str = "",
 ) -> Variable:
-    """A parameter, fixed after initialization unless `tunable`. `rare`: most steps do not read it."""
-    limits = {"minimum": minimum, "maximum": maximum, "tunable": tunable, "rare": rare}
+    """A parameter, fixed after initialization unless `tunable`. `rare`: most steps do not read it.
+
+    `verdict`: Role.SYSTEM_ID for a MAVLink system id.
+    """
+    limits = {"minimum": minimum, "maximum": maximum, "tunable": tunable, "rare": rare, "verdict": verdict}
     return _declare("parameter", name, type, shape, start, unit=unit, description=description, **limits)
 
 
@@ -374,6 +390,8 @@ class Model(Fmi2Slave):
                 raise ValueError(f"{model}.{variable.name} depends on {', '.join(unknown)}; its inputs are: {there}")
             if cls.kernels is not None and variable.kind == "String":
                 raise ValueError(f"{model}.{variable.name}: a model with kernels has no String variables")
+        if wrong := complaints(cls.variables):
+            raise ValueError("\n".join(f"{model}.{text}" for text in wrong))
         if cls.kernels is not None and [*map(_arity, cls.kernels)] != [1, 3]:
             raise TypeError(f"{model}: kernels is (start, advance), functions start(m) and advance(m, t, h)")
         for code, message in cls.errors.items():

@@ -10,6 +10,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 from cosim.model import Input, Output, Variable
+from cosim.verdict import Role
 
 __all__ = ["AIRFRAME", "MAX_MOTORS", "MOTION_INPUTS", "VEHICLE_INPUTS", "VEHICLE_OUTPUTS", "Airframe"]
 
@@ -27,7 +28,14 @@ class Airframe(IntEnum):
 
 VEHICLE_INPUTS: tuple[Variable, ...] = (
     Input("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="actuator commands, 0 (stopped) to 1 (full)"),
-    Input("wind", shape=3, unit="m/s", start=0.0, description="velocity of the air over ground, NED"),
+    Input(
+        "wind",
+        shape=3,
+        unit="m/s",
+        start=0.0,
+        verdict=Role.OPTIONAL,
+        description="velocity of the air over ground, NED",
+    ),
 )
 
 _MOTION = (
@@ -42,7 +50,14 @@ AIRFRAME = Output("airframe", type=Airframe, start=Airframe.quad_x, description=
 
 VEHICLE_OUTPUTS: tuple[Variable, ...] = (
     *(
-        Output(name, shape=shape, unit=unit, start=start, description=description)
+        Output(
+            name,
+            shape=shape,
+            unit=unit,
+            start=start,
+            verdict=Role.POSITION if name == "position" else None,
+            description=description,
+        )
         for name, shape, unit, start, description in _MOTION
     ),
     AIRFRAME,

@@ -6,7 +6,9 @@ from enum import IntEnum
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from cosim.build.units import BASE, base_unit
+from cosim.build.verdicts import verdicts
 from cosim.model import FlatVariable, Model, Variable, flat_variables
+from cosim.verdict import ANNOTATION as VERDICT
 
 __all__ = ["PACKET_TOOL", "as_text", "model_description", "type_definitions", "unit_definitions"]
 
@@ -50,12 +52,16 @@ def model_description(model: type[Model], guid: str, *, compiled: bool) -> Eleme
     SubElement(categories, "Category", name="logStatusError", description="why a call failed")
     SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(model.step_size))
     packets = [v for v in model.variables if v.kind == "Packets"]
+    judged = verdicts(model.variables)
+    if packets or judged is not None:
+        vendor = SubElement(root, "VendorAnnotations")
     if packets:
-        tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name=PACKET_TOOL)
-        ports = SubElement(tool, "PacketPorts")  # the schema allows one element below Tool
+        ports = SubElement(SubElement(vendor, "Tool", name=PACKET_TOOL), "PacketPorts")  # the schema allows one element
         for v in packets:
             mime = "application/x-mavlink;version=2"
             SubElement(ports, "PacketPort", variable=v.name, mimeType=mime, maxSize=str(v.capacity))
+    if judged is not None:
+        SubElement(vendor, "Tool", name=VERDICT).append(judged)
     variables = SubElement(root, "ModelVariables")
     for reference, one in enumerate(flat):
         variables.append(_scalar_variable(one, reference))

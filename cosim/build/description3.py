@@ -9,8 +9,10 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element, SubElement
 
 from cosim.build.description import type_definitions, unit_definitions
+from cosim.build.verdicts import verdicts
 from cosim.model import Model, Variable
 from cosim.vehicle import MOTION_INPUTS, VEHICLE_INPUTS
+from cosim.verdict import ANNOTATION as VERDICT
 
 __all__ = ["PACKET_MIME_TYPE", "TIME", "exported", "model_description3", "terminals"]
 
@@ -69,6 +71,9 @@ def model_description3(model: type[Model], token: str) -> Element:
     time = {"name": TIME, "valueReference": str(len(variables)), "causality": "independent"}
     SubElement(described, "Float64", time | {"variability": "continuous", "description": "simulation time, s"})
     _model_structure(root, variables)
+    judged = verdicts(model.variables)
+    if judged is not None:
+        SubElement(SubElement(root, "Annotations"), "Annotation", type=VERDICT).append(judged)
     return root
 
 

@@ -37,7 +37,14 @@ __all__ = ["ANNOTATION_TYPES", "Alias", "CheckedSystem", "Instance", "Link", "Ow
 
 STEPPING = "org.uav-cosim.stepping"
 SOLVER = "org.uav-cosim.solver"
-ANNOTATION_TYPES = (STEPPING, SOLVER, "org.uav-cosim.network", "org.uav-cosim.recording", "org.uav-cosim.master")
+ANNOTATION_TYPES = (
+    STEPPING,
+    SOLVER,
+    "org.uav-cosim.network",
+    "org.uav-cosim.recording",
+    "org.uav-cosim.master",
+    "org.uav-cosim.verdict",
+)
 _NAMESPACE = "https://uav-cosim.org/ns/1"
 
 

@@ -9,6 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TypeAlias
 
+from cosim.verdict import Verdict
 from cosim_master.document import near
 from cosim_master.system import INTEGER_RANGES
 from cosim_master.units import Unit
@@ -183,6 +184,7 @@ class FmuDescription:
         terminals: of FMI 3, with the names of their member variables.
         start_time, stop_time, tolerance: of the DefaultExperiment; None where it is silent.
         model_exchange: of an FMU that is to be integrated by us; None for co-simulation.
+        verdicts: what variables and arrays say about how an instance does, by name; of FMUs with our annotation.
     """
 
     path: Path
@@ -207,3 +209,4 @@ class FmuDescription:
     stop_time: float | None = None
     tolerance: float | None = None
     model_exchange: ModelExchange | None = None
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)

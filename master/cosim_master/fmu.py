@@ -23,6 +23,7 @@ from fmpy.model_description import ModelDescription, ValidationError, read_model
 from lxml import etree
 
 from cosim_master import archive
+from cosim_master.declarations import read_verdicts
 from cosim_master.description import Capabilities, Clock, FmuDescription, ModelExchange, Start, Variable
 from cosim_master.document import line_of, near, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
@@ -448,6 +449,7 @@ class _Reading:
             flags["canHandleVariableCommunicationStepSize"] = True
         if self.fmi == 1:
             outputs, flags = self._outputs1(), self._flags1()
+        verdicts = read_verdicts(self.root, self.variables, self.notes)
         return FmuDescription(
             path=path.resolve(),
             digest=_digest(path),
@@ -471,6 +473,7 @@ class _Reading:
             stop_time=self.stop_time,
             tolerance=self.tolerance,
             model_exchange=self._model_exchange(),
+            verdicts=verdicts,
         )
 
     def _model_exchange(self) -> ModelExchange | None:

@@ -5,7 +5,7 @@ Needs descriptions only; `plan` makes arrays and calls of it for living instance
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -83,7 +83,11 @@ class Delayed:
 
 
 def layout(
-    checked: CheckedSystem, network: Network, record: Sequence[str] = (), coupling: Coupling | None = None
+    checked: CheckedSystem,
+    network: Network,
+    record: Sequence[str] = (),
+    coupling: Coupling | None = None,
+    observed: Collection[tuple[str, str]] = (),
 ) -> Layout:
     """Assign places to all values.
 
@@ -91,6 +95,7 @@ def layout(
         record: patterns (see `patterns`) of ``instance.variable`` to record; outputs and local variables can be.
             Nothing given: all outputs.
         coupling: delays of connections; None has none.
+        observed: outputs (instance, variable) that observers want to see, recorded or not.
 
     Raises:
         SystemDescriptionError: a pattern matches nothing.
@@ -103,6 +108,7 @@ def layout(
     kinds = [set_kind(fmus[link.target[0]].variables[link.target[1]]) for link in links]
     numeric = [link for link, kind in zip(links, kinds, strict=True) if kind in KINDS]
     needed = {link.source for link in numeric}
+    needed |= set(observed)
     needed |= {(instance, v.name) for node in network.nodes for instance, v in node.position}
     if coupling is not None and coupling.variable:
         needed |= {(i.name, v.name) for i in checked.instances for v in i.fmu.variables.values() if shows_error(v)}

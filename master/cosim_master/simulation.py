@@ -30,6 +30,7 @@ from cosim_master.gateways import Gateways, gateways_of
 from cosim_master.layout import layout
 from cosim_master.limitations import RECORDING_INTERVAL
 from cosim_master.network import Channel, Network, network_of, with_gateways
+from cosim_master.observation import Observers
 from cosim_master.profiling import Profile, Profiler
 from cosim_master.recorder import Recorder
 from cosim_master.run_folder import RunFolder
@@ -40,6 +41,11 @@ from cosim_master.ssp import read_system
 from cosim_master.stimuli import Stimuli, read_stimuli
 from cosim_master.system import Component, System
 from cosim_master.timing import Timing, exact, timing
+from cosim_master.verdict.findings import Judgement
+from cosim_master.verdict.judging import judgement
+from cosim_master.verdict.limits import Limits, limits_of
+from cosim_master.verdict.prior import known_before
+from cosim_master.verdict.watch import Watch, watched
 
 __all__ = ["RECORDING", "Progress", "Prepared", "Recording", "RunResult", "prepare", "simulate"]
 
@@ -88,6 +94,7 @@ class RunResult:
         gateways: see `Gateways.counts`.
         profile: where the time went, if that was asked for.
         folder: of the results; None if nothing was recorded.
+        verdict: how the swarm did; None if the run did not begin.
     """
 
     outcome: str
@@ -101,6 +108,7 @@ class RunResult:
     gateways: Mapping[str, Mapping[str, int | str]] = field(default_factory=dict)
     profile: Profile | None = None
     folder: Path | None = None
+    verdict: Judgement | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +123,14 @@ class Prepared:
     changes: tuple[Change, ...] = ()
     coupling: Coupling = field(default_factory=Coupling)
     stimuli: Stimuli | None = None
+    limits: Limits = field(default_factory=Limits)
+
+    def verdict(self) -> Judgement:
+        """What can be known before the run about how the swarm will do."""
+        set_later = [(self.checked.instances[c.instance].name, c.variable, c.value) for c in self.changes]
+        clock = self.clock
+        span = (clock.time(0), clock.time(clock.steps))
+        return Judgement.of(known_before(self.checked, self.network, set_later, span), *span)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -157,6 +173,7 @@ def prepare(
     clock = gathered(lambda: timing(checked, until, step))
     network = gathered(lambda: network_of(checked, seed))
     coupling = gathered(lambda: coupling_of(checked))
+    limits = gathered(lambda: limits_of(checked))
     if clock is not None and coupling is not None:
         gathered(lambda: coupling.check(checked, clock.base, clock.periods, clock.per_ns))
     if problems:
@@ -172,7 +189,7 @@ def prepare(
     if stimuli is not None:
         checked = stimuli.initialize(checked, clock.time(0))
         stimuli.sample(clock)
-    ready = Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling, stimuli)
+    ready = Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling, stimuli, limits)
     if strict and (findings := [note.problem for note in ready.notes if isinstance(note, Finding)]):
         raise SystemDescriptionError(findings)
     return ready
@@ -301,7 +318,7 @@ def simulate(
                 )
             ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
         ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
-        places = layout(checked, ready.network, ready.recording.signals, ready.coupling)
+        places = layout(checked, ready.network, ready.recording.signals, ready.coupling, watched(checked))
         if on_start is not None:
             on_start(ready)
 
@@ -349,6 +366,8 @@ def simulate(
                 if checkpoint_every is not None:
                     execution.refuse_checkpoints()
                 gateways.start()
+                watch = Watch(checked, ready.network, places, ready.clock, ready.limits)
+                observers = Observers(execution, [watch], ready.clock.steps)
                 result = _run(
                     execution,
                     ready,
@@ -357,8 +376,11 @@ def simulate(
                     interrupted,
                     gateways,
                     saving if checkpoint_every is not None else None,
+                    observers,
                 )
-                result = replace(result, notes=(*result.notes, *execution.notes))
+                observers.close()
+                verdict = judgement(ready.verdict(), watch, ready.network, result.packets, result.gateways)
+                result = replace(result, notes=(*result.notes, *execution.notes), verdict=verdict)
                 if profiler is not None:
                     profiler.phases["stepping"] = result.wall_s
                     result = replace(result, profile=profiler.profile())
@@ -489,6 +511,7 @@ def _run(
     interrupted: Callable[[], bool],
     gateways: Gateways,
     checkpoints: _Checkpoints | None = None,
+    observers: Observers | None = None,
 ) -> RunResult:
     clock = ready.clock
     start = execution.time
@@ -497,6 +520,7 @@ def _run(
     failure: CosimError | None = None
     began = time.perf_counter()
     chunk, overruns, worst = 1, 0, 0.0
+    advance = execution.advance if observers is None else observers.advance
     slice_ = _SHORT_SLICE if gateways else _SLICE
     try:
         while execution.k < clock.steps:
@@ -513,7 +537,7 @@ def _run(
                 break
             if gateways:
                 gateways.exchange(execution)
-            execution.advance(execution.k + chunk if checkpoints is None else checkpoints.before(execution.k, chunk))
+            advance(execution.k + chunk if checkpoints is None else checkpoints.before(execution.k, chunk))
             if checkpoints is not None:
                 checkpoints.save(execution)
             if on_progress is not None:
@@ -586,6 +610,7 @@ def _manifest(
     return {
         "outcome": result.outcome,
         "error": None if result.error is None else str(result.error),
+        "verdict": None if result.verdict is None else result.verdict.as_json(),
         "simulated_s": result.simulated_s,
         "wall_s": result.wall_s,
         "start_up_s": start_up,

@@ -29,6 +29,7 @@ import numpy as np
 from cosim import Model, Output, PacketInput, PacketOutput, Parameter
 from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, payload_start
 from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS, Airframe
+from cosim.verdict import Bound, Role
 from cosim_models.ardupilot_json import PORT, Link, Servos, encode_motion
 
 __all__ = ["ArduPilotSITL"]
@@ -175,7 +176,15 @@ class ArduPilotSITL(Model):
     variables = (
         *MOTION_INPUTS,
         PacketInput("mavlink_rx", capacity=2048, description="packets received"),
-        Parameter("SYSID_THISMAV", type=int, start=1, minimum=1, maximum=250, description="MAVLink system id"),
+        Parameter(
+            "SYSID_THISMAV",
+            type=int,
+            start=1,
+            minimum=1,
+            maximum=250,
+            verdict=Role.SYSTEM_ID,
+            description="MAVLink system id",
+        ),
         Parameter("instance", type=int, start=-1, minimum=-1, maximum=255, description="-1: SYSID_THISMAV - 1"),
         Parameter("attach", type=bool, start=False, description="to an ArduPilot that somebody else starts"),
         Parameter("executable", type=str, start="", description="to be started; default: the variable ARDUPILOT_SITL"),
@@ -193,12 +202,30 @@ class ArduPilotSITL(Model):
         Parameter("origin_longitude", unit="rad", start=math.radians(149.165237), description="of the local origin"),
         Parameter("origin_altitude", unit="m", start=584.0, description="of the origin, above mean sea level"),
         Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
-        Output("armed", type=bool, start=False, description="whether the motors may turn, by its last heartbeat"),
+        Output(
+            "armed",
+            type=bool,
+            start=False,
+            verdict=Role.ARMED,
+            description="whether the motors may turn, by its last heartbeat",
+        ),
         Output("mode", type=int, start=0, description="flight mode, by ArduCopter's number"),
         Output("on_ground", type=bool, start=True, description="whether it takes itself to be on the ground"),
         Output("clock", unit="s", start=0.0, description="of ArduPilot: the time of the last reply"),
-        Output("lost", type=int, start=0, description="servo packets that never came"),
-        Output("restarts", type=int, start=0, description="how often ArduPilot has begun anew"),
+        Output(
+            "lost",
+            type=int,
+            start=0,
+            verdict=Bound(most=0, text="servo packets of ArduPilot never came: is the computer too slow for it?"),
+            description="servo packets that never came",
+        ),
+        Output(
+            "restarts",
+            type=int,
+            start=0,
+            verdict=Bound(most=0, text="ArduPilot has begun anew"),
+            description="how often ArduPilot has begun anew",
+        ),
         PacketOutput("mavlink_tx", capacity=4096, description="packets sent"),
     )
 

@@ -12,6 +12,7 @@ import math
 from dataclasses import replace
 
 from cosim import Parameter, Variable
+from cosim.verdict import Role
 
 __all__ = ["PARAMETERS", "STICK_CHANNELS"]
 
@@ -294,7 +295,7 @@ LINK_PARAMETERS = (
         "time after which the position estimate is ready; 41.5 s in simulated ArduCopter",
     ),
     *_rare(
-        _whole("SYSID_THISMAV", 1, "MAVLink system id"),
+        replace(_whole("SYSID_THISMAV", 1, "MAVLink system id"), verdict=Role.SYSTEM_ID),
         *(
             _whole(f"SR{port}_{name}", 0, f"rate of {what} {where} in Hz until asked otherwise, 0: not sent")
             for port, where in _PORTS

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from cosim import Memory, Output, PacketInput, PacketOutput
 from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS
+from cosim.verdict import Role
 from cosim_models.arming import Mode
 from cosim_models.autopilot_parameters import PARAMETERS
 from cosim_models.fences import FENCE_CAPACITY, FENCE_ITEM
@@ -215,11 +216,18 @@ VARIABLES = (
     PacketInput("serial_rx", capacity=2048, description="packets received by a cable"),
     *PARAMETERS,
     Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
-    Output("armed", type=bool, start=False, description="whether the motors may turn"),
+    Output("armed", type=bool, start=False, verdict=Role.ARMED, description="whether the motors may turn"),
     Output("mode", type=Mode, start=Mode.STABILIZE, description="flight mode, by ArduCopter's number"),
     Output("on_ground", type=bool, start=True, description="whether the vehicle is taken to be on the ground"),
     Output("target", shape=3, unit="m", start=0.0, description="position it flies to, NED from the local origin"),
-    Output("desired_position", shape=3, unit="m", start=0.0, description="of the shaped path, NED"),
+    Output(
+        "desired_position",
+        shape=3,
+        unit="m",
+        start=0.0,
+        verdict=Role.DESIRED_POSITION,
+        description="of the shaped path, NED",
+    ),
     Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="of the shaped path, NED"),
     PacketOutput("mavlink_tx", capacity=4096, description="packets sent on board and by the swarm's radio"),
     PacketOutput("telemetry_tx", capacity=4096, description="packets sent to ground stations by radio"),

@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 from cosim import Input, Memory, Model, Output, Parameter, kernel
 from cosim.frames import conjugate, multiply, normalize, rotate, rotate_inverse
 from cosim.vehicle import MOTION_INPUTS, VEHICLE_OUTPUTS, Airframe
+from cosim.verdict import Bound
 from cosim_models.sensors import begin_sensors, sense_barometer, sense_gps, sense_imu, sense_magnetometer
 
 __all__ = ["Estimator"]
@@ -28,6 +29,7 @@ _STEP = 0.0025
 _NOT_FINITE, _BAD_RATE = 1, 2
 _GRAVITY = 9.80665  # m/s2
 _SLACK = 1e-9  # s
+_ASTRAY = 5.0  # m
 _FIXES = 8  # GPS fixes that may be under way
 _FIX = 13  # position and velocity as measured, and as estimated then; when it arrives
 _ARRIVES = 12
@@ -284,7 +286,12 @@ class Estimator(Model):
         _size("barometer_gain", "1/s", 0.7, "poles of height, climb rate and accelerometer offset"),
         _size("magnetometer_gain", "1/s", 0.2, "poles of heading and gyro offset"),
         *_ESTIMATE,
-        Output("position_error", unit="m", description="distance of the estimate from the true position"),
+        Output(
+            "position_error",
+            unit="m",
+            verdict=Bound(most=_ASTRAY, text="its estimate is far from the true position"),
+            description="distance of the estimate from the true position",
+        ),
         Output("attitude_error", unit="rad", description="angle of the estimate from the true attitude"),
         Memory("p", shape=3),
         Memory("v", shape=3),

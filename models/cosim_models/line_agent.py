@@ -19,9 +19,34 @@ from __future__ import annotations
 from math import radians
 
 from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter
+from cosim.verdict import Bound, Condition, Reason, Role
 from cosim_models.agent_script import ERRORS, NEVER, AgentState, Failure, StalePolicy, Trigger, advance, start
 
 __all__ = ["LineAgent"]
+
+_CONDITION = Condition(
+    failed=(AgentState.failed,),
+    working=(AgentState.formation,),
+    commanding=(AgentState.arming, AgentState.takeoff, AgentState.ready, AgentState.formation),
+    by="first_step_time",
+    reason="failure",
+)
+_WHY = {
+    Failure.no_heartbeat: "no HEARTBEAT of its autopilot: both need the same system id",
+    Failure.no_streams: "its autopilot has not accepted the streams that it asked for",
+    Failure.no_position_estimate: "its autopilot has had no GPS fix or position estimate",
+    Failure.not_guided: "its autopilot has not changed to GUIDED",
+    Failure.not_armed: "its autopilot has not armed",
+    Failure.not_at_altitude: "its vehicle has not reached the altitude",
+    Failure.left_guided: "its autopilot has left GUIDED",
+    Failure.disarmed: "its autopilot has disarmed in flight",
+}
+
+
+def _heard(side: str) -> Bound:
+    """The neighbour on a side, where there is one, has been heard within `stale_time`."""
+    text = f"its {side} neighbour is not heard: is it in reach, and is {side}_sysid its system id?"
+    return Bound(least=0.0, most="stale_time", of=f"{side}_sysid", text=text)
 
 
 class LineAgent(Model):
@@ -30,7 +55,15 @@ class LineAgent(Model):
     step_size = 0.0125
     variables = (
         PacketInput("mavlink_rx", capacity=8192, description="from the own autopilot and by radio"),
-        Parameter("sysid", type=int, start=1, minimum=1, maximum=255, description="MAVLink system id of the drone"),
+        Parameter(
+            "sysid",
+            type=int,
+            start=1,
+            minimum=1,
+            maximum=255,
+            verdict=Role.SYSTEM_ID,
+            description="MAVLink system id of the drone",
+        ),
         Parameter("left_sysid", type=int, start=0, minimum=0, maximum=255, description="western neighbour; 0: none"),
         Parameter("right_sysid", type=int, start=0, minimum=0, maximum=255, description="eastern neighbour; 0: none"),
         Parameter("stubborn", type=bool, start=False, description="stay at the start position"),
@@ -47,14 +80,38 @@ class LineAgent(Model):
         Parameter("stale_policy", type=StalePolicy, start=StalePolicy.hold, description="what then counts"),
         Parameter("timeout", unit="s", start=60.0, minimum=0.0, description="of every state before the first step"),
         PacketOutput("mavlink_tx", capacity=256, description="to the own autopilot, and a heartbeat to all"),
-        Output("state", type=AgentState, start=AgentState.waiting, description="what the agent waits for, or does"),
-        Output("failure", type=Failure, start=Failure.none, description="why the agent has given up"),
+        Output(
+            "state",
+            type=AgentState,
+            start=AgentState.waiting,
+            verdict=_CONDITION,
+            description="what the agent waits for, or does",
+        ),
+        Output(
+            "failure",
+            type=Failure,
+            start=Failure.none,
+            verdict=Reason(tuple(_WHY.items())),
+            description="why the agent has given up",
+        ),
         Output("refusal", type=int, start=0, description="MAV_RESULT of the last command that was refused; 0: none"),
         Output("step", type=int, start=0, description="number of the present step; 0 before the first"),
         Output("target", unit="m", start=0.0, description="desired position on the line, east of the origin"),
         Output("position", unit="m", start=0.0, description="own measured position on the line"),
-        Output("left_age", unit="s", start=NEVER, description="of the left neighbour's position; -1: never heard"),
-        Output("right_age", unit="s", start=NEVER, description="of the right neighbour's position; -1: never heard"),
+        Output(
+            "left_age",
+            unit="s",
+            start=NEVER,
+            verdict=_heard("left"),
+            description="of the left neighbour's position; -1: never heard",
+        ),
+        Output(
+            "right_age",
+            unit="s",
+            start=NEVER,
+            verdict=_heard("right"),
+            description="of the right neighbour's position; -1: never heard",
+        ),
         Memory("payload", dtype="u1", shape=255),
         Memory("sent", dtype="i4"),  # packets sent, modulo 256
         Memory("heartbeat_due"),  # s

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from cosim import Memory, Output, Parameter, Variable
 from cosim.vehicle import MAX_MOTORS, VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
+from cosim.verdict import Role
 from cosim_models.multirotor_dynamics import CONTACTS, ERRORS, advance, start
 from cosim_models.rigid_body import Vector
 from cosim_models.rotor import MotorCurve
@@ -88,7 +89,13 @@ def multirotor_variables(
         *_BODY_PARAMETERS,
         *(replace(v, start=airframe) if v.name == "airframe" else v for v in VEHICLE_OUTPUTS),
         Output("rotor_speed", shape=MAX_MOTORS, unit="rad/s", start=0.0, description="speed of each rotor"),
-        Output("on_ground", type=bool, start=False, description="whether the ground carries some of the weight"),
+        Output(
+            "on_ground",
+            type=bool,
+            start=False,
+            verdict=Role.ON_GROUND,
+            description="whether the ground carries some of the weight",
+        ),
         *_MEMORY,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from cosim_master.errors import SystemDescriptionError
 from cosim_master.network import Network
 from cosim_master.simulation import Prepared, Recording, prepare
 from cosim_master.ssp import read_system
+from cosim_master.verdict.limits import Limits
 from tests.master.test_network import PACKETS
 
 TEXT = (Path(__file__).parents[2] / "docs" / "annotations.md").read_text(encoding="utf-8")
@@ -26,6 +28,7 @@ ELEMENTS = {
     "recording": "<recording {}/>",
     "stepping": '<stepping stepSize="0.01" {}/>',
     "master": "<master {}/>",
+    "verdict": "<verdict {}/>",
     "connection": '<master><connection to="drone1.agent.u" {}/></master>',
 }
 
@@ -70,7 +73,7 @@ def prepared(workshop: Any, variable: Any) -> Any:
 
 def test_every_annotation_has_its_section() -> None:
     assert {
-        f"org.uav-cosim.{name}" for name in re.findall(r"^## (network|recording|stepping|master)$", TEXT, re.M)
+        f"org.uav-cosim.{name}" for name in re.findall(r"^## (network|recording|stepping|master|verdict)$", TEXT, re.M)
     } == {*ANNOTATION_TYPES}
     assert set(re.findall(r"`(org\.uav-cosim\.\w+)`", TEXT)) == set(ANNOTATION_TYPES)
     assert tables().keys() == ELEMENTS.keys()
@@ -98,13 +101,14 @@ def test_defaults() -> None:
     assert (master["algorithm"], int(master["iterations"])) == (coupling.algorithm, coupling.iterations)
     assert float(master["tolerance"].partition(";")[0]) == coupling.tolerance
     assert float(master["relaxation"]) == coupling.relaxation
+    assert {name: float(value) for name, value in tables()["verdict"].items()} == asdict(Limits())
 
 
 def test_examples_are_valid(prepared: Any) -> None:
     examples = [
         content.strip() for content in re.findall(r"```xml\n(.*?)```", TEXT, re.S) if not content.startswith("<ssd:")
     ]
-    assert len(examples) == 4
+    assert len(examples) == 5
     for content in examples:
         prepared(content)
     (inside,) = re.findall(r"<ssc:Annotation .*?>\n(.*?)</ssc:Annotation>", TEXT, re.S)

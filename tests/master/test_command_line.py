@@ -110,7 +110,9 @@ def system(probes: Any) -> Path:
 
 
 def test_json_of_systems(call: Any, system: Path, probes: Any) -> None:
-    assert call("check", "check", "s.ssd", "--init") == {
+    checked = call("check", "check", "s.ssd", "--init")
+    assert [one["kind"] for one in checked.pop("verdict")["findings"]] == ["open input"]  # of another tool: a note
+    assert checked == {
         "system": "s.ssd",
         "instances": 2,
         "connections": 1,

@@ -71,7 +71,11 @@ Step = Annotated[
 ]
 Strict = Annotated[
     bool,
-    typer.Option("--strict", help="Findings, the notes on whatever breaks a rule, are errors.", show_default=False),
+    typer.Option(
+        "--strict",
+        help="What breaks a rule of a standard is an error; findings about the swarm make the exit code 1.",
+        show_default=False,
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead.", show_default=False)]
 

@@ -12,6 +12,7 @@ from cosim_master.cli.console import errors, note, notes, print_json, print_tabl
 from cosim_master.cli.options import Json, Settings, Step, Strict, System, Until, Variant, changes, overrides, positive
 from cosim_master.cli.progress import activity, compiling
 from cosim_master.cli.verbs import verb
+from cosim_master.cli.verdict import show_findings, summary
 
 if TYPE_CHECKING:
     from cosim_master.simulation import RunResult
@@ -164,6 +165,8 @@ def run(
         raise typer.Exit(1)
     if result.outcome == "interrupted":
         raise typer.Exit(130)
+    if strict and result.verdict is not None and not result.verdict.good:
+        raise typer.Exit(1)
 
 
 def _report(result: RunResult) -> None:
@@ -173,7 +176,7 @@ def _report(result: RunResult) -> None:
     if result.outcome != "failed" or packets:
         counts = ", ".join(f"{packets.get(name, 0)} {name}" for name in ("sent", "delivered", "lost"))
         say(
-            f"{result.outcome}: {result.simulated_s:g} s simulated in {result.wall_s:.2f} s "
+            f"{result.outcome}{summary(result.verdict)}: {result.simulated_s:g} s simulated in {result.wall_s:.2f} s "
             f"({result.real_time_factor:.1f} times real time)"
         )
         say(f"packets: {counts}")
@@ -188,6 +191,7 @@ def _report(result: RunResult) -> None:
         print_tables(profile_tables(result.profile))
     if result.overruns[0]:
         note(f"the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
+    show_findings(result.verdict)
 
 
 def _document(result: RunResult) -> dict[str, Any]:
@@ -203,5 +207,6 @@ def _document(result: RunResult) -> dict[str, Any]:
         "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
         "overruns": {"count": result.overruns[0], "worst_s": result.overruns[1]},
         "notes": list(result.notes),
+        "verdict": None if result.verdict is None else result.verdict.as_json(),
         "profile": None if result.profile is None else asdict(result.profile),
     }

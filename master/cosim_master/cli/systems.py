@@ -12,6 +12,7 @@ from cosim_master.cli.console import errors, notes, out, print_json, say, usage
 from cosim_master.cli.options import Json, Settings, Step, Strict, System, Until, Variant, overrides
 from cosim_master.cli.progress import activity
 from cosim_master.cli.verbs import verb
+from cosim_master.cli.verdict import show_findings, summary
 
 BROUGHT_ALONG = "brought along"
 """What --reference without a file stands for."""
@@ -76,6 +77,7 @@ def check(
             checked = ready.checked
             layout(checked, ready.network, ready.recording.signals, ready.coupling)
             notes(ready.notes)
+            known = ready.verdict()
             loops: list[dict[str, Any]] = []
             if init:
                 doing.stage(f"initializing {len(checked.instances)} FMU instances")
@@ -94,18 +96,27 @@ def check(
                         "loops": loops,
                         "notes": list(ready.notes),
                         "errors": [],
+                        "verdict": known.as_json(),
                     }
                 )
+                _exit_if(strict and not known.good)
                 return
             for loop in loops:
                 say(f"a loop at initialization, settled in {loop['rounds']} rounds: {_shortened(loop['outputs'])}")
             if init:
                 say(f"{len(checked.instances)} instances initialized")
+            show_findings(known)
             say(
                 f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
                 f"{len(ready.network.nodes)} radio nodes, {ready.clock.steps} steps of {ready.clock.seconds(1):.9g} s: "
-                "no problems"
+                f"no problems{summary(known)}"
             )
+            _exit_if(strict and not known.good)
+
+
+def _exit_if(failed: bool) -> None:
+    if failed:
+        raise typer.Exit(1)
 
 
 def _check_fmu(path: Path) -> None:

@@ -1,0 +1,8 @@
+"""How a swarm did: what can be known before a run, what was seen in it, and the words for both.
+
+findings    one finding, and the judgement of a run
+prior       known before: open inputs, system ids used twice, angles in degrees
+approach    how near vehicles came to each other
+spells      how long something was not as it should be
+watch       the observer of a run
+"""

@@ -1,0 +1,160 @@
+"""How near bodies come to each other: the nearest two of a run, and all that come nearer than a given distance.
+
+Bodies are seen at instants, and taken to move on a straight line at constant speed from one to the next. If these are
+dt apart, the distance is wrong by less than a dt^2 / 8 with the relative acceleration a: 1.3 cm for 10 m/s2 and 0.1 s.
+
+Few bodies are compared each with each. Of many, only those are compared that can have come nearer to each other than
+the nearest two so far: all are sorted into cells as wide as that and their own motion, and compared with those in
+the cells around. The work grows with their number as sorting does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any, TypeAlias
+
+import numpy as np
+
+__all__ = ["FEW", "Approach"]
+
+Array: TypeAlias = np.ndarray[Any, Any]
+
+FEW = 32
+"""Up to so many bodies are compared each with each."""
+_PIECE = 1 << 15
+"""Pairs that are looked at in one go."""
+_FAR = 1 << 20
+"""Cells from the middle to the outermost."""
+_AROUND = [offset for offset in product((-1, 0, 1), repeat=3) if offset > (0, 0, 0)]
+"""One of each two opposite cells around a cell."""
+
+
+@dataclass(slots=True)
+class Contact:
+    """Two bodies that came nearer than the distance of a contact: since when, how near, and when that was, s and m."""
+
+    since: float
+    distance: float
+    time: float
+
+
+@dataclass(slots=True)
+class Approach:
+    """The nearest two of `count` bodies, and all that come nearer than `contact` m to each other."""
+
+    count: int
+    contact: float
+    distance: float = np.inf
+    pair: tuple[int, int] = (-1, -1)
+    time: float = np.nan
+    contacts: dict[tuple[int, int], Contact] = field(default_factory=dict)
+
+    def look(self, times: Array, points: Array) -> None:
+        """Follow the bodies.
+
+        Args:
+            times: (n,) s, rising.
+            points: (n, bodies, 3) m.
+        """
+        if self.count < 2 or len(times) < 1:
+            return
+        if len(times) == 1:
+            times, points = np.repeat(times, 2), np.repeat(points, 2, axis=0)
+        for first, second in self._candidates(points):
+            for begin in range(0, len(first), _PIECE):
+                self._compare(times, points, first[begin : begin + _PIECE], second[begin : begin + _PIECE])
+
+    def _compare(self, times: Array, points: Array, first: Array, second: Array) -> None:
+        apart = points[:, first] - points[:, second]
+        begin, moved = apart[:-1], np.diff(apart, axis=0)
+        square = np.einsum("tpc,tpc->tp", moved, moved)
+        along = -np.einsum("tpc,tpc->tp", begin, moved)
+        part = np.clip(np.divide(along, square, out=np.zeros_like(square), where=square > 0.0), 0.0, 1.0)
+        closest = begin + part[:, :, None] * moved
+        distance = np.sqrt(np.einsum("tpc,tpc->tp", closest, closest))
+        least = distance.min(axis=0)
+        p = int(least.argmin())
+        if least[p] < self.distance:
+            row = int(distance[:, p].argmin())
+            self.distance = float(least[p])
+            self.pair = int(first[p]), int(second[p])
+            self.time = float(times[row] + part[row, p] * (times[row + 1] - times[row]))
+        for p in map(int, np.flatnonzero(least < self.contact)):
+            row = int(distance[:, p].argmin())
+            self._touch(
+                (int(first[p]), int(second[p])),
+                float(times[int((distance[:, p] < self.contact).argmax())]),
+                float(least[p]),
+                float(times[row] + part[row, p] * (times[row + 1] - times[row])),
+            )
+
+    def _touch(self, pair: tuple[int, int], since: float, distance: float, time: float) -> None:
+        known = self.contacts.setdefault(pair, Contact(since, distance, time))
+        if distance < known.distance:
+            known.distance, known.time = distance, time
+
+    # ---- who can have come near whom -------------------------------------------------------------------------------
+
+    def _candidates(self, points: Array) -> Iterator[tuple[Array, Array]]:
+        """Pairs, the lower number first, each at most once."""
+        if self.count <= FEW:
+            yield np.triu_indices(self.count, 1)
+            return
+        low, high = points.min(axis=0), points.max(axis=0)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low).max(axis=1)
+        reach = max(self.contact, min(self.distance, _some_distance(points[0])))
+        slow = half <= max(4.0 * float(np.median(half)), reach)
+        numbers = np.flatnonzero(slow)
+        for fast in map(int, np.flatnonzero(~slow)):  # few: they would make the cells of all wide
+            others = np.flatnonzero(slow | (np.arange(self.count) > fast))
+            yield _in_order(*_near(np.full(len(others), fast), others, middle, half, reach))
+        for first, second in _in_cells(middle[numbers], reach + 2.0 * float(half[numbers].max(initial=0.0))):
+            yield _in_order(*_near(numbers[first], numbers[second], middle, half, reach))
+
+
+def _some_distance(points: Array) -> float:
+    """The distance of two bodies that are near to each other, if not the nearest two."""
+    found = np.inf
+    for axis in range(3):
+        steps = np.diff(points[np.argsort(points[:, axis], kind="stable")], axis=0)
+        found = min(found, float(np.sqrt((steps * steps).sum(axis=1).min())))
+    return found
+
+
+def _near(first: Array, second: Array, middle: Array, half: Array, reach: float) -> tuple[Array, Array]:
+    """Those pairs whose boxes come within `reach` of each other."""
+    gap = np.abs(middle[first] - middle[second]).max(axis=1) - half[first] - half[second]
+    near = gap <= reach
+    return first[near], second[near]
+
+
+def _in_order(first: Array, second: Array) -> tuple[Array, Array]:
+    return np.minimum(first, second), np.maximum(first, second)
+
+
+def _in_cells(points: Array, width: float) -> Iterator[tuple[Array, Array]]:
+    """Pairs of points that lie in one cell of that width, or in two that touch."""
+    if len(points) < 2:
+        return
+    scaled = (points - np.median(points, axis=0)) / max(width, 1e-9)
+    cells = np.clip(np.floor(scaled), -_FAR, _FAR).astype(np.int64) + _FAR + 1
+    factors = np.array([(2 * _FAR + 4) ** 2, 2 * _FAR + 4, 1], dtype=np.int64)
+    keys = cells @ factors
+    order = np.argsort(keys, kind="stable")
+    sorted_keys = keys[order]
+    ends = np.searchsorted(sorted_keys, sorted_keys, side="right")
+    yield _pairs(order, np.arange(1, len(order) + 1), ends)
+    for offset in _AROUND:
+        wanted = sorted_keys + int(np.array(offset, dtype=np.int64) @ factors)
+        yield _pairs(order, np.searchsorted(sorted_keys, wanted), np.searchsorted(sorted_keys, wanted, side="right"))
+
+
+def _pairs(order: Array, begins: Array, ends: Array) -> tuple[Array, Array]:
+    """Point number n in `order` with those from begins[n] to ends[n] - 1."""
+    counts = ends - begins
+    total = int(counts.sum())
+    first = np.repeat(np.arange(len(order)), counts)
+    within = np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)
+    return order[first], order[begins[first] + within]

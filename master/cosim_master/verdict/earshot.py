@@ -1,0 +1,106 @@
+"""Who hears whom by radio, and which of them have the same MAVLink system id."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from cosim.verdict import Role
+from cosim_master.check import CheckedSystem
+from cosim_master.network import Network
+
+__all__ = ["Twice", "depends_on_places", "repeated", "system_ids", "twice"]
+
+Array: TypeAlias = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Twice:
+    """Two or more nodes with one system id, and a node that hears them all, or one of them that hears the others."""
+
+    system_id: int
+    nodes: tuple[str, ...]
+    listener: str
+
+
+def system_ids(checked: CheckedSystem, network: Network) -> tuple[dict[str, int], ...]:
+    """For each node the system ids that its FMUs declare, by the hierarchical name of the parameter."""
+    instances = {instance.name: instance for instance in checked.instances}
+    found = []
+    for node in network.nodes:
+        own: dict[str, int] = {}
+        for name in dict.fromkeys(endpoint.instance for endpoint in node.endpoints):
+            instance = instances[name]
+            of = [v for v, verdict in instance.fmu.verdicts.items() if verdict is Role.SYSTEM_ID]
+            values = instance.effective_values() if of else {}
+            own |= {f"{name}.{v}": int(values[v]) for v in of if v in values}
+        found.append(own)
+    return tuple(found)
+
+
+def repeated(ids: Sequence[dict[str, int]]) -> dict[int, list[int]]:
+    """The system ids of more than one node, and the numbers of these nodes."""
+    by_id: dict[int, list[int]] = {}
+    for n, own in enumerate(ids):
+        for value in dict.fromkeys(own.values()):
+            by_id.setdefault(value, []).append(n)
+    return {value: nodes for value, nodes in by_id.items() if len(nodes) > 1}
+
+
+def depends_on_places(network: Network) -> bool:
+    """Whether who hears whom changes with where they are."""
+    return network.topology == "nearest" or math.isfinite(network.range)
+
+
+def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None = None) -> list[Twice]:
+    """System ids that are used twice within earshot.
+
+    Args:
+        ids: of each node.
+        places: (nodes, 3) m, where they are; needed if `depends_on_places`.
+    """
+    groups = repeated(ids)
+    if not groups:
+        return []
+    heard = _heard(network, places) | np.eye(len(network.nodes), dtype=bool)
+    found = []
+    for value, nodes in groups.items():
+        hears = heard[nodes].sum(axis=0)
+        listener = int(hears.argmax())
+        if hears[listener] > 1:
+            names = tuple(network.nodes[n].name for n in nodes if heard[n, listener])
+            found.append(Twice(value, names, network.nodes[listener].name))
+    return found
+
+
+def _heard(network: Network, places: Array | None) -> Array:
+    """Row a, column b: whether node b is in reach of what node a sends."""
+    count = len(network.nodes)
+    heard = np.ones((count, count), dtype=bool)
+    if network.topology == "listed":
+        number = {node.name: n for n, node in enumerate(network.nodes)}
+        heard[:] = False
+        for a, b in network.links:
+            heard[number[a], number[b]] = True
+    if places is None:
+        return heard
+    if network.topology == "nearest":
+        heard[:] = False
+        nearest = min(network.neighbours, count - 1)
+        if network.axis is not None:
+            order = np.argsort(places @ np.array(network.axis), kind="stable")
+            for shift in range(1, nearest + 1):
+                heard[order[:-shift], order[shift:]] = heard[order[shift:], order[:-shift]] = True
+        else:
+            for n in range(count):
+                distance = np.linalg.norm(places - places[n], axis=1)
+                distance[n] = math.inf
+                heard[n, np.argsort(distance, kind="stable")[:nearest]] = True
+    if math.isfinite(network.range):
+        for n in range(count):
+            heard[n] &= np.linalg.norm(places - places[n], axis=1) <= network.range
+    return heard

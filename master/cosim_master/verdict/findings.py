@@ -1,0 +1,94 @@
+"""Findings about a swarm, and all that was found of one run."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+__all__ = ["Finding", "Judgement", "Number", "Severity"]
+
+Severity = Literal["failure", "warning", "note"]
+"""A failure: the swarm did not do what it was to do. A warning: it may be why, or is doubtful. A note: it may be meant;
+nothing is wrong if it is."""
+Number = float | int | str
+_ORDER: tuple[Severity, ...] = ("failure", "warning", "note")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing to say about a swarm.
+
+    Attributes:
+        kind: what it is, a word of docs/verdict.md ("agent failed", "contact", ...).
+        severity: how bad it is.
+        who: hierarchical names of the instances, nodes or variables it is about.
+        text: what is wrong, and what may help, for people.
+        time: when it was first seen, s; None if it was known before the run.
+        numbers: what was measured, by name; SI.
+    """
+
+    kind: str
+    severity: Severity
+    who: tuple[str, ...]
+    text: str
+    time: float | None = None
+    numbers: Mapping[str, Number] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            "severity": self.severity,
+            "who": list(self.who),
+            "time": self.time,
+            "text": self.text,
+            "numbers": dict(self.numbers),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What was found of a run.
+
+    Attributes:
+        findings: failures first, then warnings, then notes; each of them in the order of time and names.
+        begin, end: s, the part of the run that was seen; after a checkpoint it begins there.
+        nearest: how near two vehicles came to each other: "who", "distance" [m] and "time" [s]; empty if there are no
+            two of them.
+    """
+
+    findings: tuple[Finding, ...] = ()
+    begin: float = 0.0
+    end: float = 0.0
+    nearest: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, found: Sequence[Finding], begin: float, end: float, nearest: Mapping[str, Any] | None = None
+    ) -> Judgement:
+        """The judgement with its findings in order."""
+        key = {id(one): n for n, one in enumerate(found)}
+        in_order = sorted(
+            found, key=lambda f: (_ORDER.index(f.severity), -1.0 if f.time is None else f.time, key[id(f)])
+        )
+        return cls(tuple(in_order), begin, end, nearest or {})
+
+    @property
+    def good(self) -> bool:
+        """Whether there are neither failures nor warnings."""
+        return all(finding.severity == "note" for finding in self.findings)
+
+    def as_json(self) -> dict[str, Any]:
+        """For manifest.json; described in docs/verdict.md."""
+        counts = Counter(finding.severity for finding in self.findings)
+        return {
+            "good": self.good,
+            "from": self.begin,
+            "to": self.end,
+            "failures": counts["failure"],
+            "warnings": counts["warning"],
+            "notes": counts["note"],
+            "nearest": dict(self.nearest) or None,
+            "findings": [finding.as_json() for finding in self.findings],
+        }

@@ -1,0 +1,53 @@
+"""The judgement of a run: what was known before it, what was seen in it, and what radio and gateways have counted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from cosim_master.network import Network
+from cosim_master.verdict.findings import Finding, Judgement
+from cosim_master.verdict.prior import DOUBLE_ID
+from cosim_master.verdict.watch import Watch
+
+__all__ = ["judgement"]
+
+
+def judgement(
+    before: Judgement,
+    watch: Watch,
+    network: Network,
+    packets: Mapping[str, int],
+    crossed: Mapping[str, Mapping[str, int | str]],
+) -> Judgement:
+    """The judgement of a run that has ended.
+
+    Args:
+        before: what was known before it.
+        watch: closed.
+        packets: see `Execution.packet_counts`.
+        crossed: see `Gateways.counts`.
+    """
+    on_air = [gateway.name for gateway in network.gateways if gateway.wired is None]
+    known = [one for one in before.findings if not (watch.hears_by_place and one.kind == DOUBLE_ID)]
+    found = [*known, *watch.findings(), *_of_radio(packets), *_of_gateways(crossed, on_air)]
+    return Judgement.of(found, watch.begin, watch.end, watch.nearest())
+
+
+def _of_radio(packets: Mapping[str, int]) -> Iterator[Finding]:
+    """What the counters of the radio say."""
+    sent, delivered, on_the_way = (packets.get(what, 0) for what in ("sent", "delivered", "in flight"))
+    if sent and not delivered and not on_the_way:
+        causes = ", ".join(f"{n} {cause}" for cause, n in packets.items() if cause.startswith("lost: ") and n)
+        text = f"none of the {sent} packets sent by radio has reached a node ({causes})"
+        yield Finding("no radio", "warning", (), text, numbers={"sent": sent, "delivered": delivered})
+
+
+def _of_gateways(counts: Mapping[str, Mapping[str, int | str]], on_air: Sequence[str]) -> Iterator[Finding]:
+    """Gateways that carried nothing; of the wired ones it takes all, since a program may want one vehicle alone."""
+    silent = [name for name, crossed in counts.items() if not crossed.get("sent") and not crossed.get("received")]
+    wired = [name for name in counts if name not in on_air]
+    if not all(name in silent for name in wired):
+        silent = [name for name in silent if name in on_air]
+    for name in silent:
+        text = f"nothing has crossed {name} ({counts[name]['address']}): has a program connected to it?"
+        yield Finding("silent gateway", "warning", (name,), text)

@@ -1,0 +1,207 @@
+"""What can be known of a swarm before it flies.
+
+Nothing here is an error: the system can be run, and each finding says what will probably come of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+
+from cosim.verdict import Role
+from cosim_master.check import CheckedSystem, Instance
+from cosim_master.fmu import Variable
+from cosim_master.network import Network
+from cosim_master.verdict.earshot import depends_on_places, repeated, system_ids, twice
+from cosim_master.verdict.findings import Finding
+
+__all__ = ["DOUBLE_ID", "known_before", "same_id"]
+
+DOUBLE_ID = "system id used twice"
+_OWN_TOOL = "uav-cosim"
+_SHOWN = 3
+_FULL_TURN = 2.0 * math.pi
+
+
+def known_before(
+    checked: CheckedSystem,
+    network: Network,
+    changed: Sequence[tuple[str, Variable, float | int | bool | str]] = (),
+    span: tuple[float, float] = (0.0, math.inf),
+) -> list[Finding]:
+    """All that is known.
+
+    Args:
+        changed: what will be set while it runs: instance, variable and value.
+        span: s, begin and end of the run.
+    """
+    set_later = {(instance, variable.name) for instance, variable, _ in changed}
+    return [
+        *_open_inputs(checked, set_later),
+        *_different_ids(checked, network),
+        *_double_ids(checked, network),
+        *_out_of_range(checked),
+        *_degrees(checked, changed),
+        *_cut_off(network, span),
+    ]
+
+
+# ---- inputs --------------------------------------------------------------------------------------------------------
+
+
+def _open_inputs(checked: CheckedSystem, set_later: Collection[tuple[str, str]]) -> Iterator[Finding]:
+    """Inputs that nothing drives and that nobody has set; of many instances of an FMU one finding for each input.
+
+    One FMU that runs alone has them, and is meant to.
+    """
+    if len(checked.instances) == 1 and not checked.links:
+        return
+    driven = {link.target for link in checked.links}
+    found: dict[tuple[str, str], list[tuple[Instance, list[Variable]]]] = {}
+    for instance in checked.instances:
+        optional = {name for name, verdict in instance.fmu.verdicts.items() if verdict is Role.OPTIONAL}
+        for v in instance.fmu.variables.values():
+            base = v.name.partition("[")[0]
+            if (
+                v.causality != "input"
+                or v.packet_capacity is not None
+                or v.clock is not None
+                or v.clocks
+                or {v.name, base} & optional
+                or v.name in instance.start_values
+                or (instance.name, v.name) in driven
+                or (instance.name, v.name) in set_later
+            ):
+                continue
+            of = found.setdefault((str(instance.fmu.path), base), [])
+            if not of or of[-1][0] is not instance:
+                of.append((instance, []))
+            of[-1][1].append(v)
+    for (_, base), of in found.items():
+        instance, variables = of[0]
+        names = _names([f"{one.name}.{base}" for one, _ in of])
+        elements = f" ({len(variables)} elements)" if len(variables) > 1 else ""
+        stays = f"it stays at its start value {_value(variables[0])}"
+        yield Finding(
+            "open input",
+            "warning" if instance.fmu.generation_tool == _OWN_TOOL else "note",
+            tuple(f"{one.name}.{v.name}" for one, vs in of for v in vs),
+            f"nothing drives {names}{elements}, and the system does not set it: {stays}; connect it or set a value",
+            numbers={"inputs": sum(len(vs) for _, vs in of)},
+        )
+
+
+def _value(variable: Variable) -> str:
+    return (
+        "0"
+        if variable.start is None
+        else f"{variable.start:g}"
+        if isinstance(variable.start, float)
+        else str(variable.start)
+    )
+
+
+def _names(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:_SHOWN])
+    return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
+
+
+# ---- system ids ----------------------------------------------------------------------------------------------------
+
+
+def _different_ids(checked: CheckedSystem, network: Network) -> Iterator[Finding]:
+    for own in system_ids(checked, network):
+        if len(set(own.values())) > 1:
+            given = ", ".join(f"{name} = {value}" for name, value in own.items())
+            text = f"{given}: on board of one vehicle they hear each other only with one system id; give them the same"
+            yield Finding("different system ids", "warning", tuple(own), text, numbers=dict(own))
+
+
+def _double_ids(checked: CheckedSystem, network: Network) -> Iterator[Finding]:
+    ids = system_ids(checked, network)
+    if not depends_on_places(network):
+        for one in twice(network, ids):
+            yield same_id(one.system_id, one.nodes, one.listener)
+        return
+    for value, nodes in repeated(ids).items():
+        names = tuple(network.nodes[n].name for n in nodes)
+        text = f"{_names(names)} have system id {value}: whether one hears two of them depends on where they fly"
+        yield Finding(DOUBLE_ID, "note", names, text, numbers={"system id": value})
+
+
+def same_id(system_id: int, nodes: tuple[str, ...], listener: str, time: float | None = None) -> Finding:
+    """The finding that a node hears two others with one system id, or one with its own."""
+    others = tuple(node for node in nodes if node != listener)
+    if listener in nodes:
+        text = f"{listener} hears {_names(others)}, and all have system id {system_id}; give each an id of its own"
+    else:
+        text = f"{listener} hears {_names(others)}, all with system id {system_id}; give each an id of its own"
+    return Finding(DOUBLE_ID, "warning", nodes, text, time, {"system id": system_id})
+
+
+# ---- values --------------------------------------------------------------------------------------------------------
+
+
+def _out_of_range(checked: CheckedSystem) -> Iterator[Finding]:
+    """Parameters whose own start value is outside of their range; what a system sets is checked when it is read."""
+    told: set[tuple[str, str]] = set()
+    for instance in checked.instances:
+        values = instance.effective_values()
+        for name, value in values.items():
+            v = instance.fmu.variables[name]
+            low = -math.inf if v.minimum is None else v.minimum
+            high = math.inf if v.maximum is None else v.maximum
+            number = isinstance(value, int | float) and not isinstance(value, bool) and v.type != "Enumeration"
+            if not number or low <= float(value) <= high or (str(instance.fmu.path), name) in told:
+                continue
+            told.add((str(instance.fmu.path), name))
+            text = f"{instance.name}.{name} is {float(value):g}, outside of its range; valid: {low:g} to {high:g}"
+            yield Finding("out of range", "note", (f"{instance.name}.{name}",), text, numbers={"value": float(value)})
+
+
+def _is_angle(variable: Variable) -> bool:
+    unit = variable.unit
+    if unit is None or variable.type != "Real":
+        return False
+    if unit.base is None:
+        return unit.name == "rad"
+    *others, radians = unit.base.exponents
+    return not any(others) and radians == 1 and unit.base.factor == 1.0
+
+
+def _degrees(
+    checked: CheckedSystem, changed: Sequence[tuple[str, Variable, float | int | bool | str]]
+) -> Iterator[Finding]:
+    """Angles in rad, set to more than a full turn: values that can only be degrees."""
+    given = [
+        (instance.name, instance.fmu.variables[name], value)
+        for instance in checked.instances
+        for name, value in instance.start_values.items()
+    ]
+    for name, variable, value in [*given, *changed]:
+        if not _is_angle(variable) or not _FULL_TURN < abs(float(value)) <= 360.0:
+            continue
+        made = checked.assignments.get((name, variable.name), ())
+        where = f"{made[-1].where}: " if made else ""
+        meant = f"did you mean {math.radians(float(value)):.6g} (= {float(value):g} degrees)?"
+        text = f"{where}{name}.{variable.name} is {float(value):g} rad, more than a full turn; {meant}"
+        numbers = {"value": float(value), "in rad": math.radians(float(value))}
+        yield Finding("degrees for radians", "warning", (f"{name}.{variable.name}",), text, numbers=numbers)
+
+
+# ---- radio ---------------------------------------------------------------------------------------------------------
+
+
+def _cut_off(network: Network, span: tuple[float, float]) -> Iterator[Finding]:
+    """Nodes that can hear nobody all the run."""
+    if len(network.nodes) < 2:
+        return
+    linked = {name for link in network.links for name in link}
+    for node in network.nodes:
+        if network.topology == "listed" and node.name not in linked:
+            text = f'no <link> leads to {node.name}, and topology="listed": it hears nobody and nobody hears it'
+            yield Finding("cut off", "warning", (node.name,), text)
+    for name, start, stop in network.outages:
+        if start <= span[0] and stop >= span[1]:
+            text = f"the outage of {name} lasts all the run: it hears nobody and nobody hears it"
+            yield Finding("cut off", "warning", (name,), text)

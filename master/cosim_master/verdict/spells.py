@@ -1,0 +1,52 @@
+"""How long, how often and how much something was not as it should be, for many at once."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+__all__ = ["Spells"]
+
+Array: TypeAlias = np.ndarray[Any, Any]
+
+
+class Spells:
+    """The spells in which each of `count` conditions held.
+
+    Attributes:
+        first: begin of the first spell, s; NaN without any.
+        longest: length of the longest spell, s; a spell that was seen at one instant only is 0 s long.
+        total: of all spells, s.
+        open: whether it holds at the last instant.
+        worst, worst_time: the greatest value seen in a spell, and when; -inf without any.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.first = np.full(count, np.nan)
+        self.longest, self.total = np.full(count, -1.0), np.zeros(count)
+        self.open = np.zeros(count, dtype=bool)
+        self.worst, self.worst_time = np.full(count, -np.inf), np.full(count, np.nan)
+        self._since = np.full(count, np.nan)
+        self._last = np.nan
+
+    def look(self, times: Array, holds: Array, values: Array) -> None:
+        """Take in instants.
+
+        Args:
+            times: (n,) s, rising.
+            holds: (n, count) whether the condition holds.
+            values: (n, count) how much it does, for `worst`.
+        """
+        if not holds.any() and not self.open.any():
+            self._last = float(times[-1])
+            return
+        for time, now, value in zip(times, holds, values, strict=True):
+            goes_on, begins = now & self.open, now & ~self.open
+            self.total[goes_on] += time - self._last
+            self._since[begins] = time
+            self.first[begins & np.isnan(self.first)] = time
+            self.longest[now] = np.maximum(self.longest, time - self._since)[now]
+            worse = now & (value > self.worst)
+            self.worst[worse], self.worst_time[worse] = value[worse], time
+            self.open, self._last = now.copy(), float(time)
