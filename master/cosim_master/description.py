@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from cosim.verdict import Verdict
 from cosim_master.document import near
+from cosim_master.source_files import SourceFiles
 from cosim_master.system import INTEGER_RANGES
 from cosim_master.units import Unit
 
@@ -185,6 +186,7 @@ class FmuDescription:
         start_time, stop_time, tolerance: of the DefaultExperiment; None where it is silent.
         model_exchange: of an FMU that is to be integrated by us; None for co-simulation.
         verdicts: what variables and arrays say about how an instance does, by name; of FMUs with our annotation.
+        source_files: of an FMU that is compiled from its sources; None for those with a library.
     """
 
     path: Path
@@ -210,3 +212,4 @@ class FmuDescription:
     tolerance: float | None = None
     model_exchange: ModelExchange | None = None
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+    source_files: SourceFiles | None = None

@@ -29,6 +29,7 @@ from cosim_master.document import line_of, near, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu3 import Reading3, dependencies3
 from cosim_master.limitations import EXCHANGE1, EXCHANGE_CLOCKS, FMI_VERSION, NO_LIBRARY, SCHEDULED_EXECUTION
+from cosim_master.source_files import SourceFiles, configured, listed
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 
 __all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "describe", "extract", "platform"]
@@ -68,6 +69,8 @@ def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implement
         raise SystemDescriptionError([Problem(Where(shown), "is not an FMU: it has no modelDescription.xml")])
     reading = _Reading(f"{shown}/modelDescription.xml", data, sizes or {}, implementation)
     library = None if reading.identifier is None else _library(names, reading.identifier, Where(shown), reading)
+    if library == SOURCES:
+        reading.source_files = _source_files(Path(path), shown, names, reading)
     if reading.problems:
         raise SystemDescriptionError(reading.problems)
     terminals = _terminals(Path(path), shown, reading) if reading.fmi == 3 else {}
@@ -114,6 +117,21 @@ def _terminals(path: Path, shown: str, reading: _Reading) -> dict[str, tuple[str
     return found
 
 
+def _source_files(path: Path, shown: str, names: Sequence[str], reading: _Reading) -> SourceFiles | None:
+    """What an FMU without a library is compiled from: its buildDescription.xml before its SourceFiles."""
+    member = "sources/buildDescription.xml"
+    data = archive.read_member(path, member, shown, limit=_MAX_DESCRIPTION_BYTES)
+    problems, notes, found = reading.problems, reading.notes, None
+    if data is not None:
+        root, place = parse(data, f"{shown}/{member}"), platform(3)
+        found = configured(root, f"{shown}/{member}", cast(str, reading.identifier), place, names, problems, notes)
+    if found is None and not problems:
+        interface = reading.root.find(reading.interface)
+        assert interface is not None
+        found = listed(interface, reading.shown, names, problems, notes)
+    return found
+
+
 def _digest(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -151,6 +169,7 @@ class _Reading:
         self.problems: list[Problem] = []
         self.notes: list[str] = []
         self.identifier: str | None = None
+        self.source_files: SourceFiles | None = None
         self.fmi = 2
         self.shapes: dict[str, tuple[int, ...]] = {}
         self.root = parse(data, shown)
@@ -474,6 +493,7 @@ class _Reading:
             tolerance=self.tolerance,
             model_exchange=self._model_exchange(),
             verdicts=verdicts,
+            source_files=self.source_files,
         )
 
     def _model_exchange(self) -> ModelExchange | None:

@@ -194,6 +194,12 @@ NO_LIBRARY = Limitation(
     "error",
     "has no library for this platform ({}); {}",
 )
+SOURCE_LIBRARY = Limitation(
+    "FMI",
+    "FMUs that are compiled from sources and link libraries of their own",
+    "error",
+    '<Library> "{}" is not external: sources that need a library of the FMU\'s own are not supported',
+)
 LARGE_DESCRIPTION = Limitation(
     "FMI", "model descriptions of more than 128 MiB", "error", 'entry "{}" is larger than {} bytes'
 )

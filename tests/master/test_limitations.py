@@ -293,10 +293,26 @@ def of_fmi(
         text = workshop.description([variable("y", "output")], step=0.5)
         return alone(workshop.pack("one.fmu", text, library=None))
 
+    def with_library() -> Path:
+        file = without_binary().parent / "one.fmu"
+        library = '<Library name="own"/>'
+        configuration = f'<BuildConfiguration modelIdentifier="{{}}">{library}</BuildConfiguration>'
+        with zipfile.ZipFile(file) as one:
+            text = one.read("modelDescription.xml").decode()
+        identifier = re.search('modelIdentifier="([^"]*)"', text)
+        assert identifier is not None
+        with zipfile.ZipFile(file, "a") as one:
+            one.writestr(
+                "sources/buildDescription.xml",
+                f'<fmiBuildDescription fmiVersion="3.0">{configuration.format(identifier[1])}</fmiBuildDescription>',
+            )
+        return alone(file)
+
     return {
         "FMI_VERSION": lambda: described('fmiVersion="2.0"', 'fmiVersion="1.5"'),
         "EXCHANGE1": lambda: described('fmiVersion="2.0"', 'fmiVersion="1.0"'),
         "NO_LIBRARY": without_binary,
+        "SOURCE_LIBRARY": with_library,
         "LARGE_DESCRIPTION": large,
         "ONLY_ONCE": twice,
         "PYTHON_SOURCES": python,
