@@ -117,7 +117,7 @@ def cannot_be_serialised(living: Sequence[Living]) -> str:
     for one in living:
         flags = [flag for flag in _FLAGS if not getattr(one.fmu.capabilities, flag)]
         if flags:
-            lacking.append(f"{flags[0]} of {one.name} is false")
+            lacking.append(f"{flags[0]} of {one.name} is false{one.fmu.remedy(flags[0])}")
     return ", ".join(lacking[:3]) + (f", and {len(lacking) - 3} more" if len(lacking) > 3 else "")
 
 

@@ -372,7 +372,7 @@ def _refuse(checked: CheckedSystem, loops: Sequence[Sequence[int]], algorithm: s
     for one in (checked.instances[i] for loop in loops for i in loop):
         flags = one.fmu.capabilities
         if not flags.canGetAndSetFMUstate:
-            text = LOOP_STATE.text(algorithm, one.name)
+            text = LOOP_STATE.text(algorithm, one.name, one.fmu.remedy("canGetAndSetFMUstate"))
             problems.append(Problem(one.where, text))
         if flags.hasEventMode:
             text = LOOP_EVENTS.text(algorithm, one.name)
@@ -384,7 +384,7 @@ def _refuse_steps(checked: CheckedSystem, delays: Mapping[Target, Delay], proble
     for one in checked.instances:
         for flag in ("canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"):
             if not getattr(one.fmu.capabilities, flag):
-                problems.append(Problem(one.where, STEP_CONTROL.text(flag, one.name)))
+                problems.append(Problem(one.where, STEP_CONTROL.text(flag, one.name, one.fmu.remedy(flag))))
     for target, delay in delays.items():
         text = STEP_DELAY.text(".".join(target))
         problems.append(Problem(delay.where, text))

@@ -165,6 +165,12 @@ class ModelExchange:
     serialises_state: bool = False
 
 
+_REMEDY = (
+    ' while CVODE integrates it, which remembers its last steps (take --solver rk4, --solver euler, or restart="true" '
+    "in its solver annotation)"
+)
+
+
 @dataclass(frozen=True, slots=True)
 class FmuDescription:
     """What a co-simulation needs to know about one FMU file.
@@ -213,3 +219,11 @@ class FmuDescription:
     model_exchange: ModelExchange | None = None
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     source_files: SourceFiles | None = None
+
+    def remedy(self, flag: str) -> str:
+        """The end of a sentence that says that a capability is false: what to do where only the solver lacks it."""
+        exchange = self.model_exchange
+        if exchange is None or getattr(self.capabilities, flag):
+            return ""
+        able = {"canGetAndSetFMUstate": exchange.saves_state, "canSerializeFMUstate": exchange.serialises_state}
+        return _REMEDY if able.get(flag, False) else ""

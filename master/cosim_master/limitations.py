@@ -468,7 +468,7 @@ LOOP_STATE = Limitation(
     "Masters",
     "iterated loops with FMUs that cannot save their state",
     "error",
-    "{}: {} is part of a loop, and canGetAndSetFMUstate of its FMU is false",
+    "{}: {} is part of a loop, and canGetAndSetFMUstate of its FMU is false{}",
 )
 LOOP_EVENTS = Limitation(
     "Masters",
@@ -480,7 +480,7 @@ STEP_CONTROL = Limitation(
     "Masters",
     "steps that the error decides, with FMUs that cannot go back or whose steps have one size",
     "error",
-    "richardson: {} of {} is false",
+    "richardson: {} of {} is false{}",
 )
 STEP_DELAY = Limitation(
     "Masters",

@@ -35,16 +35,17 @@ _UNCHANGED = {"real_block", "int_block", "ticks", "shared", "scratch", "calls", 
 
 def cannot_be_repeated(living: Sequence[Living]) -> str:
     """Why discarded steps of a system cannot be repeated; empty if they can."""
-    lacking = {}
+    lacking, remedies = {}, {}
     for one in living:
         flags = one.fmu.capabilities
         if not flags.canGetAndSetFMUstate or not one.library.has(*STATE_FUNCTIONS[one.fmu.fmi_version[:1]]):
             lacking[one.name] = "canGetAndSetFMUstate"
+            remedies[one.name] = one.fmu.remedy("canGetAndSetFMUstate")
         elif not flags.canHandleVariableCommunicationStepSize:
             lacking[one.name] = "canHandleVariableCommunicationStepSize"
     if not lacking:
         return ""
-    named = [f"{flag} of {name} is false" for name, flag in list(lacking.items())[:3]]
+    named = [f"{flag} of {name} is false{remedies.get(name, '')}" for name, flag in list(lacking.items())[:3]]
     return ", ".join(named) + (f", and of {len(lacking) - 3} more" if len(lacking) > 3 else "")
 
 

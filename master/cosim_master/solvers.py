@@ -7,7 +7,7 @@
 
 CVODE is SUNDIALS' variable-step BDF method, by the libraries that FMPy brings along. Euler and RK4 have fixed steps;
 they find events by bisection. CVODE remembers the steps before, and so cannot go back; with `restart` it begins anew at
-every communication point, which costs 10 to 30 times the time at the same accuracy (Van der Pol, a step of 0.01 s).
+every communication point, which is slower and, at the same tolerance, less accurate (see docs/one-fmu.md).
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@
     0.5,2,1                  two rows of one time are a jump
 
 A continuous Real is interpolated linearly, everything else held; before the first row and behind the last their
-values hold. At a jump the values of its last row count from then on, as in FMPy. Values are set where a step begins.
+values hold. At a jump the values of its last row count from then on, but for one in the very first row, which counts
+behind that time only: both as in FMPy. Values are set where a step begins.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def interpolated(rows: Any, values: Any, at: Any, *, held: bool, before: bool = 
     """The values of a column at times.
 
     Args:
-        rows: times of its rows, rising; of two equal ones the later row counts from then on.
+        rows: times of its rows, rising; of equal ones the last row counts from then on, at the first time behind it.
         values: of the rows, numbers or (if `held`) any objects.
         at: the times.
         held: the last row's value holds until the next row; else linear between rows.
@@ -45,6 +46,7 @@ def interpolated(rows: Any, values: Any, at: Any, *, held: bool, before: bool = 
     """
     last = len(rows) - 1
     i = np.clip(np.searchsorted(rows, at, side="left" if before else "right") - 1, 0, last)
+    i = np.where(at <= rows[0], 0, i)
     if held:
         return values[i]
     after = np.minimum(i + 1, last)

@@ -17,6 +17,10 @@ from cosim_master.fmu import describe
 from cosim_master.simulation import RunResult, simulate
 from cosim_master.solvers import Choice
 
+REMEDY = (
+    ' while CVODE integrates it, which remembers its last steps (take --solver rk4, --solver euler, or restart="true" '
+    "in its solver annotation)"
+)
 BOTH = pytest.mark.parametrize("fmi", [2, 3])
 
 
@@ -164,8 +168,9 @@ def test_model_exchange_and_co_simulation_in_one_system(dynamics: Any, workshop:
 def test_runs_repeat_and_go_on_bit_for_bit(dynamics: Any, tmp_path: Path, fmi: int, model: str) -> None:
     file = dynamics.fmu(model, fmi, stop=4.0, step=0.25)
     first, second = tmp_path / "first", tmp_path / "second"
-    with pytest.raises(SystemDescriptionError, match="has no checkpoints: canGetAndSetFMUstate of"):
+    with pytest.raises(SystemDescriptionError, match="has no checkpoints: canGetAndSetFMUstate of") as caught:
         simulate(file, out=first, checkpoint_every=1.5)
+    assert REMEDY in str(caught.value)
     simulate(file, out=first, checkpoint_every=1.5, solver="rk4:0.01")
     simulate(file, out=second, origin=f"{first}@1.5", solver="rk4:0.01")
     tables = [pq.read_table(folder / "signals.parquet") for folder in (first, second)]
@@ -196,6 +201,20 @@ def test_an_iterated_loop_goes_back(dynamics: Any, workshop: Any, tmp_path: Path
         assert got["a.x"][k] == pytest.approx(a, abs=1e-8) and got["b.x"][k] == pytest.approx(b, abs=1e-8)
         b_next = (b + h * 1 + h * a) / (1 - h * h)
         a, b = a + h * b_next, b_next
+
+
+@pytest.mark.parametrize("algorithm", ["fixed-point", "richardson"])
+def test_what_goes_back_names_the_solvers_that_do(dynamics: Any, workshop: Any, algorithm: str) -> None:
+    dynamics.fmu("DRIVE", 2, "ME", name="d.fmu", step=0.1)
+    master = f'<master xmlns="https://uav-cosim.org/ns/1" algorithm="{algorithm}" tolerance="1e-6"/>'
+    parts = workshop.component("a", "d.fmu", "u:input x:output") + workshop.component("b", "d.fmu", "u:input x:output")
+    wires = workshop.connection("a/x", "b/u") + workshop.connection("b/x", "a/u")
+    after = workshop.annotation("org.uav-cosim.master", master)
+    file = workshop.ssd("s.ssd", workshop.system(parts, wires, after=after))
+    with pytest.raises(SystemDescriptionError) as caught:
+        simulate(file, until=1.0)
+    assert len(caught.value.problems) == 2
+    assert all(f"is false{REMEDY}" in str(problem) for problem in caught.value.problems)
 
 
 def test_choices_of_solvers() -> None:

@@ -105,6 +105,21 @@ def test_inputs_from_a_file_as_fmpy_reads_them(dynamics: Any, tmp_path: Path, fm
     assert manifest["input"]["path"] == str(stimuli) and len(manifest["input"]["sha256"]) == 64
 
 
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_jump_in_the_first_row_counts_behind_it_as_in_fmpy(dynamics: Any, tmp_path: Path, fmi: int) -> None:
+    file = dynamics.fmu("DRIVE", fmi, "CS", stop=0.5, step=0.1)
+    stimuli = tmp_path / "in.csv"
+    stimuli.write_text("time,u,on,m\n0,1,0,3\n0,5,1,4\n1,5,1,4\n")
+    _, got = alone(file, inputs=stimuli)
+    expected = fmpy.simulate_fmu(
+        str(file), fmi_type="CoSimulation", stop_time=0.5, output_interval=0.1, input=fmpy.read_csv(stimuli),
+        output=["x", "latched"],
+    )  # fmt: skip
+    np.testing.assert_allclose(got["Drive.x"], expected["x"], rtol=1e-12)
+    np.testing.assert_allclose(got["Drive.x"], [0, 0.4, 2.3, 4.2, 6.1, 8.0], rtol=1e-12)
+    assert got["Drive.latched"] == list(expected["latched"]) == [3, 3, 104, 104, 104, 104]
+
+
 def test_inputs_without_a_column_keep_their_start_values(dynamics: Any, tmp_path: Path) -> None:
     file = dynamics.fmu("DRIVE", 2, "CS", stop=1.0, step=0.5)
     (tmp_path / "in.csv").write_text("time, Drive.on, s\n0,true,x\n0.5,false,y\n")
