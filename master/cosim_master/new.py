@@ -26,7 +26,8 @@ from urllib.parse import quote
 from lxml import etree
 
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.fmu import FmuDescription, describe
+from cosim_master.fmu import FmuDescription, Variable, describe
+from cosim_master.units import BASE_UNITS
 
 __all__ = ["SHAPES", "new_system"]
 
@@ -207,10 +208,13 @@ def _ports(fmu: FmuDescription, causality: str) -> list[str]:
 
 def _drone(fmus: dict[str, FmuDescription], folder: Path, where: Path) -> bytes:
     """drone.ssd: connects every input of vehicle and autopilot to the other's output of the same name."""
-    root = etree.Element(f"{{{_SSD}}}SystemStructureDescription", nsmap={"ssd": _SSD}, name="drone", version="1.0")
+    root = etree.Element(
+        f"{{{_SSD}}}SystemStructureDescription", nsmap={"ssd": _SSD, "ssc": _SSC}, name="drone", version="1.0"
+    )
     system = etree.SubElement(root, f"{{{_SSD}}}System", name="drone")
     elements = etree.SubElement(system, f"{{{_SSD}}}Elements")
     wires: list[tuple[str, str, str]] = []
+    typed: list[Variable] = []
     for role, other in (("vehicle", "autopilot"), ("autopilot", "vehicle")):
         offered = set(_ports(fmus[other], "output"))
         wires += [(other, role, name) for name in _ports(fmus[role], "input") if name in offered]
@@ -228,7 +232,9 @@ def _drone(fmus: dict[str, FmuDescription], folder: Path, where: Path) -> bytes:
         if named:
             connectors = etree.SubElement(component, f"{{{_SSD}}}Connectors")
             for name, kind in named:
-                etree.SubElement(connectors, f"{{{_SSD}}}Connector", name=name, kind=kind)
+                connector = etree.SubElement(connectors, f"{{{_SSD}}}Connector", name=name, kind=kind)
+                _type(connector, fmus[role].variables[name])
+                typed.append(fmus[role].variables[name])
     connections = etree.SubElement(system, f"{{{_SSD}}}Connections")
     for source, target, name in wires:
         etree.SubElement(
@@ -239,7 +245,38 @@ def _drone(fmus: dict[str, FmuDescription], folder: Path, where: Path) -> bytes:
             endElement=target,
             endConnector=name,
         )
+    _definitions(root, typed)
     return _document(root)
+
+
+def _type(connector: etree._Element, variable: Variable) -> None:
+    """The type and unit of a connector as its FMU has them, so that engines that need them can read the file."""
+    made = etree.SubElement(connector, f"{{{_SSC}}}{variable.type}")
+    if variable.unit is not None:
+        made.set("unit", variable.unit.name)
+    if variable.type == "Enumeration":
+        made.set("name", variable.name)
+
+
+def _definitions(root: etree._Element, variables: Iterable[Variable]) -> None:
+    """What connectors refer to: enumerations, which have the names of their connectors, and units."""
+    enumerations = {v.name: v.items for v in variables if v.type == "Enumeration"}
+    units = {v.unit.name: v.unit.base for v in variables if v.unit is not None}
+    if enumerations:
+        holder = etree.SubElement(root, f"{{{_SSD}}}Enumerations")
+        for name, items in enumerations.items():
+            made = etree.SubElement(holder, f"{{{_SSC}}}Enumeration", name=name)
+            for item, value in (items or {}).items():
+                etree.SubElement(made, f"{{{_SSC}}}Item", name=item, value=str(value))
+    if units:
+        holder = etree.SubElement(root, f"{{{_SSD}}}Units")
+        for name, base in sorted(units.items()):
+            made = etree.SubElement(holder, f"{{{_SSC}}}Unit", name=name)
+            if base is None:
+                continue
+            powers = {one: str(n) for one, n in zip(BASE_UNITS, base.exponents, strict=True) if n}
+            numbers = {"factor": repr(base.factor), "offset": repr(base.offset)}
+            etree.SubElement(made, f"{{{_SSC}}}BaseUnit", {**powers, **numbers})
 
 
 def _parameters(name: str, rows: Iterable[_Drone]) -> bytes:

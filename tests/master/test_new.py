@@ -5,12 +5,16 @@ from __future__ import annotations
 import gc
 import itertools
 import re
+import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from lxml import etree
 
 from cosim_master.check import check
 from cosim_master.errors import SystemDescriptionError
@@ -19,6 +23,9 @@ from cosim_master.network import network_of
 from cosim_master.new import new_system
 from cosim_master.simulation import prepare, simulate
 from cosim_master.ssp import read_system
+from tests.master.test_osp import needs_libcosim
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_line_is_wired_and_numbered(fmus: Path, tmp_path: Path) -> None:
@@ -145,3 +152,53 @@ def test_all_problems_of_a_request_at_once(tmp_path: Path) -> None:
     assert "--spacing: 0 m: must be positive" in text
     for name in ("Quadrotor", "Autopilot", "LineAgent"):
         assert f"{name}.fmu" in text
+
+
+_LIBCOSIM = """
+import os
+import sys
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimObserver import CosimObserver
+execution = CosimExecution.from_ssp_file(sys.argv[1], 2_500_000)
+observer = CosimObserver.create_last_value()
+assert execution.add_observer(observer)
+for _ in range(4):
+    assert execution.step()
+for simulator in ("vehicle", "autopilot"):
+    slave = execution.slave_index_from_instance_name(simulator)
+    (found,) = [v.reference for v in execution.slave_variables(slave) if v.name.decode() == "specific_force[3]"]
+    print("VALUE", repr(float(observer.last_real_values(slave, [found])[0])), flush=True)
+os._exit(0)
+"""
+
+
+def test_connectors_have_the_types_and_units_of_the_fmus(fmus: Path, tmp_path: Path) -> None:
+    folder = new_system("line", 3, tmp_path / "line", fmus=fmus)
+    root = etree.parse(str(folder / "drone.ssd")).getroot()
+    found = {one.get("name"): one[0] for one in root.iter("{*}Connector")}
+    typed = {name: (etree.QName(one).localname, one.get("unit"), one.get("name")) for name, one in found.items()}
+    assert typed["motor[1]"] == ("Real", None, None)
+    assert typed["velocity[2]"] == ("Real", "m/s", None)
+    assert typed["airframe"] == ("Enumeration", None, "airframe")
+    assert {one.get("name") for one in root.iter("{*}Unit")} == {"m", "m/s", "m/s2", "rad/s"}
+    assert [one.get("name") for one in root.iter("{*}Item")] == ["quad_x", "hexa_x", "octa_x"]
+    shipped = etree.parse(str(ROOT / "master/systems/line5/drone.ssd")).getroot()
+    assert {one.get("name"): etree.tostring(one[0], method="c14n") for one in shipped.iter("{*}Connector")} == {
+        name: etree.tostring(one, method="c14n") for name, one in found.items()
+    }
+
+
+@needs_libcosim
+def test_libcosim_reads_a_drone(fmus: Path, tmp_path: Path) -> None:
+    """Without the one Enumeration, a type of connectors that libcosim has not."""
+    text = (new_system("line", 3, tmp_path / "line", fmus=fmus) / "drone.ssd").read_text()
+    (tmp_path / "resources").mkdir()
+    for model in ("Quadrotor", "Autopilot", "LineAgent"):
+        shutil.copyfile(fmus / f"{model}.fmu", tmp_path / "resources" / f"{model}.fmu")
+        text = re.sub(rf'source="[^"]*/{model}\.fmu"', f'source="resources/{model}.fmu"', text)
+    text = re.sub(r'<ssd:Connector name="airframe".*?</ssd:Connector>', "", text, flags=re.DOTALL)
+    text = re.sub(r'<ssd:Connection [^>]*"airframe"/>', "", text)
+    (tmp_path / "SystemStructure.ssd").write_text(text)
+    done = subprocess.run([sys.executable, "-c", _LIBCOSIM, str(tmp_path)], capture_output=True, text=True, check=False)
+    values = [float(line.split()[1]) for line in done.stdout.splitlines() if line.startswith("VALUE ")]
+    assert len(values) == 2 and values[0] == values[1] == pytest.approx(-9.81, abs=0.02), done.stdout + done.stderr
