@@ -19,9 +19,9 @@ from lxml import etree
 from cosim_master.binding import Assignment, Bindings, Unmatched
 from cosim_master.document import line_of, near
 from cosim_master.errors import Finding, FmuError, Problem, SystemDescriptionError, Where
-from cosim_master.fmu import FmuDescription, Start, describe
+from cosim_master.fmu import FmuDescription, Start, Variable, describe
 from cosim_master.initialization import Stage, exchange_order
-from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, UNIT_GAP
+from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, UNIT_GAP, WIDE_ITEM
 from cosim_master.omsimulator import OMSIMULATOR
 from cosim_master.omsimulator import settings as settings_of_omsimulator
 from cosim_master.parts import Part, assemble, measure
@@ -29,7 +29,15 @@ from cosim_master.settings import apart, hidden
 from cosim_master.sizes import check_sizes
 from cosim_master.solvers import NAMES as SOLVERS
 from cosim_master.solvers import Choice
-from cosim_master.system import Annotation, Component, SignalDictionaryReference, System, SystemStructure, Value
+from cosim_master.system import (
+    INTEGER_RANGES,
+    Annotation,
+    Component,
+    SignalDictionaryReference,
+    System,
+    SystemStructure,
+    Value,
+)
 from cosim_master.units import Unit
 from cosim_master.wiring import Wiring
 
@@ -270,6 +278,7 @@ class _Check:
         order = self._initial_order(links, {instance.name: instance.fmu for instance in instances})
         self._assumptions(wiring, bindings, fmus, instances)
         self._silent_clocks(instances, links)
+        self._wide_items(instances, links)
         if self.problems:
             raise SystemDescriptionError(dict.fromkeys(self.problems))
         return CheckedSystem(
@@ -579,6 +588,22 @@ class _Check:
                 triggered = v.clock is not None and v.clock.kind == "triggered" and v.causality == "input"
                 if triggered and (instance.name, v.name) not in driven:
                     self.notes.append(SILENT_CLOCK.text(instance.name, v.name))
+
+    def _wide_items(self, instances: tuple[Instance, ...], links: tuple[Link, ...]) -> None:
+        """Enumerations of which a value might be carried that the master cannot carry."""
+        low, high = INTEGER_RANGES["Integer"]
+        wide: dict[Path, list[tuple[Variable, str, int]]] = {}
+        for one in instances:
+            if one.fmu.path not in wide:
+                items = [(v, *item) for v in one.fmu.variables.values() if v.items for item in v.items.items()]
+                wide[one.fmu.path] = [found for found in items if not low <= found[2] <= high]
+        if not any(wide.values()):
+            return
+        used = {end for link in links for end in (link.source, link.target)}
+        for one in instances:
+            for v, item, value in wide[one.fmu.path]:
+                if v.causality == "output" or v.name in one.start_values or (one.name, v.name) in used:
+                    self.problems.append(Problem(one.where, WIDE_ITEM.text(one.name, v.name, item, value)))
 
     def _assumptions(
         self,

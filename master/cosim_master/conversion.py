@@ -106,7 +106,9 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
         if engine == "fmpy" and (link.factor, link.offset) != (1.0, 0.0):
             yield Problem(link.where, FMPY_TRANSFORMATION.text(name))
         source, target = fmus[link.source[0]].variables[link.source[1]], fmus[link.target[0]].variables[link.target[1]]
-        if engine in ("libcosim", "ecos", "omsimulator") and source.type != target.type:
+        if (engine in ("libcosim", "ecos", "omsimulator") and source.type != target.type) or (
+            engine == "libcosim" and target.type == "Enumeration"
+        ):
             yield Problem(link.where, ENGINE_TYPES.text(name, target.type, source.type, engine))
     for one in checked.instances:
         if one.fmu.fmi_version.startswith("3") and engine in ("libcosim", "fmpy"):

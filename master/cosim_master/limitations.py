@@ -284,9 +284,15 @@ LARGE_VARIABLE = Limitation(
 )
 WIDE_INTEGER = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "values of enumerations that need more than 32 bits",
+    "values of enumerations that need more than 32 bits and are those of no item",
     "failure",
     "an integer does not fit: the master carries 32 bits of an enumeration, and the variable may have fewer",
+)
+WIDE_ITEM = Limitation(
+    "FMI 3.0.2, 2.4.7",
+    "outputs, connected and set variables of enumerations with items that need more than 32 bits",
+    "error",
+    '{}.{} is an Enumeration whose item "{}" is {}; the master carries 32 bits of an enumeration',
 )
 UNSETTLED = Limitation(
     "FMI 3.0.2, 4.2",
@@ -394,7 +400,7 @@ FMPY_TRANSFORMATION = Limitation(
 )
 ENGINE_TYPES = Limitation(
     "Conversion",
-    "for libcosim, Ecos and OMSimulator: connections of different types; for FMPy: those of texts",
+    "connections of different types (libcosim, Ecos, OMSimulator), of Enumerations (libcosim), of texts (FMPy)",
     "error",
     "{} is {} and driven by {}, which {} does not connect",
 )

@@ -140,3 +140,17 @@ def test_an_ssp_is_written_for_others_only(nested: Path, tmp_path: Path) -> None
         convert(nested, tmp_path / "made", "ecos")
     with read_system(tmp_path / "made") as structure:
         assert not structure.problems
+
+
+def test_enumerations_are_not_connected_for_libcosim(workshop: Any, variable: Any, tmp_path: Path) -> None:
+    """libcosim does not know such a variable: it would refuse the whole file."""
+    types = '<SimpleType name="Mode"><Enumeration><Item name="off" value="0"/></Enumeration></SimpleType>'
+    mode = {"kind": "Enumeration", "declaredType": "Mode"}
+    ports = (variable("e", start="0", **mode), variable("ye", "output", **mode))
+    workshop.fmu("enum.fmu", *ports, types=types, step=0.1)
+    parts = workshop.component("a", "enum.fmu", "e:input ye:output") + workshop.component("b", "enum.fmu", "e:input")
+    system = workshop.ssd("enum.ssd", workshop.system(parts, workshop.connection("a/ye", "b/e")))
+    with pytest.raises(SystemDescriptionError, match=r"b\.e is Enumeration and driven by Enumeration, which libcosim"):
+        convert(system, tmp_path / "made", "libcosim")
+    assert not (tmp_path / "made").exists()
+    convert(system, tmp_path / "made", "ecos")

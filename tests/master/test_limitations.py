@@ -343,6 +343,18 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
         text = clocks.description("fixed").replace("<CoSimulation", "<ModelExchange")
         return packed(text)
 
+    def wide() -> Path:
+        made, file = alone(), stricts3.workshop.root / "strict3.fmu"
+        with zipfile.ZipFile(file) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        members["modelDescription.xml"] = members["modelDescription.xml"].replace(
+            b'"high" value="5"', b'"high" value="5000000000"'
+        )
+        with zipfile.ZipFile(file, "w") as archive:
+            for name, content in members.items():
+                archive.writestr(name, content)
+        return made
+
     def long() -> Path:
         made = alone()
         monkeypatch.setattr(fmu3, "_MAX_ELEMENTS", 1)
@@ -388,6 +400,7 @@ def of_fmi3(stricts3: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
         "STRUCTURAL_CHANGE": lambda: changed("b.n"),
         "CLOCKED_PACKETS": lambda: alone(clocked_packets, flags=f'hasEventMode="true" {ABLE}'),
         "LARGE_VARIABLE": long,
+        "WIDE_ITEM": wide,
         "WIDE_INTEGER": lambda: ran(alone(mode=7, when=0.5)),
         "UNSETTLED": lambda: ran(alone(flags=f'hasEventMode="true" {ABLE}', mode=13, when=0.5)),
         "NO_MAX_SIZE": lambda: alone(packets),
