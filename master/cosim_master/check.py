@@ -29,6 +29,7 @@ from cosim_master.settings import apart, hidden
 from cosim_master.sizes import check_sizes
 from cosim_master.solvers import NAMES as SOLVERS
 from cosim_master.solvers import Choice
+from cosim_master.ssd import FMU_TYPE, TABLE_TYPES
 from cosim_master.system import (
     INTEGER_RANGES,
     Annotation,
@@ -38,6 +39,7 @@ from cosim_master.system import (
     SystemStructure,
     Value,
 )
+from cosim_master.table_files import describe_table
 from cosim_master.units import Unit
 from cosim_master.wiring import Wiring
 
@@ -321,6 +323,7 @@ class _Check:
     def _described(self) -> dict[Path, FmuDescription | None]:
         """The description of every FMU file, read once however many components use it."""
         found: dict[Path, FmuDescription | None] = {}
+        tables: dict[Path, list[Component]] = {}
         seen: set[int] = set()
 
         def visit(system: System) -> None:
@@ -335,22 +338,34 @@ class _Check:
                 elif element.content is not None:
                     visit(element.content)
                 elif element.source is not None:
+                    if element.type != FMU_TYPE:
+                        tables.setdefault(element.source, []).append(element)
+                        continue
                     self._implementations.add(element.implementation)
                     if element.source not in found:
                         found[element.source] = self._describe(element, element.source)
 
         visit(self.structure.system)
+        for path, components in tables.items():
+            found[path] = self._table(path, components)
         return found
 
     def _describe(self, component: Component, path: Path) -> FmuDescription | None:
-        if component.type != "application/x-fmu-sharedlibrary":
-            return None
         try:
             return describe(path)
         except SystemDescriptionError as error:
             for problem in error.problems:
                 text = f'{problem.message} (source of component "{component.name}" at {component.where})'
                 self.problems.append(Problem(problem.where, text))
+            return None
+
+    def _table(self, path: Path, components: list[Component]) -> FmuDescription | None:
+        if any(one.type.partition(";")[0].strip() not in TABLE_TYPES for one in components):
+            return None
+        try:
+            return describe_table(path, components)
+        except SystemDescriptionError as error:
+            self.problems += error.problems
             return None
 
     def _sized(self, fmus: Mapping[Path, FmuDescription | None]) -> dict[str, FmuDescription]:

@@ -24,7 +24,7 @@ from lxml import etree
 from cosim_master.check import CheckedSystem, Instance, Link, check
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Variable
-from cosim_master.limitations import CONVERTED_LINK, ENGINE_FMI, ENGINE_TYPES, FMPY_TRANSFORMATION
+from cosim_master.limitations import CONVERTED_LINK, ENGINE_FMI, ENGINE_TABLE, ENGINE_TYPES, FMPY_TRANSFORMATION
 from cosim_master.osp import OSP_DOCUMENT
 from cosim_master.ssp import FMU_TYPE, ROOT_DOCUMENT, read_system
 from cosim_master.system import Value, annotation
@@ -111,8 +111,18 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
         ):
             yield Problem(link.where, ENGINE_TYPES.text(name, target.type, source.type, engine))
     for one in checked.instances:
+        if one.fmu.table is not None and not (engine == "omsimulator" and _is_linear_csv(one)):
+            yield Problem(one.where, ENGINE_TABLE.text(one.name, one.fmu.path.name, engine or "an FMU's place"))
         if one.fmu.fmi_version.startswith("3") and engine in ("libcosim", "fmpy"):
             yield Problem(one.where, ENGINE_FMI.text(one.name, "3.0", engine))
+
+
+def _is_linear_csv(instance: Instance) -> bool:
+    """Whether an instance is a CSV file with columns as OMSimulator reads them: Reals between rows, others held."""
+    fmu = instance.fmu
+    if fmu.table is None or fmu.path.suffix.lower() != ".csv":
+        return False
+    return not any(column.held for name, column in fmu.table.columns.items() if fmu.variables[name].type == "Real")
 
 
 def _copied(checked: CheckedSystem, folder: Path) -> dict[Path, str]:
@@ -231,7 +241,8 @@ class _Writing:
         return etree.ElementTree(root)
 
     def _component(self, parent: etree._Element, instance: Instance, source: str) -> None:
-        head = {"name": self._names[instance.name], "type": FMU_TYPE, "source": source}
+        kind = FMU_TYPE if instance.fmu.table is None else "text/csv"
+        head = {"name": self._names[instance.name], "type": kind, "source": source}
         made = _add(parent, "ssd", "Component", head)
         if variables := self._connectors(instance):
             connectors = _add(made, "ssd", "Connectors")

@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from cosim.verdict import Verdict
 from cosim_master.document import near
+from cosim_master.interpolation import Table
 from cosim_master.source_files import SourceFiles
 from cosim_master.system import INTEGER_RANGES
 from cosim_master.units import Unit
@@ -193,6 +194,7 @@ class FmuDescription:
         model_exchange: of an FMU that is to be integrated by us; None for co-simulation.
         verdicts: what variables and arrays say about how an instance does, by name; of FMUs with our annotation.
         source_files: of an FMU that is compiled from its sources; None for those with a library.
+        table: of a component that is a CSV or Parquet file, whose columns are described as outputs; None for FMUs.
     """
 
     path: Path
@@ -219,6 +221,7 @@ class FmuDescription:
     model_exchange: ModelExchange | None = None
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     source_files: SourceFiles | None = None
+    table: Table | None = None
 
     def remedy(self, flag: str) -> str:
         """The end of a sentence that says that a capability is false: what to do where only the solver lacks it."""

@@ -411,6 +411,13 @@ ENGINE_FMI = Limitation(
     "{} is of FMI {}, which {} does not run in a system",
 )
 
+ENGINE_TABLE = Limitation(
+    "Conversion",
+    "components that are CSV or Parquet files, but for linear ones of CSV for OMSimulator",
+    "error",
+    "{} is a file of values ({}), which {} does not read so",
+)
+
 # ---- masters ---------------------------------------------------------------------------------------------------------
 
 FINE_STEPS = Limitation(

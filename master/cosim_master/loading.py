@@ -25,6 +25,7 @@ from cosim_master.fmi2 import Library, SharedHandle
 from cosim_master.fmu import SOURCES, FmuDescription, extract
 from cosim_master.limitations import PYTHON_SOURCES
 from cosim_master.sources_only import compiled
+from cosim_master.table_instance import TableLibrary
 
 __all__ = ["Libraries", "check_sources"]
 
@@ -38,6 +39,8 @@ def _sources(fmu: FmuDescription) -> dict[str, str]:
 
     Ours say themselves what they were built from; of other pythonfmu FMUs it is every source file among the resources.
     """
+    if fmu.table is not None:
+        return {}
     with zipfile.ZipFile(fmu.path) as archive:
         names = set(archive.namelist())
         if "resources/slavemodule.txt" not in names:
@@ -113,7 +116,11 @@ class Libraries:
         key = (fmu.path, fmu.library)
         library = self._loaded.get(key)
         if library is None:
-            self._loaded[key] = library = _opened(fmu, self._unpacked(fmu))
+            if fmu.table is not None:
+                library = TableLibrary(fmu, self._folder)
+            else:
+                library = _opened(fmu, self._unpacked(fmu))
+            self._loaded[key] = library
         return library
 
     def instantiate(self, fmu: FmuDescription, name: str, make: Callable[[Library, str], _Made]) -> _Made:

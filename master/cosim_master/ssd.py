@@ -37,13 +37,14 @@ from cosim_master.system import (
     System,
 )
 
-__all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE", "Document"]
+__all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE", "TABLE_TYPES", "Document"]
 
 ROOT_DOCUMENT = "SystemStructure.ssd"
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 SSD_TYPE = "application/x-ssp-definition"
 SSP_TYPE = "application/x-ssp-package"
-COMPONENT_TYPES = (FMU_TYPE, SSD_TYPE, SSP_TYPE)
+TABLE_TYPES = ("text/csv", "application/vnd.apache.parquet")
+COMPONENT_TYPES = (FMU_TYPE, SSD_TYPE, SSP_TYPE, *TABLE_TYPES)
 _SET, _MAPPING, _DICTIONARY = (
     f"application/x-ssp-{kind}" for kind in ("parameter-set", "parameter-mapping", "signal-dictionary")
 )
@@ -196,6 +197,11 @@ class Document:
             listed = ", ".join(f'"{item}"' for item in COMPONENT_TYPES)
             self.reader.problem(element, f"{MODELICA.text(kind)}; valid: {listed}")
             return FMU_TYPE
+        if (table := kind.partition(";"))[0].strip() in TABLE_TYPES:
+            if table[1] and table[2].strip() not in ("interpolation=hold", "interpolation=linear"):
+                text = f'type "{kind}": after ";" valid is: interpolation=linear, interpolation=hold'
+                self.reader.problem(element, text)
+            return kind
         return self.reader.choice(element, "type", COMPONENT_TYPES, FMU_TYPE)
 
     def _source(
@@ -230,6 +236,8 @@ class Document:
         if trouble is not None:
             self.reader.problem(element, f'source "{uri}" {trouble}')
             return None, None, None
+        if kind.partition(";")[0].strip() in TABLE_TYPES:
+            return file, None, None
         if kind != FMU_TYPE:
             return file, self._content(element, file, kind, target.fragment), target.fragment
         if file.path.suffix.lower() in (".ssd", ".ssp"):

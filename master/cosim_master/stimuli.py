@@ -27,35 +27,12 @@ from cosim_master.check import CheckedSystem
 from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import Start, Variable
+from cosim_master.interpolation import interpolated
 from cosim_master.timing import Timing
 
-__all__ = ["Agenda", "Stimuli", "interpolated", "read_stimuli"]
+__all__ = ["Agenda", "Stimuli", "read_stimuli"]
 
 _SHOWN = 20
-
-
-def interpolated(rows: Any, values: Any, at: Any, *, held: bool, before: bool = False) -> Any:
-    """The values of a column at times.
-
-    Args:
-        rows: times of its rows, rising; of equal ones the last row counts from then on, at the first time behind it.
-        values: of the rows, numbers or (if `held`) any objects.
-        at: the times.
-        held: the last row's value holds until the next row; else linear between rows.
-        before: at a row's time take what is held there before it.
-    """
-    last = len(rows) - 1
-    i = np.clip(np.searchsorted(rows, at, side="left" if before else "right") - 1, 0, last)
-    i = np.where(at <= rows[0], 0, i)
-    if held:
-        return values[i]
-    after = np.minimum(i + 1, last)
-    between = (rows[i] < at) & (i < last)
-    span = np.where(between, rows[after] - rows[i], 1.0)
-    weight = np.where(between, (rows[after] - at) / span, 1.0)
-    with np.errstate(invalid="ignore"):
-        mixed = weight * values[i] + (1.0 - weight) * values[after]
-    return np.where(between, mixed, values[i])
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,8 +112,11 @@ def timing(checked: CheckedSystem, until: float | None = None, step: float | Non
     if start_ticks is None or (stop is not None and stop_ticks is None):
         problems.append(Problem(where, WHOLE_TIMES.text()))
     sizes: list[Fraction] = []
+    tables = [one for one in checked.instances if one.fmu.table is not None]
     for instance in checked.instances:
         size = step if step is not None else instance.step_size
+        if size is None and instance.fmu.table is not None and len(tables) < len(checked.instances):
+            continue
         ns = None if size is None else exact(size)
         if size is None:
             text = f"{instance.name}: no step size: neither the system nor the FMU names one; give one with --step"
@@ -128,7 +131,17 @@ def timing(checked: CheckedSystem, until: float | None = None, step: float | Non
     assert start_ticks is not None and stop_ticks is not None
     if not checked.instances:
         return Timing(start_ticks, stop_ticks - start_ticks, 1, ())
+    if len(sizes) < len(checked.instances):
+        sizes = _with_tables(checked.instances, sizes)
     return _clock(checked, start_ticks, stop_ticks - start_ticks, sizes, step)
+
+
+def _with_tables(instances: Sequence[Instance], sizes: Sequence[Fraction]) -> list[Fraction]:
+    """Step sizes of all instances, where tables without one have a new value whenever any other instance steps."""
+    per_ns = math.lcm(*(size.denominator for size in sizes))
+    shared = Fraction(math.gcd(*(int(size * per_ns) for size in sizes)), per_ns)
+    given = iter(sizes)
+    return [shared if one.fmu.table is not None and one.step_size is None else next(given) for one in instances]
 
 
 def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Fraction], step: float | None) -> Timing:

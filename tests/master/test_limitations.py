@@ -533,6 +533,14 @@ def of_conversion(stricts: Any, stricts3: Any, tmp_path: Path) -> Provoked:
             convert(path, tmp_path / "converted", engine)
         return "error", [str(problem) for problem in caught.value.problems]
 
+    def with_file() -> Said:
+        (tmp_path / "in.csv").write_text("time,v\n0,1\n")
+        parts = stricts.workshop.component("t", "in.csv", "v:output:Real", type="text/csv")
+        path = stricts.workshop.ssd("t.ssd", stricts.workshop.system(parts))
+        with pytest.raises(SystemDescriptionError) as caught:
+            convert(path, tmp_path / "converted", "ecos")
+        return "error", [str(problem) for problem in caught.value.problems]
+
     table = '<ssc:BooleanMappingTransformation><ssc:MapEntry source="true" target="false"/>'
     table += "</ssc:BooleanMappingTransformation>"
     return {
@@ -540,6 +548,7 @@ def of_conversion(stricts: Any, stricts3: Any, tmp_path: Path) -> Provoked:
         "FMPY_TRANSFORMATION": lambda: converted("fmpy", "a/y b/u", inner='<ssc:LinearTransformation factor="2"/>'),
         "ENGINE_TYPES": lambda: converted("libcosim", "a/n b/u"),
         "ENGINE_FMI": lambda: converted("libcosim", fmi3=True),
+        "ENGINE_TABLE": with_file,
     }
 
 

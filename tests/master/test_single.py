@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.interpolation import interpolated
 from cosim_master.simulation import RunResult, simulate
 from cosim_master.single import output_interval
-from cosim_master.stimuli import interpolated
 
 
 def columns(out: Path) -> dict[str, Any]:

@@ -1,0 +1,51 @@
+"""Columns of values over time: what a column has at a time, held or linear between its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Column", "Table", "interpolated"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """Values of a table's rows: doubles, 32 bit integers, or booleans; `held` until the next row, else linear."""
+
+    values: Any
+    held: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """A file of rows over time: their times in s, rising, and the columns in the order of value references."""
+
+    times: Any
+    columns: Mapping[str, Column]
+
+
+def interpolated(rows: Any, values: Any, at: Any, *, held: bool, before: bool = False) -> Any:
+    """The values of a column at times.
+
+    Args:
+        rows: times of its rows, rising; of equal ones the last row counts from then on, at the first time behind it.
+        values: of the rows, numbers or (if `held`) any objects.
+        at: the times.
+        held: the last row's value holds until the next row; else linear between rows.
+        before: at a row's time take what is held there before it.
+    """
+    last = len(rows) - 1
+    i = np.clip(np.searchsorted(rows, at, side="left" if before else "right") - 1, 0, last)
+    i = np.where(at <= rows[0], 0, i)
+    if held:
+        return values[i]
+    after = np.minimum(i + 1, last)
+    between = (rows[i] < at) & (i < last)
+    span = np.where(between, rows[after] - rows[i], 1.0)
+    weight = np.where(between, (rows[after] - at) / span, 1.0)
+    with np.errstate(invalid="ignore"):
+        mixed = weight * values[i] + (1.0 - weight) * values[after]
+    return np.where(between, mixed, values[i])
