@@ -5,10 +5,10 @@ arithmetic, loops, branches, tuples, arrays that are passed in; no allocation an
 runs in three ways: compiled just in time, compiled ahead of time into an FMU without Python, and as plain Python
 (where numba is not installed, or with ``NUMBA_DISABLE_JIT=1`` to debug). All three give the same numbers.
 
-Compiled kernels of a package are kept in the user's cache folder, in one folder per state of their sources: the
-module of the kernel and every module of its package and of this one that it imports, directly or through others.
-numba itself looks only at the file of the function it loads, and would go on calling the old code of a callee in
-another file. Kernels of a single file outside a package are compiled anew each time.
+Machine code of a package's kernels is kept in one folder per state of their sources: the module of the kernel and every
+module of its package and of this one that it imports, directly or through others. It is looked for in the package
+itself first (``compiled/DIGEST``, where a wheel brings it), then in the user's cache folder. Kernels of a single file
+outside a package are compiled anew each time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,17 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-__all__ = ["cache_folder", "get_real", "get_whole", "kernel", "set_real", "set_whole"]
+__all__ = [
+    "cache_folder",
+    "forget_unused",
+    "get_real",
+    "get_whole",
+    "has_code",
+    "imported_sources",
+    "kernel",
+    "set_real",
+    "set_whole",
+]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -42,6 +52,10 @@ if numba is not None and platform.machine() in ("x86_64", "AMD64") and numba.con
     # step 0.1 us longer; mixing wide and SSE code on the same registers is the likely reason (ARCHITECTURE, section 5).
     numba.config.CPU_NAME, numba.config.CPU_FEATURES = "x86-64-v2", ""
 
+if numba is not None:
+    from cosim.lowering import Kernel
+
+_OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy", "nogil": True, "_nrt": False}
 _UNUSED_AFTER = 14 * 24 * 3600.0
 
 
@@ -57,15 +71,12 @@ def kernel(function: F, *, inline: bool = False) -> F:
     """
     if numba is None:
         return function
-    compiled = numba.njit(error_model="numpy", nogil=True, _nrt=False, forceinline=inline)(function)
+    if numba.config.DISABLE_JIT:
+        return function
+    compiled = Kernel(function, targetoptions={**_OPTIONS, "forceinline": inline})
     source = Path(function.__code__.co_filename)
-    if not numba.config.DISABLE_JIT and (source.parent / "__init__.py").is_file():
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(_compiled_folder(source))
-        try:
-            compiled.enable_caching()
-        finally:
-            numba.config.CACHE_DIR = before
+    if (source.parent / "__init__.py").is_file():
+        compiled.keep(_code_folders(source))
     return cast(F, compiled)
 
 
@@ -82,23 +93,31 @@ def _root(source: Path) -> Path:
     return root
 
 
+def has_code(source: Path, name: str) -> bool:
+    """Whether machine code of the kernel `name` of the module `source` is kept, perhaps for another processor."""
+    return any(any(folder.glob(f"{name}-*.kernel")) for folder in _code_folders(source))
+
+
 @cache
-def _compiled_folder(source: Path) -> Path:
-    """The folder for the compiled kernels of the module `source`, named by the digest of what they are made from."""
+def _code_folders(source: Path) -> tuple[Path, Path]:
+    """Where the machine code of kernels of the module `source` is looked for, by the digest of what it is made from.
+
+    First what its package brings (``compiled/DIGEST``), then the user's cache, which takes what is compiled anew.
+    """
     digest = hashlib.sha256()
-    for file in sorted({Path(__file__), *_sources(source)}):
+    for file in sorted({Path(__file__), *imported_sources(source)}):
         digest.update(file.name.encode())
         digest.update(file.read_bytes())
-    folder = cache_folder() / "kernels" / digest.hexdigest()[:16]
-    if not folder.is_dir():
-        _forget_unused(folder.parent)
-        folder.mkdir(parents=True, exist_ok=True)
-    else:
+    name = digest.hexdigest()[:16]
+    folder = cache_folder() / "kernels" / name
+    if folder.is_dir():
         os.utime(folder)
-    return folder
+    else:
+        forget_unused(folder.parent)
+    return _root(source) / "compiled" / name, folder
 
 
-def _sources(module: Path) -> set[Path]:
+def imported_sources(module: Path) -> set[Path]:
     """`module` and every file of its package and of this one that it imports, directly or through others.
 
     The packages that a module lies in are not imported for their contents, so their ``__init__.py`` count only where
@@ -144,13 +163,17 @@ def _imported(file: Path, roots: tuple[tuple[str, Path], ...]) -> tuple[Path, ..
     return tuple(found)
 
 
-def _forget_unused(kernels: Path) -> None:
-    """Remove compiled kernels of sources that nobody has loaded for two weeks."""
-    if not kernels.is_dir():
+def forget_unused(folder: Path) -> None:
+    """Remove from `folder` what nobody has used for two weeks."""
+    if not folder.is_dir():
         return
-    for old in kernels.iterdir():
-        if time.time() - old.stat().st_mtime > _UNUSED_AFTER:
+    for old in folder.iterdir():
+        if time.time() - old.stat().st_mtime < _UNUSED_AFTER:
+            continue
+        if old.is_dir():
             shutil.rmtree(old, ignore_errors=True)
+        else:
+            old.unlink(missing_ok=True)
 
 
 # ---- fields of a record by offset ----------------------------------------------------------------------------------

@@ -158,6 +158,7 @@ def build_all(
     stale = [model for model in models if elsewhere(model)]
     if len(stale) < 2:
         stale = []
+    stale.sort(key=_source_size, reverse=True)  # the one that takes longest begins first
     tell = on_building or (lambda _: None)
     workers = max(1, min(len(stale), os.cpu_count() or 1))
     others = set(active_children())
@@ -183,6 +184,10 @@ def build_all(
             raise
         finally:
             processes.shutdown(cancel_futures=True)
+
+
+def _source_size(model: type[Model]) -> int:
+    return sum(file.stat().st_size for file in sources_of(model).files.values())
 
 
 def _work_in(scratch: str) -> None:

@@ -15,8 +15,9 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ import numpy as np
 from cosim.build.description import as_text, model_description
 from cosim.build.description3 import TIME, exported, model_description3, terminals
 from cosim.build.faults import faults_of, place
+from cosim.build.objects import object_code
 from cosim.build.sources import Sources
 from cosim.model import Model, Variable, busy_part, flat_variables, record_layout
 
@@ -88,7 +90,7 @@ def build_compiled(
     described = model_description3(model, guid) if fmi == 3 else model_description(model, guid, compiled=True)
     description = as_text(described).encode()
     dtype, head = record_layout(model.variables)
-    ir = _lower(model, dtype, checked)
+    ir = cache(lambda: _lower(model, dtype, checked))
     binaries: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
         folder = Path(temporary)
@@ -97,7 +99,8 @@ def build_compiled(
         for name in targets:
             target = TARGETS[name]
             code = folder / f"{name}.o"
-            code.write_bytes(_emit(ir, target, model))
+            how = f"{name} {'checked' if checked else 'unchecked'}"
+            code.write_bytes(object_code(model, sources, dtype, how, partial(_emit, ir, target, model)))
             library = folder / f"{model.__name__}{target.suffix}"
             _link(code, library, name, model.__name__, fmi)
             folder_in_fmu = target.folder3 if fmi == 3 else target.folder
@@ -116,7 +119,7 @@ def build_compiled(
     part.replace(file)
 
 
-def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> list[str]:
+def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:
     """LLVM IR of the two kernels over a pointer to the record, entry points `model_start` and `model_advance`.
 
     These are numba's own functions, without its wrappers for Python and C:
@@ -125,9 +128,10 @@ def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> list[
     """
     from cosim.build.checks import checked as with_checks
     from cosim.build.checks import texts_of_exceptions
+    from cosim.lowering import Kernel, ShortRecord, link
 
     numba: Any = import_module("numba")
-    carray, types = numba.carray, numba.types
+    types = numba.types
 
     if numba.config.DISABLE_JIT:
         raise CannotCompile(
@@ -142,29 +146,31 @@ def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> list[
     if checked:
         start, advance = with_checks(start), with_checks(advance)
 
-    def enter_start(p: Any) -> Any:
-        return start(carray(p, 1)[0])
+    def enter_start(m: Any) -> Any:
+        return start(m)
 
-    def enter_advance(p: Any, t: Any, h: Any) -> Any:
-        return advance(carray(p, 1)[0], t, h)
+    def enter_advance(m: Any, t: Any, h: Any) -> Any:
+        return advance(m, t, h)
 
-    record = numba.from_dtype(dtype)
-    ir: list[str] = []
+    record = ShortRecord(dtype)
+    names: dict[str, str] = {}
+    libraries: list[Any] = []
     for entry, kernel, of in ((enter_start, start, ()), (enter_advance, advance, (types.float64, types.float64))):
         what = entry.__name__.removeprefix("enter_")
-        plain = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        plain = {"nopython": True, "error_model": "numpy", "_nrt": False}
         try:
-            kernel.compile((record, *of))  # by itself first: what fails is then told of the author's lines only
-            returned = kernel.overloads[(record, *of)].signature.return_type
+            returned = kernel.lower((record, *of)).signature.return_type  # first: what fails is then the author's
             if not isinstance(returned, types.Integer):
                 raise TypeError(f"it returns {_in_words(str(returned))}; a kernel returns 0 or a key of errors")
-            compiled = numba.njit(types.int32(types.CPointer(record), *of), **plain)(entry)
+            lowered = Kernel(entry, targetoptions=plain).lower((record, *of), types.int32)
         except Exception as error:  # numba answers some faults of a kernel with a KeyError or an AssertionError
             raise _cannot_compile(model, error, kernel) from error
-        ((signature, overload),) = compiled.overloads.items()
-        name = re.escape(overload.fndesc.llvm_func_name)
-        ir.append(re.sub(rf"(?<![\w.$-]){name}(?![\w.$-])", f"model_{what}", compiled.inspect_llvm(signature)))
-    return [texts_of_exceptions(text) for text in ir]
+        names[lowered.name] = f"model_{what}"
+        libraries.append(lowered.library)
+    module = link(libraries)
+    for name, known_as in names.items():
+        module.get_function(name).name = known_as
+    return texts_of_exceptions(str(module))
 
 
 def _cannot_compile(model: type[Model], error: Exception | None = None, kernel: Any = None) -> CannotCompile:
@@ -208,7 +214,7 @@ def _in_words(kind: str) -> str:
     return "a tuple" if tuples else words.get(kind, kind)
 
 
-def _emit(ir: list[str], target: Target, model: type[Model]) -> bytes:
+def _emit(ir: Callable[[], str], target: Target, model: type[Model]) -> bytes:
     """Machine code for a target's plain instruction set; nothing but the two entry points is visible in it.
 
     Raises:
@@ -216,20 +222,18 @@ def _emit(ir: list[str], target: Target, model: type[Model]) -> bytes:
     """
     import llvmlite.binding as llvm
 
+    from cosim.lowering import keep_only
+
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(target.triple).create_target_machine(
         cpu="" if "x86_64" not in target.triple else "x86-64", opt=3, reloc="pic", codemodel="default"
     )
-    module = llvm.parse_assembly(_for_target(ir[0], target, machine))
-    module.link_in(llvm.parse_assembly(_for_target(ir[1], target, machine)))
-    for value in (*module.functions, *module.global_variables):
-        if value.is_declaration:
-            continue
-        if value.name in ("model_start", "model_advance"):
-            value.visibility = "hidden"
-        else:
-            value.linkage = "internal"
+    module = llvm.parse_assembly(_for_target(ir(), target, machine))
+    entries = ("model_start", "model_advance")
+    keep_only(module, entries)
+    for entry in entries:
+        module.get_function(entry).visibility = "hidden"
     module.verify()
     passes = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
     passes.getModulePassManager().run(module, passes)

@@ -498,7 +498,7 @@ def test_bytes_do_not_depend_on_the_process_or_its_cache(tmp_path: Path) -> None
             garden.build(tmp_path / "out")
             digests.add(digest(tmp_path / "out" / "Bed.fmu"))
             shutil.rmtree(tmp_path / "out")
-            garden.build(tmp_path / "out")  # its kernels from the cache now
+            garden.build(tmp_path / "out")  # its object code from the cache now
             digests.add(digest(tmp_path / "out" / "Bed.fmu"))
     assert len(digests) == 1
 

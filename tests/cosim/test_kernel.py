@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import cosim_master.stepping
-from cosim.kernel import _compiled_folder, _imported, _sources
+from cosim.kernel import _code_folders, _imported, imported_sources
 
 FOR = "from numba.core.registry import cpu_target; print(cpu_target.target_context.codegen().magic_tuple())"
 
@@ -43,25 +43,25 @@ def test_what_a_module_is_made_from_is_what_it_imports(tmp_path: Path) -> None:
         d="from some_package.a import circle\n",
         e="from some_package import a\n",
     )
-    found = _sources(own)
+    found = imported_sources(own)
     assert {f.name for f in found if f.parent == own.parent} == {"a.py", "b.py", "c.py", "d.py"}
     assert {f.name for f in found if f.parent != own.parent} >= {"frames.py", "kernel.py"}
 
 
 def test_kernels_are_compiled_anew_where_a_callee_in_another_file_changes_and_only_then(tmp_path: Path) -> None:
     own = written(tmp_path, a="from some_package.b import one\n", b="one = 1\n", c="two = 2\n")
-    before = _compiled_folder(own)
+    before = _code_folders(own)
     own.with_name("c.py").write_text("two = 3\n")
-    _compiled_folder.cache_clear()
+    _code_folders.cache_clear()
     _imported.cache_clear()
-    assert _compiled_folder(own) == before
+    assert _code_folders(own) == before
     own.with_name("b.py").write_text("one = 2\n")
-    _compiled_folder.cache_clear()
+    _code_folders.cache_clear()
     _imported.cache_clear()
-    assert _compiled_folder(own) != before
+    assert _code_folders(own) != before
 
 
 def test_the_loop_does_not_depend_on_the_command_line() -> None:
-    names = {file.name for file in _sources(Path(cosim_master.stepping.__file__))}
+    names = {file.name for file in imported_sources(Path(cosim_master.stepping.__file__))}
     assert {"stepping.py", "calls.py", "radio.py", "tables.py", "packets.py", "kernel.py"} <= names
     assert not names & {"console.py", "simulation.py", "figures.py", "check.py"}

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -74,7 +79,7 @@ def build(
                 made.append({"file": None, "model": model.__name__, "state": "not built", "note": note})
                 if not as_json:
                     say(f"{model.__name__}: {note}")
-        with activity() as doing:
+        with activity() as doing, _loop_compiled(models, doing.stage):
             building = build_all(
                 chosen,
                 folder,
@@ -98,6 +103,27 @@ def build(
         raise typer.Exit(1) from None
     if as_json:
         print_json({"fmus": made})
+
+
+@contextmanager
+def _loop_compiled(models: list[str] | None, tell: Callable[[str], None]) -> Iterator[None]:
+    """Compile the stepping loop, which the first run will need, in a process of its own while all FMUs are built."""
+    from cosim.kernel import has_code
+
+    if models or os.environ.get("NUMBA_DISABLE_JIT") or has_code(Path(__file__).parents[1] / "stepping.py", "run"):
+        yield
+        return
+    code = "from cosim_master.warming import EVERY_RUN, compile_loop; compile_loop(EVERY_RUN)"
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.DEVNULL)
+    try:
+        yield
+        if process.poll() is None:
+            tell("compiling the stepping loop, once")
+            process.wait()
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.wait()
 
 
 @verb("dialect swarm.xml -o swarm_messages.py")

@@ -1,0 +1,60 @@
+"""Object code of models, kept in the user's cache folder by the digest of all that it is made from.
+
+FMI 2 and FMI 3 builds, tests and several checkouts share it: the same sources, record, tools and target give the same
+object. Models of packages only: what a single file imports from beside it is not among its sources.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from cosim.build.sources import Sources
+from cosim.kernel import cache_folder, forget_unused, imported_sources
+from cosim.model import Model
+
+__all__ = ["object_code"]
+
+
+def object_code(
+    model: type[Model], sources: Sources, dtype: np.dtype[np.void], how: str, make: Callable[[], bytes]
+) -> bytes:
+    """The object code of `model`: as it was kept, or made by `make` and kept.
+
+    Args:
+        how: what else decides about the code: its target, and options of the build.
+    """
+    if "." not in model.__module__:
+        return make()
+    file = cache_folder() / "objects" / f"{_digest(model, sources, dtype, how)}.o"
+    try:
+        code = file.read_bytes()
+        os.utime(file)
+        return code
+    except OSError:  # not there, or not ours to read
+        code = make()
+    forget_unused(file.parent)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(f".{os.getpid()}.part")
+    part.write_bytes(code)
+    part.replace(file)
+    return code
+
+
+def _digest(model: type[Model], sources: Sources, dtype: np.dtype[np.void], how: str) -> str:
+    digest = hashlib.sha256(f"{model.__module__}.{model.__qualname__} {dtype.descr} {how}".encode())
+    digest.update(f"{sys.version_info[:2]} {sys.platform} {platform.machine()}".encode())
+    for tool in ("numba", "llvmlite", "numpy"):
+        digest.update(f"{tool} {version(tool)} ".encode())
+    for name, of in sorted(sources.digests.items()):
+        digest.update(f"{name} {of} ".encode())
+    for file in sorted(imported_sources(Path(__file__).with_name("compiled.py"))):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,343 @@
+"""How kernels become machine code: numba lowers each function to LLVM IR once, LLVM optimises all of them together.
+
+numba alone compiles a function completely before it compiles its caller: it optimises the function with copies of all
+that this one calls, makes machine code of it and a wrapper to call it from Python, and saves that in its cache. All of
+this is done anew at each level of calls, and most of it is never used: Python calls a few kernels of hundreds.
+
+Here a kernel that is called by another is lowered and no more. Only where machine code is asked for (Python calls a
+kernel, or a model is built) are the IR of this kernel and of all that it calls linked into one module, everything but
+its entry is made internal, and the module is optimised and emitted once.
+
+This is the only module that knows numba from inside (`numba.core`): its dispatcher, its target and its code library.
+"""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import os
+import pickle
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import llvmlite.binding as llvm
+import numpy as np
+from llvmlite import __version__ as llvmlite_version
+from numba import __version__ as numba_version
+from numba import from_dtype
+from numba.core import cgutils, compiler, errors, types, typing
+from numba.core.caching import _Cache
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.datamodel import register_default
+from numba.core.datamodel.models import RecordModel
+from numba.core.dispatcher import _FunctionCompiler
+from numba.core.environment import lookup_environment
+from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
+
+__all__ = ["Kernel", "Lowered", "ShortRecord", "keep_only", "link", "saved_code"]
+
+_ENVIRONMENT = "_ZN08NumbaEnv"
+
+
+class Lowered(NamedTuple):
+    """A kernel for one tuple of argument types: its signature and its LLVM IR."""
+
+    result: Any
+    library: Library
+
+    @property
+    def signature(self) -> Any:
+        return self.result.signature
+
+    @property
+    def name(self) -> str:
+        """The name of its function in the module: ``int32 name(result *, void **exception, arguments...)``."""
+        return str(self.result.fndesc.llvm_func_name)
+
+
+class Library(JITCodeLibrary):  # type: ignore[misc]
+    """The IR of one function, and the libraries of those that it calls; machine code is made when it is asked for."""
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        self._raise_if_finalized()
+        text = cgutils.normalize_ir_text(str(ir_module))
+        module = llvm.parse_assembly(text)
+        for name in ir_module.globals:
+            if name.startswith(_ENVIRONMENT) and text.count(name) == 1:  # declared, and never used
+                module.get_global_variable(name).linkage = "internal"
+        self._final_module.link_in(module)
+
+    def add_linking_library(self, library: Any) -> None:
+        self._linking_libraries.append(library)
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        module = link([self])
+        keep_only(module, {f.name for f in self._final_module.functions if not f.is_declaration})
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(module, builder)
+        module.verify()
+        self._final_module = module
+        self._finalize_final_module()
+        for variable in module.global_variables:
+            if variable.name.startswith(_ENVIRONMENT) and (found := lookup_environment(variable.name)) is not None:
+                self._codegen.set_env(variable.name, found)
+
+    def _get_module_for_linking(self) -> Any:
+        """For a function that numba compiles in its own way."""
+        if self._shared_module is None:
+            self._shared_module = link([self])
+            for function in self._shared_module.functions:
+                if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                    function.linkage = "linkonce_odr"
+        return self._shared_module
+
+    def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, list[str]]]:
+        self._ensure_finalized()
+        defined = (f for f in self._final_module.functions if not f.is_declaration)
+        external = [f.name for f in defined if f.linkage == llvm.Linkage.external]
+        return self.name, "kernel", (self._get_compiled_object(), external)
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: tuple[str, str, tuple[bytes, list[str]]]) -> Library:
+        name, _, (code, external) = state
+        self = cls(codegen, name)
+        self.enable_object_caching()
+        self._set_compiled_object(code)
+        self._finalize_final_module()
+        codegen._engine._defined_symbols.update(external)
+        return self
+
+
+class ShortRecord(types.Record):  # type: ignore[misc]
+    """A record whose name is the digest of its fields; numba prints all fields of others, often for each function."""
+
+    def __init__(self, dtype: np.dtype[np.void]) -> None:
+        plain: Any = from_dtype(dtype)
+        self.fields, self.size, self.aligned, self.bitwidth = plain.fields, plain.size, plain.aligned, plain.bitwidth
+        types.Type.__init__(self, f"record<{hashlib.sha256(plain.name.encode()).hexdigest()[:12]}>")
+
+    def __repr__(self) -> str:
+        return str(self.name)
+
+
+register_default(ShortRecord)(RecordModel)
+
+
+def link(libraries: Sequence[Any]) -> Any:
+    """A new module with the functions of `libraries` and all that these call, directly or through others."""
+    found: dict[Any, None] = {}
+    waiting = list(reversed(libraries))
+    while waiting:
+        one = waiting.pop()
+        if one not in found:
+            found[one] = None
+            if isinstance(one, Library):
+                waiting += reversed(one._linking_libraries)
+    first, *others = found
+    module = first._final_module.clone()
+    for library in others:
+        ours = isinstance(library, Library)
+        module.link_in(library._final_module if ours else library._get_module_for_linking(), preserve=True)
+    written = first._codegen.written
+    missing = [written[f.name] for f in module.functions if f.is_declaration and f.name in written]
+    return link([*libraries, *missing]) if missing else module
+
+
+def keep_only(module: Any, names: Iterable[str]) -> None:
+    """Make every definition of `module` but `names` invisible from outside, so that LLVM may drop or change it."""
+    kept = set(names)
+    for value in (*module.functions, *module.global_variables):
+        if not value.is_declaration and value.name not in kept and value.linkage != llvm.Linkage.common:
+            value.linkage = "internal"
+
+
+class _KeptCode(_Cache):  # type: ignore[misc]
+    """Machine code of one kernel in files, one for each tuple of argument types, processor and Python.
+
+    Nothing in a file's name depends on the machine that wrote it, so that several checkouts share a folder, and a
+    package may bring one.
+    """
+
+    def __init__(self, function: Any, folders: Sequence[Path]) -> None:
+        self._function, self._folders = function, folders
+
+    @property
+    def cache_path(self) -> str:
+        return str(self._folders[-1])
+
+    def _name(self, signature: Any, context: Any) -> str:
+        code = self._function.__code__
+        tools = (numba_version, llvmlite_version, sys.version_info[:2], context.codegen().magic_tuple())
+        what = repr((str(signature), code.co_firstlineno, tools))
+        return f"{self._function.__qualname__}-{hashlib.sha256(what.encode()).hexdigest()[:24]}.kernel"
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+        name = self._name(sig, target_context)
+        for folder in self._folders:
+            file = folder / name
+            if file.is_file():
+                result = compiler.CompileResult._rebuild(target_context, *pickle.loads(file.read_bytes()))
+                _used[file] = None
+                return result
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        if data.library.has_dynamic_globals:
+            return
+        file = self._folders[-1] / self._name(sig, data.target_context)
+        part = file.with_suffix(f".{os.getpid()}.part")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(dumps(data._reduce()))
+            part.replace(file)
+        except OSError:  # no room, or a home that is not to be written to: the next process compiles it again
+            return
+        _used[file] = None
+
+    def flush(self) -> None:
+        for file in self._folders[-1].glob(f"{self._function.__qualname__}-*.kernel"):
+            file.unlink(missing_ok=True)
+
+    def enable(self) -> None:
+        """It always is."""
+
+    def disable(self) -> None:
+        raise NotImplementedError("the code of kernels is always kept")
+
+
+_used: dict[Path, None] = {}
+
+
+def saved_code() -> list[Path]:
+    """The files from which this process has machine code of kernels, or to which it has written some."""
+    return list(_used)
+
+
+class _Codegen(JITCPUCodegen):  # type: ignore[misc]
+    _library_class = Library
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.written: dict[str, Library] = {}
+        """Functions by name, for those who call one that was not complete when they were lowered."""
+
+    def insert_unresolved_ref(self, builder: Any, function_type: Any, name: str) -> Any:
+        """A kernel that calls one of its callers: both are in the module at the end."""
+        return cgutils.get_or_insert_function(builder.module, function_type, name)
+
+
+class _Target(CPUTarget):  # type: ignore[misc]
+    """numba's own target, with a code generator of its own."""
+
+    @cached_property
+    def _context(self) -> Any:
+        return cpu_target.target_context.subtarget(_internal_codegen=_Codegen("cosim.kernels"))
+
+    @property
+    def target_context(self) -> Any:
+        return self._context
+
+    @property
+    def typing_context(self) -> Any:
+        return cpu_target.typing_context
+
+
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Python's collector of cycles takes a tenth of numba's time, and finds little in it."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+class _Lowerer(_FunctionCompiler):  # type: ignore[misc]
+    def _customize_flags(self, flags: Any) -> Any:
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        return flags
+
+
+class _ForPython(_FunctionCompiler):  # type: ignore[misc]
+    """A kernel lowered, and a wrapper with which Python calls it; machine code is made of the two."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        super().__init__(kernel.py_func, kernel.targetdescr, kernel.targetoptions, kernel.locals, None)
+        self._kernel = kernel
+
+    def _compile_core(self, args: Any, return_type: Any) -> Any:
+        lowered = self._kernel.lower(tuple(args), return_type)
+        result, context = lowered.result, lowered.result.target_context
+        library = context.codegen().create_library(lowered.library.name)
+        library.enable_object_caching()
+        library.add_linking_library(lowered.library)
+        releases = bool(self.targetoptions.get("nogil"))
+        wrapping = result.fndesc, result.environment, result.call_helper
+        context.create_cpython_wrapper(library, *wrapping, release_gil=releases)
+        entry = context.get_executable(library, result.fndesc, result.environment)
+        return result._replace(library=library, entry_point=entry)
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """numba's dispatcher for calls from Python; other kernels are given its IR only."""
+
+    targetdescr = _Target("cpu")
+
+    def __init__(
+        self, py_func: Any, locals: Any = None, targetoptions: Any = None, pipeline_class: Any = compiler.Compiler
+    ) -> None:
+        super().__init__(py_func, locals, targetoptions, pipeline_class)
+        self._lowerer = _Lowerer(py_func, self.targetdescr, self.targetoptions, self.locals, pipeline_class)
+        self._compiler = _ForPython(self)
+        self._lowered: dict[tuple[Any, ...], Lowered] = {}
+
+    def keep(self, folders: Sequence[Path]) -> None:
+        """Look for machine code in `folders`, and write it to the last of them."""
+        self._cache = _KeptCode(self.py_func, folders)
+
+    def compile(self, sig: Any) -> Any:
+        with _without_collector():
+            return super().compile(sig)
+
+    def lower(self, types: tuple[Any, ...], returns: Any = None) -> Lowered:
+        """Its IR for arguments of `types`.
+
+        Raises:
+            numba.core.errors.NumbaError: it, or a function that it calls, cannot be compiled.
+        """
+        with global_compiler_lock, _without_collector():
+            if (known := self._lowered.get(types)) is not None:
+                return known
+            with self._compiling_counter:
+                try:
+                    result = self._lowerer.compile(types, returns)
+                except errors.ForceLiteralArg as error:
+                    raise error.bind_fold_arguments(
+                        lambda args, kws: self._lowerer.fold_argument_types(args, kws)[1]
+                    ) from None
+            lowered = Lowered(result, result.library)
+            self.targetctx.insert_user_function(lowered.library, result.fndesc, [lowered.library])
+            self.targetctx.codegen().written[lowered.name] = lowered.library
+            self._lowered[types] = lowered
+            return lowered
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        signature, types = self._lowerer.fold_argument_types(args, kws)
+        lowered = self.lower(tuple(types))
+        name = self.py_func.__name__
+        template = typing.make_concrete_template(f"CallTemplate({name})", key=name, signatures=[lowered.signature])
+        return template, signature, types, {}
+
+    def get_overload(self, sig: Any) -> Any:
+        return self._lowered[tuple(normalize_signature(sig)[0])].library

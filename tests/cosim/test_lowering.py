@@ -1,0 +1,127 @@
+"""Kernels that call each other are one piece of machine code; what is made of them once is found again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.kernel import kernel
+
+numba = pytest.importorskip("numba")
+pytestmark = pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+
+
+@kernel
+def doubled(x: float) -> float:
+    return 2.0 * x
+
+
+@kernel
+def doubled_and_one(x: float) -> float:
+    return doubled(x) + 1.0
+
+
+@kernel
+def factorial(n: int) -> int:
+    return 1 if n <= 1 else n * factorial(n - 1)
+
+
+@kernel
+def is_even(n: int) -> bool:
+    return True if n == 0 else is_odd(n - 1)
+
+
+@kernel
+def is_odd(n: int) -> bool:
+    return False if n == 0 else is_even(n - 1)
+
+
+@kernel
+def refuses(x: float) -> float:
+    if x < 0.0:
+        raise ValueError("it is negative")
+    return x
+
+
+@kernel
+def passes_on(x: float) -> float:
+    return refuses(x)
+
+
+def test_machine_code_is_made_of_what_python_calls_only() -> None:
+    assert doubled_and_one(3.0) == 7.0
+    assert len(doubled_and_one.overloads) == 1
+    assert not doubled.overloads
+    assert doubled(3.0) == 6.0
+    assert len(doubled.overloads) == 1
+
+
+def test_a_kernel_may_call_itself_and_those_that_call_it() -> None:
+    assert factorial(10) == 3628800
+    assert [is_odd(n) for n in (0, 1, 2, 7)] == [False, True, False, True]
+    assert [is_even(n) for n in (0, 1, 2, 7)] == [True, False, True, False]
+
+
+def test_an_exception_of_a_callee_reaches_python() -> None:
+    assert passes_on(1.0) == 1.0
+    with pytest.raises(ValueError, match="it is negative"):
+        passes_on(-1.0)
+
+
+def test_functions_that_are_no_kernels_may_call_one() -> None:
+    @numba.njit
+    def total(values):  # type: ignore[no-untyped-def]
+        found = 0.0
+        for value in values:
+            found += doubled_and_one(value)
+        return found
+
+    assert total(np.array([1.0, 2.0])) == 8.0
+
+
+CALL = "import sys; sys.path.insert(0, sys.argv[1]); from garden.bed import watered; print(watered(1.5))"
+BED = """from cosim.kernel import kernel
+from garden.can import FILL
+
+@kernel
+def poured(x):
+    return FILL * x
+
+@kernel
+def watered(x):
+    return poured(x) + 1.0
+"""
+
+
+def watered(tmp_path: Path, cache: str) -> tuple[str, set[str]]:
+    """What a process of its own prints, and the names of the files in its cache folder."""
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / cache)}
+    command = [sys.executable, "-B", "-c", CALL, str(tmp_path)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    found = (tmp_path / cache).rglob("*.kernel")
+    return done.stdout, {f"{file.parent.name}/{file.name}" for file in found}
+
+
+def test_code_is_looked_for_in_the_package_then_in_the_cache_and_never_for_other_sources(tmp_path: Path) -> None:
+    garden = tmp_path / "garden"
+    garden.mkdir()
+    (garden / "__init__.py").touch()
+    (garden / "bed.py").write_text(BED)
+    (garden / "can.py").write_text("FILL = 2.0\n")
+    printed, first = watered(tmp_path, "one")
+    assert printed == "4.0\n"
+    assert {name.rpartition("/")[2].partition("-")[0] for name in first} == {"watered"}
+    assert watered(tmp_path, "one") == ("4.0\n", first)
+    shutil.copytree(tmp_path / "one/uav-cosim/kernels", garden / "compiled")
+    assert watered(tmp_path, "two") == ("4.0\n", set())  # the package brings it
+    (garden / "can.py").write_text("FILL = 3.0\n")
+    printed, other = watered(tmp_path, "two")
+    assert printed == "5.5\n"
+    assert len(other) == 1
+    assert not other & first

@@ -1,0 +1,55 @@
+"""The loop that is compiled before a run is the one that the run calls."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim_master import execution
+from cosim_master.simulation import simulate
+from cosim_master.warming import EVERY_RUN, types_of
+
+pytestmark = [
+    pytest.mark.usefixtures("own_cache"),
+    pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled"),
+]
+
+
+def test_types_of_the_plan_and_the_radio_are_those_of_a_run(
+    stricts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numba = pytest.importorskip("numba")
+    called: dict[str, set[tuple[Any, ...]]] = {}
+
+    def watched(name: str) -> Any:
+        kernel = getattr(execution, name)
+
+        def call(*arguments: Any) -> Any:
+            called.setdefault(name, set()).add(tuple(numba.typeof(one) for one in arguments))
+            return kernel(*arguments)
+
+        return call
+
+    for name in EVERY_RUN:
+        monkeypatch.setattr(execution, name, watched(name))
+    system = stricts.ssd(stricts.component("a") + stricts.component("b"), "a/y b/u")
+    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    plan, air = types_of()
+    expected = {"run": {(plan, air, numba.int64)}, "collect_all": {(plan,)}}
+    assert {name: called[name] for name in expected} == expected
+
+
+def test_the_command_writes_what_a_package_brings(tmp_path: Path) -> None:
+    """The loop is compiled by then: its code is copied."""
+    subprocess.run([sys.executable, "-m", "cosim_master.warming", str(tmp_path)], check=True)
+    files = {file.name.partition("-")[0]: file for file in tmp_path.glob("*/*.kernel")}
+    assert set(files) >= {*EVERY_RUN, "work", "record", "end_here", "step_each", "step_together", "admit", "deliver"}
+    assert files["run"].parent.name == files["work"].parent.name
+    done = subprocess.run([sys.executable, "-m", "cosim_master.warming"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "usage: python -m cosim_master.warming FOLDER\n"
