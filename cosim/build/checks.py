@@ -317,7 +317,7 @@ _BY_OFFSET = {
 
 # ---- what a C program is told ---------------------------------------------------------------------------------------
 
-_PICKLE = re.compile(r'^(@"?\.const\.pickledata\.[0-9a-f]+"? = .*)\[\d+ x i8\] c"([^"]*)"', re.MULTILINE)
+_PICKLE = re.compile(r'^(@"?\.const\.pickledata\.[0-9a-f]+(?:\.\d+)?"? = .*)\[\d+ x i8\] c"([^"]*)"', re.MULTILINE)
 
 
 def texts_of_exceptions(ir: str) -> str:
@@ -325,7 +325,7 @@ def texts_of_exceptions(ir: str) -> str:
 
     def text(pickled: re.Match[str]) -> str:
         declared, data = pickled.groups()
-        content = re.sub(rb"\\([0-9A-Fa-f]{2})", lambda code: bytes([int(code[1], 16)]), data.encode("latin-1"))
+        content = re.sub(rb"\\(\\|[0-9A-Fa-f]{2})", _byte, data.encode("latin-1"))
         told = pickle.loads(content)  # numba has just written it
         if not isinstance(told, tuple) or len(told) != 3:
             return pickled[0]
@@ -334,6 +334,11 @@ def texts_of_exceptions(ir: str) -> str:
         return f'{declared}[{len(shown)} x i8] c"{escaped}"'
 
     return _PICKLE.sub(text, ir)
+
+
+def _byte(code: re.Match[bytes]) -> bytes:
+    """A byte of a string in LLVM IR: two hexadecimal digits behind a backslash, or another backslash."""
+    return b"\\" if code[1] == b"\\" else bytes([int(code[1], 16)])
 
 
 def _told(of: type[BaseException] | None, arguments: tuple[Any, ...], place: tuple[str, str, int] | None) -> str:

@@ -141,7 +141,7 @@ def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:
     start: Any
     advance: Any
     start, advance = model.kernels
-    if not all(hasattr(kernel, "py_func") for kernel in model.kernels):
+    if not all(hasattr(kernel, "lower") for kernel in model.kernels):
         raise _cannot_compile(model)
     if checked:
         start, advance = with_checks(start), with_checks(advance)
@@ -190,7 +190,7 @@ def _reason(error: Exception | None, kernel: Any) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Failed in")]
     where = _place_of(kernel)
     places = re.findall(r"(?: at |^File \")(.+\.py)(?: \(|\", line )(\d+)", str(error), re.MULTILINE)
-    own = [(str(Path(file).absolute()), int(line)) for file, line in places if "numba" not in Path(file).parts]
+    own = [(str(Path(file).resolve()), int(line)) for file, line in places if "numba" not in Path(file).parts]
     if own:
         where = place(*own[0])
     elif getattr(error, "loc", None) is not None and error.loc.filename != __file__:  # type: ignore[union-attr]

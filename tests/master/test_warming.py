@@ -37,6 +37,7 @@ def test_types_of_the_plan_and_the_radio_are_those_of_a_run(
 
     for name in EVERY_RUN:
         monkeypatch.setattr(execution, name, watched(name))
+    stricts.fmu()
     system = stricts.ssd(stricts.component("a") + stricts.component("b"), "a/y b/u")
     assert simulate(system, out=tmp_path / "out").outcome == "done"
     plan, air = types_of()

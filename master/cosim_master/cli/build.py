@@ -114,7 +114,8 @@ def _loop_compiled(models: list[str] | None, tell: Callable[[str], None]) -> Ite
         yield
         return
     code = "from cosim_master.warming import EVERY_RUN, compile_loop; compile_loop(EVERY_RUN)"
-    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.DEVNULL)
+    # A session of its own: Ctrl-C is for this process, which ends the other.
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.DEVNULL, start_new_session=True)
     try:
         yield
         if process.poll() is None:
