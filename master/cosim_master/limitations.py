@@ -349,7 +349,14 @@ SIGNATURE = Limitation(
 # ---- multi-models of INTO-CPS ----------------------------------------------------------------------------------------
 
 ALGORITHM = Limitation(
-    "Multi-models", "algorithms with variable steps", "error", 'algorithm: its type is {}; valid: "fixed-step"'
+    "Multi-models", "algorithms of other types", "error", 'algorithm: its type is {}; valid: "fixed-step"'
+)
+VAR_STEP = Limitation(
+    "Multi-models",
+    "variable steps by constraints (var-step); docs/masters.md has steps whose size the error decides (richardson)",
+    "error",
+    'algorithm: its type is "var-step"; steps that constraints decide ({}) are not supported. Valid: "fixed-step"; for '
+    'variable steps, convert the multi-model with it and give the system algorithm="richardson" (docs/masters.md)',
 )
 STABILISATION = Limitation(
     "Multi-models",

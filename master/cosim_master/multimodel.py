@@ -21,7 +21,16 @@ from urllib.parse import unquote, urlsplit
 
 from cosim_master.document import near
 from cosim_master.errors import Finding, Problem, SystemDescriptionError, Where
-from cosim_master.limitations import ALGORITHM, FAULTS, LARGE_FILE, OTHER_KEYS, STABILISATION, SWAP, TRANSFER
+from cosim_master.limitations import (
+    ALGORITHM,
+    FAULTS,
+    LARGE_FILE,
+    OTHER_KEYS,
+    STABILISATION,
+    SWAP,
+    TRANSFER,
+    VAR_STEP,
+)
 from cosim_master.system import (
     INTEGER_RANGES,
     Annotation,
@@ -272,6 +281,9 @@ class _Reading:
 
     def _algorithm(self, file: _Json, algorithm: Any) -> None:
         kind = algorithm.get("type") if isinstance(algorithm, dict) else None
+        if kind == "var-step":
+            self._problem(file, "algorithm", VAR_STEP.text(_constraints(algorithm)))
+            return
         if kind != "fixed-step":
             self._problem(file, "algorithm", ALGORITHM.text(_shown(kind)))
             return
@@ -423,6 +435,14 @@ class _Reading:
 
     def _problem(self, file: _Json, text: str | None, message: str) -> None:
         self.problems.append(Problem(file.where(file.spelled.get(text or "", text)), message))
+
+
+def _constraints(algorithm: Mapping[str, Any]) -> str:
+    """The types of the constraints that decide the steps, as far as they are given."""
+    given = algorithm.get("constraints")
+    listed = given.values() if isinstance(given, dict) else ()
+    types = [one.get("type") for one in listed if isinstance(one, dict)]
+    return ", ".join(dict.fromkeys(_shown(one) for one in types)) or "none is given"
 
 
 def _simplified(key: str) -> str:

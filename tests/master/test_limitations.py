@@ -494,7 +494,8 @@ def of_multimodels(stricts: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
         return "error", [str(caught.value)]
 
     return {
-        "ALGORITHM": lambda: model(algorithm={"type": "var-step"}),
+        "ALGORITHM": lambda: model(algorithm={"type": "ecco"}),
+        "VAR_STEP": lambda: model(algorithm={"type": "var-step", "constraints": {"rate": {"type": "samplingrate"}}}),
         "STABILISATION": lambda: model(stabilisation=True),
         "TRANSFER": lambda: every("modelTransfers"),
         "SWAP": lambda: every("modelSwaps"),
