@@ -184,7 +184,10 @@ def read_dimensions(
             continue
         reader.children(child, GRAMMAR[SSC + "Dimension"])
         size, connector = child.get("size"), child.get("sizeConnector")
-        if size is not None and connector is not None:
+        if sizes_only and connector is not None:
+            text = "<Dimension> has a sizeConnector, which is for connectors only; give its size here, and nothing else"
+            reader.problem(child, text)
+        elif size is not None and connector is not None:
             reader.problem(child, "<Dimension> has both size and sizeConnector; only one of them is allowed")
         elif sizes_only and size is None:
             reader.problem(child, '<Dimension> needs the attribute "size" here')

@@ -241,3 +241,21 @@ def test_a_constant_of_another_type(stricts3: Any, sized: Path, tmp_path: Path, 
 def test_constants_that_say_no_size(stricts3: Any, sized: Path, value: int, kind: str, message: str) -> None:
     constants(stricts3, sized, value, kind)
     assert message in refused(driven(stricts3))
+
+
+@pytest.mark.parametrize("size", ["", ' size="2"'])
+def test_values_have_sizes_of_their_own(workshop: Any, variable: Any, size: str) -> None:
+    """SSP 2.0.1, 4.5.3: a sizeConnector is an error in parameter sets, also where there is no size."""
+    workshop.fmu("a.fmu", variable("p", "parameter"))
+    text = (
+        '<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" version="2.0" '
+        'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" name="v"><ssv:Parameters>'
+        f'<ssv:Parameter name="a.p"><ssv:Real value="1 2"/><ssc:Dimension{size} sizeConnector="n"/></ssv:Parameter>'
+        "</ssv:Parameters></ssv:ParameterSet>"
+    )
+    (workshop.root / "v.ssv").write_text(text)
+    bindings = '<ssd:ParameterBindings><ssd:ParameterBinding source="v.ssv"/></ssd:ParameterBindings>'
+    system = workshop.ssd("s.ssd", workshop.system(workshop.component("a", "a.fmu"), bindings=bindings))
+    with read_system(system) as structure, pytest.raises(SystemDescriptionError) as caught:
+        check(structure)
+    assert any("has a sizeConnector, which is for connectors only" in str(one) for one in caught.value.problems)
