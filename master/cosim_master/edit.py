@@ -115,6 +115,9 @@ def _chain(
         raise _refusal(str(structure.path), f'"{component}" names {len(found)} elements; rename all but one')
     (chain,) = found
     if not (isinstance(chain[-1], Component) and _is_fmu(chain[-1])):
+        if isinstance(chain[-1], Component) and chain[-1].content is None and chain[-1].source is not None:
+            text = f'"{component}" is the file {chain[-1].source.name}, not an FMU; change its source in the .ssd'
+            raise _refusal(str(structure.path), f"{text}; {near(component, fmus)}")
         inner = [name for name in fmus if name.startswith(component + ".")]
         raise _refusal(str(structure.path), f'"{component}" is a system, not an FMU; {near(component, inner)}')
     shared = [element for element in chain if isinstance(element, Component) and element.type != SSP_TYPE]

@@ -12,6 +12,7 @@ import pytest
 
 from cosim_master.check import check
 from cosim_master.conversion import convert
+from cosim_master.edit import swap
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.packing import pack
 from cosim_master.simulation import simulate
@@ -145,6 +146,15 @@ def test_omsimulator_gets_the_file(workshop: Any, dynamics: Any, tmp_path: Path)
     converted = convert(file, tmp_path / "oms", "omsimulator").file
     assert 'type="text/csv" source="resources/in.csv"' in converted.read_text()
     assert run(converted) == run(file)
+
+
+def test_a_file_is_no_fmu_to_be_swapped(workshop: Any, dynamics: Any, tmp_path: Path) -> None:
+    (tmp_path / "in.csv").write_text(ROWS)
+    file = drive(dynamics, workshop, workshop.component("t", "in.csv", COLUMNS, type="text/csv"), "")
+    with pytest.raises(SystemDescriptionError) as caught:
+        swap(file, "t", tmp_path / "d.fmu", tmp_path / "new.ssd")
+    said = '"t" is the file in.csv, not an FMU; change its source in the .ssd; valid: "d"'
+    assert str(caught.value).endswith(said)
 
 
 def refused(workshop: Any, tmp_path: Path, content: str, columns: str = COLUMNS, **options: str) -> list[str]:
