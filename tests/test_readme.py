@@ -1,0 +1,65 @@
+"""The commands of the README and of the guides, run exactly as they are printed, in an empty folder.
+
+A block that begins with ```sh is run line by line in one folder; ```python FILE writes that file first. Blocks marked
+```sh clone are the two commands of a clone (`make demo`, `make test`), of which this test is a part.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(r"^```(\w+)(?: ([^\n]+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+DOCUMENTS = ("README.md", "docs/ground-stations.md")
+DIFFERENT = {"uav-cosim compare out/line5 out/line5-2": 1}
+"""Commands whose exit code is not 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    kind: str
+    name: str
+    text: str
+
+
+def blocks(document: str) -> Iterator[Block]:
+    for kind, name, text in BLOCK.findall((ROOT / document).read_text(encoding="utf-8")):
+        yield Block(kind, name, text)
+
+
+def commands(text: str) -> list[str]:
+    """The commands of a block, without the comments behind them."""
+    return [re.sub(r"\s+# .*$", "", line).strip() for line in text.splitlines() if line.strip()]
+
+
+def test_documents_have_commands() -> None:
+    found = [command for block in blocks("README.md") if block.kind == "sh" for command in commands(block.text)]
+    assert found[:3] == ["make demo", "make test", "uav-cosim run line5"]
+    assert len(found) >= 20
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("fmus")
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_command_runs_as_printed(document: str, tmp_path: Path) -> None:
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    for block in blocks(document):
+        if block.kind == "python":
+            (tmp_path / block.name).write_text(block.text, encoding="utf-8")
+        if block.kind != "sh" or block.name == "clone":
+            continue
+        for command in commands(block.text):
+            done = subprocess.run(
+                ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+            )
+            wanted = DIFFERENT.get(command, 0)
+            assert done.returncode == wanted, f"{command}\n{done.stdout}\n{done.stderr}"
+            assert "Traceback" not in done.stderr
