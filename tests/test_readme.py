@@ -1,7 +1,7 @@
 """The commands of the README and of the guides, run exactly as they are printed, in an empty folder.
 
-A block that begins with ```sh is run line by line in one folder; ```python FILE writes that file first. Blocks marked
-```sh clone are the two commands of a clone (`make demo`, `make test`), of which this test is a part.
+A block that begins with ```sh is run line by line in one folder; ```python FILE writes that file and runs it. Blocks
+marked ```sh clone are the two commands of a clone (`make demo`, `make test`), of which this test is a part.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```(\w+)(?: ([^\n]+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-DOCUMENTS = ("README.md", "docs/ground-stations.md")
+DOCUMENTS = ("README.md", "docs/ground-stations.md", "docs/systems.md")
 DIFFERENT = {"uav-cosim compare out/line5 out/line5-2": 1}
 """Commands whose exit code is not 0."""
 
@@ -54,12 +54,14 @@ def test_every_command_runs_as_printed(document: str, tmp_path: Path) -> None:
     for block in blocks(document):
         if block.kind == "python":
             (tmp_path / block.name).write_text(block.text, encoding="utf-8")
+            run([sys.executable, block.name], tmp_path, environment)
         if block.kind != "sh" or block.name == "clone":
             continue
         for command in commands(block.text):
-            done = subprocess.run(
-                ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-            )
-            wanted = DIFFERENT.get(command, 0)
-            assert done.returncode == wanted, f"{command}\n{done.stdout}\n{done.stderr}"
-            assert "Traceback" not in done.stderr
+            run(["bash", "-c", command], tmp_path, environment, DIFFERENT.get(command, 0))
+
+
+def run(command: list[str], folder: Path, environment: dict[str, str], code: int = 0) -> None:
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == code, f"{command[-1]}\n{done.stdout}\n{done.stderr}"
+    assert "Traceback" not in done.stderr
