@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import binascii
 import math
+import re
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -76,6 +77,10 @@ class Variable:
 
     def __post_init__(self) -> None:
         name = self.name
+        if element := re.fullmatch(r"(\w+)\[(\d*)\]", name):
+            declared = {"memory": "Memory", "state": "State", "output": "Output", "parameter": "Parameter"}
+            made = f'{declared.get(self.role, "Input")}("{element[1]}", shape={max(int(element[2] or 1), 3)})'
+            raise ValueError(f"variable {name}: an array is declared once, not its elements; use shape=, as in {made}")
         if not (name.isidentifier() and name.isascii()) or iskeyword(name):
             raise ValueError(f"variable {name!r}: a name must be an ASCII Python identifier and no keyword")
         if hasattr(np.record, name):
@@ -487,11 +492,15 @@ class Model(Fmi2Slave):
     def _run(self, what: str, call: Callable[[], int]) -> None:
         """Call a kernel; any code but 0 is an exception."""
         with self._logged():
-            code = call()
+            with np.errstate(all="ignore"):  # inf and NaN, as in a compiled kernel
+                code = call()
             if not isinstance(code, int | np.integer):
                 raise TypeError(f"{what} returned {code!r}; it returns 0, or a key of errors")
+            if code and int(code) not in self.errors:
+                keys = ", ".join(map(str, sorted(self.errors))) or "it has none"
+                raise RuntimeError(f"{what} returned {code}; it returns 0, or a key of errors ({keys})")
             if code:
-                raise RuntimeError(f"{what}: {self.errors.get(int(code), 'error')} (code {code})")
+                raise RuntimeError(f"{what}: {self.errors[int(code)]} (code {code})")
 
     @contextmanager
     def _logged(self) -> Iterator[None]:

@@ -21,10 +21,12 @@ from importlib.metadata import version
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from traceback import extract_tb
 from types import ModuleType
 from typing import Any, TypedDict
 
 from cosim.build.compiled import HOST, TARGETS, CannotCompile, build_compiled
+from cosim.build.faults import place
 from cosim.build.interpreted import build_interpreted
 from cosim.build.sources import Sources, sources_of
 from cosim.model import Model
@@ -60,8 +62,11 @@ def load_models(source: str) -> list[type[Model]]:
         sys.modules[file.stem] = module
         try:
             spec.loader.exec_module(module)
-        except BaseException:
+        except BaseException as error:
             del sys.modules[file.stem]
+            lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == str(file)]
+            if isinstance(error, ValueError | TypeError) and lines and lines[-1]:
+                raise ValueError(f"{place(str(file), lines[-1])}: {error}") from error
             raise
     else:
         try:

@@ -1,7 +1,8 @@
 """The interpreted build: pythonfmu packs the sources and its wrapper binary. Edit, run, debug; no compiler.
 
-All Python FMUs of a process share one interpreter, so the entry module has a name of its own, and it refuses to
-run with modules other than the ones this FMU was built from.
+Its kernels run as plain Python on a numpy record, which checks every index; numba compiles nothing in it. All Python
+FMUs of a process share one interpreter, so the entry module has a name of its own, and the model's modules are loaded
+from this FMU alone: two FMUs of different versions of a module run side by side.
 """
 
 from __future__ import annotations
@@ -35,24 +36,29 @@ DIGESTS = {digests!r}
 HERE = pathlib.Path(__file__).parent
 
 
-def _check(name, module):
-    file = pathlib.Path(module.__file__)
-    if hashlib.sha256(file.read_bytes()).hexdigest() != DIGESTS[name]:
-        raise ImportError(
-            f"the FMU {model} was built from another version of {{name}} than the one loaded from {{file}}: "
-            "build the FMUs anew (make fmus), or run this one in a process of its own"
-        )
+def _load():
+    """The model's module: of this FMU's own sources, whatever else is loaded, its kernels as plain Python."""
+    hidden = set(DIGESTS) | ({{"numba"}} if {plain} else set())
+    before = {{name: sys.modules.pop(name) for name in hidden if name in sys.modules}}
+    if {plain}:
+        sys.modules["numba"] = None  # cosim.kernel leaves functions as they are where there is none
+    sys.path.insert(0, str(HERE))
+    try:
+        importlib.invalidate_caches()
+        found = importlib.import_module({module!r})
+        for name in DIGESTS:
+            file = pathlib.Path(importlib.import_module(name).__file__)
+            if hashlib.sha256(file.read_bytes()).hexdigest() != DIGESTS[name]:
+                raise ImportError(f"the FMU {model} is damaged: {{file}} is not the file that it was built from")
+        return found
+    finally:
+        sys.path.remove(str(HERE))
+        for name in hidden:
+            sys.modules.pop(name, None)
+        sys.modules.update(before)
 
 
-for _name in DIGESTS:
-    if _name in sys.modules:
-        _check(_name, sys.modules[_name])
-        if hasattr(sys.modules[_name], "__path__"):
-            sys.modules[_name].__path__.append(str(HERE.joinpath(*_name.split("."))))
-for _name in DIGESTS:
-    _check(_name, importlib.import_module(_name))
-
-from {module} import {model} as _Model
+_Model = _load().{model}
 
 
 class {model}(_Model):
@@ -65,15 +71,15 @@ class {model}(_Model):
 
 
 def build_interpreted(model: type[Model], sources: Sources, stamp: Mapping[str, object], file: Path) -> None:
-    """Write the FMU `file`."""
+    """Writes the FMU `file`."""
     guid = sources.guid(model.__name__)
     entry = f"cosim_fmu_{model.__name__.lower()}_{guid[:8]}"
     with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
         folder = Path(temporary)
         project_files = _copy_sources(sources, folder)
-        digests = dict(sources.digests)
+        named = {"digests": dict(sources.digests), "module": model.__module__, "model": model.__name__}
         script = folder / f"{entry}.py"
-        script.write_text(_ENTRY.format(digests=digests, module=model.__module__, model=model.__name__))
+        script.write_text(_ENTRY.format(**named, plain=model.kernels is not None))
         description = folder / "description.xml"
         description.write_text(as_text(model_description(model, guid, compiled=False)), encoding="utf-8")
         build = folder / "build.json"

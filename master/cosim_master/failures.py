@@ -38,6 +38,10 @@ _OF_FMI3 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2Ge
 DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
 """Function and status in a row's `failed`, of a step that was discarded."""
 
+_FAILED = (STATUS.index("fmi2Error"), STATUS.index("fmi2Fatal"))
+_MOST_INPUTS = 8
+"""More are not told with a failure."""
+
 
 class RunFailed(CosimError):
     """One or more instances failed in the same macro step.
@@ -86,7 +90,7 @@ def raise_failures(plan: Plan, places: Layout, instances: Sequence[Living]) -> N
         text, code = "", status
         if status == NOT_A_NUMBER:
             name = places.ports["Real"].outputs[detail][1].name
-            text, code = NAN.text(name), 0
+            text, code = NAN.text(name) + _given(plan, places, int(i)), 0
         elif status in (TOO_LONG, NOT_BASE64):
             wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
             text, code = f"its packet output {wrong}", 0
@@ -101,6 +105,9 @@ def raise_failures(plan: Plan, places: Layout, instances: Sequence[Living]) -> N
         elif status == STATUS.index("fmi2Pending"):
             text = PENDING.text()
             living.cancel_step()
+        elif function == DO_STEP and status in _FAILED:
+            given = _given(plan, places, int(i))
+            text = given and STATUS[status].replace("fmi2", {1: "fmi", 3: "fmi3"}.get(living.fmi, "fmi2")) + given
         failures[int(i)] = living.failure(_named(function, living), code, text)
     others = list(failures.values())
     for i in np.flatnonzero(failed[:, 0]):
@@ -127,6 +134,21 @@ def _beside(plan: Plan, instances: Sequence[Living], i: int, others: Sequence[Fm
     living.time = reached(plan)
     last = None if living.library.corrupted else living.last_successful_time()
     return discard_failure(plan, living, i, last, f"it is not repeated, since {names} failed in the same step")
+
+
+def _given(plan: Plan, places: Layout, i: int) -> str:
+    """The inputs of an instance as it was given them for its last step: ``; its inputs: u = 0.5, w = 2``."""
+    if plan.clock[K] < 0:  # while initializing, the loop has given none
+        return ""
+    shown: list[str] = []
+    for kind, values in (("Real", plan.real_in), ("Integer", plan.int_in), ("Boolean", plan.int_in)):
+        ports = places.ports[kind]
+        begin = len(places.ports["Integer"].in_reference) if kind == "Boolean" else 0
+        inputs = ports.inputs[ports.first_in[i] : ports.first_in[i + 1]]
+        given = values[begin + ports.first_in[i] : begin + ports.first_in[i + 1]]
+        shown += [f"{variable.name} = {value:.9g}" for variable, value in zip(inputs, given, strict=True)]
+    more = f" and {len(shown) - _MOST_INPUTS} more" if len(shown) > _MOST_INPUTS else ""
+    return f"; its inputs: {', '.join(shown[:_MOST_INPUTS])}{more}" if shown else ""
 
 
 def _inputs(plan: Plan, living: Living, i: int, kind: int) -> str:

@@ -53,13 +53,13 @@ def multirotor_variables(
     spare = (0.0,) * (MAX_MOTORS - count)
     return (
         *VEHICLE_INPUTS,
-        Parameter("mass", unit="kg", start=mass, minimum=0.0, description="all of the vehicle"),
+        Parameter("mass", unit="kg", start=mass, minimum=1e-3, description="all of the vehicle"),
         Parameter(
             "inertia",
             shape=3,
             unit="kg.m2",
             start=inertia,
-            minimum=0.0,
+            minimum=1e-9,
             description="principal moments about the centre of mass: roll, pitch, yaw",
         ),
         Parameter("position_start", shape=3, unit="m", start=0.0, description="initial position, NED"),
@@ -152,12 +152,12 @@ _BODY_PARAMETERS = (
         description="torque against angular velocity: roll, pitch, yaw",
     ),
     Parameter("ground_height", unit="m", start=0.0, description="down coordinate at which the vehicle stands"),
-    Parameter("ground_deflection", unit="m", start=0.005, minimum=0.0, description="of the feet under the weight"),
+    Parameter("ground_deflection", unit="m", start=0.005, minimum=1e-6, description="of the feet under the weight"),
     Parameter("ground_damping", unit="1", start=0.7, minimum=0.0, description="damping ratio of standing on the feet"),
     Parameter("ground_friction", unit="1", start=0.6, minimum=0.0, description="Coulomb friction coefficient"),
     Parameter("foot_radius", unit="m", start=0.2, minimum=0.0, description="four feet, this far from the down axis"),
     Parameter("foot_height", unit="m", start=0.1, minimum=0.0, description="of the centre of mass above the feet"),
-    Parameter("substep", unit="s", start=STEP_SIZE, minimum=0.0, description="longest integration step"),
+    Parameter("substep", unit="s", start=STEP_SIZE, minimum=1e-6, description="longest integration step"),
 )
 
 _MEMORY = (

@@ -47,7 +47,12 @@ def declare(**attributes: Any) -> type[Model]:
     ("make", "message"),
     [
         (lambda: Input("two words"), r"variable 'two words': a name must be an ASCII Python identifier and no keyword"),
-        (lambda: Input("x[1]"), r"'x\[1\]': a name must be"),
+        (lambda: Input("x 1"), r"'x 1': a name must be"),
+        (
+            lambda: Output("x[1]"),
+            r'x\[1\]: an array is declared once, not its elements; use shape=, .* Output\("x", shape=3\)',
+        ),
+        (lambda: Input("x[7]"), r'as in Input\("x", shape=7\)'),
         (lambda: Input("größe"), r"ASCII"),
         (lambda: Output("lambda"), r"'lambda': a name must be .* no keyword"),
         (lambda: State("shape"), r"variable shape: numpy records have an attribute of this name"),
@@ -365,7 +370,7 @@ def test_state_round_trip_through_json(slave: Any) -> None:
     ("fault", "raised", "message"),
     [
         (2, RuntimeError, r'advance: the plant is "broken" by 100 % of \ faults (code 7)'),
-        (3, RuntimeError, "advance: error (code 99)"),
+        (3, RuntimeError, "advance returned 99; it returns 0, or a key of errors (7)"),
         (5, ValueError, "the kernel does not advance"),
     ],
 )

@@ -267,6 +267,29 @@ def test_all_faults_are_told_at_once(loaded: Any, tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ('Output("y[1]")', 'y[1]: an array is declared once, not its elements; use shape=, as in Output("y", shape=3)'),
+        ('Output("y", shape=0)', "variable y: shape (0,); a variable is a scalar or has a length of 1 or more"),
+        ('Output("y", unit="m", type=int)', "variable y: unit m; only variables of type float have a unit"),
+        (
+            'Output("y", type=list)',
+            "type <class 'list'>: a variable is float, int, bool, str or an IntEnum with members",
+        ),
+    ],
+)
+def test_wrong_declarations_are_told_with_their_line(wrong: str, message: str, tmp_path: Path) -> None:
+    file = tmp_path / "undeclared.py"
+    file.write_text(MODEL.format(body="    return 0", helper="").replace('Output("y")', wrong))
+    line = next(i for i, text in enumerate(file.read_text().splitlines(), 1) if text.strip() == f"{wrong},")
+    with pytest.raises(ValueError) as failed:
+        load_models(str(file))
+    assert str(failed.value).startswith(f"{file}:{line}: ")
+    assert str(failed.value).endswith(message)
+    assert "undeclared" not in sys.modules
+
+
 # -- at run time ------------------------------------------------------------------------------------------------------
 
 RUNTIME = {  # case -> lines of `advance`, the line that fails, what is told, case by case of one FMU

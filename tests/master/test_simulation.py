@@ -199,6 +199,22 @@ def test_two_failures_in_one_step_are_both_reported(probes: Any) -> None:
     assert probes.calls[-1] == "a: free"
 
 
+@pytest.mark.parametrize(
+    ("mode", "when", "told"),
+    [
+        (3, 1.0, "a: fmi2DoStep failed at t = 1 s: fmi2Error; its inputs: u = 0.25, n = 1, b = 1"),
+        (5, 1.0, "a: fmi2GetReal failed at t = 0.5 s: y is not a number; its inputs: u = 0.25, n = 1, b = 1"),
+        (5, 0.0, "a: fmi2GetReal failed at t = 0 s: y is not a number"),  # while initializing
+    ],
+)
+def test_a_failure_tells_the_inputs(probes: Any, mode: int, when: float, told: str) -> None:
+    probes.fmu()
+    probes.fmu("other.fmu")
+    parts = probes.component("a", mode=mode, when=when) + probes.component("b", "other.fmu")
+    message = failed(probes.ssd(parts, "b/y a/u", "b/m a/n", "b/c a/b"))
+    assert message.splitlines()[0] == told
+
+
 def test_a_warning_is_no_failure(probes: Any) -> None:
     probes.fmu()
     assert simulate(probes.ssd(probes.component("a", mode=1))).outcome == "done"
