@@ -232,6 +232,9 @@ def _emit(ir: Callable[[], str], target: Target, model: type[Model]) -> bytes:
     module = llvm.parse_assembly(_for_target(ir(), target, machine))
     entries = ("model_start", "model_advance")
     keep_only(module, entries)
+    for variable in module.global_variables:
+        if not variable.is_declaration:
+            variable.linkage = "internal"  # numba's environments too, which only a Python process sets
     for entry in entries:
         module.get_function(entry).visibility = "hidden"
     module.verify()

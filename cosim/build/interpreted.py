@@ -27,7 +27,7 @@ __all__ = ["build_interpreted"]
 _ENTRY = '''"""Entry module of one interpreted FMU, written by `uav-cosim build`."""
 
 import hashlib
-import importlib
+import importlib.util
 import pathlib
 import sys
 from xml.etree.ElementTree import fromstring
@@ -47,7 +47,7 @@ def _load():
         importlib.invalidate_caches()
         found = importlib.import_module({module!r})
         for name in DIGESTS:
-            file = pathlib.Path(importlib.import_module(name).__file__)
+            file = pathlib.Path(importlib.util.find_spec(name).origin)
             if hashlib.sha256(file.read_bytes()).hexdigest() != DIGESTS[name]:
                 raise ImportError(f"the FMU {model} is damaged: {{file}} is not the file that it was built from")
         return found
