@@ -34,6 +34,9 @@ __all__ = [
 GYRO, ACCEL, GPS, GPS_VELOCITY, BARO, MAG = range(6)
 """Streams of random numbers, four triples each."""
 
+_IMU_STEP = 1e-5
+"""Shortest time between samples of the IMU, s: over shorter steps it holds the last one. The noise of a sample grows as
+one over the root of the time since the one before, without end for steps of 1e-13 s, which some engines make."""
 _WANDER = 100  # added to the stream: the biases' own numbers
 _START = 200  # ... and those they begin with
 
@@ -70,8 +73,13 @@ def begin_sensors(m: Any) -> None:
 
 @kernel
 def sense_imu(m: Any, number: int, dt: float) -> None:
-    """m.gyro [rad/s] and m.force [m/s2]: the `number`th sample of the IMU, dt after the one before."""
-    scale = 1.0 / math.sqrt(dt)
+    """m.gyro [rad/s] and m.force [m/s2]: the `number`th sample of the IMU, dt after the one before.
+
+    A step shorter than any sampling keeps the sample that there is.
+    """
+    if dt < _IMU_STEP and number > 0:
+        return
+    scale = 1.0 / math.sqrt(max(dt, _IMU_STEP))
     _triple(m, GYRO, number, m.normal)
     for i in range(3):
         m.gyro[i] = m.true_angular_velocity[i] + m.bias[GYRO, i] + m.gyro_noise * scale * m.normal[i]

@@ -185,3 +185,24 @@ def test_sensors_have_the_spread_they_declare() -> None:
     assert white.std() == pytest.approx(1.7e-4 / math.sqrt(H), rel=0.03)
     assert abs(white.mean()) < 1e-4
     assert np.diff(np.unique(np.array(fixes), axis=0), axis=0).shape[0] == 99  # 5 Hz for 20 s
+
+
+def test_a_step_of_no_length_makes_no_noise() -> None:
+    """OMSimulator ends a run with a step of about 1e-13 s: the IMU holds its last sample; the next one is as ever."""
+    assert Estimator.kernels is not None
+    start, advance = Estimator.kernels
+    one = Estimator.record()
+    one["true_attitude"][0] = 1.0
+    assert start(one) == 0
+    for k in range(4):
+        assert advance(one, k * H, H) == 0
+    before = one.copy()
+    assert advance(one, 4 * H, 1e-13) == 0
+    for name in ("gyro", "force"):
+        assert np.array_equal(one[name], before[name])
+    for name in ("position", "velocity", "attitude", "angular_velocity"):
+        assert np.allclose(one[name], before[name], rtol=0.0, atol=0.05), name
+    first = Estimator.record()
+    first["true_attitude"][0] = 1.0
+    assert start(first) == 0 and advance(first, 0.0, 1e-13) == 0
+    assert float(np.abs(first["gyro"]).max()) < 0.3 and np.all(np.isfinite(first["position"]))
