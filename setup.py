@@ -16,7 +16,9 @@ from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).parent
 STAGED = ROOT / "build" / "shipped"
-"""Where `python -m cosim_master.shipped` leaves FMUs and kernels for the wheel."""
+"""Where `python -m cosim_master.shipped` leaves the FMUs for the wheel."""
+COMPILED = ROOT / "build" / "compiled"
+"""Where `python -m cosim_master.warming` leaves the machine code of the stepping loop."""
 
 
 class BuildWithSystems(build_py):
@@ -26,11 +28,15 @@ class BuildWithSystems(build_py):
         super().run()
         if self.editable_mode:
             return
-        shipped = Path(self.build_lib) / "cosim_master" / "shipped"
+        package = Path(self.build_lib) / "cosim_master"
+        shipped = package / "shipped"
         shutil.rmtree(shipped, ignore_errors=True)
         shutil.copytree(ROOT / "master" / "systems", shipped / "master" / "systems")
         if STAGED.is_dir():
             shutil.copytree(STAGED, shipped, dirs_exist_ok=True)
+        shutil.rmtree(package / "compiled", ignore_errors=True)
+        if COMPILED.is_dir():
+            shutil.copytree(COMPILED, package / "compiled")
 
 
 class WheelOfPlatform(bdist_wheel):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -10,7 +13,8 @@ from hypothesis import settings
 
 from cosim.build import build_all, models_of_package
 
-FMUS = Path(__file__).parents[1] / "fmus"
+ROOT = Path(__file__).parents[1]
+FMUS = ROOT / "fmus"
 
 
 settings.register_profile("project", deadline=None)
@@ -39,3 +43,22 @@ def fmus(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
 def fmi3_fmus(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
     """The same folder, with every model that has kernels also built as FMI 3.0: NAME.fmi3.fmu."""
     return _folder_of_all(tmp_path_factory, worker_id, 3)
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what a pure Python wheel of this tree installs."""
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
+    for path in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "cosim", "models", "master"):
+        (source / path).parent.mkdir(parents=True, exist_ok=True)
+        subprocess.run(["cp", "-r", ROOT / path, source / path], check=True)
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    subprocess.run(
+        [*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", folder, source], check=True, capture_output=True
+    )
+    (wheel,) = folder.glob("*.whl")
+    assert wheel.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "site")
+    return folder / "site"

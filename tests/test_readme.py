@@ -50,7 +50,23 @@ def test_documents_have_commands() -> None:
 @pytest.mark.usefixtures("fmus")
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_every_command_runs_as_printed(document: str, tmp_path: Path) -> None:
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    run_all(document, tmp_path, {**os.environ, "PATH": path})
+
+
+@pytest.mark.slow
+def test_every_command_of_the_readme_runs_from_an_installed_wheel(installed: Path, tmp_path: Path) -> None:
+    command = tmp_path / "bin" / "uav-cosim"
+    command.parent.mkdir()
+    command.write_text(f"#!{sys.executable}\nfrom cosim_master.cli import main\nmain()\n", encoding="utf-8")
+    command.chmod(0o755)
+    path = f"{command.parent}:{os.environ['PATH']}"
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    run_all("README.md", folder, {**os.environ, "PATH": path, "PYTHONPATH": str(installed)})
+
+
+def run_all(document: str, tmp_path: Path, environment: dict[str, str]) -> None:
     for block in blocks(document):
         if block.kind == "python":
             (tmp_path / block.name).write_text(block.text, encoding="utf-8")

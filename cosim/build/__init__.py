@@ -252,6 +252,8 @@ def _wanted(
     file = folder / (f"{model.__name__}.fmi3.fmu" if fmi == 3 else f"{model.__name__}.fmu")
     sources = sources_of(model)
     compile_it = model.kernels is not None and not interpreted
+    if compile_it and not (os.environ.get("CC") or importlib.util.find_spec("ziglang")):
+        raise ValueError("a compiled FMU needs a C compiler; try pip install 'uav-cosim[build]', or set CC")
     every = set(targets) | (set((_stamp_of(file) or {}).get("targets", ())) & set(TARGETS)) if compile_it else set()
     if checked is None:
         package = sys.modules.get(model.__module__.partition(".")[0])
@@ -278,7 +280,8 @@ def _builder_digest() -> str:
         if file.is_file():
             digest.update(file.read_bytes())
     for tool in ("numba", "llvmlite", "numpy", "pythonfmu", "ziglang"):
-        digest.update(f"{tool} {version(tool)}".encode())
+        if importlib.util.find_spec(tool) is not None:
+            digest.update(f"{tool} {version(tool)}".encode())
     return digest.hexdigest()
 
 

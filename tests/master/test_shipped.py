@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import importlib.util
+import os
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from cosim_master import shipped
+from cosim_master.cli import app
 from cosim_master.edit import swap
 from cosim_master.errors import SystemDescriptionError
 from cosim_master.ssp import read_system
 from cosim_master.system import Component
+from tests.master.test_figures import consensus_run
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,25 +76,6 @@ def test_a_shipped_system_is_not_changed_in_place(tmp_path: Path, monkeypatch: p
         swap("line5", "drone3.vehicle", "Hexarotor")
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what a pure Python wheel of this tree installs."""
-    folder = tmp_path_factory.mktemp("wheel")
-    source = folder / "source"
-    for path in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "cosim", "models", "master"):
-        (source / path).parent.mkdir(parents=True, exist_ok=True)
-        subprocess.run(["cp", "-r", ROOT / path, source / path], check=True)
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    subprocess.run(
-        [*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", folder, source], check=True, capture_output=True
-    )
-    (wheel,) = folder.glob("*.whl")
-    assert wheel.name.endswith("-py3-none-any.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder / "site")
-    return folder / "site"
-
-
 def test_the_wheel_has_these_packages_and_nothing_else(installed: Path) -> None:
     assert sorted(path.name for path in installed.iterdir() if not path.name.endswith(".dist-info")) == [
         "cosim",
@@ -113,3 +98,46 @@ def test_every_python_file_of_the_tree_is_in_the_wheel(installed: Path) -> None:
         package = ROOT / folder
         for file in package.rglob("*.py"):
             assert (installed / package.name / file.relative_to(package)).is_file(), file
+
+
+@pytest.mark.slow
+def test_an_installed_package_flies_line5_in_an_empty_folder(installed: Path, fmus: Path, tmp_path: Path) -> None:
+    """The FMUs are built when they are first needed; object code that this tree's FMUs were made of is taken again."""
+    environment = {**os.environ, "PYTHONPATH": str(installed), "COLUMNS": "200"}
+    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", "line5", "--until", "0.1"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "done: 0.1 s simulated" in done.stdout
+    assert (tmp_path / "out" / "line5" / "signals.parquet").is_file()
+    again = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    assert "building" not in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("package", "command", "extra"),
+    [("matplotlib", ["plot", "run"], "plot"), ("pymavlink", ["dialect", "own.xml", "-o", "own.py"], "build")],
+)
+def test_an_extra_that_is_missing_is_named(
+    package: str, command: list[str], extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    consensus_run(tmp_path / "run")
+    (tmp_path / "own.xml").write_text("<mavlink><messages/></mavlink>")
+    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[-1] == (
+        f"error: {package} is not installed; try pip install 'uav-cosim[{extra}]'"
+    )
+
+
+def test_a_build_without_a_compiler_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *of: None if name == "ziglang" else found(name, *of))
+    monkeypatch.delenv("CC", raising=False)
+    result = CliRunner().invoke(app, ["build", "Quadrotor", "-o", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "a compiled FMU needs a C compiler; try pip install 'uav-cosim[build]', or set CC" in result.stderr

@@ -169,6 +169,15 @@ def errors(*, as_json: bool = False) -> Iterator[None]:
         if as_json:
             print_json({"errors": [{"file": None, "line": None, "message": str(error)}]})
         raise typer.Exit(1) from None
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in _EXTRAS:
+            raise
+        raise usage(f"{package} is not installed; try pip install 'uav-cosim[{_EXTRAS[package]}]'") from None
+
+
+_EXTRAS = {"matplotlib": "plot", "pymavlink": "build"}
+"""Packages that an extra of this project installs."""
 
 
 def begin_verb() -> None:
