@@ -114,7 +114,7 @@ def answers(checked: CheckedSystem, living: Sequence[Living]) -> tuple[dict[str,
         The values, and a note for each that is not the one set.
 
     Raises:
-        FmuError: an FMU refuses to say.
+        FmuError: an FMU has failed for good (fmi2Fatal); one that refuses to say is a note.
     """
     found: dict[str, dict[str, Start]] = {}
     notes = []
@@ -127,7 +127,13 @@ def answers(checked: CheckedSystem, living: Sequence[Living]) -> tuple[dict[str,
         asked = [variables[n] for n in starts if variables[n].type != "Binary" and not variables[n].clocks]
         for kind in _kinds(asked):
             some = [v for v in asked if set_kind(v) == kind]
-            own |= {v.name: value for v, value in zip(some, one.get(some), strict=True)}
+            try:
+                own |= {v.name: value for v, value in zip(some, one.get(some), strict=True)}
+            except FmuError as error:
+                if error.status.endswith("Fatal"):
+                    raise
+                said = f"{error.function} does not say them ({error.status})"
+                notes.append(f"parameters of {instance.name}: the values that were set; {said}")
         for name, answer in own.items():
             if not _same(answer, starts[name], variables[name].fmi_type):
                 text = f"set to {starts[name]!r}, but after initialization its FMU answers {answer!r}"

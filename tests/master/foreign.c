@@ -5,7 +5,8 @@
    Integer: 0 n (output: steps done), 1 i (input), 2 j (output: i). Boolean: 0 b (input), 1 on (output: n is odd).
 
    The GUID says what becomes of parameters: "setup": they are initialized anew in fmi2SetupExperiment, as FMUs of 20-sim
-   do; "enter": in fmi2EnterInitializationMode; "deaf": p stays 5 whatever is set. */
+   do; "enter": in fmi2EnterInitializationMode; "deaf": p stays 5 whatever is set;
+   "mute": fmi2GetReal of p fails. */
 
 #include <math.h>
 #include <stdlib.h>
@@ -85,7 +86,10 @@ EXPORT int fmi2SetReal(Foreign *f, const unsigned vr[], size_t n, const double v
 }
 
 EXPORT int fmi2GetReal(Foreign *f, const unsigned vr[], size_t n, double value[]) {
-    for (size_t i = 0; i < n; i++) value[i] = f->real[vr[i]];
+    for (size_t i = 0; i < n; i++) {
+        if (vr[i] == P && !strcmp(f->habit, "mute")) return 3; /* fmi2Error */
+        value[i] = f->real[vr[i]];
+    }
     return 0;
 }
 

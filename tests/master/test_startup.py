@@ -48,6 +48,17 @@ def test_the_manifest_says_what_an_fmu_answers_that_takes_no_parameters(foreigne
     assert note in manifest["notes"] and note in result.notes
 
 
+def test_an_fmu_that_does_not_say_its_parameters_runs_with_a_note(foreigners: Any, tmp_path: Path) -> None:
+    foreigners.fmu(habit="mute")
+    system = foreigners.ssd(foreigners.component("a", step=0.5, p=69.0))
+    result = simulate(system, out=tmp_path / "out")
+    assert result.outcome == "done", result.error
+    assert list(signals(tmp_path / "out")["a.y"]) == [69.0, 69.0, 69.0]
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["instances"]["a"]["parameters"]["p"] == 69.0
+    assert "parameters of a: the values that were set; fmi2GetReal does not say them (fmi2Error)" in manifest["notes"]
+
+
 def test_fmpy_has_the_same_parameters_in_effect(foreigners: Any, tmp_path: Path) -> None:
     fmu = foreigners.fmu(habit="setup", step=0.5)
     system = foreigners.ssd(foreigners.component("a", p=-2.5))
