@@ -558,7 +558,14 @@ import os
 
 def test_closure_of_a_model(samples: SimpleNamespace) -> None:
     sources = sources_of(samples.Plant)
-    assert set(sources.files) == {"sample_models", "cosim", "cosim.kernel", "cosim.model"}
+    assert set(sources.files) == {
+        "sample_models",
+        "cosim",
+        "cosim.kernel",
+        "cosim.lowering",
+        "cosim.model",
+        "cosim.verdict",
+    }
     assert sources.packages == {"cosim"}
     assert sources.digests["cosim.kernel"] == digest(ROOT / "cosim" / "kernel.py")
     assert sources.guid("Plant") == sources_of(samples.Text).guid("Plant") != sources.guid("Text")

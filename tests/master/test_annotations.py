@@ -27,6 +27,7 @@ ELEMENTS = {
     "outage": '<network><outage node="drone1" {}/></network>',
     "recording": "<recording {}/>",
     "stepping": '<stepping stepSize="0.01" {}/>',
+    "solver": '<solver name="rk4" {}/>',
     "master": "<master {}/>",
     "verdict": "<verdict {}/>",
     "connection": '<master><connection to="drone1.agent.u" {}/></master>',
@@ -73,7 +74,8 @@ def prepared(workshop: Any, variable: Any) -> Any:
 
 def test_every_annotation_has_its_section() -> None:
     assert {
-        f"org.uav-cosim.{name}" for name in re.findall(r"^## (network|recording|stepping|master|verdict)$", TEXT, re.M)
+        f"org.uav-cosim.{name}"
+        for name in re.findall(r"^## (network|recording|stepping|solver|master|verdict)$", TEXT, re.M)
     } == {*ANNOTATION_TYPES}
     assert set(re.findall(r"`(org\.uav-cosim\.\w+)`", TEXT)) == set(ANNOTATION_TYPES)
     assert tables().keys() == ELEMENTS.keys()
@@ -108,7 +110,7 @@ def test_examples_are_valid(prepared: Any) -> None:
     examples = [
         content.strip() for content in re.findall(r"```xml\n(.*?)```", TEXT, re.S) if not content.startswith("<ssd:")
     ]
-    assert len(examples) == 5
+    assert len(examples) == 6
     for content in examples:
         prepared(content)
     (inside,) = re.findall(r"<ssc:Annotation .*?>\n(.*?)</ssc:Annotation>", TEXT, re.S)

@@ -121,7 +121,7 @@ def test_json_of_systems(call: Any, system: Path, probes: Any) -> None:
         "base_step": 0.5,
         "initialized": True,
         "loops": [],
-        "notes": [],
+        "notes": ["probe.fmu: it steps by 0.5 s, which the FMU proposes (DefaultExperiment); --step gives another"],
         "errors": [],
     }
     assert call("explain", "explain", "s.ssd", "b.mode")["explanation"] == [
