@@ -114,6 +114,9 @@ class Scripted:
     def address(self, function: str) -> int:
         return ctypes.cast(self._functions[function], ctypes.c_void_p).value or 0
 
+    def step_address(self) -> int:
+        return self.address("fmi2DoStep")
+
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
         words = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal")
         return FmuError(self.name, function, detail or words[status], self.time, self.lines)

@@ -220,12 +220,12 @@ def described_once() -> Any:
     original: Callable[..., FmuDescription] = checking.describe
     known: dict[Any, FmuDescription] = {}
 
-    def describe(path: Path, sizes: Mapping[str, int] | None = None) -> FmuDescription:
+    def describe(path: Path, sizes: Mapping[str, int] | None = None, implementation: str = "any") -> FmuDescription:
         if not path.is_file():
-            return original(path, sizes)
-        key = path.resolve(), path.stat().st_size, tuple(sorted((sizes or {}).items()))
+            return original(path, sizes, implementation)
+        key = path.resolve(), path.stat().st_size, tuple(sorted((sizes or {}).items())), implementation
         if key not in known:
-            known[key] = original(path, sizes)
+            known[key] = original(path, sizes, implementation)
         return known[key]
 
     checking.describe = describe  # type: ignore[assignment]

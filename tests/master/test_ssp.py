@@ -246,7 +246,6 @@ WRONG = [
     ('name="part" source="part.fmu"', 'name="part"', '<Component> needs the attribute "source"'),
     ('source="part.fmu" type="application/x-fmu-sharedlibrary"', 'source="gone.fmu"', 'does not exist: no file "'),
     ('type="application/x-fmu-sharedlibrary"', 'type="text/x-modelica"', '(Modelica) is not supported; valid: "app'),
-    ('implementation="CoSimulation"', 'implementation="ModelExchange"', 'implementation="ModelExchange" is not supp'),
     ('implementation="CoSimulation"', 'implementation="Cosimulation"', '"implementation" of <Component> is "Cosim'),
     ('source="part.fmu"', 'source="part.fmu" path="x"', '<Component> has no attribute "path"'),
     ('source="part.fmu"', 'source=""', "is empty"),
