@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.build import build, models_of_package
+from cosim.build import build, build_all, models_of_package
 from cosim_master.fmu import describe
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 
@@ -42,6 +42,24 @@ def test_interpreted_and_compiled_agree(compiled: Flight, interpreted_fmus: Path
     assert len(apart) > 200
     assert max(apart.values()) < 1e-9, sorted(apart.items(), key=lambda item: -item[1])[:5]
     assert sum(flight.result.packets.values()) > 0
+
+
+@pytest.fixture(scope="module")
+def checked_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("checked") / "fmus"
+    models = [model for model in models_of_package("cosim_models") if model.kernels is not None]
+    assert len(list(build_all(models, folder, checked=True))) == 5
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", ["line5", "line5-estimated", "line5-hexa"])
+def test_checks_find_nothing_and_change_no_bit(system: str, fmus: Path, checked_fmus: Path, tmp_path: Path) -> None:
+    """No index of the shipped models lies outside its array in these flights."""
+    plain = fly(SYSTEMS / system, tmp_path / "plain", until=60.0)
+    flight = fly(copy_of(system, tmp_path, checked_fmus), tmp_path / "out", until=60.0)
+    assert set(worst(flight, plain).values()) == {0.0}
+    assert dict(flight.result.packets) == dict(plain.result.packets)
 
 
 @pytest.mark.slow
