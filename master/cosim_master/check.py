@@ -21,7 +21,7 @@ from cosim_master.document import line_of, near
 from cosim_master.errors import Finding, FmuError, Problem, SystemDescriptionError, Where
 from cosim_master.fmu import FmuDescription, Start, Variable, describe
 from cosim_master.initialization import Stage, exchange_order
-from cosim_master.limitations import ANNOTATION, CLOCK_END, LOCAL, ONLY_ONCE, SILENT_CLOCK, UNIT_GAP, WIDE_ITEM
+from cosim_master.limitations import ANNOTATION, LOCAL, ONLY_ONCE, SILENT_CLOCK, UNIT_GAP, WIDE_ITEM
 from cosim_master.omsimulator import OMSIMULATOR
 from cosim_master.omsimulator import settings as settings_of_omsimulator
 from cosim_master.parts import Part, assemble, measure
@@ -438,9 +438,6 @@ class _Check:
                 if port not in wiring.incoming or port.variable is None:
                     continue
                 connection = wiring.incoming[port][0]
-                if port.variable.clock is not None and port.variable.clock.kind != "triggered":
-                    text = CLOCK_END.text(port, port.variable.clock.kind)
-                    self.problems.append(Problem(connection.where, text))
                 key = (port.variable.type, port.variable.value_reference, port.variable.element)
                 if key in written:
                     text = f'"{port}" and "{written[key]}" are the same variable of the FMU, and both are written'

@@ -118,6 +118,7 @@ class Events:
         number = {one.name: i for i, one in enumerate(living)}
         self._links: dict[int, list[tuple[int, Link]]] = {i: [] for i in self.numbers}
         self._ticks: dict[tuple[int, str], list[tuple[int, Variable]]] = {}
+        self._fired: dict[int, list[tuple[int, list[str]]]] = {}
         self.kept: dict[tuple[int, str], Any] = {}
         for link in checked.links:
             source, target = number[link.source[0]], number[link.target[0]]
@@ -127,6 +128,9 @@ class Events:
                 self._ticks.setdefault((source, variable.name), []).append((target, end))
             elif target in self._links and not link.initial_only:
                 self._links[target].append((source, link))
+                of = living[source].fmu.variables
+                if own := [name for name in variable.clocks if of[name].causality == "output"]:
+                    self._fired.setdefault(target, []).append((source, own))
             if variable.clocks:
                 self.keep(source, variable)
 
@@ -268,6 +272,13 @@ class Events:
         for clock in clocks:
             if i in self._schedules and clock.clock is not None and clock.clock.kind != "triggered":
                 self._schedules[i].ticked(clock)
+                self._drive(i, clock.name, at)
+
+    def _drive(self, i: int, clock: str, at: _Instant) -> None:
+        """Set the Clocks that are connected to one that ticks."""
+        for target, end in self._ticks.get((i, clock), ()):
+            if end.name not in at.ticking.get(target, ()):
+                self._activate(target, [end], at)
 
     def _spread(self, at: _Instant) -> None:
         """Pass on Clocks and values until nothing new comes of it."""
@@ -276,9 +287,9 @@ class Events:
             self._forget_clocked(*given)
         for _ in range(_MOST_ITERATIONS):
             moved = False
-            for i in sorted(at.again):
-                moved |= self._pass_on(i, at)
-            for i in list(at.active):
+            while any([self._pass_on(i, at) for i in sorted(at.again)]):
+                moved = True
+            for i in sorted(at.active, key=lambda i: not self._gets_fired(i, at)):
                 if (set_now := self._exchange(i, at)) is not None:
                     moved = True
                     if set_now:
@@ -298,6 +309,14 @@ class Events:
             if not at.ticking.get(i, set()).isdisjoint(variable.clocks):
                 (self.kept[i, name],) = self._one(i).get([variable])
 
+    def _gets_fired(self, i: int, at: _Instant) -> bool:
+        """Whether an input of an instance gets a value that belongs to an output Clock which ticks now.
+
+        Such a value is there already, where one that belongs to an input Clock may only now be computed: of some FMUs
+        (buses of FMI-LS-BUS) no input can be set in an instant in which an output has been got.
+        """
+        return any(not at.ticking.get(source, set()).isdisjoint(clocks) for source, clocks in self._fired.get(i, ()))
+
     def _pass_on(self, i: int, at: _Instant) -> bool:
         """Output Clocks of an instance that have begun to tick, to all that are connected to them."""
         ticking = at.ticking.get(i, set())
@@ -314,9 +333,7 @@ class Events:
                 continue
             moved = True
             at.ticking.setdefault(i, set()).add(clock.name)
-            for target, end in self._ticks.get((i, clock.name), ()):
-                if end.name not in at.ticking.get(target, ()):
-                    self._activate(target, [end], at)
+            self._drive(i, clock.name, at)
         return moved
 
     def _update(self, at: _Instant) -> None:

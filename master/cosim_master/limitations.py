@@ -236,9 +236,9 @@ PENDING = Limitation(
 
 CLOCK_END = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "connections to Clocks that tick by themselves",
+    "connections to Clocks that tick by themselves; those from them to triggered ones are made",
     "error",
-    "{} is a {} Clock, which ticks by itself; only triggered ones can be connected",
+    "{} is a {} Clock, which ticks by itself: it can drive a triggered input Clock, but {} is none",
 )
 SILENT_CLOCK = Limitation(
     "FMI 3.0.2, 2.4.7",

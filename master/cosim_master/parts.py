@@ -34,6 +34,7 @@ class Port:
     Attributes:
         variable: the FMU's variable, for a connector of an FMU.
         entry: the signal it stands for, for a connector of a reference to a signal dictionary.
+        interval_variability: of a Clock, None where nobody says it.
     """
 
     part: Part
@@ -46,6 +47,12 @@ class Port:
     variable: Variable | None = None
     mime_type: str | None = None
     entry: Port | None = None
+    interval_variability: str | None = None
+
+    @property
+    def ticks(self) -> bool:
+        """Whether it is a Clock that ticks by itself: an input of its FMU that drives others (SSP 2.0, 5.3.2.1)."""
+        return self.interval_variability not in (None, "triggered")
 
     def __str__(self) -> str:
         owner = self.part.element.name
@@ -297,6 +304,7 @@ class _Assembly:
             unit=_said(inner.unit, outer.unit if outer is not None else None),
             items=inner.items or (outer.items if outer is not None else None),
             mime_type=inner.mime_type or (outer.mime_type if outer is not None else None),
+            interval_variability=inner.interval_variability or (outer.interval_variability if outer else None),
         )
         if outer is not None and outer.dimensions:
             said = zip(inner.dimensions, outer.dimensions, strict=False)
@@ -346,6 +354,7 @@ class _Assembly:
             items=variable.items or connector.items,
             variable=variable,
             mime_type=connector.mime_type or variable.mime_type,
+            interval_variability=variable.clock.kind if variable.clock is not None else None,
         )
 
     def _fmu_array(self, part: Part, connector: Connector, fmu: FmuDescription) -> None:

@@ -7,6 +7,7 @@ Compiling executes nothing of the FMU; running it does.
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -22,6 +23,14 @@ __all__ = ["compiled"]
 _UNPREFIXED = ("FMI2_OVERRIDE_FUNCTION_PREFIX", "FMI3_OVERRIDE_FUNCTION_PREFIX", "DISABLE_PREFIX")
 """Functions are called by their names alone, as in a binary."""
 _LOG_LINES = 40
+_MICROSOFT = {
+    "_strdup": "strdup",
+    "_stricmp": "strcasecmp",
+    "_strnicmp": "strncasecmp",
+    "_snprintf": "snprintf",
+    "_vsnprintf": "vsnprintf",
+}
+"""Functions that Microsoft's C library alone calls so, and what others call them: sources are often written there."""
 
 
 def compiled(fmu: FmuDescription, folder: Path) -> Path:
@@ -47,6 +56,10 @@ def compiled(fmu: FmuDescription, folder: Path) -> Path:
     places = [f"-I{sources}", f"-I{headers}"]
     command = [*tool, *common, *build.flags, "-shared", *places, *files, *build.libraries, "-lm", "-o", str(fresh)]
     done = subprocess.run(command, cwd=sources, capture_output=True, text=True)
+    unknown = {*re.findall(r"undeclared (?:library )?function '(\w+)'", done.stderr)} & {*_MICROSOFT}
+    if done.returncode and unknown:
+        command += [f"-D{name}={_MICROSOFT[name]}" for name in sorted(unknown)]
+        done = subprocess.run(command, cwd=sources, capture_output=True, text=True)
     if done.returncode:
         fresh.unlink(missing_ok=True)
         lines = done.stderr.strip().splitlines()[:_LOG_LINES]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from cosim_master.document import near
 from cosim_master.errors import Finding, Problem, Where
-from cosim_master.limitations import DIRECTION, NARROWING
+from cosim_master.limitations import CLOCK_END, DIRECTION, NARROWING
 from cosim_master.parts import Part, Port, element_name, indices_of
 from cosim_master.system import (
     Connection,
@@ -152,6 +152,7 @@ class Wiring:
         ports = (start, end)
         owners = ["system" if port.part is part else "element" for port in ports]
         kinds = [_KINDS if port.kind == "unspecified" else (port.kind,) for port in ports]
+        kinds = [("output",) if port.ticks else kind for port, kind in zip(ports, kinds, strict=True)]
 
         def allowed(source: int, target: int) -> bool:
             return any(
@@ -162,7 +163,12 @@ class Wiring:
 
         forward, backward = allowed(0, 1), allowed(1, 0)
         if forward != backward:
+            self._same_variability(connection, start, end)
             return (start, end) if forward else (end, start)
+        for port, other in (ports, ports[::-1]):
+            if port.ticks and other.type in ("Clock", None):
+                self._problem(connection.where, CLOCK_END.text(port, port.interval_variability, other))
+                return None
         shown = [
             f"{port.kind} {port} of {'the system' if owner == 'system' else 'an element'}"
             for port, owner in zip(ports, owners, strict=True)
@@ -179,6 +185,14 @@ class Wiring:
         text = f"{shown[0]} and {shown[1]} cannot be connected; valid: {', '.join(valid)}"
         self._problem(connection.where, text)
         return None
+
+    def _same_variability(self, connection: Connection, start: Port, end: Port) -> None:
+        """A Clock of an element and one of the system must tick alike (SSP 2.0, 5.3.2.1)."""
+        kinds = start.interval_variability, end.interval_variability
+        of_system = connection.start_element is None or connection.end_element is None
+        if of_system and None not in kinds and kinds[0] != kinds[1]:
+            text = f"{start} is a {kinds[0]} Clock and {end} a {kinds[1]} one; both must have one intervalVariability"
+            self._problem(connection.where, text)
 
     def _flow(self, connection: Connection, source: Port, target: Port) -> None:
         if target in self.incoming and connection.summed and self.incoming[target][0].summed:
@@ -242,7 +256,7 @@ class Wiring:
             port = found[1]
         route = self._routes.get(port)
         if route is None:
-            source = port if port.variable is not None and port.kind in SENDING else None
+            source = port if port.variable is not None and (port.kind in SENDING or port.ticks) else None
             route = Route(source, 1.0, 0.0, port.unit, port.type, port.items, {}, port.mime_type)
             self._routes[port] = route
         for target in reversed(chain):

@@ -6,7 +6,8 @@
    constant (`delay` 0: at the same time). `ticks_...` count ticks and belong to their Clocks, `all` counts all of them and
    belongs to none. `u` and `y` = u + 1 belong to constant, go and fire; `v` to none, and belongs to nothing `w` = v + 1.
    `rule`: fire ticks 1 with constant, 2 with go, 3 at every event that is signalled at the end of a step that begins at `when` or
-   later, 4 at the start, once. `early`: such a step ends in its middle, if it may. `text` and `bytes` belong to go and hold what
+   later, 4 at the start, once. 5, a relay: go begins countdown; `bytes_in` belongs to go, `bytes_out` to countdown, and once it has
+   been got, neither Clock nor input may be set in this instant. 6: as 1, and `bytes_out` is one byte, how often fire has ticked. `early`: such a step ends in its middle, if it may. `text` and `bytes` belong to go and hold what
    was given before.
    What is not allowed is written to the file that STRICT3_LOG names, ticks and steps to that of STRICT3_CALLS. */
 
@@ -22,12 +23,12 @@ enum { U = 20, Y, V, W, ALL, TEXT_IN, TEXT_OUT, BYTES_IN, BYTES_OUT, PERIOD = 40
 typedef struct {
     INSTANCE;
     int uses, rule, all, updates, early, fired;
-    bool event_mode, may_return, more, signalled, active[CLOCKS], asked[CLOCKS], ticked[CLOCKS], told[CLOCKS];
+    bool event_mode, may_return, more, signalled, given, active[CLOCKS], asked[CLOCKS], ticked[CLOCKS], told[CLOCKS];
     int qualifier[CLOCKS], count[CLOCKS], since[CLOCKS];
     double stop, period, shift, delay, when, u, v, w, first[CLOCKS], interval[CLOCKS], next[CLOCKS];
     char text[64];
-    unsigned char bytes[64];
-    size_t size;
+    unsigned char bytes[64], relayed[64];
+    size_t size, relayed_size;
 } Clocked;
 
 static bool used(const Clocked *s, int clock) { return s->uses >> clock & 1; }
@@ -110,6 +111,12 @@ EXPORT int fmi3UpdateDiscreteStates(Clocked *s, bool *again, bool *terminate, bo
     s->updates++;
     if (s->active[FIRE] && !s->ticked[FIRE]) complain(s, "fire ticks, and nobody has asked");
     if (s->active[CONSTANT] && used(s, COUNTDOWN)) s->qualifier[COUNTDOWN] = CHANGED, s->next[COUNTDOWN] = s->time + s->delay;
+    if (s->active[GO] && s->rule == 5) {
+        s->qualifier[COUNTDOWN] = CHANGED, s->next[COUNTDOWN] = s->time + s->delay;
+        memcpy(s->relayed, s->bytes, s->size);
+        s->relayed_size = s->size;
+    }
+    s->given = false;
     for (int i = 0; i < CLOCKS; i++) s->active[i] = false;
     s->asked[COUNTDOWN] = s->asked[CHANGING] = false;
     s->w = s->v + 1;
@@ -142,6 +149,7 @@ EXPORT int fmi3SetClock(Clocked *s, const uint32_t vr[], size_t n, const bool va
         int i = (int)vr[k] - 1;
         if (i < 0 || i >= FIRE || !used(s, i)) return complain(s, "fmi3SetClock of %d", (int)vr[k]);
         if (!value[k]) return complain(s, "%s cannot be deactivated", NAME[i]);
+        if (s->given) return complain(s, "%s was set behind an output", NAME[i]);
         if (s->active[i]) return complain(s, "%s ticks already", NAME[i]);
         if (i < GO && !same(s->time, s->next[i])) return complain(s, "%s ticks at %.9g, not now", NAME[i], s->next[i]);
         if (periodic(i) && s->ticked[i]) return complain(s, "%s has ticked in this Event Mode", NAME[i]);
@@ -151,7 +159,7 @@ EXPORT int fmi3SetClock(Clocked *s, const uint32_t vr[], size_t n, const bool va
         if (periodic(i)) s->next[i] = s->first[i] + s->since[i] * s->interval[i];
         if (i == CHANGING) s->qualifier[i] = CHANGED, s->next[i] = s->time + (1 + s->count[i]) * s->delay;
         if (i == COUNTDOWN) s->qualifier[i] = NOT_YET_KNOWN, s->next[i] = INFINITY;
-        if ((s->rule == 1 && i == CONSTANT) || (s->rule == 2 && i == GO)) s->active[FIRE] = true;
+        if (((s->rule == 1 || s->rule == 6) && i == CONSTANT) || (s->rule == 2 && i == GO)) s->active[FIRE] = true;
     }
     return OK;
 }
@@ -297,13 +305,21 @@ EXPORT int fmi3SetString(Clocked *s, const uint32_t vr[], size_t n, const char *
 }
 EXPORT int fmi3GetBinary(Clocked *s, const uint32_t vr[], size_t n, size_t size[], const unsigned char *value[], size_t n_values) {
     ALLOWED(s, "fmi3GetBinary", GETTABLE);
-    if (n != 1 || n_values != 1 || vr[0] != BYTES_OUT || !open(s)) return complain(s, "fmi3GetBinary");
+    bool may = s->rule == 5 ? s->state == INITIALIZATION || s->active[COUNTDOWN] : open(s);
+    if (n != 1 || n_values != 1 || vr[0] != BYTES_OUT || !may) return complain(s, "fmi3GetBinary");
+    if (s->rule == 5) {
+        s->given = s->state == EVENT;
+        value[0] = s->relayed, size[0] = s->relayed_size;
+        return OK;
+    }
+    if (s->rule == 6) s->bytes[0] = (unsigned char)s->count[FIRE], s->size = 1;
     value[0] = s->bytes, size[0] = s->size;
     return OK;
 }
 EXPORT int fmi3SetBinary(Clocked *s, const uint32_t vr[], size_t n, const size_t size[], const unsigned char *const value[], size_t n_values) {
     ALLOWED(s, "fmi3SetBinary", SETTABLE);
     if (n != 1 || n_values != 1 || vr[0] != BYTES_IN || size[0] > sizeof s->bytes || (s->state > INITIALIZATION && !open(s))) return complain(s, "fmi3SetBinary");
+    if (s->given) return complain(s, "bytes_in was set behind an output");
     memcpy(s->bytes, value[0], size[0]);
     s->size = size[0];
     return OK;

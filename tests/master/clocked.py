@@ -31,12 +31,14 @@ def description(
     shift: float = 0.0,
     step: float = 0.5,
     flags: str = f'{ABLE} hasEventMode="true"',
+    relay: bool = False,
     **attributes: str,
 ) -> str:
     """modelDescription.xml of an FMU with some of the Clocks.
 
     Args:
         clocks: which.
+        relay: bytes_out belongs to countdown; for its rule 5.
         attributes: of each Clock that needs others than `period` and `shift` make it.
     """
     mask = sum(1 << NUMBER[clock] for clock in clocks)
@@ -57,6 +59,7 @@ def description(
         unknowns.append(1 + NUMBER["fire"])
     belongs = " ".join(str(1 + NUMBER[clock]) for clock in ("constant", "go", "fire") if clock in clocks)
     of = f'clocks="{belongs}"' if belongs else ""
+    of_out = f'clocks="{1 + NUMBER["countdown"]}"' if relay else of
     made.append(
         f'<Float64 name="u" valueReference="20" causality="input" variability="discrete" start="0" {of}/>'
         f'<Float64 name="y" valueReference="21" causality="output" variability="discrete" {of}/>'
@@ -66,7 +69,7 @@ def description(
         f'<String name="text_in" valueReference="25" causality="input" {of}><Start value=""/></String>'
         f'<String name="text_out" valueReference="26" causality="output" {of}/>'
         f'<Binary name="bytes_in" valueReference="27" causality="input" maxSize="64" {of}><Start value=""/></Binary>'
-        f'<Binary name="bytes_out" valueReference="28" causality="output" maxSize="64" {of}/>'
+        f'<Binary name="bytes_out" valueReference="28" causality="output" maxSize="64" {of_out}/>'
         f'<Float64 name="period" valueReference="40" causality="parameter" variability="tunable" start="{period}"/>'
         f'<Float64 name="shift" valueReference="41" causality="parameter" variability="fixed" start="{shift}"/>'
         '<Float64 name="delay" valueReference="42" causality="parameter" variability="fixed" start="0.25"/>'

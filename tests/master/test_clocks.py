@@ -267,11 +267,78 @@ def test_instances_tied_by_clocks_need_one_step_size(stricts3: Any) -> None:
     assert "connected by Clocks must have one step size, but step a by 0.5 s, b by 0.25 s" in error
 
 
-def test_only_triggered_clocks_can_be_connected(stricts3: Any) -> None:
+def test_a_clock_that_ticks_by_itself_makes_others_tick(stricts3: Any, tmp_path: Path) -> None:
+    """An input Clock that is not triggered is the source of a connection (SSP 2.0, 5.3.2.1), and values go along."""
+    clocked(stricts3, "a.fmu", "constant", period=0.25)
+    clocked(stricts3, "b.fmu", "go")
+    parts = stricts3.component("a", "a.fmu", ports="constant:input y:output", u=10.0)
+    parts += "".join(stricts3.component(name, "b.fmu", ports="go:input u:input") for name in "bc")
+    wires = ("a/constant b/go", "a/y b/u", "a/constant c/go", "a/y c/u")
+    ran(stricts3, stricts3.ssd(parts, *wires, stop=1.0), out=tmp_path / "out")
+    assert ticks(stricts3, "go") == [f"{i}: go {t}" for t in ("0", "0.25", "0.5", "0.75", "1") for i in "bc"]
+    got = signals(tmp_path / "out")
+    assert got["b.ticks_go"] == got["c.ticks_go"] == got["a.ticks_constant"] == [1, 3, 5]
+    assert got["b.y"] == [12.0] * 3
+
+
+@pytest.mark.parametrize("delay", [0.125, 0.25])
+def test_a_relay_between_two_nodes(stricts3: Any, tmp_path: Path, delay: float) -> None:
+    """As a bus of FMI-LS-BUS: bytes come in with a triggered Clock and go out when a countdown ticks, to another one.
+
+    With a delay of 0.25 s it takes the next bytes in the instant in which it gives the last ones; all inputs are set
+    before any of its outputs is got.
+    """
+    clocked(stricts3, "a.fmu", "constant", "fire", period=0.25)
+    clocked(stricts3, "r.fmu", "go", "countdown", relay=True)
+    clocked(stricts3, "b.fmu", "go")
+    parts = stricts3.component("b", "b.fmu", ports="go:input bytes_in:input bytes_out:output")
+    parts += stricts3.component(
+        "r", "r.fmu", ports="go:input countdown:input bytes_in:input bytes_out:output", rule=5, delay=delay
+    )
+    # The sender comes behind the others in every order of names.
+    parts += stricts3.component("z", "a.fmu", ports="fire:output bytes_out:output", rule=6)
+    wires = ("z/fire r/go", "z/bytes_out r/bytes_in", "r/countdown b/go", "r/bytes_out b/bytes_in")
+    ran(stricts3, stricts3.ssd(parts, *wires, stop=2.0), out=tmp_path / "out")
+    times = [n * 0.25 + delay for n in range(8) if n * 0.25 + delay <= 2.0]
+    assert [line for line in ticks(stricts3) if line.startswith("b:")] == [f"b: go {t:.9g}" for t in times]
+    got = signals(tmp_path / "out")
+    assert got["z.bytes_out"] == ["01", "03", "05", "07", "09"]
+    assert got["b.bytes_out"] == ["", "02", "04", "06", "08"]
+
+
+def test_clocks_of_a_system_and_of_what_is_in_it(stricts3: Any, tmp_path: Path) -> None:
+    """A Clock that ticks by itself leaves its system, and must be of the same kind there (SSP 2.0, 5.3.2.1)."""
+    clocked(stricts3, "a.fmu", "constant", period=0.5)
+    clocked(stricts3, "b.fmu", "go")
+    inner = stricts3.component("a", "a.fmu", ports="constant:input")
+    text = (
+        '<ssd:System name="inside"><ssd:Connectors><ssd:Connector name="tick" kind="{}">'
+        '<ssc:Clock intervalVariability="{}"/></ssd:Connector></ssd:Connectors>'
+        f"<ssd:Elements>{inner}</ssd:Elements>"
+        '<ssd:Connections><ssd:Connection startElement="a" startConnector="constant" endConnector="tick"/>'
+        "</ssd:Connections></ssd:System>"
+    )
+
+    def system(kind: str, variability: str) -> Path:
+        parts = text.format(kind, variability) + stricts3.component("b", "b.fmu", ports="go:input")
+        file: Path = stricts3.ssd(parts, "inside/tick b/go", stop=1.0)
+        file.write_text(file.read_text().replace('version="1.0" name="test"', 'version="2.0" name="test"'))
+        return file
+
+    ran(stricts3, system("output", "constant"), out=tmp_path / "out")
+    assert signals(tmp_path / "out")["inside.a.ticks_constant"] == signals(tmp_path / "out")["b.ticks_go"] == [1, 2, 3]
+    error = refused(system("output", "countdown"))
+    assert "a.constant is a constant Clock and inside.tick a countdown one; both must have one intervalVariability" in error
+
+
+def test_only_triggered_clocks_can_be_driven(stricts3: Any) -> None:
     clocked(stricts3, "a.fmu", "constant", "fire")
     parts = "".join(stricts3.component(name, "a.fmu", ports="fire:output constant:input") for name in "ab")
     error = refused(stricts3.ssd(parts, "a/fire b/constant"))
-    assert "b.constant is a constant Clock, which ticks by itself; only triggered ones can be connected" in error
+    text = "b.constant is a constant Clock, which ticks by itself: it can drive a triggered input Clock, but a.fire is"
+    assert f"{text} none" in error
+    error = refused(stricts3.ssd(parts, "a/constant b/constant"))
+    assert "a.constant is a constant Clock, which ticks by itself: it can drive a triggered input Clock" in error
 
 
 def test_a_clock_goes_to_a_clock_only(stricts3: Any) -> None:
