@@ -328,7 +328,10 @@ def test_clocks_of_a_system_and_of_what_is_in_it(stricts3: Any, tmp_path: Path) 
     ran(stricts3, system("output", "constant"), out=tmp_path / "out")
     assert signals(tmp_path / "out")["inside.a.ticks_constant"] == signals(tmp_path / "out")["b.ticks_go"] == [1, 2, 3]
     error = refused(system("output", "countdown"))
-    assert "a.constant is a constant Clock and inside.tick a countdown one; both must have one intervalVariability" in error
+    assert (
+        "a.constant is a constant Clock and inside.tick a countdown one; both must have one intervalVariability"
+        in error
+    )
 
 
 def test_only_triggered_clocks_can_be_driven(stricts3: Any) -> None:

@@ -61,7 +61,7 @@ def test_what_the_compiler_says(dynamics: Any, tmp_path: Path) -> None:
 
 def test_names_of_microsofts_c_library(dynamics: Any, tmp_path: Path) -> None:
     """Sources written there call strdup _strdup; what nobody has stays an error."""
-    calls = "#include <string.h>\nint more(void) { return _strdup(\"\") != 0 && _stricmp(\"a\", \"A\") == 0; }\n"
+    calls = '#include <string.h>\nint more(void) { return _strdup("") != 0 && _stricmp("a", "A") == 0; }\n'
     file = build(dynamics, 3, f"/* {tmp_path} */\n{SOURCE.read_text()}\n{calls}")
     result = simulate(file, out=tmp_path / "out")
     assert result.outcome == "done", result.error
