@@ -287,7 +287,7 @@ class Events:
             self._forget_clocked(*given)
         for _ in range(_MOST_ITERATIONS):
             moved = False
-            while any([self._pass_on(i, at) for i in sorted(at.again)]):
+            while sum(self._pass_on(i, at) for i in sorted(at.again)):
                 moved = True
             for i in sorted(at.active, key=lambda i: not self._gets_fired(i, at)):
                 if (set_now := self._exchange(i, at)) is not None:
