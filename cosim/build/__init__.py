@@ -122,7 +122,7 @@ def build(
         ValueError: the declaration is wrong, a target or the FMI version is unknown, or an FMI 3 FMU was to be
             interpreted: pythonfmu packs FMI 2 only.
         CannotCompile: the kernels cannot be compiled, or an FMI 3 FMU was asked for and the model has none.
-        RuntimeError: the C compiler failed.
+        RuntimeError: the C compiler failed, or pythonfmu brings no binaries.
     """
     file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi, checked)
     if (built := _up_to_date(file, stamp)) is not None:
@@ -172,7 +172,7 @@ def build_all(
         # Not forked: numba and LLVM have threads and locks.
         ProcessPoolExecutor(workers, get_context("spawn"), _work_in, (scratch,)) as processes,
     ):
-        with _interrupts_held():  # Ctrl-C is for this process; it ends the others
+        with _interrupts_held(), _path_without_fmus():  # Ctrl-C is for this process; it ends the others
             building = {model: processes.submit(build, model, folder, **how) for model in stale}
         _follow(building, workers, tell)
         try:
@@ -189,6 +189,21 @@ def build_all(
             raise
         finally:
             processes.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _path_without_fmus() -> Iterator[None]:
+    """Processes that are started meanwhile import nothing from FMUs that this process has loaded.
+
+    pythonfmu's wrapper puts the resources of each Python FMU first on the path, and leaves them there: the FMU's copies
+    of pythonfmu (which has no binaries) and of modules of this project would be found before the installed ones.
+    """
+    before = list(sys.path)
+    sys.path[:] = [entry for entry in before if not (Path(entry) / "slavemodule.txt").is_file()]
+    try:
+        yield
+    finally:
+        sys.path[:] = before
 
 
 def _source_size(model: type[Model]) -> int:

@@ -7,6 +7,7 @@ from this FMU alone: two FMUs of different versions of a module run side by side
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import shutil
@@ -71,7 +72,11 @@ class {model}(_Model):
 
 
 def build_interpreted(model: type[Model], sources: Sources, stamp: Mapping[str, object], file: Path) -> None:
-    """Writes the FMU `file`."""
+    """Writes the FMU `file`.
+
+    Raises:
+        RuntimeError: pythonfmu has put no binary into it.
+    """
     guid = sources.guid(model.__name__)
     entry = f"cosim_fmu_{model.__name__.lower()}_{guid[:8]}"
     with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
@@ -94,7 +99,17 @@ def build_interpreted(model: type[Model], sources: Sources, stamp: Mapping[str, 
             for name in set(sys.modules) - loaded:
                 if name == entry:
                     del sys.modules[name]
+        _refuse_without_binary(model.__name__, Path(written))
         _normalise(Path(written), file)
+
+
+def _refuse_without_binary(model: str, built: Path) -> None:
+    with zipfile.ZipFile(built) as archive:
+        if any(name.startswith("binaries/") for name in archive.namelist()):
+            return
+    found = Path(inspect.getfile(FmuBuilder)).parent
+    text = f"{model}: the pythonfmu in {found} has no binaries: an FMU that this process has loaded brought it along; "
+    raise RuntimeError(f"{text}import cosim.build before that, or build in another process")
 
 
 def _copy_sources(sources: Sources, folder: Path) -> list[Path]:

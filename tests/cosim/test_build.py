@@ -18,6 +18,7 @@ from typing import Any
 
 import fmpy
 import pytest
+import pythonfmu
 from fmpy.fmi1 import FMICallException, printLogMessage
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.validation import validate_fmu
@@ -245,6 +246,42 @@ def test_several_are_built_at_a_time_and_come_in_their_order(tmp_path: Path) -> 
     assert [one.fresh for one in build_all(chosen, tmp_path, interpreted=True)] == [True, False, True]
     with pytest.raises(ValueError, match="target vax: there are "):
         list(build_all(chosen, tmp_path / "other", targets=["vax"]))
+
+
+@pytest.fixture
+def resources_of_an_fmu(tmp_path: Path) -> Iterator[Path]:
+    """First on the path, as pythonfmu's wrapper leaves them there: an FMU's own pythonfmu, and a cosim of its own."""
+    folder = tmp_path / "resources"
+    folder.mkdir()
+    shutil.copytree(Path(pythonfmu.__file__).parent, folder / "pythonfmu", ignore=shutil.ignore_patterns("resources"))
+    (folder / "cosim.py").write_text("raise ImportError('of an FMU')\n")
+    (folder / "slavemodule.txt").write_text("slave")
+    sys.path.insert(0, str(folder))
+    yield folder
+    sys.path.remove(str(folder))
+
+
+def test_processes_that_build_import_nothing_from_loaded_fmus(resources_of_an_fmu: Path, tmp_path: Path) -> None:
+    chosen = [m for m in models_of_package("cosim_models") if m.__name__ in ("Hexarotor", "Quadrotor")]
+    for built in build_all(chosen, tmp_path, interpreted=True):
+        with zipfile.ZipFile(built.file) as archive:
+            assert f"binaries/linux64/{built.file.stem}.so" in archive.namelist()
+    assert sys.path[0] == str(resources_of_an_fmu)
+
+
+def test_an_interpreted_fmu_without_a_binary_is_an_error(resources_of_an_fmu: Path, tmp_path: Path) -> None:
+    """The process has imported pythonfmu from an FMU."""
+    code = (
+        f"import sys; sys.path.insert(0, {str(resources_of_an_fmu)!r}); import pythonfmu; del sys.path[0]\n"
+        "from pathlib import Path\nfrom cosim.build import build, load_models\n"
+        f"build(load_models('cosim_models.hexarotor')[0], Path({str(tmp_path / 'fmus')!r}), interpreted=True)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.splitlines()[-1] == (
+        f"RuntimeError: Hexarotor: the pythonfmu in {resources_of_an_fmu / 'pythonfmu'} has no binaries: an FMU that this "
+        "process has loaded brought it along; import cosim.build before that, or build in another process"
+    )
+    assert not list((tmp_path / "fmus").glob("*.fmu"))
 
 
 def test_only_what_changed_is_built(samples: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

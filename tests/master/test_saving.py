@@ -285,8 +285,11 @@ def test_elsewhere(folder: Path, workshop: Any, tmp_path: Path) -> None:
         (lambda s: replace(s, connections=(Connection("a", "yy", "b", "u", NEW),)), 'no connector "yy"'),
         (lambda s: element(s, "b", name="a"), '"a" is already in <Elements>'),
         (lambda s: replace(s, parameter_bindings=s.parameter_bindings[::-1]), "cannot be saved as it is: "),
-        (lambda s: element(s, "a", connectors=(Connector("y", "input", NEW, "Real"),)), "y"),
-        (lambda s: element(s, "a", source=Path("/gone.fmu")), "absolute URI|does not exist"),
+        (
+            lambda s: element(s, "a", connectors=(Connector("y", "input", NEW, "Real"),)),
+            'connector "y" is input, but unit.fmu has it as output',
+        ),
+        (lambda s: element(s, "a", source=Path("/gone.fmu")), 'gone.fmu" does not exist: no file "/gone.fmu"'),
     ],
 )
 def test_what_cannot_be_saved_leaves_everything_as_it_was(

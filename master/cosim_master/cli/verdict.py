@@ -1,6 +1,6 @@
 """The words of `run` and `check` about how a swarm did, or will do: a table on standard error, and a part of a line.
 
-Findings are shown with -q, too: a quiet run that went wrong must not look like one that went well.
+Failures and warnings are shown with -q, too: a quiet run that went wrong must not look like one that went well.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 from rich.text import Text
 
-from cosim_master.cli.console import err
+from cosim_master.cli.console import err, is_quiet
 
 if TYPE_CHECKING:
     from cosim_master.verdict.findings import Judgement
@@ -23,14 +23,17 @@ _STYLES = {"failure": "bold red", "warning": "yellow", "note": "dim"}
 
 
 def show_findings(verdict: Judgement | None) -> None:
-    """Print the findings, of each kind the first few; nothing if there are none."""
-    if verdict is None or not verdict.findings:
+    """Print the findings, of each kind the first few; nothing if there are none. With -q, notes are left out."""
+    if verdict is None:
+        return
+    findings = [one for one in verdict.findings if one.severity != "note" or not is_quiet()]
+    if not findings:
         return
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in ("finding", "time [s]", "about", ""):
         table.add_column(column, justify="right" if column == "time [s]" else "left", no_wrap=column != "")
     shown: Counter[tuple[str, str]] = Counter()
-    for finding in verdict.findings:
+    for finding in findings:
         key = (finding.kind, finding.severity)
         shown[key] += 1
         if shown[key] <= _SHOWN:
