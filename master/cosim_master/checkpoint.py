@@ -38,7 +38,7 @@ _SLOPE_FIELDS = ("before", "at", "known")
 """What of the tables is no address and changes in a run."""
 _RADIO = ("endpoints", "places", "data", "order", "along", "counters")
 _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
-_FORMAT = 2
+_FORMAT = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +82,7 @@ class Checkpoint:
     record: tuple[str, ...]
     texts: Mapping[str, str]
     events: Any
+    verdict: Mapping[str, Any]
 
     def check(self, identity: Identity) -> None:
         """Whether this is a checkpoint of the very system that is to go on.
@@ -233,6 +234,7 @@ def find(wanted: str) -> Checkpoint:
             tuple(content["record"]),
             content["texts"],
             content["events"],
+            content["verdict"],
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise wrong(f"{own} is damaged: {error}") from None

@@ -44,6 +44,7 @@ from cosim_master.timing import Timing, exact, timing
 from cosim_master.verdict.findings import Judgement
 from cosim_master.verdict.judging import judgement
 from cosim_master.verdict.limits import Limits, limits_of
+from cosim_master.verdict.memory import recall, remember
 from cosim_master.verdict.prior import known_before
 from cosim_master.verdict.watch import Watch, watched
 
@@ -367,6 +368,9 @@ def simulate(
                     execution.refuse_checkpoints()
                 gateways.start()
                 watch = Watch(checked, ready.network, places, ready.clock, ready.limits)
+                saving.watch = watch
+                if checkpoint is not None:
+                    recall(watch, checkpoint.verdict)
                 observers = Observers(execution, [watch], ready.clock.steps)
                 result = _run(
                     execution,
@@ -448,6 +452,8 @@ class _Checkpoints:
         self._about = {"identity": asdict(self.identity), "overrides": dict(overrides), "record": list(record)}
         self._every = self._next = 0
         self._last = clock.steps
+        self.watch: Watch | None = None
+        """Who watches the run, once it begins."""
         if every is None:
             return
         if out is None:
@@ -467,7 +473,8 @@ class _Checkpoints:
     def save(self, execution: Execution) -> None:
         """Write a checkpoint if its time has come; the end of a run has none."""
         if self._next <= execution.k < self._last:
-            execution.save_checkpoint(self._folder, self._about)
+            seen = {} if self.watch is None else remember(self.watch)
+            execution.save_checkpoint(self._folder, {**self._about, "verdict": seen})
 
 
 def _make_folder(out: Path) -> None:

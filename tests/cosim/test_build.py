@@ -277,9 +277,10 @@ def test_an_interpreted_fmu_without_a_binary_is_an_error(resources_of_an_fmu: Pa
         f"build(load_models('cosim_models.hexarotor')[0], Path({str(tmp_path / 'fmus')!r}), interpreted=True)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    found = resources_of_an_fmu / "pythonfmu"
     assert done.stderr.splitlines()[-1] == (
-        f"RuntimeError: Hexarotor: the pythonfmu in {resources_of_an_fmu / 'pythonfmu'} has no binaries: an FMU that this "
-        "process has loaded brought it along; import cosim.build before that, or build in another process"
+        f"RuntimeError: Hexarotor: the pythonfmu in {found} has no binaries: an FMU that this process has loaded "
+        "brought it along; import cosim.build before that, or build in another process"
     )
     assert not list((tmp_path / "fmus").glob("*.fmu"))
 

@@ -53,6 +53,7 @@ class Run:
     """A run that is done, its findings and its manifest."""
 
     def __init__(self, system: Path, out: Path, **options: Any) -> None:
+        self.system = system
         result = simulate(system, out=out, **options)
         assert result.outcome == "done"
         assert result.verdict is not None
@@ -269,14 +270,25 @@ def test_good_new_system_says_nothing(
     assert run.verdict.good
 
 
-def test_branch_says_from_when_it_has_watched(line: Callable[..., Path], tmp_path: Path) -> None:
+def test_branch_is_judged_with_what_was_before_it(line: Callable[..., Path], tmp_path: Path) -> None:
     system = line(3)
     Run(system, tmp_path / "run", until=30.0, checkpoint_every=20.0)
     heavy = Run(
         system, tmp_path / "branch", origin=f"{tmp_path / 'run'}@20", overrides={"drone2.autopilot.MOT_SPIN_MAX": "0.3"}
     )
-    assert (heavy.written["from"], heavy.written["to"]) == (20.0, 30.0)
+    assert (heavy.written["from"], heavy.written["to"]) == (0.0, 30.0)
     assert [(finding.kind, finding.who) for finding in heavy.verdict.findings] == [("came down", ("drone2.vehicle",))]
+    shutil.rmtree(tmp_path)
+
+
+@pytest.mark.parametrize("at", [12.0, 28.0])
+def test_run_that_goes_on_is_judged_as_one_that_never_stopped(at: float, failing: Run, tmp_path: Path) -> None:
+    """What had failed before the checkpoint counts, and what was under way goes on."""
+    weak = [(26.0, "drone8.autopilot.MOT_SPIN_MAX", "0.3")]
+    options: dict[str, Any] = {"at": weak, "until": 32.0}
+    Run(failing.system, tmp_path / "run", overrides=FAILING, checkpoint_every=at, **options)
+    on = Run(failing.system, tmp_path / "on", origin=f"{tmp_path / 'run'}@{at:g}", **options)
+    assert on.written == failing.written
     shutil.rmtree(tmp_path)
 
 

@@ -49,8 +49,6 @@ def show_findings(verdict: Judgement | None) -> None:
         err.width = 10_000  # a file or a pipe has no width: one line per row
     err.print(table, soft_wrap=False)
     err.width = width
-    if verdict.begin > 0.0 and any(finding.time is not None for finding in verdict.findings):
-        err.print(Text(f"the swarm was watched from {verdict.begin:g} s to {verdict.end:g} s", style="dim"))
 
 
 def summary(verdict: Judgement | None) -> str:

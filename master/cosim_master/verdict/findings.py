@@ -53,7 +53,7 @@ class Judgement:
 
     Attributes:
         findings: failures first, then warnings, then notes; each of them in the order of time and names.
-        begin, end: s, the part of the run that was seen; after a checkpoint it begins there.
+        begin, end: s, the part of the run that was seen.
         nearest: how near two vehicles came to each other: "who", "distance" [m] and "time" [s]; empty if there are no
             two of them.
     """

@@ -20,6 +20,8 @@ class Spells:
         total: of all spells, s.
         open: whether it holds at the last instant.
         worst, worst_time: the greatest value seen in a spell, and when; -inf without any.
+        since: begin of the last spell, s.
+        last: the last instant, s.
     """
 
     def __init__(self, count: int) -> None:
@@ -27,8 +29,8 @@ class Spells:
         self.longest, self.total = np.full(count, -1.0), np.zeros(count)
         self.open = np.zeros(count, dtype=bool)
         self.worst, self.worst_time = np.full(count, -np.inf), np.full(count, np.nan)
-        self._since = np.full(count, np.nan)
-        self._last = np.nan
+        self.since = np.full(count, np.nan)
+        self.last = np.nan
 
     def look(self, times: Array, holds: Array, values: Array) -> None:
         """Take in instants.
@@ -39,14 +41,14 @@ class Spells:
             values: (n, count) how much it does, for `worst`.
         """
         if not holds.any() and not self.open.any():
-            self._last = float(times[-1])
+            self.last = float(times[-1])
             return
         for time, now, value in zip(times, holds, values, strict=True):
             goes_on, begins = now & self.open, now & ~self.open
-            self.total[goes_on] += time - self._last
-            self._since[begins] = time
+            self.total[goes_on] += time - self.last
+            self.since[begins] = time
             self.first[begins & np.isnan(self.first)] = time
-            self.longest[now] = np.maximum(self.longest, time - self._since)[now]
+            self.longest[now] = np.maximum(self.longest, time - self.since)[now]
             worse = now & (value > self.worst)
             self.worst[worse], self.worst_time[worse] = value[worse], time
-            self.open, self._last = now.copy(), float(time)
+            self.open, self.last = now.copy(), float(time)

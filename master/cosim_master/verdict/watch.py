@@ -176,12 +176,12 @@ class Watch:
         if repeated(self._ids) and depends_on_places(network) and all(node.position for node in network.nodes):
             places_of = [(i, v.name) for node in network.nodes for i, v in node.position]
             self._nodes = [self._columns.of(places, instance, name)[1] for instance, name in places_of]
-        self._double: dict[int, Finding] = {}
+        self.double: dict[int, Finding] = {}
         wanted = self._columns.reals or self._columns.integers
         self.every = max(1, round(_INTERVAL / clock.seconds(1))) if wanted else 0
-        self._approach = Approach(len(self.bodies), limits.contact)
-        self._away, self._down = Spells(len(self.pilots)), Spells(len(self.bodies))
-        self._outside = Spells(len(self.limited))
+        self.approach = Approach(len(self.bodies), limits.contact)
+        self.away, self.down = Spells(len(self.pilots)), Spells(len(self.bodies))
+        self.outside = Spells(len(self.limited))
         self._rows = _LOOKS[len(self.bodies) > FEW]
         self._real_places = np.array(self._columns.reals, dtype=np.intp)
         self._integer_places = np.array(self._columns.integers, dtype=np.intp)
@@ -189,8 +189,8 @@ class Watch:
         self._reals = np.zeros((self._rows, len(self._real_places)))
         self._integers = np.zeros((self._rows, len(self._integer_places)), dtype=np.int32)
         self._used = 0
-        self._start: Array | None = None
-        self._resumed = False
+        self.start: Array | None = None
+        self.recalled = False  # whether it goes on with what was seen before a checkpoint
         self.begin = self.end = clock.time(0)
 
     # ---- what there is to watch ------------------------------------------------------------------------------------
@@ -262,9 +262,9 @@ class Watch:
     # ---- looking ---------------------------------------------------------------------------------------------------
 
     def initialised(self, seen: Seen) -> None:
-        """The first look."""
-        self._resumed = seen.time > self.begin
-        self.begin = seen.time
+        """The first look, or the first one of a run that goes on."""
+        if not self.recalled:
+            self.begin = seen.time
         self.stepped(seen)
 
     def stepped(self, seen: Seen) -> None:
@@ -275,16 +275,21 @@ class Watch:
         np.take(seen.integers, self._integer_places, out=self._integers[row])
         self._used += 1
         if self._used == self._rows:
-            self._look()
-            for kept in (self._times, self._reals, self._integers):
-                kept[0] = kept[row]  # motion between two looks begins at the first of them
-            self._used = 1
+            self.settle()
 
     def closed(self) -> None:
         """Work through the rest."""
         if self._used:
             self._look()
             self._used = 0
+
+    def settle(self) -> None:
+        """Work through what has been copied; the last look stays, since motion goes on from there."""
+        if self._used:
+            self._look()
+            for kept in (self._times, self._reals, self._integers):
+                kept[0] = kept[self._used - 1]
+            self._used = 1
 
     def _look(self) -> None:
         n = self._used
@@ -294,13 +299,13 @@ class Watch:
         positions = reals[:, self._positions].reshape(n, -1, 3)
         if self.bodies:
             self._look_at_bodies(positions, integers)
-            self._approach.look(times, positions)
+            self.approach.look(times, positions)
         if self.pilots:
             self._look_at_pilots(times, positions, reals, integers, wanted)
         if self.bodies:
             on_ground = integers[:, self._ground] != 0
             on_ground &= wanted & np.array([body.flew and body.has_ground for body in self.bodies])
-            self._down.look(times, on_ground, on_ground)
+            self.down.look(times, on_ground, on_ground)
         if self.limited:
             self._look_at_limits(times, reals, integers)
         if self._nodes:
@@ -332,15 +337,12 @@ class Watch:
             self.bodies[body].commanded, self.bodies[body].by = time, by
 
     def _look_at_bodies(self, positions: Array, integers: Array) -> None:
-        if self._start is None:
-            self._start = positions[0].copy()
-            if self._resumed:
-                for body, ground in zip(self.bodies, self._ground, strict=True):
-                    body.flew = not body.has_ground or integers[0, ground] == 0
+        if self.start is None:
+            self.start = positions[0].copy()
         waiting = np.flatnonzero([not body.flew for body in self.bodies])
         if not waiting.size:
             return
-        aloft = np.linalg.norm(positions[:, waiting] - self._start[waiting], axis=2) > _MOVED
+        aloft = np.linalg.norm(positions[:, waiting] - self.start[waiting], axis=2) > _MOVED
         has_ground = [b for b, body in enumerate(waiting) if self.bodies[body].has_ground]
         aloft[:, has_ground] &= integers[:, [self._ground[waiting[b]] for b in has_ground]] == 0
         for b in waiting[aloft.any(axis=0)]:
@@ -356,7 +358,7 @@ class Watch:
         actual = positions[:, [pilot.body for pilot in self.pilots]]
         away = np.linalg.norm(desired - actual, axis=2)
         away[:, [not pilot.has_desired for pilot in self.pilots]] = 0.0
-        self._away.look(times, armed & (away > self._limits.deviation), away)
+        self.away.look(times, armed & (away > self._limits.deviation), away)
         higher = armed & (away > 0.0) & (actual[:, :, 2] - desired[:, :, 2] > _LOW)
         for p in map(int, np.flatnonzero(higher.any(axis=0))):
             wanted[:, self.pilots[p].body] |= higher[:, p]
@@ -369,12 +371,12 @@ class Watch:
         least = np.array([one.least for one in self.limited])
         most = np.array([one.most for one in self.limited])
         outside = (values < least) | (values > most)
-        if not outside.any() and not self._outside.open.any():
+        if not outside.any() and not self.outside.open.any():
             return
         tied = [n for n, one in enumerate(self.limited) if one.agent >= 0]
         if tied:
             outside[:, tied] &= self._working(integers)[:, [self.limited[n].agent for n in tied]]
-        self._outside.look(times, outside, np.maximum(values - most, least - values))
+        self.outside.look(times, outside, np.maximum(values - most, least - values))
 
     def _working(self, integers: Array) -> Array:
         """Whether each agent works at each look; one that does not say when it does always does."""
@@ -386,8 +388,8 @@ class Watch:
 
     def _listen(self, time: float, places: Array) -> None:
         for one in twice(self._network, self._ids, places):
-            if one.system_id not in self._double:
-                self._double[one.system_id] = same_id(one.system_id, one.nodes, one.listener, time)
+            if one.system_id not in self.double:
+                self.double[one.system_id] = same_id(one.system_id, one.nodes, one.listener, time)
 
     # ---- what was found --------------------------------------------------------------------------------------------
 
@@ -405,23 +407,22 @@ class Watch:
             *self._of_contacts(),
             *self._of_pilots(),
             *self._of_limits(),
-            *self._double.values(),
+            *self.double.values(),
         ]
 
     def nearest(self) -> Mapping[str, Any]:
         """`Judgement.nearest`."""
-        if not math.isfinite(self._approach.distance):
+        if not math.isfinite(self.approach.distance):
             return {}
-        who = [self.bodies[b].instance for b in self._approach.pair]
-        return {"who": who, "distance": self._approach.distance, "time": self._approach.time}
+        who = [self.bodies[b].instance for b in self.approach.pair]
+        return {"who": who, "distance": self.approach.distance, "time": self.approach.time}
 
     def _of_agents(self) -> Iterator[Finding]:
         for agent in self.agents:
             name, state = agent.instance.name, agent.text_of(agent.last)
             if not math.isnan(agent.failed):
-                before = " or before" if agent.failed == self.begin > 0.0 else ""
                 why = agent.why()
-                text = f"{name} has given up at {agent.failed:.1f} s{before}{': ' if why else ''}{why}"
+                text = f"{name} has given up at {agent.failed:.1f} s{': ' if why else ''}{why}"
                 numbers: dict[str, Number] = {"state": state, "reason": agent.reason}
                 yield Finding("agent failed", "failure", (name,), text, agent.failed, numbers)
             elif self.end > agent.by + _LATE and not agent.began <= max(agent.by + _LATE, self.begin):
@@ -440,7 +441,7 @@ class Watch:
                 yield Finding("never flew", "failure", (body.instance,), text, body.commanded)
 
     def _of_ground(self) -> Iterator[Finding]:
-        down = self._down
+        down = self.down
         for b, body in enumerate(self.bodies):
             if down.longest[b] < _AWAY:
                 continue
@@ -450,7 +451,7 @@ class Watch:
             yield Finding("came down", "failure", (body.instance,), text, float(down.first[b]), numbers)
 
     def _of_contacts(self) -> Iterator[Finding]:
-        for (a, b), contact in sorted(self._approach.contacts.items()):
+        for (a, b), contact in sorted(self.approach.contacts.items()):
             one, other = self.bodies[a].instance, self.bodies[b].instance
             text = f"{one} and {other} came within {contact.distance:.2f} m of each other at {contact.time:.1f} s"
             text += f"; nearer than {self._limits.contact:g} m counts as contact"
@@ -458,7 +459,7 @@ class Watch:
             yield Finding("contact", "failure", (one, other), text, contact.since, numbers)
 
     def _of_pilots(self) -> Iterator[Finding]:
-        away = self._away
+        away = self.away
         for p, pilot in enumerate(self.pilots):
             if away.longest[p] < _AWAY:
                 continue
@@ -470,7 +471,7 @@ class Watch:
             yield Finding("off course", "failure", (body,), text, float(away.first[p]), numbers)
 
     def _of_limits(self) -> Iterator[Finding]:
-        outside = self._outside
+        outside = self.outside
         for n, one in enumerate(self.limited):
             if math.isnan(outside.first[n]):
                 continue
