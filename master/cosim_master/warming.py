@@ -57,9 +57,15 @@ def _empty(kind: type[Any]) -> Any:
     """A plan or radio with nothing in it; its arrays have the types of any other."""
     arrays = {}
     for name, hint in get_type_hints(kind).items():
-        dtype = _STRUCTURED[kind].get(name) or np.dtype(get_args(get_args(hint)[1])[0])
+        dtype = _STRUCTURED[kind].get(name) or _element(hint)
         arrays[name] = np.zeros((1, 1) if name in _OF_ROWS else 1, dtype)
     return kind(**arrays)
+
+
+def _element(hint: Any) -> np.dtype[Any]:
+    """Of NDArray[float64]: float64. Until numpy 2.4 that means ndarray[..., dtype[float64]], then it is a type alias."""
+    last = get_args(hint)[-1]
+    return np.dtype((get_args(last) or (last,))[0])
 
 
 def types_of() -> tuple[Any, Any]:
