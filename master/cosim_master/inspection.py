@@ -80,8 +80,9 @@ def fmu_tables(path: Path, *, every: bool = True) -> Iterator[Table | str]:
     """The same for people; if not `every`, of many variables only how many there are, by causality."""
     fmu = fmu_document(path)
     yield f"{fmu['model']}: {fmu['description']}" if fmu["description"] else fmu["model"]
-    yield f"FMI {fmu['fmi_version']}, GUID {fmu['guid']}, step size {_number(fmu['step_size']) or 'not given'} s"
-    yield f"capabilities: {', '.join(fmu['capabilities']) or 'none'}"
+    yield f"FMI {fmu['fmi_version']}, GUID {fmu['guid']}, {_step(fmu['step_size'])}"
+    if not fmu["refused"]:
+        yield f"capabilities: {', '.join(fmu['capabilities']) or 'none'}"
     yield from _sheet(fmu)
     if not fmu["variables"] or not (every or len(fmu["variables"]) <= _FEW):
         yield _by_causality(fmu["variables_by_causality"])
@@ -98,6 +99,10 @@ def fmu_tables(path: Path, *, every: bool = True) -> Iterator[Table | str]:
         yield table
     for note in fmu["notes"]:
         yield f"note: {note}"
+
+
+def _step(size: float | None) -> str:
+    return "no step size" if size is None else f"step size {_number(size)} s"
 
 
 def _sheet(fmu: Mapping[str, Any]) -> Iterator[str]:

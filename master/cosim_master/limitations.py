@@ -446,13 +446,13 @@ OVERRUN = Limitation(
     "Masters",
     "runs that end within a step of an FMU whose steps have one size",
     "error",
-    "{} steps by {} s only (canHandleVariableCommunicationStepSize is false): a run of {} s is no multiple of it",
+    "{} steps by {} s only (canHandleVariableCommunicationStepSize is false): a run of {} s is not a multiple of it",
 )
 RECORDING_INTERVAL = Limitation(
     "Masters",
     "recording between communication points",
     "error",
-    "recording interval {} s is not a multiple of the base step {} s",
+    "recording interval {} s is not a multiple of the base step {} s; try --set recording.interval={}",
 )
 CHANGE = Limitation(
     "Masters",

@@ -42,7 +42,7 @@ _IDS = 250
 _SECTION = 5
 """Gaps between two drones that stay, at most."""
 _SETTLED = 0.05
-_MODELS = {"vehicle": "Quadrotor", "autopilot": "Autopilot", "agent": "LineAgent"}
+MODELS = {"vehicle": "Quadrotor", "autopilot": "Autopilot", "agent": "LineAgent"}
 
 
 def new_system(
@@ -88,11 +88,16 @@ def new_system(
     if not spacing > 0.0:
         problems.append(Problem(Where("--spacing"), f"{spacing:g} m: must be positive"))
     described: dict[str, FmuDescription] = {}
-    for role, model in _MODELS.items():
+    for role, model in MODELS.items():
         try:
             described[role] = describe(fmus / f"{model}.fmu")
-        except (SystemDescriptionError, OSError) as error:
-            problems.append(Problem(Where(str(fmus / f"{model}.fmu")), f"{error} (build FMUs with `uav-cosim build`)"))
+        except SystemDescriptionError as error:
+            if (fmus / f"{model}.fmu").exists():
+                problems += error.problems
+            else:
+                problems.append(
+                    Problem(Where(str(fmus / f"{model}.fmu")), f"no such file; try uav-cosim build {model}")
+                )
     if problems:
         raise SystemDescriptionError(problems)
     folder.mkdir(parents=True)
@@ -218,7 +223,7 @@ def _drone(fmus: dict[str, FmuDescription], folder: Path, where: Path) -> bytes:
     for role, other in (("vehicle", "autopilot"), ("autopilot", "vehicle")):
         offered = set(_ports(fmus[other], "output"))
         wires += [(other, role, name) for name in _ports(fmus[role], "input") if name in offered]
-    for role, model in _MODELS.items():
+    for role, model in MODELS.items():
         file = os.path.relpath(where.resolve() / f"{model}.fmu", folder.resolve())
         component = etree.SubElement(
             elements,

@@ -184,7 +184,9 @@ def prepare(
         interval = exact(recording.interval) or Fraction(0)
         every = round(interval * clock.per_ns / clock.base)
         if every < 1 or not math.isclose(every * clock.base, interval * clock.per_ns, rel_tol=1e-9):
-            text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{clock.seconds(1):.9g}")
+            base = clock.seconds(1)
+            near = clock.seconds(max(1, every))
+            text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{base:.9g}", f"{near:.9g}")
             raise SystemDescriptionError([Problem(checked.structure.where, text)])
     checked = connected(checked, coupling)
     if stimuli is not None:

@@ -63,9 +63,10 @@ def _empty(kind: type[Any]) -> Any:
 
 
 def _element(hint: Any) -> np.dtype[Any]:
-    """Of NDArray[float64]: float64. Until numpy 2.4 that means ndarray[..., dtype[float64]], then it is a type alias."""
+    """Of NDArray[float64]: float64; up to numpy 2.4 this means ndarray[..., dtype[float64]], later it is an alias."""
     last = get_args(hint)[-1]
-    return np.dtype((get_args(last) or (last,))[0])
+    kind: np.dtype[Any] = np.dtype((get_args(last) or (last,))[0])
+    return kind
 
 
 def types_of() -> tuple[Any, Any]:

@@ -259,6 +259,23 @@ def test_explain(run: Any, system: Path) -> None:
     assert code == 2 and 'there is no variable "b.x"' in stderr
 
 
+def test_new_takes_the_folder_fmus_only_if_all_that_it_needs_is_there(
+    run: Any, fmus: Path, system: Path, tmp_path: Path
+) -> None:
+    """A model of one's own has been built into it."""
+    (tmp_path / "fmus").mkdir()
+    (tmp_path / "probe.fmu").rename(tmp_path / "fmus" / "Quadrotor.fmu")
+    code, _, stderr = run("new", "line", "--drones", "3", "-o", "swarm")
+    assert code == 0, stderr
+    assert f'source="{Path(os.path.relpath(fmus, tmp_path / "swarm")).as_posix()}/Quadrotor.fmu"' in (
+        tmp_path / "swarm" / "drone.ssd"
+    ).read_text(encoding="utf-8")
+    for name in ("Quadrotor", "Autopilot", "LineAgent"):
+        (tmp_path / "fmus" / f"{name}.fmu").write_bytes((fmus / f"{name}.fmu").read_bytes())
+    assert run("new", "line", "--drones", "3", "-o", "own")[0] == 0
+    assert 'source="../fmus/Quadrotor.fmu"' in (tmp_path / "own" / "drone.ssd").read_text(encoding="utf-8")
+
+
 def test_notes_are_shown(run: Any, probes: Any) -> None:
     probes.fmu()
     system = probes.workshop.ssd("s.ssd", probes.workshop.system(probes.component("a")))

@@ -155,7 +155,7 @@ def test_the_last_step_of_a_slow_instance_ends_with_the_run() -> None:
 def test_an_instance_with_a_fixed_step_is_not_made_to_take_a_shorter_one() -> None:
     log: list[str] = []
     checked = system_of([adder("fast", log, 0.0), adder("slow", log, 5.0, size=3.0, variable_step=False)])
-    with pytest.raises(SystemDescriptionError, match=r"slow steps by 3 s only .* a run of 5 s is no multiple of it"):
+    with pytest.raises(SystemDescriptionError, match=r"slow steps by 3 s only .* a run of 5 s is not a multiple of it"):
         timing(checked, 5.0)
 
 

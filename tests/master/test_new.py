@@ -151,7 +151,8 @@ def test_all_problems_of_a_request_at_once(tmp_path: Path) -> None:
     assert "exists already" in text
     assert "--spacing: 0 m: must be positive" in text
     for name in ("Quadrotor", "Autopilot", "LineAgent"):
-        assert f"{name}.fmu" in text
+        assert text.count(f"{name}.fmu") == 1
+        assert f"{name}.fmu: no such file; try uav-cosim build {name}" in text
 
 
 _LIBCOSIM = """

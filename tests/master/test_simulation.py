@@ -485,8 +485,16 @@ def recording(probes: Any, attributes: str, inner: str = "") -> Path:
 @pytest.mark.parametrize(
     ("attributes", "inner", "message"),
     [
-        ('interval="0.7"', "", "recording interval 0.7 s is not a multiple of the base step 0.5 s"),
-        ('interval="0.1"', "", "recording interval 0.1 s is not a multiple of the base step 0.5 s"),
+        (
+            'interval="0.7"',
+            "",
+            "recording interval 0.7 s is not a multiple of the base step 0.5 s; try --set recording.interval=0.5",
+        ),
+        (
+            'interval="0.1"',
+            "",
+            "recording interval 0.1 s is not a multiple of the base step 0.5 s; try --set recording.interval=0.5",
+        ),
         ('interval="often"', "", 'interval="often" must be a number from 0 to 1e+06'),
         ('packets="yes"', "", 'packets="yes": valid are true, false'),
         ('every="3"', "", "attribute every: valid are interval, packets, signals"),

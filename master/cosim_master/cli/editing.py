@@ -26,7 +26,7 @@ def new(
         typer.Option(
             metavar="FOLDER",
             help="Folder with the FMUs of vehicle, autopilot and agent.",
-            show_default="fmus where there is one, else the FMUs that come with uav-cosim",
+            show_default="fmus where it holds all three, else the FMUs that come with uav-cosim",
         ),
     ] = None,
     spacing: Annotated[
@@ -50,11 +50,12 @@ def new(
 ) -> None:
     """Write a system of many drones."""
     from cosim_master import shipped
-    from cosim_master.new import new_system
+    from cosim_master.new import MODELS, new_system
 
     with errors(as_json=as_json):
         if fmus is None:
-            fmus = Path("fmus") if Path("fmus").is_dir() else shipped.fmus()
+            own = all(Path("fmus", f"{model}.fmu").is_file() for model in MODELS.values())
+            fmus = Path("fmus") if own else shipped.fmus()
         written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until, note=note)
         if as_json:
             print_json({"files": [str(written)]})
