@@ -139,7 +139,7 @@ def _radio(fmus: Path) -> tuple[Network, Radio, NDArray[np.float64]]:
             checked = check(structure)
             network = network_of(checked)
             places = layout(checked, network)
-    radio = grown(make_radio(network, places, keep=False), 16 * DRONES)
+    radio = grown(make_radio(network, places.ports["Real"].index, keep=False), 16 * DRONES)
     radio.settings["latency"] = radio.settings["jitter"] = 0
     radio.settings["loss"], radio.settings["range"] = 0.0, np.inf
     return network, radio, np.zeros(len(places.ports["Real"].outputs))

@@ -28,6 +28,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 __all__ = [
+    "PLAIN",
     "cache_folder",
     "forget_unused",
     "get_real",
@@ -37,6 +38,7 @@ __all__ = [
     "kernel",
     "set_real",
     "set_whole",
+    "table",
 ]
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -55,6 +57,9 @@ if numba is not None and platform.machine() in ("x86_64", "AMD64") and numba.con
 if numba is not None:
     from cosim.lowering import Kernel
 
+PLAIN = numba is None or bool(numba.config.DISABLE_JIT)
+"""Whether kernels run as plain Python: there is no numba, or NUMBA_DISABLE_JIT=1."""
+
 _OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy", "nogil": True, "_nrt": False}
 _UNUSED_AFTER = 14 * 24 * 3600.0
 
@@ -69,15 +74,18 @@ def kernel(function: F, *, inline: bool = False) -> F:
     Args:
         inline: compile it into every kernel that calls it: to pass many arrays takes longer than some FMI calls.
     """
-    if numba is None:
-        return function
-    if numba.config.DISABLE_JIT:
+    if PLAIN:
         return function
     compiled = Kernel(function, targetoptions={**_OPTIONS, "forceinline": inline})
     source = Path(function.__code__.co_filename)
     if (source.parent / "__init__.py").is_file():
         compiled.keep(_code_folders(source))
     return cast(F, compiled)
+
+
+def table(rows: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Returns a structured array in the form whose rows kernels can take apart by name, as plain Python too."""
+    return rows.view(np.recarray) if PLAIN else rows
 
 
 def cache_folder() -> Path:

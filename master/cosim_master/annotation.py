@@ -11,9 +11,10 @@ from collections.abc import Mapping
 
 from lxml import etree
 
-from cosim_master.check import CheckedSystem
-from cosim_master.document import line_of, near
+from cosim_master.document import line_of
 from cosim_master.errors import Problem, Where
+from cosim_master.flat import CheckedSystem
+from cosim_master.patterns import near
 
 __all__ = ["NAMESPACE", "Attributes", "root_annotation"]
 

@@ -12,15 +12,14 @@ import math
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from cosim_master.document import near
+from cosim_master.description import INTEGER_RANGES
 from cosim_master.errors import Finding, Problem, Where
 from cosim_master.fmu import Variable
 from cosim_master.limitations import MAPPED_BACK, SIGNAL_START
 from cosim_master.parts import Part, Port, element_name, indices_of
-from cosim_master.patterns import is_pattern, matching, near_pattern
+from cosim_master.patterns import is_pattern, matching, near, near_pattern
 from cosim_master.ssp_grammar import SAME_TYPE
 from cosim_master.system import (
-    INTEGER_RANGES,
     Connection,
     LinearTransformation,
     Parameter,

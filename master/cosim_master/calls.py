@@ -13,14 +13,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import config as _numba_config
 from numba import types
 from numba.extending import intrinsic as _numba_intrinsic
 
-from cosim.kernel import kernel
+from cosim.kernel import PLAIN, kernel
 
 __all__ = [
-    "PLAIN",
     "atomic_add",
     "atomic_load",
     "byte_at",
@@ -47,11 +45,9 @@ __all__ = [
     "store_i2",
     "store_i4",
     "store_i8",
-    "table",
 ]
 
 intrinsic: Any = _numba_intrinsic
-_config: Any = _numba_config
 _I32, _I64, _F64 = ir.IntType(32), ir.IntType(64), ir.DoubleType()
 
 
@@ -238,15 +234,6 @@ def _plain_byte_at(address: int) -> int:
 
 def _no_threads(*_: int) -> int:
     raise RuntimeError("threads need compiled kernels; NUMBA_DISABLE_JIT is set")
-
-
-PLAIN = bool(_config.DISABLE_JIT)
-"""Whether kernels run as plain Python."""
-
-
-def table(rows: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """A structured array in the form whose rows kernels can take apart by name, as plain Python too."""
-    return rows.view(np.recarray) if PLAIN else rows
 
 
 get_or_set: Any = _plain_get_or_set if PLAIN else intrinsic(_get_or_set)

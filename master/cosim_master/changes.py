@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
-from cosim_master.check import CheckedSystem
-from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.flat import CheckedSystem
 from cosim_master.fmu import Start, Variable
 from cosim_master.limitations import CHANGE, CLOCKED_CHANGE, STRUCTURAL_CHANGE
-from cosim_master.patterns import is_pattern, matching, near_pattern
+from cosim_master.patterns import is_pattern, matching, near, near_pattern
 from cosim_master.settings import SETTINGS
 from cosim_master.timing import Timing
 

@@ -1,9 +1,7 @@
 """Checkpoints of a run, in files: all that its future depends on, and how far its recording had come.
 
     RUN/checkpoints/T/state.npz         FMU states (serialised), values, packets in flight and their counters
-    RUN/checkpoints/T/checkpoint.json   of which system, which FMUs, when; how much of RUN's recording belongs to it
-    RUN/checkpoints/T/signals.parquet   what has been recorded since the checkpoint before (packets.parquet, too):
-                                        RUN's own files cannot be read if it was killed
+    RUN/checkpoints/T/checkpoint.json   and the files beside it: see `checkpoint_folder`
 
 A run that goes on from a checkpoint makes the same FMU instances anew, puts their states back, takes over the
 recording up to there, and then has the same future, bit for bit.
@@ -17,19 +15,20 @@ import ctypes
 import json
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cosim_master.checkpoint_folder import FORMAT, Checkpoint, Position
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmi3 import Instance3
 from cosim_master.living import Living
 from cosim_master.radio import Radio
 from cosim_master.tables import PHASE, K, Plan
 
-__all__ = ["Checkpoint", "Identity", "Position", "cannot_be_serialised", "find", "restore", "save", "segments"]
+__all__ = ["cannot_be_serialised", "restore", "save"]
 
 _VALUES = ("real_in", "real_out", "int_in", "int_out", "text", "tx", "kept")
 _PORT_FIELDS = ("filled", "sent", "rx_size")
@@ -38,78 +37,6 @@ _SLOPE_FIELDS = ("before", "at", "known")
 """What of the tables is no address and changes in a run."""
 _RADIO = ("endpoints", "places", "data", "order", "along", "counters")
 _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
-_FORMAT = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What must be the same for a run to go on: of FMUs their digests by instance, of time ticks and base steps.
-
-    A file of inputs is known by its digest, too.
-    """
-
-    system: str
-    fmus: Mapping[str, str]
-    start: int
-    base: int
-    steps: int
-    every: int
-    seed: int
-    input: str = ""
-    per_ns: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class Position:
-    """How much of the recording lies before a checkpoint: row groups of the Parquet files, bytes of each .tlog."""
-
-    signals: int = 0
-    packets: int = 0
-    tlogs: Mapping[str, int] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Checkpoint:
-    """A checkpoint that was found: where, at which base step, and what it was made with."""
-
-    folder: Path
-    run: Path
-    k: int
-    time: float
-    identity: Identity
-    position: Position
-    overrides: Mapping[str, str]
-    record: tuple[str, ...]
-    texts: Mapping[str, str]
-    events: Any
-    verdict: Mapping[str, Any]
-
-    def check(self, identity: Identity) -> None:
-        """Whether this is a checkpoint of the very system that is to go on.
-
-        Raises:
-            SystemDescriptionError: all that differs.
-        """
-        problems = []
-        mine, other = asdict(self.identity), asdict(identity)
-        fmus = mine.pop("fmus"), other.pop("fmus")
-        words = {"system": "the system's documents", "start": "the start time", "base": "the base step"}
-        words |= {
-            "steps": "the stop time",
-            "every": "the recording interval",
-            "seed": "the seed of the radio",
-            "input": "the file of --input",
-            "per_ns": "the tick of time",
-        }
-        for name in mine:
-            if mine[name] != other[name]:
-                text = f"{words[name]} must be what it was ({mine[name]}), now it is {other[name]}"
-                problems.append(Problem(Where(str(self.folder)), text))
-        for name in sorted({*fmus[0], *fmus[1]}):
-            if fmus[0].get(name) != fmus[1].get(name):
-                problems.append(Problem(Where(str(self.folder)), f"{name} is another FMU than it was"))
-        if problems:
-            raise SystemDescriptionError(problems)
 
 
 def cannot_be_serialised(living: Sequence[Living]) -> str:
@@ -120,9 +47,6 @@ def cannot_be_serialised(living: Sequence[Living]) -> str:
         if flags:
             lacking.append(f"{flags[0]} of {one.name} is false{one.fmu.remedy(flags[0])}")
     return ", ".join(lacking[:3]) + (f", and {len(lacking) - 3} more" if len(lacking) > 3 else "")
-
-
-# ---- writing ------------------------------------------------------------------------------------------------------
 
 
 def save(
@@ -176,7 +100,7 @@ def save(
     with (part / "state.npz").open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     content = {
-        "format": _FORMAT,
+        "format": FORMAT,
         "time": time,
         "k": k,
         "phase": int(plan.clock[PHASE]),
@@ -190,61 +114,6 @@ def save(
         segment.rename(part / segment.name)
     part.rename(own)
     return own
-
-
-# ---- reading ------------------------------------------------------------------------------------------------------
-
-
-def find(wanted: str) -> Checkpoint:
-    """The checkpoint RUN@TIME, of a folder with results and a time in s.
-
-    Raises:
-        SystemDescriptionError: there is none, or it cannot be read; says which there are.
-    """
-    where = Where(f"--from {wanted}")
-
-    def wrong(text: str) -> SystemDescriptionError:
-        return SystemDescriptionError([Problem(where, text)])
-
-    run, at, text = wanted.rpartition("@")
-    try:
-        time = float(text)
-    except ValueError:
-        time = float("nan")
-    if not at or time != time:
-        raise wrong("write RUN@TIME, the folder of a run and a time in s")
-    folder = Path(run) / "checkpoints"
-    times = sorted(float(f.parent.name) for f in folder.glob("*/checkpoint.json"))
-    if time not in times:
-        there = ", ".join(f"{t:.9g}" for t in times) or "none (run with --checkpoint-every S to have some)"
-        raise wrong(f"{run} has no checkpoint at {time:.9g} s; there are: {there}")
-    own = folder / f"{time:.9g}"
-    try:
-        content = json.loads((own / "checkpoint.json").read_text(encoding="utf-8"))
-        if content["format"] != _FORMAT:
-            raise wrong(f"{own} was written in format {content['format']}, this is {_FORMAT}")
-        return Checkpoint(
-            own,
-            Path(run),
-            int(content["k"]),
-            float(content["time"]),
-            Identity(**content["identity"]),
-            Position(**content["position"]),
-            content["overrides"],
-            tuple(content["record"]),
-            content["texts"],
-            content["events"],
-            content["verdict"],
-        )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise wrong(f"{own} is damaged: {error}") from None
-
-
-def segments(checkpoint: Checkpoint, name: str) -> list[Path]:
-    """The files of a run's checkpoints that hold its recording up to this one, in the order of time."""
-    folders = [file.parent for file in checkpoint.folder.parent.glob("*/checkpoint.json")]
-    before = sorted((float(folder.name), folder) for folder in folders if float(folder.name) <= checkpoint.time)
-    return [folder / name for _, folder in before if (folder / name).is_file()]
 
 
 def restore(

@@ -21,8 +21,9 @@ from urllib.parse import quote
 
 from lxml import etree
 
-from cosim_master.check import CheckedSystem, Instance, Link, check
+from cosim_master.check import check
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.flat import CheckedSystem, Instance, Link
 from cosim_master.fmu import Variable
 from cosim_master.limitations import CONVERTED_LINK, ENGINE_FMI, ENGINE_TABLE, ENGINE_TYPES, FMPY_TRANSFORMATION
 from cosim_master.osp import OSP_DOCUMENT

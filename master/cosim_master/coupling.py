@@ -27,9 +27,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from cosim_master.annotation import Attributes, root_annotation
-from cosim_master.check import CheckedSystem, Instance, Link, natural
-from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.flat import CheckedSystem, Instance, Link, natural
 from cosim_master.fmu import Start, Variable
 from cosim_master.initialization import Stage, components, exchange_order
 from cosim_master.limitations import (
@@ -41,6 +40,7 @@ from cosim_master.limitations import (
     STEP_DELAY,
     STEP_FRACTION,
 )
+from cosim_master.patterns import near
 
 __all__ = ["ANNOTATION", "Coupling", "Delay", "Target", "connected", "coupling_of"]
 

@@ -10,15 +10,20 @@ from pathlib import Path
 from typing import TypeAlias
 
 from cosim.verdict import Verdict
-from cosim_master.document import near
 from cosim_master.interpolation import Table
+from cosim_master.patterns import near
 from cosim_master.source_files import SourceFiles
-from cosim_master.system import INTEGER_RANGES
 from cosim_master.units import Unit
 
-__all__ = ["Capabilities", "Clock", "FmuDescription", "ModelExchange", "Start", "Variable"]
+__all__ = ["INTEGER_RANGES", "Capabilities", "Clock", "FmuDescription", "ModelExchange", "Start", "Variable"]
 
 Start: TypeAlias = float | int | bool | str
+INTEGER_RANGES: Mapping[str, tuple[int, int]] = {
+    "Integer": (-(2**31), 2**31 - 1),
+    **{f"Int{width}": (-(2 ** (width - 1)), 2 ** (width - 1) - 1) for width in (8, 16, 32, 64)},
+    **{f"UInt{width}": (0, 2**width - 1) for width in (8, 16, 32, 64)},
+}
+"""Types of whole numbers (SSP 2.0, section 4.5.1) and what goes into them; Int32 is Integer."""
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 

@@ -8,39 +8,23 @@ reads is a setting that silently does nothing. It knows no SSP; the grammars are
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias, cast
 
 from lxml import etree
 
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.patterns import near
 
-__all__ = ["Form", "Grammar", "Reader", "double", "line_of", "local_name", "near", "parse", "whole"]
+__all__ = ["Form", "Grammar", "Reader", "double", "line_of", "local_name", "parse", "whole"]
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
 _DOUBLE = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|-?INF|NaN")
 _INTEGER = re.compile(r"[+-]?\d+")
-_LISTED = 12
 _LATER = "is of SSP 2.0, but the file says that it is of version 1"
-
-
-def near(name: str, names: Iterable[str]) -> str:
-    """The names a user may have meant, as the end of a sentence: near matches first, at most twelve."""
-    known = list(dict.fromkeys(names))
-    if not known:
-        return "there is none"
-    if close := difflib.get_close_matches(name, known, n=3, cutoff=0.6):
-        # Long common prefixes make everything similar, so that only what is as near as the nearest is meant.
-        ratios = [difflib.SequenceMatcher(None, name, match).ratio() for match in close]
-        close = [match for match, ratio in zip(close, ratios, strict=True) if ratio > ratios[0] - 0.05]
-        return "did you mean " + " or ".join(f'"{match}"' for match in close) + "?"
-    listed = ", ".join(f'"{item}"' for item in sorted(known)[:_LISTED])
-    more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
-    return f"valid: {listed}{more}"
 
 
 def local_name(element: etree._Element) -> str:

@@ -16,9 +16,8 @@ from typing import Any, TypeAlias
 
 from cosim_master import archive, shipped
 from cosim_master.check import check
-from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.patterns import is_pattern, matching, near_pattern
+from cosim_master.patterns import is_pattern, matching, near, near_pattern
 from cosim_master.sources import references
 from cosim_master.ssp import FMU_TYPE, ROOT_DOCUMENT, SSP_TYPE, read_system
 from cosim_master.system import Component, Element, System, SystemStructure

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from cosim_master.changes import Change
-from cosim_master.check import CheckedSystem, Link
 from cosim_master.coupling import Delay
 from cosim_master.errors import FmuError
 from cosim_master.events import EndedByEvent, Events
 from cosim_master.failures import RunFailed, RunTerminated, raise_failures, reached
+from cosim_master.flat import CheckedSystem, Link
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
 from cosim_master.layout import KINDS, Layout, halves_of

@@ -25,9 +25,10 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-from cosim_master.check import CheckedSystem, Link
-from cosim_master.clocks import Schedule, lockstep, seconds
+from cosim_master.clock_groups import lockstep
+from cosim_master.clocks import Schedule, seconds
 from cosim_master.errors import CosimError, FmuError
+from cosim_master.flat import CheckedSystem, Link
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable
 from cosim_master.limitations import MISSED_TICK, UNSETTLED

@@ -22,13 +22,15 @@ from typing import Any, Self
 
 import numpy as np
 
+from cosim.packets import MAX_PACKET
 from cosim_master.changes import Change
-from cosim_master.check import CheckedSystem
-from cosim_master.checkpoint import Checkpoint, Position, cannot_be_serialised, restore, save
+from cosim_master.checkpoint import cannot_be_serialised, restore, save
+from cosim_master.checkpoint_folder import Checkpoint, Position
 from cosim_master.coupling import Coupling
 from cosim_master.errors import FmuError, Problem, SystemDescriptionError
 from cosim_master.event_mode import EventMode
 from cosim_master.failures import DISCARD, RunFailed, RunTerminated, discard_failure, raise_failures, reached
+from cosim_master.flat import CheckedSystem
 from cosim_master.fmi2 import STATUS
 from cosim_master.fmi3 import Instance3
 from cosim_master.iteration import Iteration
@@ -45,7 +47,6 @@ from cosim_master.radio import (
     FREE_PLACES,
     IN_FLIGHT,
     OUTCOMES,
-    SLOT,
     USED_EVENTS,
     USED_LOG,
     admit,
@@ -200,7 +201,7 @@ class Execution:
             if profiler is not None:
                 profiler.attach(self.plan, self.living)
             keep = recorder_for is not None and keep_packets
-            self.radio = make_radio(network, places, keep=keep)
+            self.radio = make_radio(network, places.ports["Real"].index, keep=keep)
             if coupling is not None and coupling.loops:
                 self._trust([i for loop in coupling.loops for i in loop], coupling.algorithm)
                 self._iteration = Iteration(self.plan, places, self.living, coupling)
@@ -558,7 +559,7 @@ class Execution:
         e = int(self.radio.gateways[gateway]["endpoint"])
         taken = []
         while arrived(self.radio.endpoints, self.radio.places, self._now, e):
-            self._make_room(0, int(self.radio.counters[IN_FLIGHT]) * (SLOT + 16))
+            self._make_room(0, int(self.radio.counters[IN_FLIGHT]) * (MAX_PACKET + 16))
             taken.append(self._crossing[: deliver(self.radio, self._now, e, self._crossing)].tobytes())
         self._saved_at = -math.inf
         return b"".join(taken)
@@ -692,7 +693,7 @@ class Execution:
         """Write the packet blocks out, and make them large enough for what comes next."""
         self._write_packets()
         sending = 3 * int(sent_bytes(self.plan))
-        delivering = (int(self.radio.counters[IN_FLIGHT]) + 64) * (SLOT + 16)
+        delivering = (int(self.radio.counters[IN_FLIGHT]) + 64) * (MAX_PACKET + 16)
         self._make_room(int(places_needed(self.plan, self.radio)), max(sending, delivering))
 
     def _write_packets(self) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cosim_master.binding import Assignment
-from cosim_master.check import Alias, CheckedSystem, Instance, Link
-from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError
+from cosim_master.flat import Alias, CheckedSystem, Instance, Link
 from cosim_master.fmu import Variable
+from cosim_master.patterns import near
 
 __all__ = ["explain"]
 

@@ -11,9 +11,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 from cosim_master.changes import Change
-from cosim_master.check import CheckedSystem
-from cosim_master.checkpoint import Checkpoint
+from cosim_master.checkpoint_folder import Checkpoint
 from cosim_master.coupling import Coupling
+from cosim_master.flat import CheckedSystem
 from cosim_master.network import Network
 from cosim_master.timing import Timing
 

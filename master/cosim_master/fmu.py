@@ -25,10 +25,11 @@ from lxml import etree
 from cosim_master import archive
 from cosim_master.declarations import read_verdicts
 from cosim_master.description import Capabilities, Clock, FmuDescription, ModelExchange, Start, Variable
-from cosim_master.document import line_of, near, parse
+from cosim_master.document import line_of, parse
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu3 import Reading3, dependencies3
 from cosim_master.limitations import EXCHANGE1, EXCHANGE_CLOCKS, FMI_VERSION, NO_LIBRARY, SCHEDULED_EXECUTION
+from cosim_master.patterns import near
 from cosim_master.source_files import SourceFiles, configured, listed
 from cosim_master.units import BASE_UNITS, BaseUnit, Unit
 

@@ -23,14 +23,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
 from cosim_master.errors import Problem, SystemDescriptionError, Where
-from cosim_master.execution import Execution
 from cosim_master.limitations import ADDRESS, NO_AUTOPILOT
 from cosim_master.network import SERIAL, Gateway, Network
 from cosim_master.signing import Signing, read_key
@@ -39,13 +38,29 @@ from cosim_master.sockets import KINDS, Socket, open_socket
 if TYPE_CHECKING:
     from cosim.build.messages import Message
 
-__all__ = ["Address", "Gateways", "Parser", "gateways_of"]
+__all__ = ["Address", "Air", "Gateways", "Parser", "gateways_of"]
 
 _ADDRESS = re.compile(r"(?P<kind>\w+):(?:(?P<host>[^:,]*):)?(?P<port>\d+)(?:\+(?P<step>\d+))?")
 _SERIAL = "autopilot"
 """The component of a vehicle to which --ports leads."""
 _WAITING = 512
 """Packets of one gateway that may wait for each of their readers before nothing more is read from its socket."""
+
+
+class Air(Protocol):
+    """The side of a run that gateways exchange packets with; `Execution` is one."""
+
+    @property
+    def network(self) -> Network: ...
+
+    def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
+        """Takes packets in, as sent by the gateway of that number at the present time."""
+
+    def take(self, gateway: int) -> bytes:
+        """Returns the packets that have arrived at a gateway since the last call, concatenated."""
+
+    def waiting(self, gateway: int) -> int:
+        """Returns how many packets from a gateway have not been read yet, one for each reader."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,15 +292,15 @@ class Gateways:
         for one in self._open:
             one.socket.start()
 
-    def exchange(self, execution: Execution) -> None:
+    def exchange(self, air: Air) -> None:
         """Bring in what the sockets have received, and out what has arrived at the gateways."""
         for g, crossing in enumerate(self._open):
-            readers = 1 if crossing.gateway.wired else max(1, len(execution.network.nodes))
-            if execution.waiting(g) > _WAITING * readers:
+            readers = 1 if crossing.gateway.wired else max(1, len(air.network.nodes))
+            if air.waiting(g) > _WAITING * readers:
                 crossing.counts["held back"] += 1  # the socket keeps it: TCP clients will wait
             else:
-                execution.admit(g, crossing.incoming())
-            crossing.outgoing(execution.take(g))
+                air.admit(g, crossing.incoming())
+            crossing.outgoing(air.take(g))
 
     def counts(self) -> dict[str, dict[str, int | str]]:
         """What has crossed and what has not, by gateway: packets, but for connections and times held back."""

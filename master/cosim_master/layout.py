@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.check import CheckedSystem, Instance, Link
 from cosim_master.coupling import Coupling
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.flat import CheckedSystem, Instance, Link
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmu import FmuDescription, Variable
 from cosim_master.network import Network

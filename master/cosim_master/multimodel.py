@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote, urlsplit
 
-from cosim_master.document import near
+from cosim_master.description import INTEGER_RANGES
 from cosim_master.errors import Finding, Problem, SystemDescriptionError, Where
 from cosim_master.limitations import (
     ALGORITHM,
@@ -31,8 +31,8 @@ from cosim_master.limitations import (
     TRANSFER,
     VAR_STEP,
 )
+from cosim_master.patterns import near
 from cosim_master.system import (
-    INTEGER_RANGES,
     Annotation,
     Component,
     Connection,

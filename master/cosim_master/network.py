@@ -30,14 +30,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cosim.packets import MAX_PACKET
 from cosim_master.annotation import Attributes, root_annotation
-from cosim_master.check import CheckedSystem, Instance
-from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError
+from cosim_master.flat import CheckedSystem, Instance
 from cosim_master.fmu import Variable
 from cosim_master.limitations import DIALECT, SEVERAL_PORTS, SMALL_PORT
-from cosim_master.patterns import is_pattern, matching, near_pattern
-from cosim_master.radio import SLOT
+from cosim_master.patterns import is_pattern, matching, near, near_pattern
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
@@ -183,8 +182,8 @@ def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tu
                 text = SEVERAL_PORTS.text(instance.name, found[0].causality, names)
                 problems.append(Problem(instance.where, text))
         for v in (*rx, *(line.rx for line in own if line.rx is not None)):
-            if (v.packet_capacity or 0) < SLOT:
-                text = SMALL_PORT.text(f"{instance.name}.{v.name}", v.packet_capacity, SLOT)
+            if (v.packet_capacity or 0) < MAX_PACKET:
+                text = SMALL_PORT.text(f"{instance.name}.{v.name}", v.packet_capacity, MAX_PACKET)
                 problems.append(Problem(instance.where, text))
         node = instance.name.rpartition(".")[0] or instance.name
         ends = Endpoint(instance.name, rx[0] if rx else None, tx[0] if tx else None)

@@ -19,10 +19,11 @@ from pathlib import Path
 
 from lxml import etree
 
-from cosim_master.document import Form, Grammar, Reader, double, line_of, local_name, near, whole
+from cosim_master.document import Form, Grammar, Reader, double, line_of, local_name, whole
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.fmu import describe
 from cosim_master.limitations import OSP_ALGORITHM, OSP_BOND
+from cosim_master.patterns import near
 from cosim_master.references import File, is_file, parsed, read_source
 from cosim_master.system import (
     Component,

@@ -72,7 +72,7 @@ def _nodes(table: pa.Table | None) -> list[str]:
     """The nodes that packets were for, drone2 before drone10."""
     if table is None:
         return []
-    from cosim_master.check import natural
+    from cosim_master.flat import natural
 
     return sorted((name for name in table["target"].unique().to_pylist() if name), key=natural)
 

@@ -20,8 +20,9 @@ from pathlib import Path, PurePosixPath
 from lxml import etree
 
 from cosim_master import archive
-from cosim_master.check import CheckedSystem, check
+from cosim_master.check import check
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.flat import CheckedSystem
 from cosim_master.sources import Reference, references
 from cosim_master.ssp import ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, read_system
 

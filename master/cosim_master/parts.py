@@ -12,19 +12,25 @@ from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
-from cosim_master.document import near
 from cosim_master.errors import Finding, Problem, Where
 from cosim_master.fmu import FmuDescription, Variable
 from cosim_master.limitations import DEEP, LARGE, OPEN_SIZE
+from cosim_master.patterns import near
 from cosim_master.ssp_grammar import SAME_TYPE
-from cosim_master.system import Connector, Dimension, Element, Kind, SignalDictionaryReference, System
+from cosim_master.system import (
+    MAX_DEPTH,
+    MAX_PARTS,
+    Connector,
+    Dimension,
+    Element,
+    Kind,
+    SignalDictionaryReference,
+    System,
+)
 from cosim_master.transformation import listed
 from cosim_master.units import UndefinedUnit, Unit, UnitError, conversion
 
-__all__ = ["MAX_DEPTH", "MAX_PARTS", "Part", "Port", "assemble", "element_name", "indices_of", "measure"]
-
-MAX_DEPTH = 60
-MAX_PARTS = 200_000
+__all__ = ["Part", "Port", "assemble", "element_name", "indices_of", "measure"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

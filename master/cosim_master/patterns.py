@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
+import difflib
 import fnmatch
 import re
 from collections.abc import Iterable
 
-from cosim_master.document import near
+__all__ = ["is_pattern", "matching", "near", "near_pattern"]
 
-__all__ = ["is_pattern", "matching", "near_pattern"]
+_LISTED = 12
 
 _NUMBER = re.compile(r"(?<![\[0-9,])[0-9]+(?![\],0-9])")
 """A number that is not an index."""
@@ -26,6 +27,21 @@ def matching(pattern: str, names: Iterable[str]) -> list[str]:
     """The names that a pattern matches, in their order."""
     match = re.compile(fnmatch.translate(pattern.replace("[", "[[]"))).match
     return [name for name in names if match(name)]
+
+
+def near(name: str, names: Iterable[str]) -> str:
+    """The names a user may have meant, as the end of a sentence: near matches first, at most twelve."""
+    known = list(dict.fromkeys(names))
+    if not known:
+        return "there is none"
+    if close := difflib.get_close_matches(name, known, n=3, cutoff=0.6):
+        # Long common prefixes make everything similar, so that only what is as near as the nearest is meant.
+        ratios = [difflib.SequenceMatcher(None, name, match).ratio() for match in close]
+        close = [match for match, ratio in zip(close, ratios, strict=True) if ratio > ratios[0] - 0.05]
+        return "did you mean " + " or ".join(f'"{match}"' for match in close) + "?"
+    listed = ", ".join(f'"{item}"' for item in sorted(known)[:_LISTED])
+    more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
+    return f"valid: {listed}{more}"
 
 
 def near_pattern(pattern: str, names: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.calls import table
+from cosim.kernel import table
 from cosim_master.coupling import Coupling
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Variable

@@ -19,8 +19,8 @@ import numba
 import numpy as np
 from numba import types
 
+from cosim.kernel import PLAIN
 from cosim_master.calls import (
-    PLAIN,
     atomic_add,
     atomic_load,
     do_step2,

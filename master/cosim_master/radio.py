@@ -65,7 +65,6 @@ __all__ = [
     "OUTCOMES",
     "PLACE",
     "SETTINGS",
-    "SLOT",
     "SWARM",
     "USED_EVENTS",
     "USED_LOG",
@@ -99,9 +98,6 @@ EVENT = np.dtype(
     ]
 )
 """One packet on its way to one node: times in ns (arrival -1 where it is lost), endpoint, node, header, outcome."""
-
-SLOT = 280
-"""Bytes of a place in flight: the longest MAVLink packet."""
 
 
 ENDPOINT = np.dtype(
@@ -196,7 +192,7 @@ class Radio(NamedTuple):
     channels: NDArray[Any]  # CHANNEL, by kind of sender, then sorted by kind of hearer
     outages: NDArray[np.int64]  # rows (node, from, until)
     places: NDArray[Any]  # PLACE
-    data: NDArray[np.uint8]  # (places, SLOT)
+    data: NDArray[np.uint8]  # (places, MAX_PACKET)
     order: NDArray[np.int64]  # nodes along the axis, kept sorted
     along: NDArray[np.float64]
     hearers: NDArray[np.int64]  # scratch

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.kernel import table
+from cosim.packets import MAX_PACKET
 from cosim_master import radio as radio_kernels
-from cosim_master.calls import table
-from cosim_master.layout import Layout
 from cosim_master.network import TELEMETRY, Endpoint, Network, Node
 from cosim_master.radio import (
     CHANNEL,
@@ -23,7 +24,6 @@ from cosim_master.radio import (
     NODE,
     PLACE,
     SETTINGS,
-    SLOT,
     Radio,
 )
 
@@ -116,8 +116,13 @@ def _definition(message: Message) -> tuple[int, int, int]:
     return message.id, message.crc_extra, next((f.offset for f in message.fields if f.name == "target_system"), -1)
 
 
-def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
-    """The radio's memory. `keep`: write packet events and logs."""
+def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: bool) -> Radio:
+    """Returns the radio's memory.
+
+    Args:
+        reals: index of every Real output that is fetched, by instance and variable (positions of nodes are among them).
+        keep: write packet events and logs.
+    """
     nodes = network.nodes
     names = {node.name: n for n, node in enumerate(nodes)}
     settings = np.zeros(1, dtype=SETTINGS)
@@ -132,7 +137,6 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
         hearers[a].append(b)
     listed = np.cumsum([0, *(len(row) for row in hearers)])
     members = np.cumsum([0, *(len(node.endpoints) for node in nodes)])
-    reals = places.ports["Real"].index
     node_table = np.zeros(len(nodes) + len(network.gateways), dtype=NODE)
     senders, kinds, channels = _channels(network)
     for n, node in enumerate(nodes):
@@ -157,7 +161,7 @@ def make_radio(network: Network, places: Layout, *, keep: bool) -> Radio:
         channels=table(channels["row"].copy()),
         outages=np.array(outages, dtype=np.int64).reshape(-1, 3),
         places=table(np.zeros(0, dtype=PLACE)),
-        data=np.zeros((0, SLOT), dtype=np.uint8),
+        data=np.zeros((0, MAX_PACKET), dtype=np.uint8),
         order=np.arange(len(nodes), dtype=np.int64),
         along=np.zeros(len(nodes)),
         hearers=np.zeros(len(nodes) + 1, dtype=np.int64),
@@ -179,7 +183,7 @@ def grown(radio: Radio, need: int) -> Radio:
     places[:old] = radio.places
     places["following"][old:] = np.arange(old + 1, new + 1)
     places["following"][-1] = radio.counters[FREE_PLACE]
-    data = np.zeros((new, SLOT), dtype=np.uint8)
+    data = np.zeros((new, MAX_PACKET), dtype=np.uint8)
     data[:old] = radio.data
     radio.counters[FREE_PLACE] = old
     radio.counters[FREE_PLACES] += new - old

@@ -27,9 +27,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cosim_master.check import CheckedSystem
-from cosim_master.checkpoint import Checkpoint, Position, segments
+from cosim_master.checkpoint_folder import Checkpoint, Position, segments
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.flat import CheckedSystem
 from cosim_master.layout import KINDS, Layout
 from cosim_master.network import Network
 from cosim_master.radio import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio

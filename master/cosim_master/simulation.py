@@ -19,12 +19,13 @@ from typing import Any
 
 from cosim_master.annotation import root_annotation
 from cosim_master.changes import Change, changes
-from cosim_master.check import CheckedSystem, check
-from cosim_master.checkpoint import Checkpoint, Identity, find
+from cosim_master.check import check
+from cosim_master.checkpoint_folder import Checkpoint, Identity, find
 from cosim_master.coupling import Coupling, connected, coupling_of
 from cosim_master.errors import CosimError, Finding, FmuError, Problem, SystemDescriptionError, Where
 from cosim_master.execution import Execution, RunFailed, RunTerminated
 from cosim_master.fingerprint import fingerprint_of
+from cosim_master.flat import CheckedSystem
 from cosim_master.fmu import Start
 from cosim_master.gateways import Gateways, gateways_of
 from cosim_master.layout import layout

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from cosim_master.document import near
 from cosim_master.errors import Problem
 from cosim_master.limitations import SIZE_CONNECTOR
 from cosim_master.parts import Part, Port
+from cosim_master.patterns import near
 from cosim_master.system import Connector, System, Value
 from cosim_master.wiring import Wiring
 

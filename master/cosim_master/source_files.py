@@ -14,9 +14,10 @@ from pathlib import PurePosixPath
 
 from lxml import etree
 
-from cosim_master.document import line_of, near
+from cosim_master.document import line_of
 from cosim_master.errors import Finding, Problem, Where
 from cosim_master.limitations import SOURCE_LIBRARY
+from cosim_master.patterns import near
 
 __all__ = ["SourceFiles", "configured", "listed"]
 

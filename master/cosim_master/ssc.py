@@ -12,11 +12,11 @@ from typing import cast
 
 from lxml import etree
 
+from cosim_master.description import INTEGER_RANGES
 from cosim_master.document import Reader, double, local_name, whole
 from cosim_master.limitations import ANNOTATION, CLOCK, LONG_ARRAY, META_DATA
 from cosim_master.ssp_grammar import ANY_TYPE, GRAMMAR, META, SAME_TYPE, SSC, SSD, TRANSFORMATIONS
 from cosim_master.system import (
-    INTEGER_RANGES,
     Connector,
     Dimension,
     Enumeration,

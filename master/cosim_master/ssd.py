@@ -14,16 +14,17 @@ from typing import TypeVar
 
 from lxml import etree
 
-from cosim_master.document import Reader, line_of, local_name, near, whole
+from cosim_master.document import Reader, line_of, local_name, whole
 from cosim_master.errors import Finding, Problem, SystemDescriptionError, Where
 from cosim_master.limitations import DEEP, IMPLEMENTATION, MODELICA, NO_SOURCE, OTHER_SSD
-from cosim_master.parts import MAX_DEPTH
+from cosim_master.patterns import near
 from cosim_master.references import File, Files, is_file, parsed, read_reference, read_source
 from cosim_master.schema import validate
 from cosim_master.ssc import Definitions, note_ignored, read_connector, read_transformation, read_version
 from cosim_master.ssp_grammar import ANNOTATIONS, GRAMMAR, KINDS, KINDS_2, SSB, SSC, SSD, SSM, SSV
 from cosim_master.ssv import read_parameter_mapping, read_parameter_set, read_signal_dictionary
 from cosim_master.system import (
+    MAX_DEPTH,
     Annotation,
     Component,
     Connection,

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cosim_master import shipped
-from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.multimodel import read_multimodel
 from cosim_master.osp import OSP_DOCUMENT, read_osp
+from cosim_master.patterns import near
 from cosim_master.references import File, Files, parsed
 from cosim_master.single import read_fmu
 from cosim_master.ssd import COMPONENT_TYPES, FMU_TYPE, ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, Document

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 from lxml import etree
 
-from cosim_master.document import Reader, local_name, near
+from cosim_master.document import Reader, local_name
+from cosim_master.patterns import near
 from cosim_master.ssc import (
     Definitions,
     read_connector,

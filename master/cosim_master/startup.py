@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.check import CheckedSystem, Link
-from cosim_master.clocks import lockstep
+from cosim_master.clock_groups import lockstep
 from cosim_master.errors import FmuError
 from cosim_master.events import EndedByEvent, Events
+from cosim_master.flat import CheckedSystem, Link
 from cosim_master.fmi2 import set_kind
 from cosim_master.fmi3 import Instance3
 from cosim_master.fmu import Start, Variable

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
-from cosim.packets import decode_base64, encode_base64
+from cosim.packets import MAX_PACKET, decode_base64, encode_base64
 from cosim_master.calls import (
     atomic_add,
     atomic_load,
@@ -50,7 +50,6 @@ from cosim_master.radio import (
     FREE_PLACES,
     IN_FLIGHT,
     NEAREST_ON_AXIS,
-    SLOT,
     USED_EVENTS,
     USED_LOG,
     Radio,
@@ -725,7 +724,7 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             if (
                 r.settings[0].keep != 0
                 and in_flight > 0
-                and r.counters[USED_LOG] + in_flight * (SLOT + 16) > r.log.size
+                and r.counters[USED_LOG] + in_flight * (MAX_PACKET + 16) > r.log.size
             ):
                 return NEED_LOG
             if p.ports.size > 0:

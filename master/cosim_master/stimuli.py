@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from cosim_master.changes import Change
-from cosim_master.check import CheckedSystem
-from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
+from cosim_master.flat import CheckedSystem
 from cosim_master.fmu import Start, Variable
 from cosim_master.interpolation import interpolated
+from cosim_master.patterns import near
 from cosim_master.timing import Timing
 
 __all__ = ["Agenda", "Stimuli", "read_stimuli"]

@@ -20,7 +20,8 @@ from cosim_master.errors import Problem, Where
 from cosim_master.units import Unit
 
 __all__ = [
-    "INTEGER_RANGES",
+    "MAX_DEPTH",
+    "MAX_PARTS",
     "Annotation",
     "Component",
     "Connection",
@@ -56,12 +57,9 @@ Kind: TypeAlias = Literal[
     "unspecified",
 ]
 Value: TypeAlias = float | int | bool | str
-INTEGER_RANGES: Mapping[str, tuple[int, int]] = {
-    "Integer": (-(2**31), 2**31 - 1),
-    **{f"Int{width}": (-(2 ** (width - 1)), 2 ** (width - 1) - 1) for width in (8, 16, 32, 64)},
-    **{f"UInt{width}": (0, 2**width - 1) for width in (8, 16, 32, 64)},
-}
-"""Types of whole numbers (SSP 2.0, section 4.5.1) and what goes into them; Int32 is Integer."""
+MAX_DEPTH = 60
+MAX_PARTS = 200_000
+"""The deepest nesting of systems, and how many elements and connectors a system may have."""
 
 
 @dataclass(frozen=True, slots=True)

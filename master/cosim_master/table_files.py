@@ -22,9 +22,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.description import Capabilities, FmuDescription, Variable
-from cosim_master.document import near
 from cosim_master.errors import Problem, SystemDescriptionError, Where
 from cosim_master.interpolation import Column, Table
+from cosim_master.patterns import near
 from cosim_master.system import Component, Connector
 
 __all__ = ["TABLE", "describe_table"]

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from cosim_master.check import CheckedSystem, Instance
-from cosim_master.clocks import lockstep
+from cosim_master.clock_groups import lockstep
 from cosim_master.errors import Problem, SystemDescriptionError
+from cosim_master.flat import CheckedSystem, Instance
 from cosim_master.limitations import BASE_STEP, FINE_STEPS, OVERRUN, TIED_STEPS, WHOLE_TIMES
 
 __all__ = ["Timing", "exact", "timing"]

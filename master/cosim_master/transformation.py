@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from cosim_master.document import near
+from cosim_master.description import INTEGER_RANGES
 from cosim_master.errors import Problem
-from cosim_master.system import INTEGER_RANGES, MappingTransformation
+from cosim_master.patterns import near
+from cosim_master.system import MappingTransformation
 
 __all__ = ["MappedEnd", "compatible", "listed", "mapping_entries", "mime_types_differ"]
 

@@ -18,8 +18,8 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
+from cosim.kernel import PLAIN
 from cosim_master import radio, stepping, tables
-from cosim_master.calls import PLAIN
 from cosim_master.radio import Radio
 from cosim_master.tables import Plan
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cosim_master.document import near
 from cosim_master.errors import Finding, Problem, Where
 from cosim_master.limitations import CLOCK_END, DIRECTION, NARROWING
 from cosim_master.parts import Part, Port, element_name, indices_of
+from cosim_master.patterns import near
 from cosim_master.system import (
     Connection,
     LinearTransformation,

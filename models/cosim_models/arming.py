@@ -8,38 +8,27 @@ Source: ArduPilot, ArduCopter 4.6/4.7-dev: AP_Arming_Copter, motors (auto disarm
 from __future__ import annotations
 
 import math
-from enum import IntEnum
-from typing import Any, cast
-
-import numpy as np
+from typing import Any
 
 from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
+from cosim_models.mode_numbers import (
+    AUTO,
+    BRAKE,
+    CIRCLE,
+    DESCEND,
+    GUIDED,
+    LAND,
+    LANDING,
+    LOITER,
+    RTL,
+    STABILIZE,
+    TAKEOFF,
+)
 from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED, mix_towards
 from cosim_models.shaping import lowpass_alpha
 
 __all__ = [
-    "ACCELERATION",
-    "ALT_HOLD",
-    "AUTO",
-    "BRAKE",
-    "CIRCLE",
-    "CLIMB",
-    "DESCEND",
-    "FINAL",
-    "GUIDED",
-    "LAND",
-    "LANDING",
-    "LOITER",
-    "POSITION",
-    "POSITION_VELOCITY",
-    "RETURN",
-    "RTL",
-    "STABILIZE",
-    "TAKEOFF",
-    "VELOCITY",
-    "WAIT",
-    "Mode",
     "arm",
     "detect_landing",
     "disarm",
@@ -49,41 +38,6 @@ __all__ = [
     "position_ready",
 ]
 
-
-class Mode(IntEnum):
-    """Flight modes, by ArduCopter's numbers."""
-
-    STABILIZE = 0
-    ALT_HOLD = 2
-    AUTO = 3
-    GUIDED = 4
-    LOITER = 5
-    RTL = 6
-    CIRCLE = 7
-    LAND = 9
-    BRAKE = 17
-
-
-# Numpy integers: numba compiles a kernel anew for every Python integer that is passed as a constant.
-STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE = (
-    cast(int, np.int64(0)),
-    cast(int, np.int64(2)),
-    cast(int, np.int64(3)),
-    cast(int, np.int64(4)),
-    cast(int, np.int64(5)),
-    cast(int, np.int64(6)),
-    cast(int, np.int64(7)),
-    cast(int, np.int64(9)),
-    cast(int, np.int64(17)),
-)
-
-# What GUIDED is doing.
-TAKEOFF, POSITION, VELOCITY, POSITION_VELOCITY, ACCELERATION = (cast(int, np.int64(i)) for i in range(5))
-# What RTL is doing.
-CLIMB, RETURN, WAIT, DESCEND, FINAL = range(5)
-
-LANDING = 4
-"""MAV_LANDED_STATE."""
 
 _LANDED_TIME = 1.0  # s of stillness that mean landed
 _TOUCHED_TIME = 0.2  # s that mean perhaps landed

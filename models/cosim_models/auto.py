@@ -19,7 +19,7 @@ import numpy as np
 
 from cosim.frames import local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
-from cosim_models.arming import AUTO, TAKEOFF, disarm
+from cosim_models.arming import disarm
 from cosim_models.circle import begin_circle, go_round, nearest_on_circle
 from cosim_models.flight_modes import (
     fly_to_point,
@@ -33,6 +33,7 @@ from cosim_models.flight_modes import (
     start_takeoff,
 )
 from cosim_models.missions import COMMAND, DONE, FRAME, LATITUDE, P1, P2, P3, P4, Z, mission_count, send_reached
+from cosim_models.mode_numbers import AUTO, TAKEOFF
 from cosim_models.motors import THROTTLE_UNLIMITED
 from cosim_models.nose import circle_nose, has_turned, hold_heading, keep_heading, turn_by
 from cosim_models.position_control import initialise_up, stop_ne, stopping_ne

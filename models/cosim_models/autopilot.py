@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 
 from cosim import Model, kernel
 from cosim.frames import rotate
-from cosim_models.arming import AUTO, detect_landing, disarm_after_delay
+from cosim_models.arming import detect_landing, disarm_after_delay
 from cosim_models.attitude_control import run_rates
 from cosim_models.auto import run_auto
 from cosim_models.autopilot_variables import VARIABLES
@@ -26,6 +26,7 @@ from cosim_models.battery import drain
 from cosim_models.commands import receive
 from cosim_models.failsafes import watch
 from cosim_models.mixer import motor_factors
+from cosim_models.mode_numbers import AUTO
 from cosim_models.modes import run_mode
 from cosim_models.motors import air_density_ratio, learn_hover_throttle, run_motors
 from cosim_models.packet_output import MAVLINK, SERIAL, TELEMETRY

@@ -8,10 +8,10 @@ from __future__ import annotations
 from cosim import Memory, Output, PacketInput, PacketOutput
 from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS
 from cosim.verdict import Role
-from cosim_models.arming import Mode
 from cosim_models.autopilot_parameters import PARAMETERS
 from cosim_models.fences import FENCE_CAPACITY, FENCE_ITEM
 from cosim_models.missions import ITEM, MISSION_CAPACITY
+from cosim_models.mode_numbers import Mode
 from cosim_models.packet_output import LINKS
 from cosim_models.pid import PID_STATE, PLANE_STATE
 from cosim_models.rally import RALLY_CAPACITY, RALLY_ITEM

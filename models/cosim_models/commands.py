@@ -68,21 +68,8 @@ from cosim.packets import (
     unpack,
     version,
 )
-from cosim_models.arming import (
-    AUTO,
-    GUIDED,
-    LAND,
-    POSITION,
-    RTL,
-)
 from cosim_models.auto import change_speed
-from cosim_models.copter_messages import (
-    acknowledge,
-    answer_timesync,
-    home_ready,
-    send_message,
-    tell_interval,
-)
+from cosim_models.copter_messages import acknowledge, answer_timesync, send_message, tell_interval
 from cosim_models.failsafes import hear_station
 from cosim_models.file_transfer import answer_file_transfer
 from cosim_models.flight_modes import (
@@ -106,10 +93,12 @@ from cosim_models.missions import (
     set_current,
 )
 from cosim_models.mode_changes import ACCEPTED, DENIED, FAILED, UNSUPPORTED, arm_or_disarm, change_mode, start_mission
+from cosim_models.mode_numbers import AUTO, GUIDED, LAND, POSITION, RTL
 from cosim_models.nose import turn_at, turn_by, turn_to
 from cosim_models.packet_output import can_answer
 from cosim_models.parameters import list_parameters, read_parameter, set_parameter
 from cosim_models.pilot import hear_manual_control, hear_override
+from cosim_models.readiness import home_ready
 from cosim_models.shaping import wrap_pi
 from cosim_models.streams import STREAM_COUNT, stream_group, stream_of
 from cosim_models.telemetry import default_interval, set_interval

@@ -75,11 +75,13 @@ from cosim.messages import (
     put_home_position_q,
 )
 from cosim.packets import clear, put_u16, put_u32
-from cosim_models.arming import AUTO, BRAKE, CIRCLE, GUIDED, LOITER, RTL, landed_state, needs_position, position_ready
+from cosim_models.arming import landed_state, position_ready
 from cosim_models.battery import battery_remaining
 from cosim_models.missions import send_mission_current
+from cosim_models.mode_numbers import AUTO, BRAKE, CIRCLE, GUIDED, LOITER, RTL
 from cosim_models.motors import GROUND_IDLE
 from cosim_models.packet_output import microseconds, milliseconds, send
+from cosim_models.readiness import AHRS_AT, EKF_AT, GPS_AT, HEARD_AT, attitude_ready, home_ready, prearm_ready, reached
 from cosim_models.sensor_messages import (
     send_ahrs,
     send_ahrs2,
@@ -105,9 +107,6 @@ from cosim_models.streams import message_of
 __all__ = [
     "acknowledge",
     "answer_timesync",
-    "attitude_ready",
-    "home_ready",
-    "prearm_ready",
     "send_heartbeat",
     "send_home",
     "send_message",
@@ -134,12 +133,6 @@ _SYSTEM_TIME = cast(int, np.int64(SYSTEM_TIME))
 _SYS_STATUS = cast(int, np.int64(SYS_STATUS))
 _VFR_HUD = cast(int, np.int64(VFR_HUD))
 _MULTICOPTER = 3  # MAV_VTOL_STATE_MC
-_SLACK = 1e-9  # s
-
-# Start-up of ArduCopter [s]: first known, estimator, attitude, GPS fix, home, AHRS, pre-arm checks; all before
-# _STARTUP, the position estimate.
-_STARTUP, _HEARD, _EKF_AT, _ATTITUDE_AT = 41.5, 2.9, 5.4, 5.9
-_GPS_AT, _HOME_AT, _AHRS_AT, _PREARM_AT = 9.8, 19.8, 22.4, 23.4
 
 _EKF_UNINITIALISED, _EKF_CONSTANT, _EKF_GOOD = 1024, 167, 831  # EKF_STATUS_FLAGS, as ArduCopter sets them
 _PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
@@ -153,30 +146,6 @@ _ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
 # SET_POSITION_TARGETs, MAVLink 2, fences, rally points
 _CAPABILITIES = 1 + 2 + 4 + 8 + 32 + 128 + 256 + 8192 + 16384 + 32768
 _SOFTWARE = 0x04070000  # the ArduCopter whose ways these are: 4.7-dev
-
-
-@kernel
-def _reached(m: Any, t: float, at: float) -> bool:
-    """Whether a stage of ArduCopter's start-up has been reached, its times scaled to `estimate_ready_time`."""
-    return bool(t >= at * (m.estimate_ready_time / _STARTUP) - _SLACK)
-
-
-@kernel
-def attitude_ready(m: Any, t: float) -> bool:
-    """Whether the attitude estimate is good."""
-    return _reached(m, t, _ATTITUDE_AT)
-
-
-@kernel
-def home_ready(m: Any, t: float) -> bool:
-    """Whether the origin and home are known."""
-    return _reached(m, t, _HOME_AT)
-
-
-@kernel
-def prearm_ready(m: Any, t: float) -> bool:
-    """Whether the pre-arm checks of the present mode pass."""
-    return _reached(m, t, _PREARM_AT) and (not needs_position(m.mode) or position_ready(m, t))
 
 
 # ---- answers and texts ---------------------------------------------------------------------------------------------
@@ -224,7 +193,7 @@ def send_heartbeat(m: Any, t: float) -> bool:
         else 4
         if not m.on_ground
         else 3
-        if _reached(m, t, _HEARD)
+        if reached(m, t, HEARD_AT)
         else 1
     )
     kind = 2 if m.motor_count == 4 else 13 if m.motor_count == 6 else 14
@@ -236,10 +205,10 @@ def send_heartbeat(m: Any, t: float) -> bool:
 def _send_sys_status(m: Any, t: float) -> bool:
     present = _PRESENT
     more = 0
-    if _reached(m, t, _GPS_AT):
+    if reached(m, t, GPS_AT):
         present += _GPS_BIT
         more += _GPS_BIT
-    if _reached(m, t, _AHRS_AT):
+    if reached(m, t, AHRS_AT):
         more += _AHRS_BIT
     enabled = _SENSORS + more
     health = _HEALTHY + more
@@ -283,7 +252,7 @@ def _place(m: Any) -> tuple[int, int, float]:
 
 @kernel
 def _send_gps_raw(m: Any, t: float) -> bool:
-    if not _reached(m, t, _GPS_AT):
+    if not reached(m, t, GPS_AT):
         encode_gps_raw_int(m.payload, 0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0, 0, 0, 0, 0, 0, 0)
         return send(m, _GPS_RAW_INT)
     lat, lon, alt = _place(m)
@@ -362,7 +331,7 @@ def _send_vfr_hud(m: Any) -> bool:
 
 @kernel
 def _send_ekf_status(m: Any, t: float) -> bool:
-    flags = 0 if _reached(m, t, _EKF_AT) else _EKF_UNINITIALISED
+    flags = 0 if reached(m, t, EKF_AT) else _EKF_UNINITIALISED
     if position_ready(m, t):
         flags = _EKF_GOOD
     elif attitude_ready(m, t):

@@ -13,22 +13,10 @@ import math
 from typing import Any
 
 from cosim.kernel import kernel
-from cosim_models.arming import (
-    ALT_HOLD,
-    AUTO,
-    BRAKE,
-    GUIDED,
-    LAND,
-    LANDING,
-    LOITER,
-    RTL,
-    STABILIZE,
-    disarm,
-    landed_state,
-    position_ready,
-)
+from cosim_models.arming import disarm, landed_state, position_ready
 from cosim_models.battery import CRITICAL_CHARGE, drain, new_alarm
 from cosim_models.fences import CIRCLE, HIGHEST, LOWEST, POLYGON, within_polygons
+from cosim_models.mode_numbers import ALT_HOLD, AUTO, BRAKE, GUIDED, LAND, LANDING, LOITER, RTL, STABILIZE
 from cosim_models.modes import set_mode
 from cosim_models.pilot import NO_PULSES, channel, hands_on, throttle_zero
 from cosim_models.pilot_switches import watch_switches

@@ -18,7 +18,10 @@ from typing import Any
 
 from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
-from cosim_models.arming import (
+from cosim_models.arming import disarm
+from cosim_models.attitude_control import follow_yaw_rate, forget_torques, relax_yaw
+from cosim_models.fences import HIGHEST
+from cosim_models.mode_numbers import (
     ACCELERATION,
     CLIMB,
     DESCEND,
@@ -30,10 +33,7 @@ from cosim_models.arming import (
     TAKEOFF,
     VELOCITY,
     WAIT,
-    disarm,
 )
-from cosim_models.attitude_control import follow_yaw_rate, forget_torques, relax_yaw
-from cosim_models.fences import HIGHEST
 from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED
 from cosim_models.nose import default_nose, hold_heading, lean, points_there, stop_turning, turn_as_armed
 from cosim_models.position_control import (

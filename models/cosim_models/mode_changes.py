@@ -11,25 +11,12 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.kernel import kernel
-from cosim_models.arming import (
-    ALT_HOLD,
-    AUTO,
-    BRAKE,
-    CIRCLE,
-    GUIDED,
-    LAND,
-    LOITER,
-    RTL,
-    STABILIZE,
-    arm,
-    disarm,
-    needs_position,
-    position_ready,
-)
-from cosim_models.copter_messages import attitude_ready, prearm_ready
+from cosim_models.arming import arm, disarm, needs_position, position_ready
 from cosim_models.missions import COMMAND, mission_count
+from cosim_models.mode_numbers import ALT_HOLD, AUTO, BRAKE, CIRCLE, GUIDED, LAND, LOITER, RTL, STABILIZE
 from cosim_models.modes import set_mode
 from cosim_models.pilot import pilot_climb_rate, pilot_throttle, throttle_open
+from cosim_models.readiness import attitude_ready, prearm_ready
 from cosim_models.texts import (
     ACCELS_INCONSISTENT,
     AHRS_TYPE,

@@ -11,21 +11,10 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.kernel import kernel
-from cosim_models.arming import (
-    ALT_HOLD,
-    AUTO,
-    BRAKE,
-    CIRCLE,
-    GUIDED,
-    LAND,
-    LOITER,
-    RTL,
-    STABILIZE,
-    needs_position,
-    position_ready,
-)
+from cosim_models.arming import needs_position, position_ready
 from cosim_models.flight_modes import guide_stop, run_guided, run_land, run_rtl, start_land, start_rtl
 from cosim_models.missions import forget_jumps
+from cosim_models.mode_numbers import ALT_HOLD, AUTO, BRAKE, CIRCLE, GUIDED, LAND, LOITER, RTL, STABILIZE
 from cosim_models.motors import SHUT_DOWN
 from cosim_models.nose import hold_heading
 from cosim_models.pilot_modes import (

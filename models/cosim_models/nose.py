@@ -13,8 +13,8 @@ from typing import Any
 
 from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
-from cosim_models.arming import AUTO, BRAKE, DESCEND, FINAL, GUIDED, RTL
 from cosim_models.attitude_control import follow_heading, follow_yaw_rate
+from cosim_models.mode_numbers import AUTO, BRAKE, DESCEND, FINAL, GUIDED, RTL
 from cosim_models.position_control import GRAVITY
 from cosim_models.shaping import clip, wrap_pi
 

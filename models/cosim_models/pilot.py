@@ -23,9 +23,9 @@ from cosim.kernel import get_real, kernel
 from cosim.messages import RC_CHANNELS_OVERRIDE_CHAN1_RAW, RC_CHANNELS_OVERRIDE_CHAN9_RAW, decode_manual_control
 from cosim.model import record_layout
 from cosim.packets import get_u16
-from cosim_models.arming import STABILIZE
 from cosim_models.autopilot_parameters import STICK_CHANNELS
 from cosim_models.autopilot_variables import CHANNELS, VARIABLES
+from cosim_models.mode_numbers import STABILIZE
 from cosim_models.shaping import clip
 
 __all__ = [

@@ -15,10 +15,10 @@ from typing import Any
 
 from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
-from cosim_models.arming import STABILIZE
 from cosim_models.attitude_control import follow_yaw_rate, forget_torques, relax_yaw, shape_angle
 from cosim_models.circle import begin_circle, go_round
 from cosim_models.flight_modes import rest_on_ground, standard_limits
+from cosim_models.mode_numbers import STABILIZE
 from cosim_models.motors import GROUND_IDLE, THROTTLE_UNLIMITED
 from cosim_models.nose import circle_nose, look_round
 from cosim_models.pilot import (

@@ -14,9 +14,10 @@ import numpy as np
 
 from cosim.kernel import get_whole, kernel
 from cosim.model import record_layout
-from cosim_models.arming import STABILIZE, disarm
+from cosim_models.arming import disarm
 from cosim_models.autopilot_variables import VARIABLES
 from cosim_models.mode_changes import arm_checked, change_mode
+from cosim_models.mode_numbers import STABILIZE
 from cosim_models.pilot import channel, deflection, hands_on, override_active, throttle_open
 
 __all__ = ["LAST_POSITION", "watch_switches"]

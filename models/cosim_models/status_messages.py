@@ -39,9 +39,9 @@ from cosim.messages import (
     put_battery_status_voltages,
 )
 from cosim.packets import clear, put_u8, put_u16, put_u32
-from cosim_models.arming import AUTO, GUIDED, POSITION, RTL
 from cosim_models.autopilot_variables import CHANNELS
 from cosim_models.battery import battery_remaining
+from cosim_models.mode_numbers import AUTO, GUIDED, POSITION, RTL
 from cosim_models.packet_output import microseconds, milliseconds, send
 from cosim_models.pilot import channel
 from cosim_models.position_control import GRAVITY

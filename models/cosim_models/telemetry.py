@@ -17,11 +17,12 @@ from cosim.kernel import get_whole, kernel
 from cosim.model import record_layout
 from cosim_models.autopilot_parameters import STREAM_RATES
 from cosim_models.autopilot_variables import VARIABLES
-from cosim_models.copter_messages import home_ready, send_heartbeat, send_home, send_message, send_origin
+from cosim_models.copter_messages import send_heartbeat, send_home, send_message, send_origin
 from cosim_models.file_transfer import continue_burst
 from cosim_models.missions import continue_upload
 from cosim_models.packet_output import LINKS
 from cosim_models.parameters import PARAMETER_COUNT, send_list
+from cosim_models.readiness import home_ready
 from cosim_models.streams import HEARTBEAT_ROW, STREAM_COUNT, stream_group
 from cosim_models.texts import DISARMING, INFO, NO_NUMBER, say, send_texts
 

@@ -110,7 +110,7 @@ class Fuzz:
         nodes = (Node("a", (Endpoint("a", RX, TX),)), Node("b", (Endpoint("b", RX, TX),)))
         places: Any = SimpleNamespace(ports={"Real": SimpleNamespace(index={})})
         network = Network(nodes=nodes, gateways=(Gateway("@a", "a"),))
-        self.radio: Radio = grown(make_radio(network, places, keep=True), 4096)
+        self.radio: Radio = grown(make_radio(network, places.ports["Real"].index, keep=True), 4096)
         self.signing = Signing(bytes(32))
         self._buffer = np.zeros(1 << 20, np.uint8)
         self.packets = self.taken = 0

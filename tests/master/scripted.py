@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim_master.check import CheckedSystem, Instance, Link
 from cosim_master.errors import FmuError, Where
+from cosim_master.flat import CheckedSystem, Instance, Link
 from cosim_master.fmu import Capabilities, FmuDescription, Variable
 from cosim_master.system import System, SystemStructure
 

@@ -12,8 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from cosim_master.check import CheckedSystem, check, natural
+from cosim_master.check import check
 from cosim_master.errors import Finding, SystemDescriptionError
+from cosim_master.flat import CheckedSystem, natural
 from cosim_master.fmu import describe
 from cosim_master.initialization import exchange_order
 from cosim_master.ssp import read_system

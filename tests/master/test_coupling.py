@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim_master.check import CheckedSystem
 from cosim_master.coupling import Coupling, Delay, coupling_of
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.flat import CheckedSystem
 from cosim_master.layout import layout
 from cosim_master.network import Network
 from cosim_master.plan import make_plan
@@ -39,7 +39,7 @@ class Loop:
         places = layout(checked, network, (), coupling)
         clock = timing(checked, until)
         self.plan = make_plan(places, clock, network, self.living, 1, coupling=coupling)  # type: ignore[arg-type]
-        self.radio = make_radio(network, places, keep=True)
+        self.radio = make_radio(network, places.ports["Real"].index, keep=True)
         collect_all(self.plan)
         assert run(self.plan, self.radio, 0) == DONE
 
@@ -201,7 +201,7 @@ def coupled(checked: CheckedSystem, declared: list[int]) -> Coupling:
 
     from lxml import etree
 
-    from cosim_master.check import OwnedAnnotation
+    from cosim_master.flat import OwnedAnnotation
     from cosim_master.system import Annotation
 
     order = " ".join(f"x{i}" for i in declared)

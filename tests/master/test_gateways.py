@@ -194,7 +194,7 @@ class Air:
     def __init__(self, *gateways: Gateway, nodes: tuple[Node, ...] = LINE.nodes, **network: Any) -> None:
         made = Network(nodes=nodes, gateways=gateways, topology="listed", **network)
         places: Any = SimpleNamespace(ports={"Real": SimpleNamespace(index={})})
-        self.radio: Radio = grown(make_radio(made, places, keep=True), 4096)
+        self.radio: Radio = grown(make_radio(made, places.ports["Real"].index, keep=True), 4096)
         self.names = [e.instance for node in nodes for e in node.endpoints] + [g.name for g in gateways]
         self.gateways = [g.name for g in gateways]
         self._buffer = np.zeros(1 << 16, np.uint8)

@@ -23,11 +23,10 @@ from cosim_master.gateways import gateways_of
 from cosim_master.limitations import LIMITATIONS, Limitation, table
 from cosim_master.multimodel import read_multimodel
 from cosim_master.network import network_of
-from cosim_master.parts import MAX_DEPTH
 from cosim_master.saving import save
 from cosim_master.simulation import simulate
 from cosim_master.ssp import SSD_TYPE, read_system
-from cosim_master.system import Component
+from cosim_master.system import MAX_DEPTH, Component
 from tests.master import clocked as clocks
 from tests.master import strict as strict2
 from tests.master import strict3

@@ -35,7 +35,7 @@ class Loop:
         self.network = network or Network()
         self.places = layout(checked, self.network)
         self.plan = make_plan(self.places, timing(checked, until), self.network, by_name, 1)  # type: ignore[arg-type]
-        self.radio = make_radio(self.network, self.places, keep=True)
+        self.radio = make_radio(self.network, self.places.ports["Real"].index, keep=True)
         collect_all(self.plan)
         assert run(self.plan, self.radio, 0) == DONE
 

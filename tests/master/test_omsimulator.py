@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from cosim_master.check import CheckedSystem, check
+from cosim_master.check import check
+from cosim_master.flat import CheckedSystem
 from cosim_master.ssp import read_system
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"

@@ -10,8 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.changes import changes
-from cosim_master.check import CheckedSystem, check
+from cosim_master.check import check
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.flat import CheckedSystem
 from cosim_master.patterns import is_pattern, matching, near_pattern
 from cosim_master.simulation import simulate
 from cosim_master.ssp import read_system

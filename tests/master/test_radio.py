@@ -74,7 +74,7 @@ class Air:
                 index[name, v.name] = len(index)
             made.append(Node(name, tuple(Endpoint(e, RX, TX) for e in endpoints), position))
         places: Any = SimpleNamespace(ports={"Real": SimpleNamespace(index=index)})
-        self.radio: Radio = make_radio(Network(nodes=tuple(made), **network), places, keep=keep)
+        self.radio: Radio = make_radio(Network(nodes=tuple(made), **network), places.ports["Real"].index, keep=keep)
         self.reals = np.zeros(len(index))
         self._buffer = np.zeros(4096, np.uint8)
 

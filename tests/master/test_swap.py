@@ -12,9 +12,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim_master.check import CheckedSystem, check
+from cosim_master.check import check
 from cosim_master.edit import swap
 from cosim_master.errors import SystemDescriptionError
+from cosim_master.flat import CheckedSystem
 from cosim_master.ssp import read_system
 
 SSD_TYPE = "application/x-ssp-definition"

@@ -57,7 +57,7 @@ class Chain:
         places: Any = SimpleNamespace(ports={"Real": SimpleNamespace(index={})})
         nodes = (Node("drone", tuple(ends)), Node("jammer", (jammer,)))
         network = Network(nodes=nodes, gateways=(Gateway("@gcs"),))
-        self.radio: Radio = grown(make_radio(network, places, keep=True), 4096)
+        self.radio: Radio = grown(make_radio(network, places.ports["Real"].index, keep=True), 4096)
         self.instances: list[tuple[Any, bytearray, Any]] = []
         for model in MODELS:
             memory, m = twin(bytearray(model.record().tobytes()), model)

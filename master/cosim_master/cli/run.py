@@ -121,7 +121,7 @@ def run(
         raise usage(f"--threads {threads}: give a positive number")
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
-        from cosim_master.calls import PLAIN
+        from cosim.kernel import PLAIN
         from cosim_master.run_folder import RunFolder
         from cosim_master.simulation import simulate
 

@@ -18,7 +18,7 @@ BROUGHT_ALONG = "brought along"
 """What --reference without a file stands for."""
 
 if TYPE_CHECKING:
-    from cosim_master.check import CheckedSystem
+    from cosim_master.flat import CheckedSystem
     from cosim_master.reference_results import Verdict
     from cosim_master.timing import Timing
 

@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass
 
 from cosim_master.annotation import root_annotation
-from cosim_master.check import CheckedSystem
 from cosim_master.errors import Problem, SystemDescriptionError
+from cosim_master.flat import CheckedSystem
 
 __all__ = ["ANNOTATION", "Limits", "limits_of"]
 

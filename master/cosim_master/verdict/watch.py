@@ -17,8 +17,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cosim.verdict import Bound, Condition, Reason, Role
-from cosim_master.check import CheckedSystem, Instance
 from cosim_master.declarations import elements_of
+from cosim_master.flat import CheckedSystem, Instance
 from cosim_master.layout import Layout
 from cosim_master.network import Network
 from cosim_master.observation import Seen
