@@ -41,8 +41,8 @@ $(VENV)/tested: $(VENV)/installed
 
 wheel: $(VENV)/installed
 	rm -rf build
-	$(BIN)/python -m cosim_master.shipped build/shipped
-	$(BIN)/python -m cosim_master.warming build/compiled
+	$(BIN)/python -m cosim_master.system.shipped build/shipped
+	$(BIN)/python -m cosim_master.stepping.warming build/compiled
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w dist .
 	rm -rf build
 

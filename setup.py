@@ -2,7 +2,7 @@
 
 `make wheel` builds the FMUs and the object code of the stepping loop first; the wheel is then one of this platform.
 A wheel made without them (`pip install .`) is a pure Python one, and the FMUs are built when a system first needs them
-(`cosim_master.shipped`).
+(`cosim_master.system.shipped`).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).parent
 STAGED = ROOT / "build" / "shipped"
-"""Where `python -m cosim_master.shipped` leaves the FMUs for the wheel."""
+"""Where `python -m cosim_master.system.shipped` leaves the FMUs for the wheel."""
 COMPILED = ROOT / "build" / "compiled"
-"""Where `python -m cosim_master.warming` leaves the machine code of the stepping loop."""
+"""Where `python -m cosim_master.stepping.warming` leaves the machine code of the stepping loop."""
 
 
 class BuildWithSystems(build_py):

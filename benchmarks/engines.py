@@ -216,7 +216,7 @@ def write(case: Case, fmu: Path, path: Path) -> None:
 def ours(path: str) -> float:
     import pyarrow.parquet as pq
 
-    from cosim_master.simulation import simulate
+    from cosim_master.execution.simulate import simulate
 
     with tempfile.TemporaryDirectory() as out:
         result = simulate(path, out=Path(out), step=STEP)

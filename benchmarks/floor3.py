@@ -5,9 +5,9 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-from cosim_master.execution import Execution
-from cosim_master.tables import FUNCTIONS
-from cosim_master.typed_calls import PACKED, TYPED
+from cosim_master.execution.execution import Execution
+from cosim_master.stepping.kernels.fmi3_types import PACKED, TYPED
+from cosim_master.stepping.kernels.tables import FUNCTIONS
 
 __all__ = ["calls_of"]
 

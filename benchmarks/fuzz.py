@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.autopilot import Autopilot
-from cosim_models.line_agent import LineAgent
-from cosim_models.parameters import PARAMETER_NAMES
+from cosim_models.agents.line_agent import LineAgent
+from cosim_models.autopilot.autopilot import Autopilot
+from cosim_models.autopilot.mavlink.parameters import PARAMETER_NAMES
 
 BATCH = 20
 MESSAGES = (

@@ -32,12 +32,12 @@ from floor3 import calls_of
 from report import machine, show, write
 
 from cosim.build import build, load_models
-from cosim_master.check import check
-from cosim_master.execution import Execution
-from cosim_master.layout import layout
-from cosim_master.network import network_of
-from cosim_master.ssp import read_system
-from cosim_master.timing import timing
+from cosim_master.execution.execution import Execution
+from cosim_master.stepping.layout import layout
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.network import network_of
+from cosim_master.system.settings.time_grid import timing
 
 HERE = Path(__file__).parent
 STEP = 0.0025
@@ -46,7 +46,7 @@ COMPARED = 20
 RINGS = {
     "Relay": (str(HERE / "models" / "relay.py"), [(f"y[{i}]", f"u[{i}]") for i in range(1, 5)]),
     # All motors follow the real part of the attitude, which is 1 as long as it climbs upright. It always does.
-    "Quadrotor": ("cosim_models.quadrotor", [("attitude[1]", f"motor[{i}]") for i in range(1, 9)]),
+    "Quadrotor": ("cosim_models.vehicles.quadrotor", [("attitude[1]", f"motor[{i}]") for i in range(1, 9)]),
 }
 """Per FMU: where its model is, and what goes from each instance to the next."""
 

@@ -32,13 +32,13 @@ from report import machine, show, write
 from cosim.kernel import kernel
 from cosim.messages import GLOBAL_POSITION_INT, decode_global_position_int, encode_global_position_int
 from cosim.packets import GOOD, find, pack, unpack
-from cosim_master.check import check
-from cosim_master.layout import layout
-from cosim_master.network import Network, network_of
-from cosim_master.new import new_system
-from cosim_master.radio import DELIVERED, Radio, deliver, send
-from cosim_master.radio_plan import grown, make_radio
-from cosim_master.ssp import read_system
+from cosim_master.network.radio.build import grown, make_radio
+from cosim_master.network.radio.router import DELIVERED, Radio, deliver, send
+from cosim_master.stepping.layout import layout
+from cosim_master.system.authoring.new import new_system
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.network import Network, network_of
 
 ROOT = Path(__file__).resolve().parents[1]
 BATCH = 100

@@ -28,18 +28,19 @@ from numpy.typing import NDArray
 from report import machine, show, write
 
 from cosim.kernel import kernel
-from cosim_master import stepping, tables
-from cosim_master.check import check
-from cosim_master.execution import Execution
-from cosim_master.layout import layout
-from cosim_master.network import network_of
-from cosim_master.new import new_system
-from cosim_master.radio import Radio
-from cosim_master.radio_plan import grown
-from cosim_master.recorder import Recorder
-from cosim_master.simulation import Progress, simulate
-from cosim_master.ssp import read_system
-from cosim_master.timing import timing
+from cosim_master.execution.execution import Execution
+from cosim_master.execution.simulate import Progress, simulate
+from cosim_master.network.radio.build import grown
+from cosim_master.network.radio.router import Radio
+from cosim_master.results.recorder import Recorder
+from cosim_master.stepping.kernels import macro_step as stepping
+from cosim_master.stepping.kernels import tables
+from cosim_master.stepping.layout import layout
+from cosim_master.system.authoring.new import new_system
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.network import network_of
+from cosim_master.system.settings.time_grid import timing
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDED = ("*.vehicle.position*",)
@@ -114,7 +115,7 @@ def _timed_steps(
     ends: NDArray[np.int64],
     spent: NDArray[np.int64],
 ) -> int:
-    """`stepping.run` on one thread without recording, its phases timed and instances FMU by FMU.
+    """`macro_step.run` on one thread without recording, its phases timed and instances FMU by FMU.
 
     `spent` in ns: exchange, packets, then each FMU; its last three are the stopwatch.
     """

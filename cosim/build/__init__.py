@@ -44,7 +44,7 @@ class Built:
 
 
 def load_models(source: str) -> list[type[Model]]:
-    """The model classes of a Python file or of an importable module (``cosim_models.quadrotor``).
+    """The model classes of a Python file or of an importable module (``cosim_models.vehicles.quadrotor``).
 
     Raises:
         ValueError: there is no such file or module, it defines no model, or another module of that name is loaded.
@@ -89,7 +89,7 @@ def models_of_package(package: str) -> list[type[Model]]:
     """
     found = importlib.import_module(package)
     models: list[type[Model]] = []
-    for module in pkgutil.iter_modules(found.__path__, f"{package}."):
+    for module in pkgutil.walk_packages(found.__path__, f"{package}."):
         loaded = importlib.import_module(module.name)
         models += _defined_in(loaded)
     return sorted(models, key=lambda model: model.__name__)

@@ -1,4 +1,4 @@
-"""The models that ship: one module per FMU, and beside them the physics and laws they share.
+"""The models that ship, in rooms that do not know each other: vehicles, sensing, agents, autopilot, ardupilot.
 
 Nothing here knows the master: models and master meet in `cosim` and in .fmu files.
 """

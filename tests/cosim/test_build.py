@@ -274,7 +274,7 @@ def test_an_interpreted_fmu_without_a_binary_is_an_error(resources_of_an_fmu: Pa
     code = (
         f"import sys; sys.path.insert(0, {str(resources_of_an_fmu)!r}); import pythonfmu; del sys.path[0]\n"
         "from pathlib import Path\nfrom cosim.build import build, load_models\n"
-        f"build(load_models('cosim_models.hexarotor')[0], Path({str(tmp_path / 'fmus')!r}), interpreted=True)\n"
+        f"build(load_models('cosim_models.vehicles.hexarotor')[0], Path({str(tmp_path / 'fmus')!r}), interpreted=True)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     found = resources_of_an_fmu / "pythonfmu"
@@ -526,7 +526,7 @@ def test_a_changed_callee_is_compiled_anew(tmp_path: Path) -> None:
 def test_bytes_do_not_depend_on_the_process_or_its_cache(tmp_path: Path) -> None:
     garden = Garden(tmp_path / "garden")
     digests = set()
-    for i, extra in enumerate(("", "import cosim_models.quadrotor\n")):
+    for i, extra in enumerate(("", "import cosim_models.vehicles.quadrotor\n")):
         garden.write("sitecustomize.py", extra)  # other kernels compiled or loaded before
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         with pytest.MonkeyPatch.context() as patch:
@@ -625,7 +625,7 @@ def test_models_of_a_package() -> None:
     names = [model.__name__ for model in MODELS]
     assert names == sorted(names)
     assert {"Quadrotor", "Hexarotor", "LineAgent"} <= set(names)
-    assert [m.__name__ for m in load_models("cosim_models.quadrotor")] == ["Quadrotor"]
+    assert [m.__name__ for m in load_models("cosim_models.vehicles.quadrotor")] == ["Quadrotor"]
     with pytest.raises(ImportError, match="no_such_package"):
         models_of_package("no_such_package")
 

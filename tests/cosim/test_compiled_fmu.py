@@ -172,7 +172,8 @@ def test_simulate_fmu_gives_the_same_for_both_builds(name: str, fmus: Path, tmp_
 
 def test_every_kernel_is_compiled(fmus: Path) -> None:
     """By an FMU, which is compiled as a whole, or, of what no model calls, by the tests of its own module."""
-    names = [f"cosim_models.{m.name}" for m in pkgutil.iter_modules(importlib.import_module("cosim_models").__path__)]
+    package = importlib.import_module("cosim_models")
+    names = [module.name for module in pkgutil.walk_packages(package.__path__, "cosim_models.")]
     modules = [importlib.import_module(name) for name in ("cosim.packets", "cosim.messages", "cosim.frames", *names)]
     kernels = {v for m in modules for v in vars(m).values() if hasattr(v, "py_func")}
     assert len(kernels) > 100

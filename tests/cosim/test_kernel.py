@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-import cosim_master.stepping
+import cosim_master.stepping.kernels.macro_step
 from cosim.kernel import _code_folders, _imported, imported_sources
 
 FOR = "from numba.core.registry import cpu_target; print(cpu_target.target_context.codegen().magic_tuple())"
@@ -19,7 +19,7 @@ FOR = "from numba.core.registry import cpu_target; print(cpu_target.target_conte
 @pytest.mark.parametrize("module", [f"cosim_master.{name}" for name in ("calls", "profiling", "simulation")])
 def test_all_is_compiled_for_one_processor_whatever_is_imported_first(module: str) -> None:
     """numba looks once, when it makes its first function; a cache of one processor is of no use for another."""
-    imports = f"import {module}, cosim_master.execution, cosim.packets; "
+    imports = f"import {module}, cosim_master.execution.execution, cosim.packets; "
     done = subprocess.run([sys.executable, "-c", imports + FOR], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("'x86-64-v2', '')")
 
@@ -62,6 +62,6 @@ def test_kernels_are_compiled_anew_where_a_callee_in_another_file_changes_and_on
 
 
 def test_the_loop_does_not_depend_on_the_command_line() -> None:
-    names = {file.name for file in imported_sources(Path(cosim_master.stepping.__file__))}
+    names = {file.name for file in imported_sources(Path(cosim_master.stepping.kernels.macro_step.__file__))}
     assert {"stepping.py", "calls.py", "radio.py", "tables.py", "packets.py", "kernel.py"} <= names
     assert not names & {"console.py", "simulation.py", "figures.py", "check.py"}

@@ -6,7 +6,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
-from cosim_master.fmu import platform
+from cosim_master.fmi.description.read import platform
 from tests.master.conftest import SUFFIX
 from tests.master.probe import compiled
 from tests.master.strict3 import ABLE, Stricts3

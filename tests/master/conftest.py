@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import pytest
 
 from cosim.kernel import cache_folder
-from cosim_master.fmu import platform
+from cosim_master.fmi.description.read import platform
 
 NAMESPACES = (
     'xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '

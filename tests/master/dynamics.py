@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cosim_master.fmu import platform
+from cosim_master.fmi.description.read import platform
 from tests.master.conftest import SUFFIX, attributes
 
 SOURCE = Path(__file__).with_name("dynamic.c")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from cosim_master.fmu import platform
+from cosim_master.fmi.description.read import platform
 from tests.master.conftest import SUFFIX, Workshop, variable
 from tests.master.probe import compiled
 

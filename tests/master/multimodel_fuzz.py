@@ -19,7 +19,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from cosim_master.multimodel import read_multimodel
+from cosim_master.system.reading.into_cps import read_multimodel
 from tests.master.ssp_fuzz import Finding, attempt, command, described_once, make_fmus, mutated_bytes
 
 A, B = "{A}.one", "{B}.two"

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_master.gateways import Parser
-from cosim_master.network import Endpoint, Gateway, Network, Node
-from cosim_master.radio import IN_FLIGHT, MALFORMED, USED_EVENTS, USED_LOG, Radio, admit, deliver, send
-from cosim_master.radio_plan import grown, make_radio
-from cosim_master.signing import Signing
+from cosim_master.network.gateways.gateways import Parser
+from cosim_master.network.gateways.signing import Signing
+from cosim_master.network.radio.build import grown, make_radio
+from cosim_master.network.radio.router import IN_FLIGHT, MALFORMED, USED_EVENTS, USED_LOG, Radio, admit, deliver, send
+from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node
 from tests.master.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=65536)

@@ -12,7 +12,7 @@ from typing import Any
 from pythonfmu import FmuBuilder
 
 from cosim.build import build, load_models
-from cosim_master.fmu import platform
+from cosim_master.fmi.description.read import platform
 from tests.master.conftest import SUFFIX, Workshop, variable
 
 LEVEL = (

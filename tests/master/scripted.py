@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim_master.errors import FmuError, Where
-from cosim_master.flat import CheckedSystem, Instance, Link
-from cosim_master.fmu import Capabilities, FmuDescription, Variable
-from cosim_master.system import System, SystemStructure
+from cosim_master.diagnostics.errors import FmuError, Where
+from cosim_master.fmi.description.read import Capabilities, FmuDescription, Variable
+from cosim_master.system.flatten.flat import CheckedSystem, Instance, Link
+from cosim_master.system.structure import System, SystemStructure
 
 _REFERENCES, _SIZE, _HANDLE = ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, ctypes.c_void_p
 _TYPES = {"Real": ctypes.c_double, "Integer": ctypes.c_int, "Boolean": ctypes.c_int, "String": ctypes.c_char_p}

@@ -29,11 +29,11 @@ from typing import Any
 
 from lxml import etree
 
-from cosim_master import check as checking
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import FmuDescription, platform
-from cosim_master.ssp import read_system
-from cosim_master.system import SystemStructure
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.fmi.description.read import FmuDescription, platform
+from cosim_master.system.flatten import check as checking
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.structure import SystemStructure
 from tests.master.conftest import SUFFIX, Workshop
 from tests.master.test_conformance import CORPUS, FMUS, OF_FMI3, description
 

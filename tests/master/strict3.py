@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from cosim_master.fmu import platform
+from cosim_master.fmi.description.read import platform
 from tests.master.conftest import SUFFIX, Workshop
 from tests.master.probe import compiled
 

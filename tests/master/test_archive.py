@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim_master import archive
-from cosim_master.errors import SystemDescriptionError
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.files import archive
 
 
 def made(path: Path, *entries: tuple[zipfile.ZipInfo | str, bytes]) -> Path:

@@ -11,8 +11,8 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

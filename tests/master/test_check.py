@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from cosim_master.check import check
-from cosim_master.errors import Finding, SystemDescriptionError
-from cosim_master.flat import CheckedSystem, natural
-from cosim_master.fmu import describe
-from cosim_master.initialization import exchange_order
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import Finding, SystemDescriptionError
+from cosim_master.fmi.description.read import describe
+from cosim_master.system.flatten.check import check
+from cosim_master.system.flatten.flat import CheckedSystem, natural
+from cosim_master.system.flatten.init_order import exchange_order
+from cosim_master.system.reading.read import read_system
 
 SSD_TYPE = "application/x-ssp-definition"
 TYPES = (

@@ -14,7 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from cosim_master.cli import app, err, out, progress
+from cosim_master.cli import app, err, out
+from cosim_master.cli.terminal import progress
 from tests.master.probe import model
 
 pytestmark = pytest.mark.usefixtures("own_cache")

@@ -12,10 +12,10 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.simulation import RunResult, simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 from tests.master.clocked import clocked
 
 pytestmark = pytest.mark.usefixtures("own_cache")

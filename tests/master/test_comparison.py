@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
-from cosim_master.comparison import SignalComparison, _compare_values, compare
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.results.comparison import SignalComparison, _compare_values, compare
 
 MANIFEST: dict[str, Any] = {
     "outcome": "done",

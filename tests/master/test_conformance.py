@@ -24,9 +24,9 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import platform
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import platform
 from tests.master import clocked, strict3
 from tests.master.conftest import SUFFIX, Workshop, variable
 from tests.master.probe import LEVEL, compiled, probe_library

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.richardson import StepTooSmall
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.algorithms.richardson import StepTooSmall
+from cosim_master.execution.simulate import simulate
 from tests.master.clocked import clocked
 from tests.master.linear import BALL_PORTS, ball, exact, impacts, signals
 from tests.master.strict3 import ABLE

@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 from lxml import etree
 
-from cosim_master.conversion import ENGINES, convert
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.system.authoring.convert import ENGINES, convert
+from cosim_master.system.reading.read import read_system
 from tests.master.test_osp import _LIBCOSIM, needs_libcosim
 
 pytestmark = pytest.mark.usefixtures("own_cache")

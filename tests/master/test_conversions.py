@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 from tests.master.linear import signals
 
 NOTE = "connections join a Boolean to a number: true is 1, false 0; the first: "

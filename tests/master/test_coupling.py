@@ -11,17 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim_master.coupling import Coupling, Delay, coupling_of
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.flat import CheckedSystem
-from cosim_master.layout import layout
-from cosim_master.network import Network
-from cosim_master.plan import make_plan
-from cosim_master.radio_plan import make_radio
-from cosim_master.simulation import simulate
-from cosim_master.stepping import collect_all, run
-from cosim_master.tables import DONE
-from cosim_master.timing import timing
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.network.radio.build import make_radio
+from cosim_master.stepping.kernels.macro_step import collect_all, run
+from cosim_master.stepping.kernels.tables import DONE
+from cosim_master.stepping.layout import layout
+from cosim_master.stepping.plan import make_plan
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.master import Coupling, Delay, coupling_of
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.time_grid import timing
 from tests.master.scripted import HERE, Scripted, system_of, variable
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -201,8 +201,8 @@ def coupled(checked: CheckedSystem, declared: list[int]) -> Coupling:
 
     from lxml import etree
 
-    from cosim_master.flat import OwnedAnnotation
-    from cosim_master.system import Annotation
+    from cosim_master.system.flatten.flat import OwnedAnnotation
+    from cosim_master.system.structure import Annotation
 
     order = " ".join(f"x{i}" for i in declared)
     text = f'<a><master xmlns="https://uav-cosim.org/ns/1" algorithm="gauss-seidel" order="{order}"/></a>'

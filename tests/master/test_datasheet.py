@@ -11,10 +11,10 @@ from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
 from cosim_master.cli import _joined, app
-from cosim_master.datasheet import datasheet, findings
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.inspection import fmu_tables
-from cosim_master.reference_results import against_reference
+from cosim_master.cli.views.inspection import fmu_tables
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.reference_results import against_reference
+from cosim_master.fmi.description.datasheet import datasheet, findings
 
 LS = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cosim_master.errors import CosimError, FmuError, Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.errors import CosimError, FmuError, Problem, SystemDescriptionError, Where
 
 
 def test_a_description_error_prints_every_problem_with_its_place() -> None:

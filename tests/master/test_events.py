@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim_master.simulation import RunResult, simulate
+from cosim_master.execution.simulate import RunResult, simulate
 from tests.master.strict3 import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.explanation import explain
-from cosim_master.ssp import read_system
+from cosim_master.cli.views.explanation import explain
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 
 LEVEL = (
     '<SimpleType name="Level"><Enumeration><Item name="low" value="1"/><Item name="high" value="5"/></Enumeration>'

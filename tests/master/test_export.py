@@ -14,8 +14,8 @@ from fmpy.util import read_csv
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim_master.errors import CosimError
-from cosim_master.export import export_csv, open_signals
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.export import export_csv, open_signals
 
 
 def write_signals(run: Path, columns: dict[str, pa.Array]) -> Path:

@@ -15,9 +15,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.errors import CosimError
-from cosim_master.figures import draw_altitude, draw_errors, draw_positions, draw_snapshots, figures
-from cosim_master.flight import read_flight
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.figures import draw_altitude, draw_errors, draw_positions, draw_snapshots, figures
+from cosim_master.results.flight import read_flight
 
 FIRST, PERIOD, LAG = 25.0, 3.1875, 0.6
 
@@ -444,7 +444,8 @@ def test_same_run_same_bytes_whatever_the_configuration(tmp_path: Path) -> None:
 def test_drawing_leaves_pyplot_alone_and_reading_leaves_matplotlib_alone(tmp_path: Path) -> None:
     run = consensus_run(tmp_path, last_step=2)
     code = (
-        "import sys, pathlib; from cosim_master.figures import figures, read_flight; run = pathlib.Path(sys.argv[1]); "
+        "import sys, pathlib; from cosim_master.results.figures import figures, read_flight; "
+        "run = pathlib.Path(sys.argv[1]); "
         "read_flight(run); assert 'matplotlib' not in sys.modules; "
         "figures(run); assert 'matplotlib.pyplot' not in sys.modules"
     )

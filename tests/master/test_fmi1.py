@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import describe
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import describe
 
 MASTERS = Path(__file__).parents[1] / "cosim" / "other_masters.py"
 

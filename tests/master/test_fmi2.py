@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from cosim_master.errors import FmuError
-from cosim_master.fmi2 import Instance, Library
-from cosim_master.fmu import describe
-from cosim_master.loading import Libraries
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.description.read import describe
+from cosim_master.fmi.slaves.fmi2 import Instance, Library
+from cosim_master.fmi.slaves.libraries import Libraries
 
 
 @pytest.fixture

@@ -11,17 +11,17 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.check import check
-from cosim_master.errors import FmuError, SystemDescriptionError
-from cosim_master.execution import Execution
-from cosim_master.fmi3 import Instance3
-from cosim_master.fmu import describe
-from cosim_master.layout import layout
-from cosim_master.loading import Libraries
-from cosim_master.network import network_of
-from cosim_master.simulation import RunResult, simulate
-from cosim_master.ssp import read_system
-from cosim_master.timing import timing
+from cosim_master.diagnostics.errors import FmuError, SystemDescriptionError
+from cosim_master.execution.execution import Execution
+from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.fmi.description.read import describe
+from cosim_master.fmi.slaves.fmi3 import Instance3
+from cosim_master.fmi.slaves.libraries import Libraries
+from cosim_master.stepping.layout import layout
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.network import network_of
+from cosim_master.system.settings.time_grid import timing
 from tests.master.probe import compiled
 from tests.master.strict3 import ABLE, SHORT, description
 

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import FmuDescription, describe, extract, platform
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.fmi.description.read import FmuDescription, describe, extract, platform
 
 ENUMERATION = (
     '<SimpleType name="Mode"><Enumeration><Item name="off" value="0"/><Item name="on" value="5"/></Enumeration>'

@@ -19,10 +19,11 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim.build.messages import Field, Message
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.gateways import Address, Gateways, Parser, gateways_of
-from cosim_master.network import Endpoint, Gateway, Network, Node
-from cosim_master.radio import (
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.network.gateways.gateways import Address, Gateways, Parser, gateways_of
+from cosim_master.network.gateways.sockets import Report, Socket, TcpServer, Udp, open_socket
+from cosim_master.network.radio.build import grown, make_radio
+from cosim_master.network.radio.router import (
     DELIVERED,
     EVENT,
     IN_FLIGHT,
@@ -35,8 +36,7 @@ from cosim_master.radio import (
     deliver,
     send,
 )
-from cosim_master.radio_plan import grown, make_radio
-from cosim_master.sockets import Report, Socket, TcpServer, Udp, open_socket
+from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node
 from tests.master.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)

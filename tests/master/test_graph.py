@@ -11,9 +11,9 @@ from lxml import etree
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.graph import graph
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.system.authoring.draw import graph
+from cosim_master.system.reading.read import read_system
 
 SVG = "{http://www.w3.org/2000/svg}"
 

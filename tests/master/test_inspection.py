@@ -12,10 +12,10 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.inspection import fmu_tables, system_tables
-from cosim_master.overview import overview
-from cosim_master.simulation import simulate
+from cosim_master.cli.views.inspection import fmu_tables, system_tables
+from cosim_master.cli.views.overview import overview
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
 from tests.master.probe import LEVEL
 
 

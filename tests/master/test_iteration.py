@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.iteration import NotConverged
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.algorithms.iteration import NotConverged
+from cosim_master.execution.simulate import simulate
 from tests.master.linear import exact, signals
 
 pytestmark = pytest.mark.usefixtures("own_cache")

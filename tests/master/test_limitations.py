@@ -14,19 +14,23 @@ from typing import Any
 import pytest
 
 import cosim_master
-from cosim_master import archive, fmu3, limitations, multimodel, references
-from cosim_master.check import check
-from cosim_master.conversion import convert
-from cosim_master.edit import swap
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.gateways import gateways_of
-from cosim_master.limitations import LIMITATIONS, Limitation, table
-from cosim_master.multimodel import read_multimodel
-from cosim_master.network import network_of
-from cosim_master.saving import save
-from cosim_master.simulation import simulate
-from cosim_master.ssp import SSD_TYPE, read_system
-from cosim_master.system import MAX_DEPTH, Component
+from cosim_master.diagnostics import limitations
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.diagnostics.limitations import LIMITATIONS, Limitation, table
+from cosim_master.execution.simulate import simulate
+from cosim_master.files import archive
+from cosim_master.fmi.description import read_fmi3 as fmu3
+from cosim_master.network.gateways.gateways import gateways_of
+from cosim_master.system.authoring.convert import convert
+from cosim_master.system.authoring.save import save
+from cosim_master.system.authoring.swap import swap
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading import into_cps as multimodel
+from cosim_master.system.reading.into_cps import read_multimodel
+from cosim_master.system.reading.read import SSD_TYPE, read_system
+from cosim_master.system.reading.ssp import references
+from cosim_master.system.settings.network import network_of
+from cosim_master.system.structure import MAX_DEPTH, Component
 from tests.master import clocked as clocks
 from tests.master import strict as strict2
 from tests.master import strict3
@@ -270,7 +274,7 @@ def of_fmi(
 
     def large() -> Path:
         made = described()
-        monkeypatch.setattr("cosim_master.fmu._MAX_DESCRIPTION_BYTES", 100)
+        monkeypatch.setattr("cosim_master.fmi.description.read._MAX_DESCRIPTION_BYTES", 100)
         return made
 
     def twice() -> Path:
@@ -634,7 +638,7 @@ FIXTURE |= {
 
 def test_the_document_is_what_is_generated() -> None:
     text = (ROOT / "docs/limitations.md").read_text(encoding="utf-8")
-    assert text == table(), "run: python -m cosim_master.limitations > docs/limitations.md"
+    assert text == table(), "run: python -m cosim_master.diagnostics.limitations > docs/limitations.md"
 
 
 @pytest.mark.parametrize("one", LIMITATIONS, ids=NAMES.get)

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_master.gateways import gateways_of
-from cosim_master.network import Endpoint, Gateway, Network, Node, network_of, with_gateways
-from cosim_master.radio import admit, deliver
-from cosim_master.tables import DONE, FAILED, NOT_BASE64
+from cosim_master.network.gateways.gateways import gateways_of
+from cosim_master.network.radio.router import admit, deliver
+from cosim_master.stepping.kernels.tables import DONE, FAILED, NOT_BASE64
+from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node, network_of, with_gateways
 from tests.master.scripted import Scripted, system_of, variable
 from tests.master.test_gateways import Air, packet
 from tests.master.test_macro_step import Loop

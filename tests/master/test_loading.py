@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 
 import cosim.model
-from cosim_master.check import check
-from cosim_master.errors import FmuError, SystemDescriptionError
-from cosim_master.fmu import describe
-from cosim_master.loading import Libraries, check_sources
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import FmuError, SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import describe
+from cosim_master.fmi.slaves.libraries import Libraries, check_sources
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 from tests.master.probe import model, slave
 
 pytestmark = pytest.mark.usefixtures("own_cache")

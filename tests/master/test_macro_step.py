@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.layout import layout
-from cosim_master.network import Endpoint, Network, Node
-from cosim_master.plan import make_plan
-from cosim_master.radio import FREE_PLACES, IN_FLIGHT
-from cosim_master.radio_plan import grown, make_radio
-from cosim_master.stepping import collect_all, places_needed, run
-from cosim_master.tables import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K
-from cosim_master.timing import timing
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.network.radio.build import grown, make_radio
+from cosim_master.network.radio.router import FREE_PLACES, IN_FLIGHT
+from cosim_master.stepping.kernels.macro_step import collect_all, places_needed, run
+from cosim_master.stepping.kernels.tables import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K
+from cosim_master.stepping.layout import layout
+from cosim_master.stepping.plan import make_plan
+from cosim_master.system.settings.network import Endpoint, Network, Node
+from cosim_master.system.settings.time_grid import timing
 from tests.master.scripted import Scripted, system_of, variable
 
 U, Y = variable("u", "input", reference=0), variable("y", "output", reference=1)

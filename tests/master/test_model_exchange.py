@@ -12,10 +12,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import describe
-from cosim_master.simulation import RunResult, simulate
-from cosim_master.solvers import Choice
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.fmi.description.read import describe
+from cosim_master.fmi.slaves.solvers import Choice
 
 REMEDY = (
     ' while CVODE integrates it, which remembers its last steps (take --solver rk4, --solver euler, or restart="true" '

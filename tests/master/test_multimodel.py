@@ -13,13 +13,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from cosim_master.check import check
 from cosim_master.cli import app
-from cosim_master.conversion import convert
-from cosim_master.errors import Finding, SystemDescriptionError
-from cosim_master.multimodel import read_multimodel
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import Finding, SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.system.authoring.convert import convert
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.into_cps import read_multimodel
+from cosim_master.system.reading.read import read_system
 from tests.master import multimodel_fuzz
 
 A, B = "{A}.one", "{A}.two"

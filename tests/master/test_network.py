@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.network import Network, network_of
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.network import Network, network_of
 
 NAMESPACE = "https://uav-cosim.org/ns/1"
 TYPE = "org.uav-cosim.network"

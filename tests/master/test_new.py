@@ -16,13 +16,13 @@ import pyarrow.parquet as pq
 import pytest
 from lxml import etree
 
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.layout import layout
-from cosim_master.network import network_of
-from cosim_master.new import new_system
-from cosim_master.simulation import prepare, simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import prepare, simulate
+from cosim_master.stepping.layout import layout
+from cosim_master.system.authoring.new import new_system
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.network import network_of
 from tests.master.test_osp import needs_libcosim
 
 ROOT = Path(__file__).parents[2]

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from cosim_master.check import check
-from cosim_master.flat import CheckedSystem
-from cosim_master.ssp import read_system
+from cosim_master.system.flatten.check import check
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.reading.read import read_system
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 MASTER = '<oms:FixedStepMaster description="oms-ma" stepSize="0.02" absoluteTolerance="0.0001"/>'

@@ -10,11 +10,11 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import describe
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import describe
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 _LIBCOSIM = """

@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
-from cosim_master.overview import _names, overview, overview_tables, signal_table
-from cosim_master.simulation import simulate
+from cosim_master.cli.views.overview import _names, overview, overview_tables, signal_table
+from cosim_master.execution.simulate import simulate
 
 VERDICT = {
     "good": False,

@@ -13,13 +13,13 @@ from fmpy.ssp.ssd import read_ssd
 from lxml import etree
 from typer.testing import CliRunner
 
-from cosim_master.check import check
 from cosim_master.cli import app
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.packing import pack
-from cosim_master.schema import schema_folder
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.system.authoring.pack import pack
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.reading.ssp.schema import schema_folder
 from tests.scenarios.flights import SYSTEMS
 
 pytestmark = pytest.mark.usefixtures("own_cache")

@@ -9,14 +9,14 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.changes import changes
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.flat import CheckedSystem
-from cosim_master.patterns import is_pattern, matching, near_pattern
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
-from cosim_master.timing import timing
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.diagnostics.names import is_pattern, matching, near_pattern
+from cosim_master.execution.simulate import simulate
+from cosim_master.system.flatten.check import check
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.changes import changes
+from cosim_master.system.settings.time_grid import timing
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -7,8 +7,8 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim_master.check import check
-from cosim_master.ssp import read_system
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 
 LEVELS = ("", "outer", "outer.inner", "outer.inner.unit")
 """From the root to the component; a binding at one of them names what is below it."""

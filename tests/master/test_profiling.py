@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from cosim_master import profiling
 from cosim_master.cli import app
-from cosim_master.profiling import Profiler
-from cosim_master.simulation import simulate
+from cosim_master.execution.simulate import simulate
+from cosim_master.stepping import profiling
+from cosim_master.stepping.profiling import Profiler
 from tests.master.probe import model
 
 pytestmark = [

@@ -17,7 +17,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.simulation import simulate
+from cosim_master.execution.simulate import simulate
 from tests.master.recorded import recording, stand_in
 
 FOLDER = os.environ.get("IEEE_ACCESS_DRONES", "")

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_master.fmu import Variable
-from cosim_master.network import Channel, Endpoint, Network, Node
-from cosim_master.radio import (
+from cosim_master.fmi.description.read import Variable
+from cosim_master.network.radio.build import _hash, grown, make_radio
+from cosim_master.network.radio.router import (
     DEFERRED,
     DELIVERED,
     FREE_PLACES,
@@ -34,7 +34,7 @@ from cosim_master.radio import (
     send,
     sort_along,
 )
-from cosim_master.radio_plan import _hash, grown, make_radio
+from cosim_master.system.settings.network import Channel, Endpoint, Network, Node
 from tests.master.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 from pymavlink import mavutil
 
-from cosim_master.recorder import EPOCH
-from cosim_master.simulation import simulate
+from cosim_master.execution.simulate import simulate
+from cosim_master.results.recorder import EPOCH
 from tests.master.probe import model
 
 CHATTER = '''
@@ -105,7 +105,7 @@ def test_schema_and_values(probes: Any, tmp_path: Path) -> None:
 
 
 def test_more_rows_than_a_block_holds(probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cosim_master.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
+    monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
     probes.fmu(step=0.01)
     simulate(probes.ssd(probes.component("a"), stop=0.5), out=tmp_path / "out", record=["a.y", "a.c"])
     file = pq.ParquetFile(tmp_path / "out" / "signals.parquet")

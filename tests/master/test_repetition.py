@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
-from cosim_master.simulation import RunResult, simulate
+from cosim_master.execution.simulate import RunResult, simulate
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.figures import figures
-from cosim_master.run_folder import RunFolder, clear, held_fingerprint, is_figure
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.results.figures import figures
+from cosim_master.results.run_folder import RunFolder, clear, held_fingerprint, is_figure
 from tests.master.test_figures import consensus_run
 
 INPUTS = {"system": "1", "seed": "2"}

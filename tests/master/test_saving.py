@@ -14,11 +14,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError, Where
-from cosim_master.saving import save
-from cosim_master.ssp import read_system
-from cosim_master.system import (
+from cosim_master.diagnostics.errors import SystemDescriptionError, Where
+from cosim_master.files.xml_edit import Document, Node, applied
+from cosim_master.fmi.description.units import BaseUnit, Unit
+from cosim_master.system.authoring.save import save
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.structure import (
     Annotation,
     Component,
     Connection,
@@ -29,8 +31,6 @@ from cosim_master.system import (
     ParameterBinding,
     System,
 )
-from cosim_master.units import BaseUnit, Unit
-from cosim_master.xml_bytes import Document, Node, applied
 
 NEW = Where("")
 SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"

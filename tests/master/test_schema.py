@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from lxml import etree
 
-from cosim_master import schema
-from cosim_master.errors import Problem, Where
-from cosim_master.schema import schema_folder, validate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import Problem, Where
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.reading.ssp import schema
+from cosim_master.system.reading.ssp.schema import schema_folder, validate
 
 SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from cosim_master import shipped
 from cosim_master.cli import app
-from cosim_master.edit import swap
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.ssp import read_system
-from cosim_master.system import Component
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.system import shipped
+from cosim_master.system.authoring.swap import swap
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.structure import Component
 from tests.master.test_figures import consensus_run
 
 ROOT = Path(__file__).parents[2]

@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.gateways import Address, Gateways, gateways_of
-from cosim_master.network import Gateway, Network
-from cosim_master.signing import Signing, read_key
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
+from cosim_master.network.gateways.signing import Signing, read_key
+from cosim_master.system.settings.network import Gateway, Network
 
 KEY = hashlib.sha256(b"a pass phrase").digest()
 EPOCH = 1_420_070_400

@@ -16,11 +16,11 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master import simulation
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.gateways import Gateways
-from cosim_master.simulation import Prepared, Progress, RunResult, simulate
-from cosim_master.timing import Timing
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution import simulate as simulation
+from cosim_master.execution.simulate import Prepared, Progress, RunResult, simulate
+from cosim_master.network.gateways.gateways import Gateways
+from cosim_master.system.settings.time_grid import Timing
 from tests.master.probe import model, slave
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -130,7 +130,7 @@ def test_strings_keep_to_the_rates_of_their_instances(tmp_path: Path, probes: An
 
 
 def test_more_rows_of_strings_than_a_block_holds(probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cosim_master.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
+    monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
     probes.fmu(step=0.01)
     system = probes.ssd(probes.component("a", s="x"), stop=0.4)
     assert simulate(system, out=tmp_path / "out").outcome == "done"

@@ -14,10 +14,10 @@ from fmpy.simulation import Input
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.interpolation import interpolated
-from cosim_master.simulation import RunResult, simulate
-from cosim_master.single import output_interval
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.fmi.description.interpolation import interpolated
+from cosim_master.system.reading.single_fmu import output_interval
 
 
 def columns(out: Path) -> dict[str, Any]:

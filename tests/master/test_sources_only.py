@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim.kernel import cache_folder
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import describe, platform
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import describe, platform
 from tests.master.dynamics import SOURCE
 
 pytestmark = pytest.mark.usefixtures("own_cache")

@@ -18,11 +18,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from cosim_master import archive
-from cosim_master.check import check
-from cosim_master.errors import Problem, SystemDescriptionError
-from cosim_master.ssp import SSD_TYPE, SSP_TYPE, read_system
-from cosim_master.system import Component, LinearTransformation, System, SystemStructure
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
+from cosim_master.files import archive
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import SSD_TYPE, SSP_TYPE, read_system
+from cosim_master.system.structure import Component, LinearTransformation, System, SystemStructure
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 
@@ -371,7 +371,7 @@ class TestWhatIsWrong:
         assert problem.message == "<SystemStructureDescription> needs a <System>"
 
     def test_a_document_that_is_too_large(self, workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("cosim_master.references._MAX_DOCUMENT_BYTES", 100)
+        monkeypatch.setattr("cosim_master.system.reading.ssp.references._MAX_DOCUMENT_BYTES", 100)
         with pytest.raises(SystemDescriptionError, match=r"a\.ssd: is larger than 100 bytes"):
             read_system(workshop.ssd("a.ssd", workshop.system()))
 

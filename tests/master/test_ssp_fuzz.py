@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from cosim_master.document import Reader
-from cosim_master.errors import Problem, SystemDescriptionError
-from cosim_master.references import read_reference
-from cosim_master.ssp import read_system
-from cosim_master.ssv import read_parameter_mapping, read_parameter_set, read_signal_dictionary
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
+from cosim_master.files.xml import Reader
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.reading.ssp.references import read_reference
+from cosim_master.system.reading.ssp.ssv import read_parameter_mapping, read_parameter_set, read_signal_dictionary
 from tests.master.ssp_fuzz import VALUES, fuzz
 
 SSP1 = "http://ssp-standard.org/SSP1/SystemStructure"

@@ -10,14 +10,14 @@ from typing import Any
 import fmpy
 import pytest
 
-from cosim_master.check import check
-from cosim_master.fmi2 import set_kind
-from cosim_master.fmu import describe
-from cosim_master.living import Living
-from cosim_master.loading import Libraries
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
-from cosim_master.startup import answers, initialize, instantiate
+from cosim_master.execution.simulate import simulate
+from cosim_master.execution.startup.initialize import answers, initialize, instantiate
+from cosim_master.fmi.description.read import describe
+from cosim_master.fmi.slaves.fmi2 import set_kind
+from cosim_master.fmi.slaves.libraries import Libraries
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 from tests.master.conftest import Workshop
 from tests.master.linear import signals
 

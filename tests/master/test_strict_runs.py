@@ -24,14 +24,14 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from cosim_master.changes import Change
-from cosim_master.check import check
-from cosim_master.execution import Execution, RunFailed, RunTerminated
-from cosim_master.fmi2 import Instance
-from cosim_master.layout import layout
-from cosim_master.network import network_of
-from cosim_master.ssp import read_system
-from cosim_master.timing import timing
+from cosim_master.execution.execution import Execution, RunFailed, RunTerminated
+from cosim_master.fmi.slaves.fmi2 import Instance
+from cosim_master.stepping.layout import layout
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.changes import Change
+from cosim_master.system.settings.network import network_of
+from cosim_master.system.settings.time_grid import timing
 from tests.master.strict import ABLE, Stricts
 
 BASE = 0.25

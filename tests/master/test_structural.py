@@ -12,12 +12,12 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.check import check
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.explanation import explain
-from cosim_master.fmu import describe, platform
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
+from cosim_master.cli.views.explanation import explain
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import describe, platform
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 from tests.master.conftest import SUFFIX
 from tests.master.probe import compiled
 

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim_master.check import check
-from cosim_master.edit import swap
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.flat import CheckedSystem
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.system.authoring.swap import swap
+from cosim_master.system.flatten.check import check
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.reading.read import read_system
 
 SSD_TYPE = "application/x-ssp-definition"
 

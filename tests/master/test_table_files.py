@@ -10,13 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.check import check
-from cosim_master.conversion import convert
-from cosim_master.edit import swap
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.packing import pack
-from cosim_master.simulation import simulate
-from cosim_master.ssp import read_system
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.system.authoring.convert import convert
+from cosim_master.system.authoring.pack import pack
+from cosim_master.system.authoring.swap import swap
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 ROWS = """"time","v","n","on","other"

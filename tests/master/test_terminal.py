@@ -12,8 +12,8 @@ from typing import Any
 import numba
 import pytest
 
-from cosim_master.cli import progress
-from cosim_master.cli.progress import Activity, compiling
+from cosim_master.cli.terminal import progress
+from cosim_master.cli.terminal.progress import Activity, compiling
 from tests.master.terminal import COMMAND, Terminal
 from tests.master.test_figures import consensus_run
 
@@ -195,12 +195,12 @@ def test_compiling_the_loop_is_said_and_loading_it_is_not() -> None:
         return numba.njit(namespace["step"])
 
     said = Said()
-    loop, other = function("cosim_master.stepping"), function("somebody")
+    loop, other = function("cosim_master.stepping.kernels.macro_step"), function("somebody")
     with compiling(said):
         assert loop(1) == 2
         assert other(1) == 2
         assert loop(2) == 3
-    assert function("cosim_master.stepping")(1) == 2, "outside of the block"
+    assert function("cosim_master.stepping.kernels.macro_step")(1) == 2, "outside of the block"
     assert said.stages == [
         ("compiling the stepping loop (once, about 30 s)", True),
         ("compiling somebody.step (once)", False),

@@ -11,9 +11,9 @@ import fmpy
 import numpy as np
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.simulation import simulate
-from cosim_master.timing import exact
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.system.settings.time_grid import exact
 from tests.master.linear import BALL_PORTS, ball, signals
 
 

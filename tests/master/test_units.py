@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim_master.units import BaseUnit, Unit, UnitError, conversion
+from cosim_master.fmi.description.units import BaseUnit, Unit, UnitError, conversion
 
 K, M, ONE = (0, 0, 0, 0, 1, 0, 0, 0), (0, 1, 0, 0, 0, 0, 0, 0), (0,) * 8
 KELVIN, CELSIUS = Unit("K", BaseUnit(K)), Unit("degC", BaseUnit(K, 1.0, 273.15))

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from cosim_master import execution
-from cosim_master.simulation import simulate
-from cosim_master.warming import EVERY_RUN, types_of
+from cosim_master.execution import execution
+from cosim_master.execution.simulate import simulate
+from cosim_master.stepping.warming import EVERY_RUN, types_of
 
 pytestmark = [
     pytest.mark.usefixtures("own_cache"),
@@ -47,10 +47,12 @@ def test_types_of_the_plan_and_the_radio_are_those_of_a_run(
 
 def test_the_command_writes_what_a_package_brings(tmp_path: Path) -> None:
     """The loop is compiled by then: its code is copied."""
-    subprocess.run([sys.executable, "-m", "cosim_master.warming", str(tmp_path)], check=True)
+    subprocess.run([sys.executable, "-m", "cosim_master.stepping.warming", str(tmp_path)], check=True)
     files = {file.name.partition("-")[0]: file for file in tmp_path.glob("*/*.kernel")}
     assert set(files) >= {*EVERY_RUN, "work", "record", "end_here", "step_each", "step_together", "admit", "deliver"}
     assert files["run"].parent.name == files["work"].parent.name
-    done = subprocess.run([sys.executable, "-m", "cosim_master.warming"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "cosim_master.stepping.warming"], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 1
-    assert done.stderr == "usage: python -m cosim_master.warming FOLDER\n"
+    assert done.stderr == "usage: python -m cosim_master.stepping.warming FOLDER\n"

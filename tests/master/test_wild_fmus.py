@@ -11,9 +11,9 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.fmu import describe, platform
-from cosim_master.simulation import simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import describe, platform
 from tests.master.conftest import SUFFIX, variable
 from tests.master.probe import compiled
 

@@ -13,10 +13,10 @@ from lxml import etree
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models import quadrotor
-from cosim_models.autopilot import Autopilot
-from cosim_models.quadrotor import Quadrotor
-from cosim_models.rotor import MotorCurve
+from cosim_models.autopilot.autopilot import Autopilot
+from cosim_models.vehicles import quadrotor
+from cosim_models.vehicles.quadrotor import Quadrotor
+from cosim_models.vehicles.rotor import MotorCurve
 
 H = 0.0025
 STABILIZE, GUIDED, LOITER, RTL, LAND = 0, 4, 5, 6, 9

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.ardupilot_sitl import ArduPilotSITL, _defaults
-from cosim_models.quadrotor import Quadrotor
+from cosim_models.ardupilot.sitl import ArduPilotSITL, _defaults
+from cosim_models.vehicles.quadrotor import Quadrotor
 from tests.models.copter import MOTION, Copter, Decoder, set_values
 
 H = 0.001

@@ -20,8 +20,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.ardupilot_json import Link, Servos, decode_servos, encode_motion
-from cosim_models.ardupilot_sitl import ArduPilotSITL, _packets
+from cosim_models.ardupilot.json_interface import Link, Servos, decode_servos, encode_motion
+from cosim_models.ardupilot.sitl import ArduPilotSITL, _packets
 
 STAND_IN = Path(__file__).with_name("sitl_stand_in.py")
 pytestmark = pytest.mark.alone

@@ -10,8 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.frames import euler_from_quaternion, multiply, quaternion_from_euler, rotate
-from cosim_models.attitude_control import attitude_from_thrust, follow_heading, relax_yaw, tilt_and_heading_error
-from cosim_models.autopilot import Autopilot
+from cosim_models.autopilot.autopilot import Autopilot
+from cosim_models.autopilot.control.attitude import (
+    attitude_from_thrust,
+    follow_heading,
+    relax_yaw,
+    tilt_and_heading_error,
+)
 
 H = 0.0025
 angles = st.floats(-3.0, 3.0)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.estimator import Estimator
+from cosim_models.sensing.estimator import Estimator
 from tests.models.copter import GUIDED, LAND, LOITER, RTL, Copter, H
 
 ALT_HOLD, CIRCLE = 2, 7

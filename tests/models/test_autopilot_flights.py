@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim.frames import euler_from_quaternion, geodetic_from_local
 from cosim.vehicle import Airframe
-from cosim_models.hexarotor import Hexarotor
+from cosim_models.vehicles.hexarotor import Hexarotor
 from tests.models.copter import (
     ACCEPTED,
     GUIDED,

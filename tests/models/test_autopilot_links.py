@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.texts import NO_SUCH_MODE, WARNING, say, send_texts
+from cosim_models.autopilot.link.statustext import NO_SUCH_MODE, WARNING, say, send_texts
 from tests.models.copter import ACCEPTED, GUIDED, LINES, Copter
 
 ALL = ("mavlink", *LINES)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.autopilot import Autopilot
+from cosim_models.autopilot.autopilot import Autopilot
 from tests.models.copter import (
     ACCEPTED,
     DENIED,

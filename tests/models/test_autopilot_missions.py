@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.missions import MISSION_CAPACITY
+from cosim_models.autopilot.mission.missions import MISSION_CAPACITY
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, Copter, H
 
 LAT, LON = -353632620, 1491652370

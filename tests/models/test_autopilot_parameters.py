@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 import cosim_models
-from cosim_models.parameters import PARAMETER_COUNT, PARAMETER_NAMES
+from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, PARAMETER_NAMES
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, ONLY_VELOCITY, RECORDED_AUTOPILOT, RECORDINGS, RTL, Copter
 
 RENAMED = ("SYSID_THISMAV", "SYSID_MYGCS", "SR0_", "SR1_", "SR2_")

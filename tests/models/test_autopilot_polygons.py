@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.autopilot import Autopilot
-from cosim_models.fences import fence_is_whole, keep_fence_item, place_fence, within_polygons
+from cosim_models.autopilot.autopilot import Autopilot
+from cosim_models.autopilot.mission.fences import fence_is_whole, keep_fence_item, place_fence, within_polygons
 from tests.models.copter import GUIDED, RTL, Copter
 
 FENCE = 1

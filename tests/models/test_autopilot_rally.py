@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.rally import RALLY_CAPACITY, best_return
+from cosim_models.autopilot.mission.rally import RALLY_CAPACITY, best_return
 from tests.models.copter import ACCEPTED, RTL, Copter
 from tests.models.test_autopilot_missions import LAT, LON, METRE, replies
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_models.estimator import Estimator
-from cosim_models.random_numbers import normal_pair, threefry
+from cosim_models.sensing.estimator import Estimator
+from cosim_models.sensing.random_numbers import normal_pair, threefry
 from tests.models.copter import MOTION, Copter, H, set_values
 
 PERFECT = {

@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.mavftp import MAVFTP
 
-from cosim_models.parameters import PARAMETER_COUNT, PARAMETER_NAMES
+from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, PARAMETER_NAMES
 from tests.models.copter import Copter
 
 TERMINATE, RESET, LIST, OPEN, READ, WRITE, REMOVE, CRC, BURST = 1, 2, 3, 4, 5, 7, 8, 14, 15

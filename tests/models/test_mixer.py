@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.vehicle import Airframe
-from cosim_models.mixer import (
+from cosim_models.autopilot.control.mixer import (
     LIMIT_ROLL_PITCH,
     LIMIT_THROTTLE_LOWER,
     LIMIT_THROTTLE_UPPER,

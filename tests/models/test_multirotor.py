@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from cosim import Model
 from cosim.vehicle import VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
-from cosim_models.hexarotor import Hexarotor
-from cosim_models.quadrotor import Quadrotor
-from cosim_models.rotor import MotorCurve
+from cosim_models.vehicles.hexarotor import Hexarotor
+from cosim_models.vehicles.quadrotor import Quadrotor
+from cosim_models.vehicles.rotor import MotorCurve
 
 G = 9.80665
 H = 0.0025

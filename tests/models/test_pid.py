@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim_models.pid import DERIVATIVE, ERROR, INTEGRAL, PID_STATE, PLANE_STATE, TARGET, pid, pid_plane
+from cosim_models.autopilot.control.pid import (
+    DERIVATIVE,
+    ERROR,
+    INTEGRAL,
+    PID_STATE,
+    PLANE_STATE,
+    TARGET,
+    pid,
+    pid_plane,
+)
 
 
 def step(s: np.ndarray, target: float, measurement: float, saturated: bool = False, **changed: float) -> float:

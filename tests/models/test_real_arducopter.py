@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from cosim_models.ardupilot_json import Servos
+from cosim_models.ardupilot.json_interface import Servos
 from tests.models.copter import ACCEPTED, GUIDED, RECORDED_AUTOPILOT, RECORDINGS, Copter, preset
 from tests.models.real_copter import READY, RealCopter
 from tests.models.test_command_answers import PROBE, STATE, expected, heard, send

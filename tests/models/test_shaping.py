@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim_models.shaping import (
+from cosim_models.autopilot.control.shaping import (
     advance_limited,
     advance_limited_ne,
     clip,

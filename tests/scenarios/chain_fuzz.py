@@ -21,12 +21,12 @@ import numpy as np
 from benchmarks.fuzz import KINDS, twin, without_input
 from benchmarks.fuzz import Fuzz as Maker
 from benchmarks.fuzz import deliver as step_with
-from cosim_master.gateways import Parser
-from cosim_master.network import Endpoint, Gateway, Network, Node
-from cosim_master.radio import MALFORMED, USED_EVENTS, USED_LOG, Radio, admit, deliver, send
-from cosim_master.radio_plan import grown, make_radio
-from cosim_models.autopilot import Autopilot
-from cosim_models.line_agent import LineAgent
+from cosim_master.network.gateways.gateways import Parser
+from cosim_master.network.radio.build import grown, make_radio
+from cosim_master.network.radio.router import MALFORMED, USED_EVENTS, USED_LOG, Radio, admit, deliver, send
+from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node
+from cosim_models.agents.line_agent import LineAgent
+from cosim_models.autopilot.autopilot import Autopilot
 from tests.master.packet_fuzz import good as good_packets
 from tests.master.packet_fuzz import sent as packets_sent
 from tests.master.scripted import variable

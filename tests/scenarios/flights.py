@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from cosim_master.simulation import RunResult, simulate
+from cosim_master.execution.simulate import RunResult, simulate
 
 SYSTEMS = Path(__file__).parents[2] / "master" / "systems"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.build import build, build_all, models_of_package
-from cosim_master.fmu import describe
+from cosim_master.fmi.description.read import describe
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 
 

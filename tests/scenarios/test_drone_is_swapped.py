@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim_master.edit import swap
+from cosim_master.system.authoring.swap import swap
 from tests.scenarios.flights import SYSTEMS, fly
 
 

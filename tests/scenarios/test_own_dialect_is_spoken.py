@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from cosim.build import build
 from cosim_master.cli import app
-from cosim_master.simulation import RunResult, simulate
+from cosim_master.execution.simulate import RunResult, simulate
 
 XML = """<?xml version="1.0"?>
 <mavlink>

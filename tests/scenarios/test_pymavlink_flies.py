@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
-from cosim_master.recorder import EPOCH
-from cosim_master.simulation import simulate
+from cosim_master.execution.simulate import simulate
+from cosim_master.results.recorder import EPOCH
 from tests.scenarios.flights import SYSTEMS, fly
 from tests.scenarios.swarm import START_UP, Swarm, running
 

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim_master.errors import SystemDescriptionError
-from cosim_master.simulation import Progress, simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.simulate import Progress, simulate
 from tests.scenarios.flights import SYSTEMS, copy_of, fly
 from tests.scenarios.test_radio_is_bad import with_radio
 

@@ -13,8 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
-from cosim_master.new import new_system
-from cosim_master.simulation import simulate
+from cosim_master.execution.simulate import simulate
+from cosim_master.system.authoring.new import new_system
 from cosim_master.verdict.findings import Finding
 from tests.scenarios.flights import SYSTEMS
 

@@ -1,10 +1,10 @@
-"""The command `uav-cosim`. Its verbs alone print; heavy modules are imported by the verbs that need them.
+"""The command `uav-cosim`. Only its verbs print; each imports the heavy modules that it needs.
 
-    console   standard output and standard error: data, words, notes, errors
-    verbs     the command itself, and the decorator that makes a function a verb
-    options   options that several verbs have
-    progress  what a verb is doing, while it takes long
-    build, run, systems, editing, pack, results, compare   the verbs
+    verbs/      one module for each group of verbs
+    views/      tables and texts that they print
+    terminal/   console (standard output and standard error), options that several verbs have, progress,
+                registry (the command itself, and the decorator that makes a function a verb)
+    reference   docs/command-line.md, written from the command
 
 Exit codes: 0 done, 1 a run failed, 2 a bad description or bad usage, 130 interrupted by Ctrl-C.
 """
@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import sys
 
-from cosim_master.cli import build, compare, editing, pack, results, run, systems  # noqa: F401 (their verbs)
-from cosim_master.cli.console import err, out
-from cosim_master.cli.verbs import app
+from cosim_master.cli.terminal.console import err, out
+from cosim_master.cli.terminal.registry import app, build, compare, editing, pack, results, run, systems  # noqa: F401 (their verbs)
 
 __all__ = ["app", "err", "main", "out"]
 

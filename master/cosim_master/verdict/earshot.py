@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cosim.verdict import Role
-from cosim_master.flat import CheckedSystem
-from cosim_master.network import Network
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.network import Network
 
 __all__ = ["Twice", "depends_on_places", "repeated", "system_ids", "twice"]
 

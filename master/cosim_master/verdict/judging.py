@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from cosim_master.network import Network
+from cosim_master.system.settings.network import Network
 from cosim_master.verdict.findings import Finding, Judgement
 from cosim_master.verdict.prior import DOUBLE_ID
 from cosim_master.verdict.watch import Watch

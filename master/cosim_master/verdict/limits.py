@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from cosim_master.annotation import root_annotation
-from cosim_master.errors import Problem, SystemDescriptionError
-from cosim_master.flat import CheckedSystem
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.annotation import root_annotation
 
 __all__ = ["ANNOTATION", "Limits", "limits_of"]
 

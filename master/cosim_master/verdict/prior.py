@@ -9,9 +9,9 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 
 from cosim.verdict import Role
-from cosim_master.flat import CheckedSystem, Instance
-from cosim_master.fmu import Variable
-from cosim_master.network import Network
+from cosim_master.fmi.description.read import Variable
+from cosim_master.system.flatten.flat import CheckedSystem, Instance
+from cosim_master.system.settings.network import Network
 from cosim_master.verdict.earshot import depends_on_places, repeated, system_ids, twice
 from cosim_master.verdict.findings import Finding
 

@@ -1,0 +1,1 @@
+"""Everything that verbs share on a terminal."""

@@ -1,0 +1,196 @@
+"""The two consoles of the command and the ways in which its verbs speak: data, words, notes, errors.
+
+    data    what a verb was asked for: standard output, always; with --json one JSON document
+    words   what a verb did: standard output; -q leaves them out
+    notes   what was assumed or is worth knowing: standard error, dim; -q leaves them out
+    errors  standard error, always; with --json also `{"errors": [...]}` on standard output
+
+Colours follow NO_COLOR (none, whatever else is set) and FORCE_COLOR (also into a pipe).
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, within_bounds
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+__all__ = [
+    "begin_verb",
+    "end_verb",
+    "err",
+    "errors",
+    "is_live",
+    "is_quiet",
+    "note",
+    "notes",
+    "out",
+    "print_json",
+    "print_tables",
+    "report_error",
+    "say",
+    "set_verbosity",
+    "usage",
+]
+
+
+def _console(*, stderr: bool) -> Console:
+    # NO_COLOR alone would leave Rich's bold and dim: with it, no style at all.
+    system = None if os.environ.get("NO_COLOR") else "auto"
+    return Console(stderr=stderr, highlight=False, soft_wrap=True, color_system=system)  # type: ignore[arg-type]
+
+
+out = _console(stderr=False)
+err = _console(stderr=True)
+
+
+@dataclass(slots=True)
+class _Verbosity:
+    quiet: bool = False
+    verbose: bool = False
+
+
+@dataclass(slots=True)
+class _Spoken:
+    """What the present verb has printed: its errors, and whether its JSON document is out."""
+
+    errors: list[dict[str, Any]] = field(default_factory=list)
+    document: bool = False
+
+
+_verbosity = _Verbosity()
+_spoken = _Spoken()
+
+
+class _Log(logging.Handler):
+    """Log records on standard error, by the console, so that a bar there makes room for them."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        err.print(self.format(record), markup=False)
+
+
+def set_verbosity(*, quiet: bool | None = None, verbose: bool | None = None) -> None:
+    """Set what -q and -v say; None leaves it. With `verbose`, the messages that FMUs log are shown."""
+    if quiet is not None:
+        _verbosity.quiet = quiet
+    if verbose is not None:
+        _verbosity.verbose = verbose
+        handlers = [handler for handler in logging.getLogger().handlers if isinstance(handler, _Log)]
+        if not handlers:
+            logging.getLogger().addHandler(_Log())
+        logging.getLogger().setLevel(logging.DEBUG if verbose else logging.WARNING)
+        for noisy in ("numba", "matplotlib", "fmpy", "pythonfmu"):
+            logging.getLogger(noisy).setLevel(logging.WARNING)
+
+
+def is_quiet() -> bool:
+    """Whether only data and errors are to be printed."""
+    return _verbosity.quiet
+
+
+def is_live() -> bool:
+    """Whether standard error is a terminal on which a line can be drawn anew."""
+    return err.file.isatty() and err.is_terminal and not err.is_dumb_terminal
+
+
+def say(text: str) -> None:
+    """Print what a verb did; with -q, nothing."""
+    if not _verbosity.quiet:
+        out.print(text, markup=False)
+
+
+def note(text: str) -> None:
+    """Print what was assumed or is worth knowing; with -q, nothing."""
+    if not _verbosity.quiet:
+        err.print(Text.assemble(("note:", "bold dim"), (f" {text}", "dim")))
+
+
+def notes(texts: Iterable[str]) -> None:
+    """Print several notes: of findings of one kind the first ones."""
+    for text in within_bounds(texts):
+        note(text)
+
+
+def print_json(document: Any) -> None:
+    """Print the one JSON document of a verb."""
+    _spoken.document = True
+    out.print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False), markup=False)
+
+
+def print_tables(tables: Iterable[Table | str]) -> None:
+    """Print tables and lines; tables are not cut where standard output is no terminal."""
+    if not out.is_terminal:
+        out.width = 10_000  # a file or a pipe has no width: one line per row
+    for table in tables:
+        out.print(table, markup=False) if isinstance(table, str) else out.print(table)
+
+
+def report_error(text: str) -> None:
+    """Print an error."""
+    _spoken.errors.append({"file": None, "line": None, "message": text})
+    err.print(Text.assemble(("error:", "bold red"), f" {text}"))
+
+
+def usage(message: str) -> typer.Exit:
+    """The exit of a verb that cannot be used like that, its message printed."""
+    report_error(message)
+    return typer.Exit(2)
+
+
+@contextmanager
+def errors(*, as_json: bool = False) -> Iterator[None]:
+    """The project's own errors become messages and an exit code; everything else is a bug and keeps its traceback.
+
+    Args:
+        as_json: print them as a JSON document, too.
+    """
+    try:
+        yield
+    except SystemDescriptionError as error:
+        for problem in error.problems:
+            report_error(str(problem))
+        if as_json:
+            print_json({"errors": [_error(problem) for problem in error.problems]})
+        raise typer.Exit(2) from None
+    except CosimError as error:
+        report_error(str(error))
+        if as_json:
+            print_json({"errors": [{"file": None, "line": None, "message": str(error)}]})
+        raise typer.Exit(1) from None
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in _EXTRAS:
+            raise
+        raise usage(f"{package} is not installed; try pip install 'uav-cosim[{_EXTRAS[package]}]'") from None
+
+
+_EXTRAS = {"matplotlib": "plot", "pymavlink": "build"}
+"""Packages that an extra of this project installs."""
+
+
+def begin_verb() -> None:
+    """Forget what an earlier verb of this process has printed."""
+    _spoken.errors.clear()
+    _spoken.document = False
+
+
+def end_verb() -> None:
+    """Print the errors of a verb as its JSON document, if it has ended without one."""
+    if _spoken.errors and not _spoken.document:
+        print_json({"errors": list(_spoken.errors)})
+
+
+def _error(problem: Problem) -> dict[str, Any]:
+    return {"file": problem.where.path, "line": problem.where.line, "message": problem.message}

@@ -1,0 +1,196 @@
+"""What a verb is doing, said on standard error while it takes long.
+
+In a terminal: one line that is drawn anew, with the time it has taken; of a run a bar. Elsewhere (a pipe, a file,
+TERM=dumb): a line for each stage that takes longer than a second, none for the others. With -q: nothing.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.spinner import Spinner
+from rich.table import Table
+from rich.text import Text
+
+from cosim_master.cli.terminal.console import err, is_live, is_quiet
+
+if TYPE_CHECKING:
+    from cosim_master.execution.simulate import Progress
+
+__all__ = ["Activity", "activity"]
+
+LONG = 1.0
+"""Seconds from which on a stage is worth a line of its own where nothing can be drawn anew."""
+
+
+class Activity:
+    """What is being done. Does nothing by itself: with -q it stays so."""
+
+    def stage(self, text: str, *, long: bool = False) -> None:
+        """Begin a stage, which ends the one before.
+
+        Args:
+            text: what is done, as "loading 15 FMU instances".
+            long: it is known to take longer than a second.
+        """
+
+    def starting(self) -> None:
+        """Python modules are about to be imported, which takes a second: said in terminals only."""
+
+    def run(self, progress: Progress) -> None:
+        """Show how far a run is."""
+
+    def end(self) -> None:
+        """End the stage: the verb is about to print."""
+
+    @contextmanager
+    def interrupted(self) -> Iterator[None]:
+        """Within, the verb prints, and the stage goes on afterwards."""
+        yield
+
+
+class _Lines(Activity):
+    """A line for a stage that takes longer than `LONG`."""
+
+    def __init__(self) -> None:
+        self._timer: threading.Timer | None = None
+        self._said = ""
+
+    def stage(self, text: str, *, long: bool = False) -> None:
+        self.end()
+        if long:
+            if text != self._said:
+                err.print(Text(f"{text} ...", "dim"))
+            self._said = text
+            return
+        self._timer = threading.Timer(LONG, lambda: err.print(Text(f"{text} ...", "dim")))
+        self._timer.daemon = True
+        self._timer.start()
+
+    def run(self, progress: Progress) -> None:  # noqa: ARG002 (a bar is for terminals)
+        self.end()
+
+    def end(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+class _Drawn(Activity):
+    """One line of a terminal, drawn anew ten times a second by a thread of its own."""
+
+    def __init__(self) -> None:
+        self._live = Live(self, console=err, transient=True, redirect_stdout=False, refresh_per_second=10)
+        self._spinner = Spinner("dots" if "utf" in err.encoding else "line")
+        self._lock = threading.RLock()  # a stage may begin in any thread
+        self._text: str | None = None
+        self._progress: Progress | None = None
+        self._since = 0.0
+
+    def stage(self, text: str, *, long: bool = False) -> None:  # noqa: ARG002 (it is drawn at once)
+        with self._lock:
+            if text != self._text:
+                self._since = time.perf_counter()
+            self._text, self._progress = text, None
+            self._live.start()
+            self._live.refresh()
+
+    def starting(self) -> None:
+        self.stage("starting")
+
+    def run(self, progress: Progress) -> None:
+        if self._progress is None:
+            self._live.start()
+        self._progress = progress
+
+    def end(self) -> None:
+        with self._lock:
+            self._live.stop()
+            self._text = self._progress = None
+
+    @contextmanager
+    def interrupted(self) -> Iterator[None]:
+        with self._lock:
+            self._live.stop()
+            yield
+            if self._text is not None:
+                self._live.start(refresh=True)
+
+    def __rich__(self) -> Any:
+        if self._progress is not None:
+            return _bar(self._progress)
+        if self._text is None:
+            return Text()
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column()
+        grid.add_column(no_wrap=True, overflow="ellipsis")
+        grid.add_column(no_wrap=True)
+        grid.add_row(self._spinner, Text(self._text), _clock(time.perf_counter() - self._since))
+        return grid
+
+
+def _bar(progress: Progress) -> Table:
+    """Simulated time, speed, time left, and packets sent."""
+    done, whole = progress.time - progress.start, progress.stop - progress.start
+    speed = done / progress.wall if progress.wall > 0.0 else 0.0
+    left = _clock((whole - done) / speed) if speed > 0.0 else "-:--"
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(min_width=4)
+    grid.add_column(no_wrap=True, overflow="ellipsis")
+    words = f"{done:.1f}/{whole:.1f} s  {speed:.1f} x real time  {left} left  {progress.packets} packets"
+    grid.add_row(ProgressBar(total=whole, completed=done, width=max(4, min(40, err.width - len(words) - 3))), words)
+    return grid
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+@contextmanager
+def activity() -> Iterator[Activity]:
+    """What a verb is doing; at the end nothing of it is left on a terminal."""
+    doing = Activity() if is_quiet() else _Drawn() if is_live() else _Lines()
+    try:
+        yield doing
+    finally:
+        doing.end()
+
+
+@contextmanager
+def compiling(doing: Activity) -> Iterator[None]:
+    """Say so when numba compiles what is not in its cache, within this block.
+
+    The compiler tells of functions that it compiles, not of those that it loads from its cache.
+    """
+    event: Any = import_module("numba.core.event")
+
+    class Listener(event.Listener):  # type: ignore[misc]
+        depth = 0
+
+        def on_start(self, happened: Any) -> None:
+            self.depth += 1
+            if self.depth == 1:
+                function = happened.data["dispatcher"].py_func
+                if function.__module__.startswith("cosim_master."):
+                    doing.stage("compiling the stepping loop (once, about 30 s)", long=True)
+                else:
+                    doing.stage(f"compiling {function.__module__}.{function.__qualname__} (once)")
+
+        def on_end(self, _: Any) -> None:
+            self.depth -= 1
+
+    listener = Listener()
+    event.register("numba:compile", listener)
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", listener)

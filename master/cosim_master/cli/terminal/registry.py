@@ -1,0 +1,84 @@
+"""The command `uav-cosim` itself, and the decorator that makes a function one of its verbs."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Annotated, Any, TypeVar
+
+import typer
+
+from cosim_master.cli.terminal.console import begin_verb, end_verb, report_error, set_verbosity
+
+__all__ = ["app", "verb"]
+
+F = TypeVar("F", bound=Callable[..., None])
+
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print data and errors only.", show_default=False)]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Show what FMUs log.", show_default=False)]
+
+app = typer.Typer(
+    name="uav-cosim",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    epilog="\b\nExamples:\n  uav-cosim build\n  uav-cosim run master/systems/line5\n  uav-cosim plot out/line5",
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"uav-cosim {version('uav-cosim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    _: Annotated[
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the version.", show_default=False),
+    ] = False,
+) -> None:
+    """Co-simulation of cooperating UAVs: FMUs, SSP systems, MAVLink packets over a simulated radio."""
+    set_verbosity(quiet=quiet, verbose=verbose)
+
+
+def verb(*examples: str) -> Callable[[F], F]:
+    """Make a function a verb of the command, with -q and -v of its own and examples at the end of its help.
+
+    Ctrl-C ends a verb with exit code 130, unless the verb itself does something better.
+
+    Args:
+        examples: how it is used, without the name of the command.
+    """
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def call(*, quiet: bool, verbose: bool, **arguments: Any) -> None:
+            set_verbosity(quiet=quiet or None, verbose=verbose or None)
+            begin_verb()
+            try:
+                function(**arguments)
+            except KeyboardInterrupt:
+                report_error("interrupted")
+                raise typer.Exit(130) from None
+            finally:
+                if arguments.get("as_json"):
+                    end_verb()
+
+        own = inspect.signature(function, eval_str=True)
+        switches = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
+            for name, annotation in (("quiet", Quiet), ("verbose", Verbose))
+        ]
+        call.__signature__ = own.replace(parameters=[*own.parameters.values(), *switches])  # type: ignore[attr-defined]
+        call.__annotations__ = {p.name: p.annotation for p in call.__signature__.parameters.values()}  # type: ignore[attr-defined]
+        shown = "".join(f"\n  uav-cosim {example}" for example in examples)
+        app.command(epilog=f"\b\nExample{'s' if len(examples) > 1 else ''}:{shown}")(call)
+        return function
+
+    return decorate

@@ -1,0 +1,151 @@
+"""Verbs that make what a system consists of: `build`, `dialect`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cosim_master.cli.terminal.console import errors, print_json, report_error, say, usage
+from cosim_master.cli.terminal.options import Json
+from cosim_master.cli.terminal.progress import activity
+from cosim_master.cli.terminal.registry import verb
+
+
+@verb("build", "build integrator.py -o fmus", "build Quadrotor --fmi 3 --target windows-x86_64")
+def build(
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="MODEL",
+            help="Model names (Quadrotor), modules or .py files.",
+            show_default="every model of cosim_models",
+        ),
+    ] = None,
+    folder: Annotated[Path, typer.Option("-o", "--out", metavar="FOLDER", help="Folder for the FMUs.")] = Path("fmus"),
+    interpreted: Annotated[
+        bool,
+        typer.Option(
+            "--interpreted", help="Pack the Python sources (pythonfmu) instead of compiling them.", show_default=False
+        ),
+    ] = False,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PLATFORM", help="Platform to build for; may be repeated.", show_default="the one it runs on"
+        ),
+    ] = None,
+    fmi: Annotated[
+        int, typer.Option(metavar="2|3", help="2 writes NAME.fmu, 3 writes NAME.fmi3.fmu; a system may have both.")
+    ] = 2,
+    checked: Annotated[
+        bool | None,
+        typer.Option(
+            "--checked/--unchecked",
+            help="Whether steps fail where an index lies outside its array or a loop does not end.",
+            show_default="checked; the models of cosim_models: unchecked",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Build FMUs from models, only those that changed."""
+    with activity() as doing:
+        doing.starting()
+        from cosim.build import HOST, CannotCompile, build_all, load_models, models_of_package
+
+    made: list[dict[str, Any]] = []
+    try:
+        chosen = []
+        for name in models or [model.__name__ for model in models_of_package("cosim_models")]:
+            if "." in name:
+                chosen += load_models(name)
+                continue
+            known = models_of_package("cosim_models")
+            matching = [model for model in known if model.__name__ == name]
+            if not matching:
+                names = ", ".join(model.__name__ for model in known)
+                raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
+            chosen += matching
+        if fmi == 3 and not models:
+            for model in [model for model in chosen if model.kernels is None]:
+                chosen.remove(model)
+                note = "not built: it has no kernels, and interpreted FMUs are FMI 2 only"
+                made.append({"file": None, "model": model.__name__, "state": "not built", "note": note})
+                if not as_json:
+                    say(f"{model.__name__}: {note}")
+        with activity() as doing, _loop_compiled(models, doing.stage):
+            building = build_all(
+                chosen,
+                folder,
+                interpreted=interpreted,
+                targets=target or [HOST],
+                fmi=fmi,
+                checked=checked,
+                on_building=lambda names: doing.stage(f"building {', '.join(names)}"),
+            )
+            for model, built in zip(chosen, building, strict=True):
+                state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
+                entry = {"file": str(built.file), "model": model.__name__, "state": state, "note": None}
+                made.append(entry)
+                if not as_json:
+                    with doing.interrupted():
+                        say(f"{built.file}: {state}")
+    except (ValueError, ImportError, SyntaxError, CannotCompile) as error:
+        raise usage(str(error)) from None
+    except RuntimeError as error:
+        report_error(str(error))
+        raise typer.Exit(1) from None
+    if as_json:
+        print_json({"fmus": made})
+
+
+@contextmanager
+def _loop_compiled(models: list[str] | None, tell: Callable[[str], None]) -> Iterator[None]:
+    """Compile the stepping loop, which the first run will need, in a process of its own while all FMUs are built."""
+    from cosim.kernel import has_code
+
+    loop = Path(__file__).parents[2] / "stepping" / "kernels" / "macro_step.py"
+    if models or os.environ.get("NUMBA_DISABLE_JIT") or has_code(loop, "run"):
+        yield
+        return
+    code = "from cosim_master.stepping.warming import EVERY_RUN, compile_loop; compile_loop(EVERY_RUN)"
+    # A session of its own: Ctrl-C is for this process, which ends the other.
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.DEVNULL, start_new_session=True)
+    try:
+        yield
+        if process.poll() is None:
+            tell("compiling the stepping loop, once")
+            process.wait()
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.wait()
+
+
+@verb("dialect swarm.xml -o swarm_messages.py")
+def dialect(
+    xml: Annotated[Path, typer.Argument(metavar="XML", help="A MAVLink XML file with messages of your own.")],
+    module: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="Python module to write.")],
+    as_json: Json = False,
+) -> None:
+    """Write a module with which models read and send messages of your own."""
+    from cosim.build.dialects import module_source, read_xml
+
+    with errors(as_json=as_json):
+        try:
+            messages = read_xml(xml)
+            module.write_text(module_source(messages, xml.name), encoding="utf-8")
+        except ValueError as error:
+            raise usage(str(error)) from None
+        except OSError as error:
+            raise usage(f"{error.filename}: {error.strerror}") from None
+        if as_json:
+            print_json({"files": [str(module)], "messages": list(messages)})
+        else:
+            say(f"{module}: {', '.join(messages) or 'no messages that ardupilotmega does not have'}")

@@ -1,0 +1,128 @@
+"""Verbs that write systems: `new`, `convert`, `swap`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cosim_master.cli.terminal.console import errors, note, print_json, say, usage
+from cosim_master.cli.terminal.options import Json, System, positive
+from cosim_master.cli.terminal.registry import verb
+
+NewFolder = Annotated[
+    Path, typer.Option("-o", "--out", metavar="FOLDER", help="Folder of the new system; must not exist.")
+]
+
+
+@verb("new line --drones 50 -o swarm", "new grid --drones 100 --spacing 20 --until 120 -o field")
+def new(
+    shape: Annotated[str, typer.Argument(metavar="line|grid", help="line or grid.")],
+    drones: Annotated[int, typer.Option(metavar="N", help="How many.")],
+    folder: NewFolder,
+    fmus: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder with the FMUs of vehicle, autopilot and agent.",
+            show_default="fmus where it holds all three, else the FMUs that come with uav-cosim",
+        ),
+    ] = None,
+    spacing: Annotated[
+        float,
+        typer.Option(
+            metavar="M",
+            help="Metres between neighbours at the start; twice as much before a drone that stays.",
+            callback=positive("--spacing", "a distance in m"),
+        ),
+    ] = 10.0,
+    until: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Stop time of the new system in s.",
+            show_default="when the drones have spread",
+            callback=positive("--until", "a stop time in s"),
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a system of many drones."""
+    from cosim_master.system import shipped
+    from cosim_master.system.authoring.new import MODELS, new_system
+
+    with errors(as_json=as_json):
+        if fmus is None:
+            own = all(Path("fmus", f"{model}.fmu").is_file() for model in MODELS.values())
+            fmus = Path("fmus") if own else shipped.fmus()
+        written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until, note=note)
+        if as_json:
+            print_json({"files": [str(written)]})
+        else:
+            say(f"{written}: {shape} of {drones} drones; uav-cosim run {written}")
+
+
+@verb("convert Multi-models/tanks/mm.json -o tanks", "convert tanks --for libcosim -o tanks-osp")
+def convert(
+    system: Annotated[
+        str,
+        typer.Argument(
+            metavar="SYSTEM", help="A multi-model (.json) or an OspSystemStructure.xml; with --for any system."
+        ),
+    ],
+    folder: NewFolder,
+    engine: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            metavar="omsimulator|libcosim|ecos|fmpy",
+            help="Write what this engine reads.",
+            show_default="uav-cosim",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a multi-model or a structure of OSP as an SSP, or any system for another engine."""
+    from cosim_master.system.authoring.convert import ENGINES
+    from cosim_master.system.authoring.convert import convert as convert_system
+
+    if engine is not None and engine not in ENGINES:
+        raise usage(f"--for {engine}: valid: {', '.join(ENGINES)}")
+    with errors(as_json=as_json):
+        written = convert_system(system, folder, engine)
+        if as_json:
+            print_json({"files": [str(written.file)], "notes": list(written.notes)})
+            return
+        for text in written.notes:
+            note(text)
+        say(f"{folder}: uav-cosim run {folder}" if engine is None else f"{written.file}: for {engine}")
+
+
+@verb("swap master/systems/line5 drone3.vehicle fmus/Hexarotor.fmu -o swapped")
+def swap(
+    system: System,
+    component: Annotated[
+        str,
+        typer.Argument(
+            metavar="COMPONENT", help="Hierarchical name or pattern, e.g. drone3.vehicle or 'drone*.vehicle'."
+        ),
+    ],
+    fmu: Annotated[
+        Path, typer.Argument(metavar="FMU", help="The FMU it gets: a file, or a model that comes with uav-cosim.")
+    ],
+    new: Annotated[Path | None, typer.Option("-o", "--out", metavar="SYSTEM", help="The new system.")] = None,
+    in_place: Annotated[bool, typer.Option("--in-place", help="Change the system itself.", show_default=False)] = False,
+    as_json: Json = False,
+) -> None:
+    """Give a component another FMU; nothing else changes."""
+    from cosim_master.system.authoring.swap import swap as swap_component
+
+    if (new is None) != in_place:
+        raise usage("swap: give either -o SYSTEM for a new system, or --in-place to change this one")
+    with errors(as_json=as_json):
+        written = swap_component(system, component, fmu, new)
+        if as_json:
+            print_json({"files": [str(written)]})
+        else:
+            say(f"{written}: {component} is now {fmu}")

@@ -1,0 +1,223 @@
+"""The verb `run`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cosim_master.cli.terminal.console import errors, note, notes, print_json, print_tables, report_error, say, usage
+from cosim_master.cli.terminal.options import (
+    Json,
+    Settings,
+    Step,
+    Strict,
+    System,
+    Until,
+    Variant,
+    changes,
+    overrides,
+    positive,
+)
+from cosim_master.cli.terminal.progress import activity, compiling
+from cosim_master.cli.terminal.registry import verb
+from cosim_master.cli.terminal.verdict import show_findings, summary
+
+if TYPE_CHECKING:
+    from cosim_master.execution.simulate import RunResult
+
+
+@verb(
+    "run master/systems/line5 -o out/line5",
+    "run master/systems/line5 --set drone3.agent.epsilon=0.5 --until 60 --seed 7",
+    "run master/systems/line5 --pace 1 --gcs udpout:127.0.0.1:14550",
+    "run master/systems/line5 --at 30 'drone3.vehicle.wind[2]=5'",
+)
+def run(
+    system: System,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FOLDER",
+            help="Folder for the results; one that holds a run of other inputs is refused.",
+            show_default="out/NAME, or out/NAME-2, ... if that holds a run of other inputs",
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite what the folder holds.", show_default=False)
+    ] = False,
+    variant: Variant = None,
+    until: Until = None,
+    step: Step = None,
+    strict: Strict = False,
+    pace: Annotated[
+        float | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="Hold at most this many times real time.",
+            show_default="as fast as it can",
+            callback=positive("--pace", "a factor of real time"),
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=0, max=2**53, help="Seed of the radio.", show_default="the system's"),
+    ] = None,
+    settings: Settings = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TIME COMPONENT.PARAMETER=VALUE",
+            help="Set a tunable parameter or an open input at a time in s; may be repeated.",
+        ),
+    ] = None,
+    inputs: Annotated[
+        Path | None,
+        typer.Option("--input", metavar="FILE.csv", help="Values of open inputs over time, as FMPy reads them."),
+    ] = None,
+    solver: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME[:NUMBER]",
+            help="Integrates FMUs for Model Exchange: cvode[:TOLERANCE], euler[:STEP] or rk4[:STEP].",
+            show_default="the system's, or cvode",
+        ),
+    ] = None,
+    record: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATTERN",
+            help="Signals to record, e.g. '*.position*'; may be repeated.",
+            show_default="the system's, or all outputs",
+        ),
+    ] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Threads that step native FMUs.", show_default="all cores for large systems, else 1"
+        ),
+    ] = None,
+    gcs: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ADDRESS", help="A ground station, e.g. udpout:127.0.0.1:14550; may be repeated."),
+    ] = None,
+    ports: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Serial ports of the autopilots, e.g. tcp:5760+10 for 5760, 5770, ..."),
+    ] = None,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.", show_default=False)
+    ] = False,
+    checkpoint_every: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Write a checkpoint every so many simulated seconds.",
+            show_default="none",
+            callback=positive("--checkpoint-every", "an interval in simulated s"),
+        ),
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option("--from", metavar="RUN@TIME", help="Go on from a checkpoint; --set then changes values there."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Run a system, or one FMU alone."""
+    if threads is not None and threads < 1:
+        raise usage(f"--threads {threads}: give a positive number")
+    with errors(as_json=as_json), activity() as doing:
+        doing.starting()
+        from cosim.kernel import PLAIN
+        from cosim_master.execution.simulate import simulate
+        from cosim_master.results.run_folder import RunFolder
+
+        if profile and PLAIN:
+            raise usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
+        by_default = Path("out") / Path(system).resolve().stem
+        doing.stage(f"checking {system}")
+        with compiling(doing):
+            result = simulate(
+                system,
+                variant=variant,
+                out=RunFolder(folder or by_default, numbered=folder is None, force=force),
+                until=until,
+                step=step,
+                strict=strict,
+                pace=pace,
+                seed=seed,
+                overrides=overrides(settings),
+                record=record or (),
+                at=changes(at),
+                threads=threads,
+                profile=profile,
+                on_start=lambda ready: notes(ready.notes),
+                on_stage=doing.stage,
+                on_progress=doing.run,
+                gcs=gcs or (),
+                ports=ports,
+                on_gateway=note,
+                checkpoint_every=checkpoint_every,
+                origin=origin,
+                inputs=inputs,
+                solver=solver,
+            )
+    if as_json:
+        print_json(_document(result))
+    else:
+        _report(result)
+    if folder is None and result.folder is not None and result.folder != by_default:
+        note(f"{by_default} holds a run of other inputs, which --force overwrites; the results are in {result.folder}")
+    if result.outcome == "failed":
+        raise typer.Exit(1)
+    if result.outcome == "interrupted":
+        raise typer.Exit(130)
+    if strict and result.verdict is not None and not result.verdict.good:
+        raise typer.Exit(1)
+
+
+def _report(result: RunResult) -> None:
+    if result.error is not None:
+        (note if result.outcome == "terminated" else report_error)(str(result.error))
+    packets = result.packets
+    if result.outcome != "failed" or packets:
+        counts = ", ".join(f"{packets.get(name, 0)} {name}" for name in ("sent", "delivered", "lost"))
+        say(
+            f"{result.outcome}{summary(result.verdict)}: {result.simulated_s:g} s simulated in {result.wall_s:.2f} s "
+            f"({result.real_time_factor:.1f} times real time)"
+        )
+        say(f"packets: {counts}")
+    if result.folder is not None:
+        say(f"results: {result.folder}")
+    for gateway, crossed in result.gateways.items():
+        text = ", ".join(f"{n} {what}" for what, n in crossed.items() if what != "address")
+        note(f"{gateway} ({crossed['address']}): {text or 'nothing has crossed'}")
+    if result.profile is not None:
+        from cosim_master.cli.views.inspection import profile_tables
+
+        print_tables(profile_tables(result.profile))
+    if result.overruns[0]:
+        note(f"the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
+    show_findings(result.verdict)
+
+
+def _document(result: RunResult) -> dict[str, Any]:
+    """The run as its JSON document."""
+    return {
+        "outcome": result.outcome,
+        "error": None if result.error is None else str(result.error),
+        "folder": None if result.folder is None else str(result.folder),
+        "simulated_s": result.simulated_s,
+        "wall_s": result.wall_s,
+        "real_time_factor": result.real_time_factor,
+        "packets": dict(result.packets),
+        "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
+        "overruns": {"count": result.overruns[0], "worst_s": result.overruns[1]},
+        "notes": list(result.notes),
+        "verdict": None if result.verdict is None else result.verdict.as_json(),
+        "profile": None if result.profile is None else asdict(result.profile),
+    }

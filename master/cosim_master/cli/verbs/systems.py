@@ -1,0 +1,211 @@
+"""Verbs that look at systems without running them: `check`, `explain`, `graph`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cosim_master.cli.terminal.console import errors, notes, out, print_json, say, usage
+from cosim_master.cli.terminal.options import Json, Settings, Step, Strict, System, Until, Variant, overrides
+from cosim_master.cli.terminal.progress import activity
+from cosim_master.cli.terminal.registry import verb
+from cosim_master.cli.terminal.verdict import show_findings, summary
+
+BROUGHT_ALONG = "brought along"
+"""What --reference without a file stands for."""
+
+if TYPE_CHECKING:
+    from cosim_master.execution.reference_results import Verdict
+    from cosim_master.system.flatten.flat import CheckedSystem
+    from cosim_master.system.settings.time_grid import Timing
+
+
+@verb("check master/systems/line5", "check master/systems/line5 --init --set drone3.vehicle.mass=2")
+def check(
+    system: System,
+    variant: Variant = None,
+    until: Until = None,
+    step: Step = None,
+    settings: Settings = None,
+    init: Annotated[
+        bool, typer.Option("--init", help="Load and initialize the FMUs too, and stop there.", show_default=False)
+    ] = False,
+    strict: Strict = False,
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[FILE.csv]",
+            help="Of an FMU: run it and compare it with a CSV file, or with the results that it brings along.",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(help="Of --reference: allowed difference, in parts of the largest value of a column."),
+    ] = 1e-3,
+    as_json: Json = False,
+) -> None:
+    """Read a system and its FMUs and report every problem, without running anything."""
+    with errors(as_json=as_json), activity() as doing:
+        doing.starting()
+        from cosim_master.execution.reference_results import against_reference
+        from cosim_master.execution.simulate import prepare
+        from cosim_master.stepping.layout import layout
+        from cosim_master.system.flatten.check import check as check_system
+        from cosim_master.system.reading.read import read_system
+        from cosim_master.system.reading.single_fmu import full_names
+
+        doing.stage(f"checking {system}")
+        if Path(system).suffix.lower() == ".fmu" and Path(system).is_file():
+            _check_fmu(Path(system))
+        elif reference is not None:
+            raise usage(f"--reference: {system} is not an FMU")
+        if reference is not None:
+            doing.stage(f"running {system}")
+            file = None if reference == BROUGHT_ALONG else Path(reference)
+            verdict = against_reference(
+                Path(system), file, tolerance=tolerance, until=until, step=step, overrides=overrides(settings)
+            )
+            doing.end()
+            _report_reference(verdict, as_json=as_json)
+            return
+        with read_system(system, variant) as structure:
+            checked = check_system(structure, full_names(structure, overrides(settings)))
+            ready = prepare(checked, until=until, step=step, strict=strict)
+            checked = ready.checked
+            layout(checked, ready.network, ready.recording.signals, ready.coupling)
+            notes(ready.notes)
+            known = ready.verdict()
+            loops: list[dict[str, Any]] = []
+            if init:
+                doing.stage(f"initializing {len(checked.instances)} FMU instances")
+                loops = _try_out(checked, ready.clock)
+            doing.end()
+            if as_json:
+                print_json(
+                    {
+                        "system": str(structure.path),
+                        "instances": len(checked.instances),
+                        "connections": len(checked.links),
+                        "radio_nodes": len(ready.network.nodes),
+                        "steps": ready.clock.steps,
+                        "base_step": ready.clock.seconds(1),
+                        "initialized": init,
+                        "loops": loops,
+                        "notes": list(ready.notes),
+                        "errors": [],
+                        "verdict": known.as_json(),
+                    }
+                )
+                _exit_if(strict and not known.good)
+                return
+            for loop in loops:
+                say(f"a loop at initialization, settled in {loop['rounds']} rounds: {_shortened(loop['outputs'])}")
+            if init:
+                say(f"{len(checked.instances)} instances initialized")
+            show_findings(known)
+            say(
+                f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
+                f"{len(ready.network.nodes)} radio nodes, {ready.clock.steps} steps of {ready.clock.seconds(1):.9g} s: "
+                f"no problems{summary(known)}"
+            )
+            _exit_if(strict and not known.good)
+
+
+def _exit_if(failed: bool) -> None:
+    if failed:
+        raise typer.Exit(1)
+
+
+def _check_fmu(path: Path) -> None:
+    """Raise all that is wrong with an FMU."""
+    from cosim_master.diagnostics.errors import SystemDescriptionError
+    from cosim_master.fmi.description.datasheet import findings
+
+    if problems := findings(path):
+        raise SystemDescriptionError(problems)
+
+
+def _report_reference(verdict: Verdict, *, as_json: bool) -> None:
+    if as_json:
+        print_json({**asdict(verdict), "agrees": verdict.agrees})
+    else:
+        for one in verdict.differences:
+            word = "agrees" if one.agrees else "DIFFERS"
+            apart = f"{one.largest:.3g} at t = {one.time:.9g} s, allowed {one.allowed:.3g}"
+            out.print(f"{one.name}: {word}, by {apart}", markup=False)
+        if verdict.left_out:
+            notes([f"not compared, since they are no outputs: {_shortened(list(verdict.left_out))}"])
+        say(f"{verdict.rows} rows of {verdict.source}")
+    if not verdict.agrees:
+        raise typer.Exit(1)
+
+
+def _try_out(checked: CheckedSystem, clock: Timing) -> list[dict[str, Any]]:
+    from cosim_master.execution.startup.initialize import try_out
+
+    found = try_out(checked, clock.time(0), clock.time(clock.steps))
+    return [{"rounds": loop.rounds, "outputs": list(loop.outputs)} for loop in found]
+
+
+def _shortened(names: list[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+
+
+@verb("explain master/systems/line5 'drone3.vehicle.position_start[2]'")
+def explain(
+    system: System,
+    name: Annotated[str, typer.Argument(metavar="COMPONENT.VARIABLE", help="Hierarchical name of a variable.")],
+    variant: Variant = None,
+    settings: Settings = None,
+    as_json: Json = False,
+) -> None:
+    """Tell where the value of a variable comes from: who sets it, who is overridden, and what was ignored."""
+    from cosim_master.cli.views.explanation import explain as explained
+    from cosim_master.system.flatten.check import check as check_system
+    from cosim_master.system.reading.read import read_system
+    from cosim_master.system.reading.single_fmu import full_names
+
+    with errors(as_json=as_json), read_system(system, variant) as structure:
+        lines = explained(
+            check_system(structure, full_names(structure, overrides(settings))), *full_names(structure, {name: name})
+        )
+        if as_json:
+            print_json({"variable": name, "explanation": [line.strip() for line in lines]})
+            return
+        for line in lines:
+            out.print(line, markup=False)
+
+
+@verb("graph master/systems/line5 -o line5.svg")
+def graph(
+    system: System,
+    variant: Variant = None,
+    file: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="SVG file to write.", show_default="SYSTEM'S NAME.svg"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Draw a system: components, connectors and connections, as SVG."""
+    with errors(as_json=as_json), activity() as doing:
+        doing.starting()
+        from cosim_master.system.authoring.draw import graph as drawing
+        from cosim_master.system.reading.read import read_system
+
+        doing.stage(f"drawing {system}")
+        with read_system(system, variant) as structure:
+            target = file or Path(f"{structure.name}.svg".replace("/", "_"))
+            data = drawing(structure)
+        doing.end()
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+        except OSError as error:
+            raise usage(f"{target}: cannot be written: {error.strerror}") from None
+        if as_json:
+            print_json({"files": [str(target)]})
+        else:
+            say(str(target))

@@ -1,0 +1,97 @@
+"""Where the value of a variable comes from: who sets it, who was overridden, what drives it, what was ignored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
+from cosim_master.diagnostics.names import near
+from cosim_master.fmi.description.read import Variable
+from cosim_master.system.flatten.flat import Alias, CheckedSystem, Instance, Link
+from cosim_master.system.flatten.parameters import Assignment
+
+__all__ = ["explain"]
+
+
+def explain(checked: CheckedSystem, name: str) -> list[str]:
+    """Lines for people about one variable of one component.
+
+    Args:
+        checked: the system.
+        name: hierarchical name ("drone3.agent.epsilon"), or that of a system's connector.
+
+    Raises:
+        SystemDescriptionError: there is no such variable.
+    """
+    found = [
+        (instance, variable)
+        for instance in checked.instances
+        if name.startswith(instance.name + ".")
+        and (variable := instance.fmu.variables.get(name[len(instance.name) + 1 :])) is not None
+    ]
+    if not found and (alias := next((one for one in checked.aliases if one.name == name), None)) is not None:
+        return list(_connector(alias))
+    if not found:
+        inside = [one for one in checked.instances if name.startswith(one.name + ".")]
+        known = [f"{one.name}.{variable}" for one in inside or checked.instances for variable in one.fmu.variables]
+        text = f'there is no variable "{name}"; {near(name, known)}'
+        raise SystemDescriptionError([Problem(checked.structure.where, text)])
+    return [line for instance, variable in found for line in _lines(checked, instance, variable)]
+
+
+def _lines(checked: CheckedSystem, instance: Instance, variable: Variable) -> Iterator[str]:
+    unit = "" if variable.unit is None else f", {variable.unit.name}"
+    yield f"{instance.name}.{variable.name}: {variable.causality} of {instance.fmu.path.name}, {variable.type}{unit}"
+    if variable.description:
+        yield f"  {variable.description}"
+    given = checked.assignments.get((instance.name, variable.name), ())
+    links = [link for link in checked.links if link.target == (instance.name, variable.name)]
+    if given:
+        yield f"  start value {_value(variable, given[-1].value)}, set by {_by(given[-1])}"
+    elif variable.start is not None:
+        yield f"  start value {_value(variable, variable.start)}, of the FMU: nobody sets it"
+    else:
+        yield "  no start value: the FMU computes it"
+    for one in reversed(given[:-1]):
+        yield f"  overridden: {_value(variable, one.value)}, set by {_by(one)}"
+    if given and variable.start is not None:
+        yield f"  overridden: {_value(variable, variable.start)}, of the FMU"
+    yield from (f"  {line}" for link in links for line in _driven(link))
+    for item in checked.unmatched:
+        if item.name.startswith(f"{instance.name}."):
+            yield f"  ignored nearby: {item.where}: {item.name}; {item.hint}"
+
+
+def _connector(alias: Alias) -> Iterator[str]:
+    unit = "" if alias.unit is None else f", {alias.unit.name}"
+    yield f"{alias.name}: connector of a system{unit}"
+    yield f"  driven by {'.'.join(alias.source)}"
+    yield from (f"  {line}" for line in _conversion(alias))
+
+
+def _conversion(one: Alias | Link) -> Iterator[str]:
+    if (one.factor, one.offset) != (1.0, 0.0):
+        yield f"  value = {one.factor:g} * source + {one.offset:g}"
+    if one.mapping:
+        yield "  mapped: " + ", ".join(f"{key} -> {value}" for key, value in one.mapping)
+
+
+def _value(variable: Variable, value: object) -> str:
+    items = [name for name, number in (variable.items or {}).items() if number == value]
+    if items:
+        return f"{items[0]} ({value})"
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    return text if variable.unit is None else f"{text} {variable.unit.name}"
+
+
+def _by(one: Assignment) -> str:
+    if one.where.path == "--set":
+        return f"{one.where} {one.name}={one.text}"
+    owner = f'"{one.owner}"' if one.owner else "the root system"
+    return f"{one.where}: {one.name} = {one.text}, bound to {owner}"
+
+
+def _driven(link: Link) -> Iterator[str]:
+    until = "while initializing" if link.initial_only else "from the start on"
+    yield f"driven {until} by {'.'.join(link.source)}, at {link.where}"
+    yield from _conversion(link)

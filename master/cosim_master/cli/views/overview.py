@@ -1,0 +1,197 @@
+"""A run on one page: how it ended, who took part, what the radio carried, and what was recorded."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from rich.table import Table
+from rich.text import Text
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+
+__all__ = ["overview", "overview_tables", "signal_table"]
+
+_MESSAGES, _FINDINGS, _GATEWAYS, _NAMES = 7, 3, 2, 6
+"""Lines of each kind that fit on a screen of 24 lines, a prompt among them; names of a list that is not shortened."""
+
+
+def overview(folder: Path) -> dict[str, Any]:
+    """What `uav-cosim info` tells about a run, as the JSON document that docs/command-line.md describes.
+
+    Raises:
+        SystemDescriptionError: the folder does not hold the complete results of a run.
+    """
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        signals = folder / "signals.parquet"
+        schema, times = pq.read_schema(signals), pq.read_table(signals, columns=["time"])["time"]
+        seconds = times[-1].as_py() - manifest["start_time"] if len(times) else 0.0
+        packets = folder / "packets.parquet"
+        table = pq.read_table(packets, columns=_COLUMNS) if packets.is_file() else None
+        instances = sorted({str(one["fmu"]) for one in manifest["instances"].values()})
+        network = manifest["network"]
+        return {
+            "kind": "run",
+            "system": manifest["system"]["name"],
+            "outcome": manifest["outcome"],
+            "error": manifest["error"],
+            "simulated_s": manifest["simulated_s"],
+            "wall_s": manifest["wall_s"],
+            "real_time_factor": manifest["real_time_factor"],
+            "seed": manifest["seed"],
+            "instances": len(manifest["instances"]),
+            "fmus": [Path(fmu).name for fmu in instances],
+            "nodes": _nodes(table),
+            "radio": {name: network[name] for name in ("topology", "latency", "jitter", "loss", "range")},
+            "packets": manifest["packets"],
+            "messages": [] if table is None else _messages(table, seconds),
+            "gateways": manifest["gateways"],
+            "verdict": manifest.get("verdict"),
+            "notes": manifest["notes"],
+            "rows": len(times),
+            "signals": [
+                {"name": one.name, "type": str(one.type), "unit": (one.metadata or {}).get(b"unit", b"").decode()}
+                for one in schema
+            ],
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        text = f"is not the complete result of a run: {error}"
+        raise SystemDescriptionError([Problem(Where(str(folder)), text)]) from None
+
+
+_COLUMNS = ["sent", "source", "target", "message", "sequence", "outcome"]
+
+
+def _nodes(table: pa.Table | None) -> list[str]:
+    """The nodes that packets were for, drone2 before drone10."""
+    if table is None:
+        return []
+    from cosim_master.system.flatten.flat import natural
+
+    return sorted((name for name in table["target"].unique().to_pylist() if name), key=natural)
+
+
+def _messages(table: pa.Table, seconds: float) -> list[dict[str, Any]]:
+    """Each kind of message: its senders, how often one of them sent it, and how its packets fared, frequent ones first.
+
+    A packet that goes to three nodes was sent once, and by radio three times.
+    """
+    sends = table.group_by(["message", "source", "sent", "sequence"]).aggregate([])
+    sent = sends.group_by("message").aggregate([([], "count_all"), ("source", "count_distinct")]).to_pylist()
+    fared = table.group_by(["message", "outcome"]).aggregate([([], "count_all")]).to_pylist()
+    found = []
+    for one in sent:
+        outcomes = {row["outcome"]: row["count_all"] for row in fared if row["message"] == one["message"]}
+        senders = one["source_count_distinct"]
+        found.append(
+            {
+                "id": one["message"],
+                "name": _names().get(one["message"], f"message {one['message']}"),
+                "senders": senders,
+                "sent": one["count_all"],
+                "rate": one["count_all"] / senders / seconds if seconds > 0.0 else None,
+                "radio": outcomes.get("radio", 0),
+                "lost": sum(n for outcome, n in outcomes.items() if outcome.startswith("lost")),
+                "on_board": outcomes.get("on board", 0),
+            }
+        )
+    return sorted(found, key=lambda message: (-message["sent"], message["id"]))
+
+
+@cache
+def _names() -> dict[int, str]:
+    """Names of messages by id: of all of ArduPilot's with pymavlink, else of those that models can send."""
+    try:
+        from pymavlink.dialects.v20 import ardupilotmega
+    except ImportError:
+        from cosim import messages
+
+        return {getattr(messages, n): n for n in dir(messages) if hasattr(messages, f"encode_{n.lower()}")}
+    return {number: str(message.msgname) for number, message in ardupilotmega.mavlink_map.items()}
+
+
+def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:
+    """An overview for people, on one screen however many drones there are."""
+    yield (
+        f"{run['system']}: {run['outcome']}, {run['simulated_s']:g} s simulated in {run['wall_s']:.2f} s "
+        f"({run['real_time_factor']:.1f} times real time), seed {run['seed']}"
+    )
+    if run["error"] is not None:
+        yield f"error: {run['error'].splitlines()[0]}"
+    yield from _verdict(run["verdict"])
+    yield f"instances: {run['instances']} of {len(run['fmus'])} FMUs ({_listed(run['fmus'])})"
+    if run["nodes"]:
+        radio = run["radio"]
+        yield f"nodes: {len(run['nodes'])} ({_listed(run['nodes'])})"
+        yield (
+            f"radio: {radio['topology']}, latency {radio['latency']:g} s, jitter {radio['jitter']:g} s, "
+            f"loss {radio['loss']:g}, range {_range(radio['range'])}"
+        )
+    packets = run["packets"]
+    why = [f"{name.removeprefix('lost: ')} {n}" for name, n in packets.items() if name.startswith("lost: ") and n]
+    yield (
+        f"packets: {packets['sent']} sent by radio, {packets['delivered']} delivered, {packets['lost']} lost"
+        + (f" ({', '.join(why)})" if why else "")
+        + f", {packets['on board']} on board"
+    )
+    if run["messages"]:
+        yield from _message_table(run["messages"])
+    for name, counts in list(run["gateways"].items())[:_GATEWAYS]:
+        crossed = ", ".join(f"{n} {what}" for what, n in counts.items() if what != "address" and n)
+        yield f"gateway {name} ({counts['address']}): {crossed or 'nothing has crossed'}"
+    if (more := len(run["gateways"]) - _GATEWAYS) > 0:
+        yield f"and {more} more gateways"
+    yield f"recorded: {run['rows']} rows of {len(run['signals']) - 1} signals (--signals lists them)"
+
+
+def _verdict(verdict: Mapping[str, Any] | None) -> Iterator[str]:
+    if verdict is None:
+        return
+    findings = [finding for finding in verdict["findings"] if finding["severity"] != "note"]
+    for finding in findings[:_FINDINGS]:
+        time = "" if finding["time"] is None else f" at {finding['time']:g} s"
+        yield f"{finding['severity']}{time}: {_listed(finding['who'])}: {finding['text']}"
+    if (more := len(findings) - _FINDINGS) > 0:
+        yield f"and {more} more failures and warnings (manifest.json has all)"
+    if (nearest := verdict.get("nearest")) is not None:
+        who = " and ".join(nearest["who"])
+        yield f"nearest approach: {nearest['distance']:.2f} m, {who} at {nearest['time']:g} s"
+
+
+def _message_table(messages: Sequence[Mapping[str, Any]]) -> Iterator[Table | str]:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("message", "senders", "1/s each", "by radio", "lost", "on board"):
+        table.add_column(Text(column), justify="left" if column == "message" else "right")
+    for one in messages[:_MESSAGES]:
+        rate = "" if one["rate"] is None else f"{one['rate']:.3g}"
+        numbers = (str(one["senders"]), rate, *(str(one[name]) for name in ("radio", "lost", "on_board")))
+        table.add_row(Text(one["name"]), *numbers)
+    yield table
+    if (more := len(messages) - _MESSAGES) > 0:
+        yield f"and {more} more kinds of messages (--json lists them)"
+
+
+def _listed(names: Sequence[str]) -> str:
+    """All names if they are few; else the first two and the last."""
+    return ", ".join(names if len(names) <= _NAMES else [*names[:2], "...", names[-1]])
+
+
+def _range(value: float | str) -> str:
+    return "unlimited" if value == "INF" else f"{value:g} m"
+
+
+def signal_table(run: Mapping[str, Any]) -> Iterator[Table | str]:
+    """All signals of a run."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("signal", "type", "unit"):
+        table.add_column(column)
+    for one in run["signals"]:
+        table.add_row(Text(one["name"]), one["type"], Text(one["unit"]))
+    yield f"{run['rows']} rows of"
+    yield table

@@ -1,0 +1,1 @@
+"""Problems and how they are said: errors, limitations, near names."""

@@ -1,0 +1,1 @@
+"""Masters beyond one fixed step: discarded steps, iteration, Richardson."""

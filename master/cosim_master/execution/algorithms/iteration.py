@@ -1,0 +1,189 @@
+"""Iterates what depends on itself within a step, by going back: fixed point, and interface quasi-Newton.
+
+    iteration = Iteration(plan, places, living, coupling)
+    iteration.step(t)      one macro step of all instances; failures are in the plan, as the compiled loop leaves them
+    iteration.close()      frees the copies of states
+
+Groups of instances step in the order of their dependencies. A group that depends on itself is stepped together, with
+values x for the outputs that its members take from each other at the end of the step; that gives outputs F(x). As long
+as they differ, all go back and step again with other values:
+
+    fixed point     x + relaxation * (F(x) - x)
+    quasi-Newton    F(x) + W c, where c minimizes |V c + F(x) - x|; the columns of V and W are how F(x) - x and F(x)
+                    differ from those of the earlier tries in this step
+
+(IQN-ILS: Degroote, Bathe, Vierendeels, Performance of a new partitioned procedure versus a monolithic procedure in
+fluid-structure interaction, Computers and Structures 87, 2009.)
+
+Integers and booleans go round until they are the same. Nothing is remembered from one step to the next, so that a run
+that is resumed or repeated goes the same way.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.stepping.kernels.macro_step import step_each, step_together
+from cosim_master.stepping.kernels.tables import FAILURES, Plan
+from cosim_master.stepping.layout import KINDS, Layout
+from cosim_master.system.settings.master import Coupling
+
+__all__ = ["Iteration", "NotConverged"]
+
+_SHOWN = 20
+
+
+class NotConverged(CosimError):
+    """Outputs that depend on each other within a step, and do not settle.
+
+    Attributes:
+        residuals: name of each output -> by how much it still changes.
+        time: at which the step begins, s.
+    """
+
+    def __init__(self, algorithm: str, time: float, iterations: int, rows: Sequence[tuple[str, float, float]]) -> None:
+        self.time = time
+        self.residuals = {name: residual for name, _, residual in rows}
+        worst = sorted(rows, key=lambda row: -abs(row[2]))
+        lines = [f"    {name} = {value:.9g}, residual {residual:.3g}" for name, value, residual in worst[:_SHOWN]]
+        more = f"\n    and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
+        head = f"{algorithm}: in the step from t = {time:.9g} s these outputs depend on each other, and do not settle"
+        super().__init__("\n".join([f"{head} in {iterations} iterations:", *lines]) + more)
+
+
+@dataclass(frozen=True, slots=True)
+class _Loop:
+    """Instances that depend on each other, and where the outputs are that they take from each other."""
+
+    members: NDArray[np.int64]
+    reals: NDArray[np.int64]
+    wholes: NDArray[np.int64]
+    names: tuple[str, ...]
+    """Of the reals, then of the integers and booleans."""
+
+
+class Iteration:
+    """The steps of one run. `close` it before the instances are freed."""
+
+    def __init__(self, plan: Plan, places: Layout, living: Sequence[Living], coupling: Coupling) -> None:
+        self._plan, self._coupling, self._living = plan, coupling, living
+        self._states = {i: ctypes.c_void_p() for group in coupling.loops for i in group}
+        self._parts: list[NDArray[np.int64] | _Loop] = []
+        alone: list[int] = []
+        inside = set(coupling.loops)
+        for group in coupling.groups:
+            if group not in inside:
+                alone += group
+                continue
+            if alone:
+                self._parts.append(np.array(alone, dtype=np.int64))
+            alone = []
+            self._parts.append(_loop(group, places, coupling))
+        if alone:
+            self._parts.append(np.array(alone, dtype=np.int64))
+        self.evaluations = 0
+        """How often loops have been stepped."""
+
+    def step(self, time: float) -> None:
+        """Exchange and step all instances, from `time` [s] on.
+
+        Raises:
+            NotConverged: a loop does not settle; its members have been stepped.
+            FmuError: an FMU cannot save or restore its state after all.
+        """
+        for part in self._parts:
+            if not isinstance(part, _Loop):
+                step_each(self._plan, part)
+            elif self._plan.clock[FAILURES] > 0:
+                step_together(self._plan, part.members)  # whatever fails, the others finish their step
+            else:
+                self._iterate(part, time)
+
+    def _iterate(self, loop: _Loop, time: float) -> None:
+        plan, coupling = self._plan, self._coupling
+        for i in loop.members:
+            self._living[i].time = time
+            self._living[i].save_state(self._states[int(i)])
+        guess = plan.real_out[loop.reals].copy()
+        discrete = plan.int_out[loop.wholes].copy()
+        tries: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        for n in range(coupling.iterations):
+            if n > 0:
+                for i in loop.members:
+                    self._living[i].restore_state(self._states[int(i)])
+                plan.real_out[loop.reals] = guess
+                plan.int_out[loop.wholes] = discrete
+            step_together(plan, loop.members)
+            self.evaluations += 1
+            if plan.clock[FAILURES] > 0:
+                return
+            reals, wholes = plan.real_out[loop.reals].copy(), plan.int_out[loop.wholes].copy()
+            residual = reals - guess
+            same = np.array_equal(wholes, discrete)
+            if same and bool((np.abs(residual) <= coupling.tolerance * np.maximum(1.0, np.abs(reals))).all()):
+                return
+            tries.append((reals, residual))
+            last, before = guess, discrete
+            guess = self._next(guess, tries)
+            if not same:
+                tries.clear()  # with other integers it is another function
+            discrete = wholes
+        names = loop.names
+        values = [*reals, *wholes]
+        residuals = [*(reals - last), *(wholes - before)]
+        rows = [(name, float(v), float(r)) for name, v, r in zip(names, values, residuals, strict=True) if r != 0.0]
+        raise NotConverged(coupling.algorithm, time, coupling.iterations, rows)
+
+    def _next(
+        self, guess: NDArray[np.float64], tries: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    ) -> NDArray[np.float64]:
+        """What to try after these outputs and residuals, of which the last are those of `guess`."""
+        reals, residual = tries[-1]
+        if self._coupling.algorithm == "fixed-point" or len(tries) == 1:
+            return guess + self._coupling.relaxation * residual
+        scale = 1.0 / np.maximum(1.0, np.abs(reals))
+        v = np.array([(other - residual) * scale for _, other in reversed(tries[:-1])]).T
+        w = np.array([other - reals for other, _ in reversed(tries[:-1])]).T
+        with np.errstate(all="ignore"):
+            if not (np.isfinite(v).all() and np.isfinite(w).all()):
+                return guess + self._coupling.relaxation * residual
+            c: Any = np.linalg.lstsq(v, -residual * scale, rcond=None)[0]
+        return np.asarray(reals + w @ c, dtype=np.float64)
+
+    def close(self) -> None:
+        """Free the copies of states."""
+        for i, state in self._states.items():
+            self._living[i].free_state(state)
+
+
+def _loop(group: Sequence[int], places: Layout, coupling: Coupling) -> _Loop:
+    names = {places.instances[i].name for i in group}
+    sources = sorted(
+        {
+            link.source
+            for link in places.links
+            if link.source[0] in names and link.target[0] in names and link.target not in coupling.delays
+        }
+    )
+    found: dict[str, list[tuple[int, str]]] = {kind: [] for kind in KINDS}
+    for source in sources:
+        kind = next(kind for kind in KINDS if source in places.ports[kind].index)
+        index = places.ports[kind].index[source]
+        wide = places.ports[kind].outputs[index][1].wide
+        found[kind] += [(index + half, ".".join(source)) for half in range(1 + wide)]
+    integers = len(places.ports["Integer"].outputs)
+    wholes = [*found["Integer"], *((i + integers, name) for i, name in found["Boolean"])]
+    return _Loop(
+        np.array(group, dtype=np.int64),
+        np.array([i for i, _ in found["Real"]], dtype=np.int64),
+        np.array([i for i, _ in wholes], dtype=np.int64),
+        tuple(name for _, name in [*found["Real"], *wholes]),
+    )

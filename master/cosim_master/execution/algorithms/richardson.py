@@ -1,0 +1,171 @@
+"""Steps of a size that the error decides: one of H against two of H/2 from the same state (Richardson extrapolation).
+
+    control = Richardson(plan, places, coupling, clock)
+    control.to(target, world)       steps until then; the last one ends there exactly
+
+Exchange is Jacobi's, of order 1: the result of two half steps is off by about as much as it differs from that of the
+whole one. A step is accepted if that is no more than the tolerance times its duration in s, so that the error grows by
+no more than the tolerance in a second. Times are whole nanoseconds.
+
+Steps and copies nothing itself: the world does. The next step size is in `Plan.kept`, where checkpoints find it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.stepping.kernels.tables import Plan
+from cosim_master.stepping.layout import Layout, shows_error
+from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.time_grid import Timing
+
+__all__ = ["Rejected", "Richardson", "StepTooSmall", "World"]
+
+_SAFETY, _SMALLEST_CHANGE, _LARGEST_CHANGE = 0.8, 0.1, 2.0
+_SHOWN = 5
+
+
+class Rejected(Exception):
+    """A step that must be another one: to `end` [ns], if an event says so, else shorter than it was."""
+
+    def __init__(self, end: int | None = None) -> None:
+        self.end = end
+
+
+class StepTooSmall(CosimError):
+    """The tolerance cannot be met by steps of the minimum size.
+
+    Attributes:
+        time: s.
+        errors: name of each output that is off by too much -> by how much.
+    """
+
+    def __init__(self, time: float, h: float, errors: Sequence[tuple[str, float]], tolerance: float) -> None:
+        self.time, self.errors = time, dict(errors)
+        worst = ", ".join(f"{name} by {error:.3g}" for name, error in errors[:_SHOWN]) or "an FMU has discarded it"
+        more = f" and {len(errors) - _SHOWN} more" if len(errors) > _SHOWN else ""
+        super().__init__(
+            f"richardson: a step from t = {time:.9g} s of the minimum, {h:.9g} s, is off by more than {tolerance:g} "
+            f"per second: {worst}{more}"
+        )
+
+
+class World(Protocol):
+    """What is stepped."""
+
+    def save(self) -> None:
+        """Keep the present state."""
+
+    def restore(self) -> None:
+        """Back to the state that was kept."""
+
+    def step(self, t: int, h: int) -> None:
+        """A macro step of all instances; ns. Raises Rejected."""
+
+    def next_event(self) -> float:
+        """Time of the next event that an FMU has announced, s."""
+
+
+class Richardson:
+    """The step control of one run.
+
+    Attributes:
+        accepted, rejected: how many steps (of two halves) were, so far.
+    """
+
+    def __init__(self, plan: Plan, places: Layout, coupling: Coupling, clock: Timing) -> None:
+        reals = places.ports["Real"]
+        chosen = [(i, ".".join(name)) for name, i in reals.index.items() if shows_error(reals.outputs[i][1])]
+        self._plan = plan
+        self._watched: NDArray[np.int64] = np.array([i for i, _ in chosen], dtype=np.int64)
+        self._names = [name for _, name in chosen]
+        self._tolerance = coupling.tolerance
+        self._least = coupling.minimum_step or max(2, clock.base // 1024)
+        self._most = coupling.maximum_step or clock.steps * clock.base
+        self.h = min(max(clock.base, self._least), self._most)
+        self.accepted = self.rejected = 0
+
+    @property
+    def h(self) -> int:
+        """What the next step tries, ns."""
+        return int(self._plan.kept[0])
+
+    @h.setter
+    def h(self, h: int) -> None:
+        self._plan.kept[0] = h
+
+    def to(self, t: int, target: int, world: World) -> None:
+        """Steps from `t` to `target`, ns.
+
+        Raises:
+            StepTooSmall: the tolerance cannot be met.
+        """
+        while t < target:
+            t += self._step(t, target, world)
+
+    def _step(self, t: int, target: int, world: World) -> int:
+        """One accepted step; returns its size."""
+        world.save()
+        forced: int | None = None
+        while True:
+            wanted = self.h
+            h = forced if forced is not None else self._size(t, target, world)
+            try:
+                error = self._try(t, h, world)
+            except Rejected as rejected:
+                world.restore()
+                self.rejected += 1
+                if rejected.end is not None and rejected.end - t < h:
+                    forced = rejected.end - t
+                    continue
+                forced = None
+                self._shrink(t, h, 0.5, [])
+                continue
+            allowed = self._tolerance * h / 1e9
+            worst = float(error.max(initial=0.0))
+            factor = _LARGEST_CHANGE if worst == 0.0 else _SAFETY * allowed / worst
+            if worst <= allowed:
+                self.accepted += 1
+                grown = int(h * min(max(factor, _SMALLEST_CHANGE), _LARGEST_CHANGE))
+                self.h = min(max(grown, wanted if h < wanted else 0, self._least), self._most)
+                return h
+            world.restore()
+            self.rejected += 1
+            forced = None
+            off = sorted(zip(self._names, error, strict=True), key=lambda pair: -pair[1])
+            self._shrink(t, h, factor, [(name, float(e)) for name, e in off if e > allowed])
+
+    def _shrink(self, t: int, h: int, factor: float, off: Sequence[tuple[str, float]]) -> None:
+        if h <= self._least:
+            raise StepTooSmall(t / 1e9, h / 1e9, off, self._tolerance)
+        factor = factor if math.isfinite(factor) else 0.0
+        self.h = max(int(h * min(max(factor, _SMALLEST_CHANGE), 0.9)), self._least)
+
+    def _size(self, t: int, target: int, world: World) -> int:
+        """The next step: the rest in equal parts, but for an event, which ends it."""
+        rest = target - t
+        h = -(-rest // max(1, -(-rest // self.h)))
+        event = world.next_event()
+        if event < (t + h) / 1e9:
+            h = min(h, max(math.ceil(event * 1e9) - t, 1))
+        return h
+
+    def _try(self, t: int, h: int, world: World) -> NDArray[np.float64]:
+        """Leaves the world after two half steps; returns by how much each watched output differs from a whole one."""
+        world.step(t, h)
+        whole = self._plan.real_out[self._watched].copy()
+        if h == 1:
+            return np.zeros(whole.size)
+        world.restore()
+        half = h // 2
+        world.step(t, half)
+        world.step(t + half, h - half)
+        parts = self._plan.real_out[self._watched]
+        error: NDArray[np.float64] = np.abs(parts - whole) / np.maximum(1.0, np.abs(parts))
+        return error

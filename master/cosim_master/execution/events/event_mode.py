@@ -1,0 +1,243 @@
+"""Event Mode within a run: steps that the loop has left to Python because there are events in them.
+
+`super_dense` knows what FMUs and Clocks do at an event; here is where the plan keeps what they exchange.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.execution.events.super_dense import EndedByEvent, Events
+from cosim_master.fmi.description.read import Variable
+from cosim_master.fmi.slaves.fmi3 import Instance3
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.stepping.failures import RunFailed, RunTerminated, raise_failures, reached
+from cosim_master.stepping.kernels.macro_step import collect_again, end_here
+from cosim_master.stepping.kernels.tables import BASE, BEGIN, END, FINER, PER_NS, SHOW, START, K, Plan
+from cosim_master.stepping.layout import KINDS, Layout, halves_of
+from cosim_master.stepping.strings import Texts
+from cosim_master.system.flatten.flat import CheckedSystem, Link
+from cosim_master.system.settings.changes import Change
+from cosim_master.system.settings.master import Delay
+
+__all__ = ["EventMode"]
+
+
+class EventMode:
+    """The events of a run.
+
+    Args:
+        checked: the system.
+        places: where values live.
+        living: instances, in the order of `places.instances`; not yet initialized.
+        start: time in ns.
+        delayed: delays of connections, by target.
+
+    Attributes:
+        events: what goes on in the FMUs; `attach` before there are any steps.
+    """
+
+    def __init__(
+        self,
+        checked: CheckedSystem,
+        places: Layout,
+        living: Sequence[Living],
+        start: int,
+        delayed: Mapping[tuple[str, str], Delay],
+    ) -> None:
+        self._checked, self._places, self._living, self._delayed = checked, places, living, delayed
+        self.events = Events(checked, living, start, delayed)
+        self._keep_clocked()
+
+    def attach(self, plan: Plan, texts: Texts) -> None:
+        """The plan of the initialized instances, and their Strings; puts clocked outputs there."""
+        self._plan, self._texts = plan, texts
+        self.show(self.events.numbers)
+
+    @property
+    def _ns(self) -> int:
+        return self._at(max(int(self._plan.clock[K]), 0))
+
+    def _at(self, k: int) -> int:
+        """The time of base step k, ns."""
+        clock = self._plan.clock
+        per_ns = int(clock[PER_NS])
+        return (int(clock[START]) + k * int(clock[BASE]) + per_ns // 2) // per_ns
+
+    @property
+    def pending(self) -> bool:
+        """Whether an instance waits for `handle`."""
+        return any(self._living3(i).pending for i in self.events.numbers)
+
+    def next_event(self) -> float:
+        """Time of the next event that an FMU has announced, s; infinity if there is none."""
+        return min((self._living3(i).next_event for i in self.events.numbers), default=math.inf)
+
+    def returned_early(self) -> float:
+        """The first time at which an FMU has returned from its step because of an event, s; infinity: none has."""
+        early = [self._living3(i).answers for i in self.events.numbers if self._living3(i).pending == END]
+        return min((last for _, ends, is_early, last in early if is_early and not ends), default=math.inf)
+
+    def change(self, change: Change) -> None:
+        """Set a variable, or the interval of a Clock, with the events that come of it.
+
+        Raises:
+            FmuError: the instance refuses the value.
+            RunTerminated: one ends the run.
+        """
+        try:
+            given = (change.instance, change.variable, change.value)
+            touched = self.events.change(*given, self._ns, self._held_outputs)
+        except EndedByEvent as ended:
+            raise self._ended(ended) from None
+        self.show(touched)
+
+    def _ended(self, ended: EndedByEvent) -> RunTerminated:
+        return RunTerminated(self._living[ended.number].name, ended.time, said="terminateSimulation")
+
+    def handle(self) -> None:
+        """Steps in which there are events: their rest, then the events at their end, then their outputs."""
+        rows, k = self._plan.instances, int(self._plan.clock[K])
+        # Outputs are known at the end of a step; that of a slow instance may lie some base steps ahead.
+        here = [i for i in range(rows.size) if k % int(rows[i]["period"]) + 1 == int(rows[i]["length"])]
+        ends = [i for i in self.events.numbers if i in here]
+        pending = {i: self._living3(i).pending for i in self.events.numbers if self._living3(i).pending in (BEGIN, END)}
+        try:
+            at_end = self._finish(pending)
+            together = [i for i in at_end if i in ends]
+            touched = {*pending}
+            for members in {self.events.groups[i] for i in at_end if i not in ends}:
+                now = self._ns + round(1e9 * float(rows[members[0]]["h"]))
+                own = [i for i in members if i in at_end]
+                touched |= {*self.events.settle(now, self.events.enter(own), members, held=self._held_inputs)}
+            if together:
+                now = self._at(k + 1)
+                entered = self.events.enter(together)
+                try:
+                    touched |= {*self.events.settle(now, entered, ends, here, self._held_outputs)}
+                except EndedByEvent:
+                    self._end_here(ends)
+                    raise
+        except FmuError as error:
+            raise RunFailed([error]) from None
+        except EndedByEvent as ended:
+            raise self._ended(ended) from None
+        for i in touched - {*ends}:
+            self._living3(i).pending = SHOW
+        self.show(ends)
+        collect_again(self._plan, np.array(sorted(touched & set(ends)), dtype=np.int64))
+        raise_failures(self._plan, self._places, self._living)
+
+    def _end_here(self, ends: Sequence[int]) -> None:
+        """An FMU ends the run in Event Mode at the end of a macro step: all have stepped, so there is a row of it."""
+        clock = self._plan.clock
+        if clock[FINER] > 1:
+            return
+        self.show(ends)
+        collect_again(self._plan, np.array(ends, dtype=np.int64))
+        raise_failures(self._plan, self._places, self._living)
+        end_here(self._plan, np.zeros(0, dtype=np.int64))
+
+    def _finish(self, pending: Mapping[int, int]) -> list[int]:
+        """The rest of the steps that the loop has left to events; returns who has an event at the end of it."""
+        at_end: list[int] = []
+        near = 0.0 if self._plan.clock[PER_NS] == 1 else 6e-10
+        for i in pending:
+            # Those tied together by Clocks have one next event, so all of them have begun their step, or none has.
+            begun = pending[i] == END
+            members = (i,) if begun else self.events.groups[i]
+            if self._living3(i).pending == 0:
+                continue
+            for one in members:
+                self._living3(one).pending = 0
+            end = reached(self._plan) + float(self._plan.instances[i]["h"])
+            at_end += self.events.finish(
+                members, reached(self._plan), end, begun=begun, held=self._held_inputs, near=near
+            )
+        return at_end
+
+    def _held_inputs(self, link: Link) -> Any:
+        """What an input got at the beginning of the present step of its instance."""
+        number, name = self._number[link.target[0]], link.target[1]
+        for kind, word in enumerate(KINDS):
+            if (j := self._input_places[word].get((number, name))) is not None:
+                j += int(self._plan.feeds[number]["first_in"][kind])
+                variable = self._living[number].fmu.variables[name]
+                return (
+                    self._plan.real_in[j].item()
+                    if kind == 0
+                    else _whole(self._plan.int_in, j - self._plan.real_in.size, variable)
+                )
+        return link.converted(self._texts.outputs[self._number[link.source[0]], link.source[1]])
+
+    def _held_outputs(self, link: Link) -> Any:
+        """What an output had when the last step of its instance ended; a delayed connection has what it had before."""
+        if link.target in self._delayed:
+            return self._held_inputs(link)
+        for word in KINDS:
+            if (j := self._places.ports[word].index.get(link.source)) is not None:
+                if word == "Boolean":
+                    j += len(self._places.ports["Integer"].outputs)
+                variable = self._living[self._number[link.source[0]]].fmu.variables[link.source[1]]
+                real = word == "Real"
+                return link.converted(
+                    self._plan.real_out[j].item() if real else _whole(self._plan.int_out, j, variable)
+                )
+        return link.converted(self._texts.outputs[self._number[link.source[0]], link.source[1]])
+
+    def _keep_clocked(self) -> None:
+        """Let `events` keep all outputs that belong to Clocks and have a place in the plan, or are recorded Strings."""
+        self._number = {one.name: i for i, one in enumerate(self._checked.instances)}
+        self._input_places: dict[str, dict[tuple[int, str], int]] = {word: {} for word in KINDS}
+        for word in KINDS:
+            ports = self._places.ports[word]
+            for i, (first, last) in enumerate(pairwise(ports.first_in)):
+                for j, v in enumerate(ports.inputs[first:last]):
+                    self._input_places[word].setdefault((i, v.name), j)
+            for instance, name in ports.index:
+                self._keep(instance, name)
+        for _, owner, variable in self._places.string_signals:
+            self._keep(owner.name, variable.name)
+
+    def _keep(self, instance: str, name: str) -> None:
+        i = self._number[instance]
+        variable = self._checked.instances[i].fmu.variables[name]
+        if variable.clocks:
+            self.events.keep(i, variable)
+
+    def show(self, numbers: Sequence[int]) -> None:
+        """Put what outputs that belong to Clocks had at their last tick to where the loop has their values."""
+        integers = len(self._places.ports["Integer"].outputs)
+        for (i, name), value in self.events.kept.items():
+            if i not in numbers:
+                continue
+            key = (self._living[i].name, name)
+            for word in KINDS:
+                if (j := self._places.ports[word].index.get(key)) is not None:
+                    values = self._plan.real_out if word == "Real" else self._plan.int_out
+                    j += integers if word == "Boolean" else 0
+                    halves = halves_of(value) if self._living[i].fmu.variables[name].wide else [value]
+                    values[j : j + len(halves)] = halves
+            if (i, name) in self._texts.outputs:
+                self._texts.outputs[i, name] = value
+        for i in numbers:
+            if self._living3(i).pending == SHOW:
+                self._living3(i).pending = 0
+
+    def _living3(self, i: int) -> Instance3:
+        one = self._living[i]
+        assert isinstance(one, Instance3)
+        return one
+
+
+def _whole(places: np.ndarray[Any, Any], j: int, variable: Variable) -> int:
+    """A whole number from its place in the plan, or its two."""
+    if not variable.wide:
+        return int(places[j])
+    return int(places[j : j + 2].copy().view(np.uint64 if variable.fmi_type == "UInt64" else np.int64)[0])

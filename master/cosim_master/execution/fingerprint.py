@@ -1,0 +1,94 @@
+"""What the recording of a run depends on, as digests: runs of equal ones record the same, bit for bit.
+
+Not among them: the number of threads, the pace, profiles and checkpoints, which change no bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from cosim_master.results.checkpoint_folder import Checkpoint
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.changes import Change
+from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.time_grid import Timing
+
+__all__ = ["fingerprint_of"]
+
+
+def fingerprint_of(
+    checked: CheckedSystem,
+    clock: Timing,
+    network: Network,
+    coupling: Coupling,
+    *,
+    system: str,
+    changes: Sequence[Change] = (),
+    stimuli: str = "",
+    recording: Sequence[object] = (),
+    gateways: Sequence[str] = (),
+    checkpoint: Checkpoint | None = None,
+) -> dict[str, str]:
+    """The digest of each kind of input, by its name for people ("seed", "start values").
+
+    Args:
+        checked, clock, network, coupling: as they are run; `network` without gateways.
+        system: the digest of the system's documents.
+        changes: what is set while it runs.
+        stimuli: the digest of the file that inputs come from.
+        recording: what is recorded, and how often.
+        gateways: addresses of real programs.
+        checkpoint: where it goes on from.
+    """
+    names = [instance.name for instance in checked.instances]
+    values = ((instance.name, sorted(instance.effective_values().items())) for instance in checked.instances)
+    structural = ((instance.name, sorted(instance.start_values.items())) for instance in checked.instances)
+    links = ((link.source, link.target, link.factor, link.offset, link.mapping) for link in checked.links)
+    master = (coupling.algorithm, coupling.groups, sorted(coupling.extrapolated), coupling.loops)
+    numbers = (coupling.tolerance, coupling.iterations, coupling.relaxation)
+    steps = (coupling.minimum_step, coupling.maximum_step)
+    delays = sorted((target, delay.ns, delay.start) for target, delay in coupling.delays.items())
+    radio = (network.topology, network.neighbours, network.axis, network.latency, network.jitter, network.loss)
+    reach = (network.range, sorted(network.links), network.channels, network.outages, network.dialect)
+    nodes = (
+        (node.name, [endpoint.name for endpoint in node.endpoints], [(i, v.name) for i, v in node.position])
+        for node in network.nodes
+    )
+    return {
+        "version": _digest([version("uav-cosim")]),
+        "system": _digest([system, *links]),
+        "FMUs": _digest((instance.name, instance.fmu.digest) for instance in checked.instances),
+        "start values": _digest([*values, *structural]),
+        "time": _digest([clock.start, clock.base, clock.steps, clock.periods]),
+        "master": _digest([master, numbers, steps, delays]),
+        "radio": _digest([radio, reach, *nodes]),
+        "seed": _digest([network.seed]),
+        "recording": _digest(recording),
+        "changes": _digest(
+            (change.k, names[change.instance], change.variable.name, change.value) for change in changes
+        ),
+        "input file": _digest([stimuli]),
+        "real programs": _digest(gateways),
+        "checkpoint": _digest([] if checkpoint is None else map(_of_file, _files(checkpoint.folder))),
+    }
+
+
+def _files(checkpoint: Path) -> list[Path]:
+    return [checkpoint / "checkpoint.json", checkpoint / "state.npz"]
+
+
+def _of_file(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _digest(parts: Iterable[object]) -> str:
+    """Of plain values: their repr is one text for one value."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(repr(part).encode())
+        digest.update(b"\n")
+    return digest.hexdigest()[:16]

@@ -1,0 +1,168 @@
+"""Checkpoints of a run, in files: all that its future depends on, and how far its recording had come.
+
+    RUN/checkpoints/T/state.npz         FMU states (serialised), values, packets in flight and their counters
+    RUN/checkpoints/T/checkpoint.json   and the files beside it: see `checkpoint_folder`
+
+A run that goes on from a checkpoint makes the same FMU instances anew, puts their states back, takes over the
+recording up to there, and then has the same future, bit for bit.
+
+Nothing is written for sockets: a system with gateways cannot be taken back to an earlier time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmi.slaves.fmi3 import Instance3
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.network.radio.router import Radio
+from cosim_master.results.checkpoint_folder import FORMAT, Checkpoint, Position
+from cosim_master.stepping.kernels.tables import PHASE, K, Plan
+
+__all__ = ["cannot_be_serialised", "restore", "save"]
+
+_VALUES = ("real_in", "real_out", "int_in", "int_out", "text", "tx", "kept")
+_PORT_FIELDS = ("filled", "sent", "rx_size")
+_INSTANCE_FIELDS = ("length", "h")
+_SLOPE_FIELDS = ("before", "at", "known")
+"""What of the tables is no address and changes in a run."""
+_RADIO = ("endpoints", "places", "data", "order", "along", "counters")
+_FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
+
+
+def cannot_be_serialised(living: Sequence[Living]) -> str:
+    """Which instances keep a system from having checkpoints, and why; empty if none does."""
+    lacking = []
+    for one in living:
+        flags = [flag for flag in _FLAGS if not getattr(one.fmu.capabilities, flag)]
+        if flags:
+            lacking.append(f"{flags[0]} of {one.name} is false{one.fmu.remedy(flags[0])}")
+    return ", ".join(lacking[:3]) + (f", and {len(lacking) - 3} more" if len(lacking) > 3 else "")
+
+
+def save(
+    folder: Path,
+    *,
+    time: float,
+    k: int,
+    plan: Plan,
+    radio: Radio,
+    living: Sequence[Living],
+    texts: Mapping[tuple[int, str], str],
+    events: Any,
+    position: Position,
+    segments: Sequence[Path],
+    about: Mapping[str, Any],
+) -> Path:
+    """Write a checkpoint into `folder`; returns its own folder. Rows and packets must have been written out.
+
+    Args:
+        events: `Events.as_json`.
+        segments: files with what was recorded since the last checkpoint; they become part of this one.
+
+    Raises:
+        FmuError: an FMU cannot save its state after all.
+    """
+    arrays: dict[str, np.ndarray[Any, Any]] = {name: getattr(plan, name) for name in _VALUES}
+    arrays |= {f"ports.{name}": plan.ports[name] for name in _PORT_FIELDS}
+    arrays |= {f"instances.{name}": plan.instances[name] for name in _INSTANCE_FIELDS}
+    arrays |= {f"slopes.{name}": plan.slopes[name] for name in _SLOPE_FIELDS}
+    arrays |= {f"radio.{name}": getattr(radio, name) for name in _RADIO}
+    three = [one if isinstance(one, Instance3) else None for one in living]
+    arrays["next_events"] = np.array([np.inf if one is None else one.next_event for one in three])
+    arrays["pending"] = np.array([0 if one is None else one.pending for one in three], dtype=np.int64)
+    sizes, states = [], []
+    for one in living:
+        state = ctypes.c_void_p()
+        one.save_state(state)
+        try:
+            states.append(one.serialise(state))
+        finally:
+            one.free_state(state)
+        sizes.append(len(states[-1]))
+    arrays["state_sizes"] = np.array(sizes, dtype=np.int64)
+    arrays["states"] = np.frombuffer(b"".join(states), dtype=np.uint8)
+    arrays["blocks"] = np.array([radio.events.size, radio.log.size], dtype=np.int64)
+    own = folder / f"{time:.9g}"
+    part = own.with_name(own.name + ".part")
+    shutil.rmtree(part, ignore_errors=True)
+    shutil.rmtree(own, ignore_errors=True)
+    part.mkdir(parents=True)
+    with (part / "state.npz").open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    content = {
+        "format": FORMAT,
+        "time": time,
+        "k": k,
+        "phase": int(plan.clock[PHASE]),
+        **about,
+        "events": events,
+        "texts": {f"{living[i].name}.{name}": text for (i, name), text in texts.items()},
+        "position": asdict(position),
+    }
+    (part / "checkpoint.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
+    for segment in segments:
+        segment.rename(part / segment.name)
+    part.rename(own)
+    return own
+
+
+def restore(
+    checkpoint: Checkpoint, plan: Plan, radio: Radio, living: Sequence[Living], texts: dict[tuple[int, str], str]
+) -> Radio:
+    """Put everything back as it was; returns the radio.
+
+    Raises:
+        SystemDescriptionError: the files are damaged.
+        FmuError: an FMU does not take its state back.
+    """
+    try:
+        with np.load(checkpoint.folder / "state.npz") as file:
+            arrays = {name: file[name] for name in file.files}
+        for name in _VALUES:
+            getattr(plan, name)[...] = arrays[name]
+        for table, prefix, fields in (
+            (plan.ports, "ports", _PORT_FIELDS),
+            (plan.instances, "instances", _INSTANCE_FIELDS),
+            (plan.slopes, "slopes", _SLOPE_FIELDS),
+        ):
+            for name in fields:
+                table[name] = arrays[f"{prefix}.{name}"]
+        ends = np.cumsum(arrays["state_sizes"])
+        states = [
+            arrays["states"][end - size : end].tobytes() for end, size in zip(ends, arrays["state_sizes"], strict=True)
+        ]
+        events, log = (int(size) for size in arrays["blocks"])
+        radio = radio._replace(
+            **{name: arrays[f"radio.{name}"] for name in _RADIO},
+            events=np.zeros(events, dtype=radio.events.dtype),
+            log=np.zeros(log, dtype=np.uint8),
+        )
+        content = json.loads((checkpoint.folder / "checkpoint.json").read_text(encoding="utf-8"))
+        plan.clock[K], plan.clock[PHASE] = checkpoint.k, content["phase"]
+        if len(states) != len(living):
+            raise ValueError(f"{len(states)} states of {len(living)} instances")
+    except (OSError, ValueError, KeyError, EOFError) as error:
+        text = f"the checkpoint is damaged: {error}"
+        raise SystemDescriptionError([Problem(Where(str(checkpoint.folder)), text)]) from None
+    for one, bytes_, next_event, pending in zip(living, states, arrays["next_events"], arrays["pending"], strict=True):
+        one.time = checkpoint.time
+        if isinstance(one, Instance3):
+            one.next_event, one.pending = float(next_event), int(pending)
+        state = one.deserialise(bytes_)
+        try:
+            one.restore_state(state)
+        finally:
+            one.free_state(state)
+    for i, name in texts:
+        texts[i, name] = checkpoint.texts[f"{living[i].name}.{name}"]
+    return radio

@@ -1,0 +1,1 @@
+"""From loaded FMUs to initialised instances."""

@@ -1,0 +1,253 @@
+"""From a checked system to initialized instances, in the order of calls of FMI 2.0.5, section 4.2.4,
+and FMI 3.0.2, section 4.2.
+
+    instantiate(checked, libraries, living)     one after the other
+    initialize(checked, living, start, stop)    experiment, start values, initialization mode with its exchange, and out
+    answers(checked, living)                    the parameters as the FMUs have them now
+    try_out(checked, start, stop)               the first two, and freed again
+
+Every start value is set, those of the FMU's own description too: some FMUs ignore them. Between fmi2SetupExperiment
+and initialization mode that is everything but inputs; inputs are set inside of it. FMUs of 20-sim initialize their
+parameters anew in fmi2SetupExperiment, so that values from before it are lost. FMI 2.0.5 allows both orders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.execution.events.super_dense import EndedByEvent, Events
+from cosim_master.execution.startup.loops import settle
+from cosim_master.fmi.description.read import Start, Variable
+from cosim_master.fmi.slaves.fmi2 import set_kind
+from cosim_master.fmi.slaves.fmi3 import Instance3
+from cosim_master.fmi.slaves.libraries import Libraries, check_sources
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import instantiate as make
+from cosim_master.system.flatten.clock_groups import lockstep
+from cosim_master.system.flatten.flat import CheckedSystem, Link
+
+__all__ = ["SettledLoop", "answers", "initialize", "instantiate", "try_out"]
+
+_KINDS = ("Real", "Integer", "Boolean", "String", "Binary")
+_INITIALIZES_ANEW = ("20-sim",)
+"""How the generationTool begins of FMUs that are known to initialize their parameters anew during start-up: what is
+set is set once more in initialization mode, as FMI 2.0.5 allows for variables with initial="exact" (section 4.2.4)."""
+
+
+@dataclass(frozen=True, slots=True)
+class SettledLoop:
+    """Outputs that depend on each other at initialization, and how often values were exchanged until they settled."""
+
+    outputs: tuple[str, ...]
+    rounds: int
+
+
+_Terms = dict[tuple[str, str], dict[int, Any]]
+"""Values of the terms of sums, by input and number."""
+
+
+def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Living]) -> None:
+    """Append an instance to `living` for each of the system's.
+
+    Raises:
+        FmuError: an FMU refused; those in `living` are to be freed.
+    """
+    tied = {i for members in lockstep(checked) for i in members}
+    for i, instance in enumerate(checked.instances):
+        # Who returns early leaves those behind that it drives by Clocks, or is ahead of those that drive it.
+        make_one = partial(make, fmu=instance.fmu, early_return=i not in tied, solver=instance.solver)
+        living.append(libraries.instantiate(instance.fmu, instance.name, make_one))
+
+
+def initialize(
+    checked: CheckedSystem, living: Sequence[Living], start: float, stop: float, events: Events | None = None
+) -> tuple[SettledLoop, ...]:
+    """Initialize all instances.
+
+    Args:
+        living: in the order of `checked.instances`.
+        start, stop: of the run, s.
+        events: those of `living`; made anew where None.
+
+    Returns:
+        The loops of connections that had to be solved.
+
+    Raises:
+        FmuError: an FMU refused.
+        LoopError: outputs depend on each other, and no values were found that fit.
+    """
+    values = [instance.effective_values() for instance in checked.instances]
+    for one, instance, starts in zip(living, checked.instances, values, strict=True):
+        if isinstance(one, Instance3) and (sizes := instance.structural_values()):
+            one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
+        one.setup_experiment(start, stop)
+        _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
+    for one, instance, starts in zip(living, checked.instances, values, strict=True):
+        one.enter_initialization_mode()
+        if one.fmi == 2 and instance.fmu.generation_tool.startswith(_INITIALIZES_ANEW):
+            exact = [v for n in starts if (v := instance.fmu.variables[n]).initial == "exact"]
+            _set_all(one, exact, starts, inputs=False)
+        _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
+    loops = _exchange(checked, {one.name: one for one in living})
+    events = events or Events(checked, living, round(start * 1e9))
+    events.begin()
+    for one in living:
+        one.exit_initialization_mode()
+    _first_events(events, living, round(start * 1e9))
+    return loops
+
+
+def answers(checked: CheckedSystem, living: Sequence[Living]) -> tuple[dict[str, dict[str, Start]], tuple[str, ...]]:
+    """The parameters of all instances, by instance and name, as the FMUs answer after initialization.
+
+    FMUs that this project compiled are not asked: a parameter is a field of the instance's record that only
+    fmi2SetXXX writes (a test compares those of every FMU that we ship), and of a thousand drones it would be
+    a quarter of a million values. Binaries are the values set, too.
+
+    Returns:
+        The values, and a note for each that is not the one set.
+
+    Raises:
+        FmuError: an FMU has failed for good (fmi2Fatal); one that refuses to say is a note.
+    """
+    found: dict[str, dict[str, Start]] = {}
+    notes = []
+    for one, instance in zip(living, checked.instances, strict=True):
+        variables = instance.fmu.variables
+        starts = {n: x for n, x in instance.effective_values().items() if _is_parameter(variables[n])}
+        found[instance.name] = own = dict(starts)
+        if one.library.thread_safe:
+            continue
+        asked = [variables[n] for n in starts if variables[n].type != "Binary" and not variables[n].clocks]
+        for kind in _kinds(asked):
+            some = [v for v in asked if set_kind(v) == kind]
+            try:
+                own |= {v.name: value for v, value in zip(some, one.get(some), strict=True)}
+            except FmuError as error:
+                if error.status.endswith("Fatal"):
+                    raise
+                said = f"{error.function} does not say them ({error.status})"
+                notes.append(f"parameters of {instance.name}: the values that were set; {said}")
+        for name, answer in own.items():
+            if not _same(answer, starts[name], variables[name].fmi_type):
+                text = f"set to {starts[name]!r}, but after initialization its FMU answers {answer!r}"
+                notes.append(f"parameter {instance.name}.{name}: {text}")
+    return found, tuple(notes)
+
+
+def _is_parameter(variable: Variable) -> bool:
+    return variable.causality == "parameter"
+
+
+def _same(answer: Start, value: Start, fmi_type: str | None) -> bool:
+    if fmi_type == "Float32" and not isinstance(value, str):
+        value = float(np.float32(value))
+    return answer == value or (answer != answer and value != value)
+
+
+def _first_events(events: Events, living: Sequence[Living], start: int) -> None:
+    """Instances that use Event Mode are in it after initialization: events at the start, then Step Mode."""
+    if not events.numbers:
+        return
+    try:
+        events.settle(start, events.numbers, reached=range(len(living)))
+    except EndedByEvent as end:
+        text = "it wants the run to end before its first step (terminateSimulation)"
+        raise FmuError(living[end.number].name, "fmi3UpdateDiscreteStates", text, end.time) from None
+
+
+def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledLoop, ...]:
+    """Initialize a system and free it again: what a run does before its first step.
+
+    Raises:
+        SystemDescriptionError, FmuError, LoopError: as a run would.
+    """
+    check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
+    living: list[Living] = []
+    with Libraries() as libraries:
+        try:
+            instantiate(checked, libraries, living)
+            loops = initialize(checked, living, start, stop)
+            for one in living:
+                one.terminate()
+        finally:
+            for one in living:
+                one.free()
+    return loops
+
+
+def _exchange(checked: CheckedSystem, living: Mapping[str, Living]) -> tuple[SettledLoop, ...]:
+    """Stage by stage: get all sources of a stage at once, then set its targets."""
+    loops = []
+    terms: _Terms = {}
+    for stage in checked.init_order:
+        links = [checked.links[i] for i in stage.links]
+        ends = list(dict.fromkeys(link.source for link in links))
+        got = _get(living, ends)
+        if not stage.loop:
+            _set(living, links, got, terms)
+            continue
+        names = tuple(".".join(end) for end in ends)
+        rounds = settle(partial(_go_round, living, links, ends, terms), [got[end] for end in ends], names)
+        loops.append(SettledLoop(names, rounds))
+    return tuple(loops)
+
+
+def _go_round(
+    living: Mapping[str, Living],
+    links: Sequence[Link],
+    ends: Sequence[tuple[str, str]],
+    terms: _Terms,
+    values: list[Any],
+) -> list[Any]:
+    _set(living, links, dict(zip(ends, values, strict=True)), terms)
+    got = _get(living, ends)
+    return [got[end] for end in ends]
+
+
+def _get(living: Mapping[str, Living], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
+    """Values of outputs, by instance and variable; one call per instance and type."""
+    wanted: dict[str, list[Variable]] = {}
+    for name, variable in ends:
+        wanted.setdefault(name, []).append(living[name].fmu.variables[variable])
+    got: dict[tuple[str, str], Any] = {}
+    for name, variables in wanted.items():
+        for kind in _kinds(variables):
+            chosen = [v for v in variables if set_kind(v) == kind]
+            got |= {(name, v.name): x for v, x in zip(chosen, living[name].get(chosen), strict=True)}
+    return got
+
+
+def _set(
+    living: Mapping[str, Living], links: Sequence[Link], got: Mapping[tuple[str, str], Any], terms: _Terms
+) -> None:
+    """Set the targets of links from the values of their sources; `terms` are those of sums that are known so far."""
+    targets: dict[str, dict[str, Any]] = {}
+    for link in links:
+        value = link.converted(got[link.source])
+        if link.term is not None:
+            known = terms.setdefault(link.target, {})
+            known[link.term] = value
+            value = sum(known[n] for n in sorted(known))
+        targets.setdefault(link.target[0], {})[link.target[1]] = value
+    for name, new in targets.items():
+        one = living[name]
+        _set_all(one, [one.fmu.variables[n] for n in new], new, inputs=None)
+
+
+def _kinds(variables: Sequence[Variable]) -> list[str]:
+    return [kind for kind in _KINDS if any(set_kind(v) == kind for v in variables)]
+
+
+def _set_all(one: Living, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
+    """Set the variables that are inputs, those that are not, or (None) all; one call per type."""
+    chosen = [v for v in variables if inputs is None or (v.causality == "input") == inputs]
+    for kind in _kinds(chosen):
+        some = [v for v in chosen if set_kind(v) == kind]
+        one.set(some, [values[v.name] for v in some])

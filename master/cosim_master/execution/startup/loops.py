@@ -1,0 +1,160 @@
+"""Solves a loop of connections while FMUs are initialized: values that are the same after going round once more.
+
+First by going round (each output's value to the inputs it feeds, again and again), which settles every loop that is
+none, and those that are damped. If that does not settle, by Newton's method on the real values, with the Jacobian from
+differences and steps halved until they help. Integers, booleans and strings go round only.
+
+Knows no FMUs: going round is a function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.limitations import INITIAL_LOOP
+
+__all__ = ["TOLERANCE", "LoopError", "settle"]
+
+TOLERANCE = 1e-10
+"""A real is settled if it changes by no more than this, relative to 1 or the size it begins with."""
+_ROUNDS, _NEWTON_STEPS, _HALVINGS = 30, 40, 12
+_LARGEST_JACOBIAN = 400
+_DIFFERENCE = 1e-6
+
+_Values: TypeAlias = list[Any]
+
+
+class LoopError(CosimError):
+    """A loop of connections whose values do not settle.
+
+    Attributes:
+        residuals: name of each output in the loop -> how much its value still changes.
+        rounds: how often values were exchanged.
+    """
+
+    def __init__(self, names: Sequence[str], values: Sequence[Any], new: Sequence[Any], rounds: int) -> None:
+        self.residuals = {
+            name: after - before if isinstance(before, float) else float(after != before)
+            for name, before, after in zip(names, values, new, strict=True)
+        }
+        self.rounds = rounds
+        lines = [
+            f"    {name} = {_shown(value)}, residual {self.residuals[name]:.3g}"
+            for name, value in zip(names, values, strict=True)
+        ]
+        more = f"\n    and {len(lines) - 20} more" if len(lines) > 20 else ""
+        head = INITIAL_LOOP.text(rounds)
+        super().__init__("\n".join([head, *lines[:20]]) + more)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else repr(value)
+
+
+def settle(go_round: Callable[[_Values], _Values], first: Sequence[Any], names: Sequence[str]) -> int:
+    """Find values that `go_round` returns unchanged; the last call of it was with them.
+
+    Args:
+        go_round: feeds the values of all outputs of a loop to its inputs, and returns those outputs again.
+        first: values to begin with.
+        names: of the outputs, for the error.
+
+    Returns:
+        How often it took.
+
+    Raises:
+        LoopError: there are none, or they were not found.
+    """
+    return _Loop(go_round, list(first), names).settle()
+
+
+class _Loop:
+    def __init__(self, go_round: Callable[[_Values], _Values], first: _Values, names: Sequence[str]) -> None:
+        self._go_round = go_round
+        self._names = names
+        self._first = first
+        self._reals = [i for i, value in enumerate(first) if isinstance(value, float)]
+        self._scale = np.ones(len(self._reals))
+        self.rounds = 0
+
+    def settle(self) -> int:
+        values, new = self._first, self._next(self._first)
+        # Relative to where it begins: far out, every value is the same as the next.
+        for x in (self._vector(values), self._vector(new)):
+            self._scale = np.maximum(self._scale, np.nan_to_num(np.abs(x), nan=1.0, posinf=1.0))
+        best = values, new
+        limit = _ROUNDS + len(values)
+        while not self._same(values, new) and self.rounds < limit:
+            values, new = new, self._next(new)
+            if self._size(values, new) < self._size(*best):
+                best = values, new
+        if not self._same(values, new) and 0 < len(self._reals) <= _LARGEST_JACOBIAN:
+            values, new = self._newton(*best)
+        if not self._same(values, new):
+            raise LoopError(self._names, values, new, self.rounds)
+        return self.rounds
+
+    def _next(self, values: _Values) -> _Values:
+        self.rounds += 1
+        return self._go_round(values)
+
+    def _newton(self, values: _Values, new: _Values) -> tuple[_Values, _Values]:
+        """Newton's method on the reals; all else is held until they are settled, then goes round once."""
+        for _ in range(_NEWTON_STEPS):
+            if self._same(values, new):
+                break
+            if self._size(values, new) <= TOLERANCE:
+                values = self._moved(new, self._vector(values))
+                new = self._next(values)
+                continue
+            x, f = self._vector(values), self._change(values, new)
+            if not np.isfinite(f).all():
+                break
+            step = np.linalg.lstsq(self._jacobian(values, new), -f, rcond=None)[0]
+            trial, after = values, new
+            for halving in range(_HALVINGS):
+                trial = self._moved(values, x + step * 0.5**halving)
+                after = self._next(trial)
+                if self._size(trial, after) < self._size(values, new):
+                    break
+            values, new = trial, after
+        return values, new
+
+    def _jacobian(self, values: _Values, new: _Values) -> NDArray[np.float64]:
+        """Of the change, by differences."""
+        columns = []
+        x, f = self._vector(values), self._change(values, new)
+        for place in range(x.size):
+            moved = x.copy()
+            moved[place] += _DIFFERENCE * max(1.0, abs(moved[place]))
+            trial = self._moved(values, moved)
+            columns.append((self._change(trial, self._next(trial)) - f) / (moved[place] - x[place]))
+        return np.array(columns).T
+
+    def _vector(self, values: _Values) -> NDArray[np.float64]:
+        return np.array([values[i] for i in self._reals])
+
+    def _moved(self, values: _Values, x: NDArray[np.float64]) -> _Values:
+        """`values` with other reals."""
+        moved = [*values]
+        for i, value in zip(self._reals, x, strict=True):
+            moved[i] = float(value)
+        return moved
+
+    def _change(self, values: _Values, new: _Values) -> NDArray[np.float64]:
+        with np.errstate(all="ignore"):
+            return self._vector(new) - self._vector(values)
+
+    def _size(self, values: _Values, new: _Values) -> float:
+        """The largest change of a real; infinite where one is not a number."""
+        change = np.abs(self._change(values, new)) / self._scale
+        return float(np.nan_to_num(change, nan=np.inf).max(initial=0.0))
+
+    def _same(self, values: _Values, new: _Values) -> bool:
+        others = (i for i in range(len(values)) if i not in self._reals)
+        return self._size(values, new) <= TOLERANCE and all(values[i] == new[i] for i in others)

@@ -1,0 +1,107 @@
+"""Whether FMUs can go back to an earlier state: tried before a master counts on it.
+
+Save, step, step; restore, step, step: the outputs must be the same, bit for bit. Many FMUs declare that they can, and
+leave out what is no variable of theirs.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.description.read import Variable
+from cosim_master.fmi.slaves.fmi2 import set_kind
+from cosim_master.fmi.slaves.fmi3 import Instance3
+from cosim_master.fmi.slaves.slave import Living
+
+__all__ = ["STATE_FUNCTIONS", "self_test"]
+
+_OF_FMI2 = ("fmi2GetFMUstate", "fmi2SetFMUstate")
+STATE_FUNCTIONS = {"1": _OF_FMI2, "2": _OF_FMI2, "3": ("fmi3GetFMUState", "fmi3SetFMUState")}
+"""By major version of FMI."""
+
+
+def self_test(living: Sequence[Living], time: float, sizes: Sequence[Sequence[float]], why: str) -> list[FmuError]:
+    """Try whether instances come again to where they went, and leave them as they were.
+
+    Args:
+        living: initialized, at `time` [s].
+        sizes: of the steps that each is to try, s.
+        why: what needs it, for the errors.
+
+    Returns:
+        What is wrong, of every instance.
+    """
+    failures = []
+    for one, steps in zip(living, sizes, strict=True):
+        get, put = STATE_FUNCTIONS[one.fmu.fmi_version[:1]]
+        if not one.library.has(get, put):
+            failures.append(FmuError(one.name, get, f"the binary does not have it, and {why} needs it", time))
+            continue
+        state = ctypes.c_void_p()
+        final = not isinstance(one, Instance3) or one.final
+        if isinstance(one, Instance3):
+            one.final = False
+        try:
+            one.time = time
+            one.save_state(state)
+            first = _stepped(one, time, steps)
+            one.time = time
+            one.restore_state(state)
+            again = _stepped(one, time, steps)
+            one.restore_state(state)
+            one.time = time
+        except FmuError as error:
+            failures.append(error)
+            continue
+        finally:
+            one.free_state(state)
+            if isinstance(one, Instance3):
+                one.final = final
+        if changed := [name for name in first if not _same(first[name], again[name])]:
+            name = changed[0]
+            text = (
+                f"its state cannot be trusted, and {why} needs it: saved, stepped, restored and stepped again, "
+                f"{name} is {again[name]!r} instead of {first[name]!r}"
+            )
+            failures.append(FmuError(one.name, put, text, time))
+    return failures
+
+
+def _stepped(one: Living, time: float, steps: Sequence[float]) -> dict[str, Any]:
+    """All outputs after these steps."""
+    t = time
+    for h in steps:
+        one.time = t
+        try:
+            if not _step(one, t, h):
+                break
+        except FmuError as error:
+            if not error.status.endswith("Discard"):
+                raise
+            break  # shorter steps may help, and will be tried in the run
+        t += h
+    outputs = [v for v in one.fmu.variables.values() if v.causality == "output" and v.clock is None and not v.clocks]
+    kinds: dict[str, list[Variable]] = {}
+    for v in outputs:
+        kinds.setdefault(set_kind(v), []).append(v)
+    return {v.name: x for group in kinds.values() for v, x in zip(group, one.get(group), strict=True)}
+
+
+def _step(one: Living, t: float, h: float) -> bool:
+    """A step, or up to an event; whether what comes then does not depend on others."""
+    if not isinstance(one, Instance3):
+        one.call("fmi2DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_int(0))
+        return True
+    until = min(t + h, one.next_event)
+    if until <= t:
+        return False
+    one.do_step(t, until - t)
+    event, ends, early, _ = one.answers
+    return not (event or ends or early or until < t + h)
+
+
+def _same(a: Any, b: Any) -> bool:
+    return bool(a == b or (a != a and b != b))

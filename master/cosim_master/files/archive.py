@@ -1,0 +1,148 @@
+"""ZIP archives from strangers (.ssp, .fmu): read a member, unpack all, pack a folder.
+
+Refused, each with its own message: names that lead out of the folder (zip slip), absolute names, backslashes, links,
+encrypted entries, one name for several files, compression other than stored and deflated (SSP 2.0, section 3), and
+archives that unpack to more than `MAX_BYTES` or `MAX_ENTRIES`. It knows nothing of what the members mean.
+"""
+
+from __future__ import annotations
+
+import shutil
+import stat
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.limitations import ARCHIVE, COMPRESSION, ENCRYPTED, ENTRIES, LARGE_DESCRIPTION, LINK
+
+__all__ = ["MAX_BYTES", "MAX_ENTRIES", "member_names", "pack", "read_member", "unpack"]
+
+MAX_BYTES = 2 << 30
+MAX_ENTRIES = 50_000
+
+_BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError)
+
+
+def _refuse(shown: str, message: str) -> SystemDescriptionError:
+    return SystemDescriptionError([Problem(Where(shown), message)])
+
+
+def _entry_problem(entry: zipfile.ZipInfo) -> str | None:
+    name = entry.filename
+    if entry.flag_bits & 0x1:
+        return ENCRYPTED.text(name)
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        return COMPRESSION.text(name, entry.compress_type)
+    if "\\" in entry.orig_filename or "\0" in entry.orig_filename:
+        return f'entry "{name}" has a backslash or a NUL in its name; folders are separated by "/"'
+    pure = PurePosixPath(name)
+    if pure.is_absolute() or ".." in pure.parts or ":" in name.split("/")[0]:
+        return f'entry "{name}" would be written outside of the folder'
+    kind = stat.S_IFMT(entry.external_attr >> 16)
+    if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+        return LINK.text(name)
+    return None
+
+
+def _ambiguous(entries: Sequence[zipfile.ZipInfo]) -> list[str]:
+    """Names that stand for several files: which one counts would depend on who reads the archive."""
+    first: dict[str, zipfile.ZipInfo] = {}
+    for entry in entries:
+        first.setdefault(entry.filename, entry)
+    different = {entry.filename for entry in entries if entry.CRC != first[entry.filename].CRC}
+    return [f'entry "{name}" is there twice, with different contents' for name in sorted(different)]
+
+
+@contextmanager
+def _opened(path: Path, shown: str) -> Iterator[zipfile.ZipFile]:
+    if not path.is_file():
+        raise _refuse(shown, "no such file")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+            problems = [Problem(Where(shown), text) for text in map(_entry_problem, entries) if text is not None]
+            if len(entries) > MAX_ENTRIES:
+                problems.append(Problem(Where(shown), ENTRIES.text(MAX_ENTRIES)))
+            problems += [Problem(Where(shown), text) for text in _ambiguous(entries)]
+            if sum(entry.file_size for entry in entries) > MAX_BYTES:
+                problems.append(Problem(Where(shown), ARCHIVE.text(MAX_BYTES)))
+            if problems:
+                raise SystemDescriptionError(problems)
+            yield archive
+    except _BROKEN as error:
+        raise _refuse(shown, f"not a readable ZIP archive ({error})") from error
+
+
+def member_names(path: Path, shown: str) -> tuple[str, ...]:
+    """Names of all files in the archive at `path`.
+
+    Raises:
+        SystemDescriptionError: not a ZIP archive, or one that is refused (at `shown`).
+    """
+    with _opened(path, shown) as archive:
+        return tuple(entry.filename for entry in archive.infolist() if not entry.is_dir())
+
+
+def read_member(path: Path, name: str, shown: str, *, limit: int) -> bytes | None:
+    """Content of the file `name` in the archive, None if there is none.
+
+    Raises:
+        SystemDescriptionError: not a ZIP archive, one that is refused, or the member is larger than `limit` bytes.
+    """
+    with _opened(path, shown) as archive:
+        if name not in archive.NameToInfo:
+            return None
+        with archive.open(name) as member:
+            data = member.read(limit + 1)
+        if len(data) > limit:
+            raise _refuse(shown, LARGE_DESCRIPTION.text(name, limit))
+        return data
+
+
+def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None) -> int:
+    """Write every file of the archive into `directory`, which may exist.
+
+    Args:
+        limit: bytes that it may unpack to; `MAX_BYTES` if there is no other.
+
+    Raises:
+        SystemDescriptionError: not a ZIP archive, or one that is refused; nothing useful is left in `directory`.
+
+    Returns:
+        How many bytes have been written.
+    """
+    limit = MAX_BYTES if limit is None else limit
+    with _opened(path, shown) as archive:
+        left = limit
+        for entry in archive.infolist():
+            target = directory.joinpath(*PurePosixPath(entry.filename).parts)
+            if entry.is_dir():
+                target.mkdir(parents=True, exist_ok=True)
+                continue
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with archive.open(entry) as source, target.open("wb") as sink:
+                # The size in the directory of an archive is a claim, so what is written is counted.
+                while chunk := source.read(min(1 << 20, left + 1)):
+                    left -= len(chunk)
+                    if left < 0:
+                        raise _refuse(shown, ARCHIVE.text(limit))
+                    sink.write(chunk)
+            if entry.external_attr >> 16 & stat.S_IXUSR:
+                target.chmod(0o755)
+        return limit - left
+
+
+def pack(files: Mapping[str, Path], path: Path) -> None:
+    """Write an archive whose bytes depend on nothing but names and contents: member name -> file."""
+    part = path.with_name(path.name + ".part")
+    with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = (stat.S_IFREG | 0o644) << 16
+            with files[name].open("rb") as source, archive.open(entry, "w", force_zip64=False) as sink:
+                shutil.copyfileobj(source, sink)
+    part.replace(path)

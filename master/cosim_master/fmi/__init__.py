@@ -1,0 +1,1 @@
+"""FMUs: what they say about themselves, and instances of them."""

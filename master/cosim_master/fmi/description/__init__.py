@@ -1,0 +1,1 @@
+"""What FMUs (and tables) say about themselves, as plain data."""

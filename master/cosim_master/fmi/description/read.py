@@ -1,0 +1,551 @@
+"""What an FMU says about itself: reads and judges modelDescription.xml, and unpacks an FMU. Executes nothing.
+
+FMPy parses; this module decides what is fatal (we could not run the FMU, or not run it right) and what is a note
+(the description breaks a rule that does not matter for a run; many exporters do). The only module that imports FMPy.
+Supported: FMI 2.0 and 3.0 (`read_fmi3` has the differences) for Co-Simulation and Model Exchange, FMI 1.0 for
+Co-Simulation.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import re
+import struct
+import sys
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from platform import machine as machine_name
+from typing import Any, cast
+
+from fmpy.model_description import ModelDescription, ValidationError, read_model_description
+from lxml import etree
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.limitations import (
+    EXCHANGE1,
+    EXCHANGE_CLOCKS,
+    FMI_VERSION,
+    NO_LIBRARY,
+    SCHEDULED_EXECUTION,
+)
+from cosim_master.diagnostics.names import near
+from cosim_master.files import archive
+from cosim_master.files.xml import line_of, parse
+from cosim_master.fmi.description.declarations import read_verdicts
+from cosim_master.fmi.description.read_fmi3 import Reading3, dependencies3
+from cosim_master.fmi.description.source_files import SourceFiles, configured, listed
+from cosim_master.fmi.description.units import BASE_UNITS, BaseUnit, Unit
+from cosim_master.fmi.description.variables import Capabilities, Clock, FmuDescription, ModelExchange, Start, Variable
+
+__all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "describe", "extract", "platform"]
+
+_MAX_DESCRIPTION_BYTES = 128 << 20
+_LIBRARY_SUFFIX = {"linux": ".so", "win": ".dll", "darwin": ".dylib"}
+SOURCES = "sources"
+"""`FmuDescription.library` of an FMU that is compiled from its sources."""
+_SHOWN_NOTES = 5
+
+
+def platform(fmi: int = 2) -> str:
+    """The name of this machine's folder in `binaries/`: "linux64", ... (FMI 2) or "x86_64-linux", ... (FMI 3)."""
+    if fmi == 3:
+        machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(machine_name(), machine_name())
+        return f"{machine}-{'windows' if sys.platform == 'win32' else sys.platform}"
+    system = "win" if sys.platform == "win32" else "darwin" if sys.platform == "darwin" else "linux"
+    return f"{system}{struct.calcsize('P') * 8}"
+
+
+def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implementation: str = "any") -> FmuDescription:
+    """Read and judge the description of an FMU.
+
+    Args:
+        path: the .fmu file.
+        sizes: of structural parameters of FMI 3, other values than the FMU's own: arrays have other sizes then.
+        implementation: "CoSimulation", "ModelExchange", or "any": co-simulation if the FMU has it.
+
+    Raises:
+        SystemDescriptionError: not a ZIP archive, without a readable modelDescription.xml, of another FMI version,
+            without that interface, or without a library for this platform; all problems at once.
+    """
+    shown = str(path)
+    names = archive.member_names(Path(path), shown)
+    data = archive.read_member(Path(path), "modelDescription.xml", shown, limit=_MAX_DESCRIPTION_BYTES)
+    if data is None:
+        raise SystemDescriptionError([Problem(Where(shown), "is not an FMU: it has no modelDescription.xml")])
+    reading = _Reading(f"{shown}/modelDescription.xml", data, sizes or {}, implementation)
+    library = None if reading.identifier is None else _library(names, reading.identifier, Where(shown), reading)
+    if library == SOURCES:
+        reading.source_files = _source_files(Path(path), shown, names, reading)
+    if reading.problems:
+        raise SystemDescriptionError(reading.problems)
+    terminals = _terminals(Path(path), shown, reading) if reading.fmi == 3 else {}
+    return reading.description(Path(path), cast(str, library), terminals)
+
+
+def extract(description: FmuDescription, directory: Path) -> Path:
+    """Unpack an FMU into `directory`, which is made, and return the path of its library.
+
+    The path must be plain ASCII without "%", "#", "?", "+" and spaces: FMUs get it as a URI, and pythonfmu decodes
+    nothing but "%20" in it.
+
+    Raises:
+        ValueError: the path of `directory` has other characters.
+        SystemDescriptionError: the archive is refused, or has changed since it was described.
+    """
+    target = str(directory.absolute())
+    if not target.isascii() or any(character in "%#?+ " for character in target):
+        raise ValueError(f'FMUs must be unpacked into a path of plain ASCII without % # ? + and spaces, not "{target}"')
+    if _digest(description.path) != description.digest:
+        problem = Problem(Where(str(description.path)), "the file has changed since it was checked")
+        raise SystemDescriptionError([problem])
+    archive.unpack(description.path, directory, str(description.path))
+    return directory.joinpath(*PurePosixPath(description.library).parts)
+
+
+def _terminals(path: Path, shown: str, reading: _Reading) -> dict[str, tuple[str, ...]]:
+    """Names of terminals, those inside others as "outer.inner", and of their member variables."""
+    member = "terminalsAndIcons/terminalsAndIcons.xml"
+    data = archive.read_member(path, member, shown, limit=_MAX_DESCRIPTION_BYTES)
+    found: dict[str, tuple[str, ...]] = {}
+
+    def visit(element: etree._Element, prefix: str) -> None:
+        for terminal in element.iterfind("Terminal"):
+            name = prefix + terminal.get("name", "")
+            found[name] = tuple(one.get("variableName", "") for one in terminal.iterfind("TerminalMemberVariable"))
+            for unknown in sorted({*found[name]} - {*reading.variables, *reading.shapes}):
+                reading.notes.append(f'its terminal "{name}" has the member "{unknown}", which is no variable')
+            visit(terminal, f"{name}.")
+
+    if data is not None:
+        for terminals in parse(data, f"{shown}/{member}").iterfind("Terminals"):
+            visit(terminals, "")
+    return found
+
+
+def _source_files(path: Path, shown: str, names: Sequence[str], reading: _Reading) -> SourceFiles | None:
+    """What an FMU without a library is compiled from: its buildDescription.xml before its SourceFiles."""
+    member = "sources/buildDescription.xml"
+    data = archive.read_member(path, member, shown, limit=_MAX_DESCRIPTION_BYTES)
+    problems, notes, found = reading.problems, reading.notes, None
+    if data is not None:
+        root, place = parse(data, f"{shown}/{member}"), platform(3)
+        found = configured(root, f"{shown}/{member}", cast(str, reading.identifier), place, names, problems, notes)
+    if found is None and not problems:
+        interface = reading.root.find(reading.interface)
+        assert interface is not None
+        found = listed(interface, reading.shown, names, problems, notes)
+    return found
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _library(names: Sequence[str], identifier: str, where: Where, reading: _Reading) -> str | None:
+    folder = platform(reading.fmi)
+    suffix = next(suffix for system, suffix in _LIBRARY_SUFFIX.items() if platform().startswith(system))
+    expected = f"binaries/{folder}/{identifier}{suffix}"
+    if expected in names:
+        return expected
+    # Old exporters name the library after the .fmu file; if there is only one, there is no doubt.
+    pattern = f"binaries/{folder}/"
+    others = [name for name in names if name.startswith(pattern) and name.endswith(suffix) and name.count("/") == 2]
+    if len(others) == 1:
+        reading.notes.append(f"its library is {others[0]}, by its modelIdentifier it should be {expected}")
+        return others[0]
+    if reading.fmi > 1 and any(name.startswith("sources/") for name in names):
+        reading.notes.append("it has no binary for this platform: its sources are compiled")
+        return SOURCES
+    available = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
+    offered = f"it has binaries for {', '.join(available)}" if available else "it has no binaries"
+    reading.problems.append(Problem(where, NO_LIBRARY.text(expected, offered)))
+    return None
+
+
+class _Reading:
+    """One modelDescription.xml being read. Whatever is fatal goes to `problems`, the rest to `notes`."""
+
+    def __init__(self, shown: str, data: bytes, sizes: Mapping[str, int], implementation: str) -> None:
+        self.shown = shown
+        self.sizes = sizes
+        self.implementation = implementation
+        self.interface = "CoSimulation"
+        self.problems: list[Problem] = []
+        self.notes: list[str] = []
+        self.identifier: str | None = None
+        self.source_files: SourceFiles | None = None
+        self.fmi = 2
+        self.shapes: dict[str, tuple[int, ...]] = {}
+        self.root = parse(data, shown)
+        self._interface()
+        if self.problems:
+            raise SystemDescriptionError(self.problems)
+        if self.fmi == 2:
+            self._structure()
+        if self.problems:
+            raise SystemDescriptionError(self.problems)
+        if self.fmi == 2:
+            self._repair()
+        self.model = self._parsed()
+        self.units = {unit.name: self._unit(unit) for unit in self.model.unitDefinitions}
+        self.variables: dict[str, Variable] = {}
+        if self.fmi == 3:
+            self._variables3()
+        else:
+            self._variables()
+        self.step_size = self._step_size()
+        self.start_time, self.stop_time = self._experiment("startTime"), self._experiment("stopTime")
+        self.tolerance = self._experiment("tolerance")
+
+    def _problem(self, element: etree._Element, message: str) -> None:
+        self.problems.append(Problem(Where(self.shown, line_of(element)), message))
+
+    def _interface(self) -> None:
+        root = self.root
+        version = root.get("fmiVersion", "")
+        if root.tag != "fmiModelDescription":
+            self._problem(root, f"the root element is <{root.tag}>; it must be <fmiModelDescription>")
+        elif version not in ("1.0", "2.0") and not re.fullmatch(r"3[.]0([.][0-9]+)?", version):
+            self._problem(root, FMI_VERSION.text(version))
+        elif version == "1.0":
+            self._interface1()
+        elif (interface := self._chosen()) is not None:
+            self.identifier = interface.get("modelIdentifier")
+            if not self.identifier or "/" in self.identifier:
+                self._problem(interface, f"<{interface.tag}> needs the attribute modelIdentifier, a C identifier")
+        self.fmi = {"1": 1, "3": 3}.get(version[:1], 2)
+        if not self.problems:
+            token = "instantiationToken" if self.fmi == 3 else "guid"
+            if root.get(token) is None:
+                self._problem(root, f"<fmiModelDescription> needs the attribute {token}")
+            elif not root.get(token):
+                self.notes.append(f'its {token} is "": whether library and description belong together is not known')
+            if root.find("ModelVariables") is None:
+                self._problem(root, "<fmiModelDescription> needs <ModelVariables>")
+
+    def _chosen(self) -> etree._Element | None:
+        """The element of the interface that is used; co-simulation before Model Exchange, if nobody says which."""
+        wanted = ("CoSimulation", "ModelExchange") if self.implementation == "any" else (self.implementation,)
+        for name in wanted:
+            if (interface := self.root.find(name)) is not None:
+                self.interface = name
+                return interface
+        every = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+        has = [name for name in every if self.root.find(name) is not None]
+        if has == ["ScheduledExecution"]:
+            self._problem(self.root, SCHEDULED_EXECUTION.text())
+        elif has:
+            self._problem(self.root, f"has no <{self.implementation}>; it has {' and '.join(has)}")
+        else:
+            self._problem(self.root, f"has no interface; valid: {' and '.join(wanted)}")
+        return None
+
+    def _interface1(self) -> None:
+        """FMI 1.0 has one interface for each FMU; that of co-simulation has an Implementation."""
+        self.identifier = self.root.get("modelIdentifier")
+        if self.root.find("Implementation") is None or self.implementation == "ModelExchange":
+            self._problem(self.root, EXCHANGE1.text())
+        elif not self.identifier or "/" in self.identifier:
+            self._problem(self.root, "<fmiModelDescription> needs the attribute modelIdentifier, a C identifier")
+
+    def _structure(self) -> None:
+        """Indices of the ModelStructure count from 1. FMPy takes 0 for the last variable."""
+        count = len(self.root.findall("ModelVariables/ScalarVariable"))
+        for unknown in self.root.iterfind("ModelStructure/*/Unknown"):
+            indices = [unknown.get("index", ""), *unknown.get("dependencies", "").split()]
+            wrong = [text for text in indices if not (text.isdecimal() and len(text) < 10 and 1 <= int(text) <= count)]
+            if wrong:
+                self._problem(unknown, f'<Unknown> refers to variable "{wrong[0]}"; valid: 1 to {count}')
+            elif unknown.get("dependencies") is not None:
+                unknown.set("dependencies", " ".join(indices[1:]))
+
+    def _unit(self, unit: Any) -> Unit:
+        base = unit.baseUnit
+        if base is None:
+            return Unit(unit.name)
+        if not (math.isfinite(base.factor) and math.isfinite(base.offset) and base.factor != 0.0):
+            text = f'unit "{unit.name}": factor must be finite and not 0, offset finite'
+            self.problems.append(Problem(Where(self.shown), text))
+            return Unit(unit.name)
+        return Unit(unit.name, BaseUnit(tuple(getattr(base, name) for name in BASE_UNITS), base.factor, base.offset))
+
+    def _step_size(self) -> float | None:
+        experiment = self.model.defaultExperiment
+        if experiment is None:
+            return None
+        step = cast("float | None", self._value(self.root, "stepSize", experiment.stepSize, "Real"))
+        if step is not None and not 0.0 < step < math.inf:
+            self.notes.append(f"its DefaultExperiment's stepSize of {step:g} s is not used: it must be positive")
+            return None
+        return step
+
+    def _experiment(self, attribute: str) -> float | None:
+        """A finite number of the DefaultExperiment, None if it has none."""
+        experiment = self.model.defaultExperiment
+        text = None if experiment is None else getattr(experiment, attribute)
+        number = cast("float | None", self._value(self.root, attribute, text, "Real"))
+        return number if number is not None and math.isfinite(number) else None
+
+    def _repair(self) -> None:
+        """Give variables the variability that only one reading of their causality allows; FMPy gives up on them.
+
+        FMI's default is "continuous", which no parameter and no Integer, Boolean, String or Enumeration can be;
+        pythonfmu leaves the attribute out all the same.
+        """
+        repaired = []
+        for variable in self.root.iterfind("ModelVariables/ScalarVariable"):
+            if variable.get("variability") is not None:
+                continue
+            causality = variable.get("causality", "local")
+            if causality in ("parameter", "calculatedParameter"):
+                variable.set("variability", "fixed")
+            elif len(variable) and variable[0].tag != "Real":
+                variable.set("variability", "discrete")
+            else:
+                continue
+            repaired.append(variable.get("name", ""))
+        if repaired:
+            more = f" and {len(repaired) - 1} more" if len(repaired) > 1 else ""
+            self.notes.append(
+                f'variables without the variability they need, taken as fixed or discrete: "{repaired[0]}"{more}'
+            )
+
+    def _parsed(self) -> ModelDescription:
+        """FMPy's reading, strict if it can be, else lenient with the strict findings as notes."""
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w") as memory:
+            memory.writestr("modelDescription.xml", etree.tostring(self.root, encoding="utf-8", xml_declaration=True))
+        findings: list[str] = []
+        try:
+            return read_model_description(packed, validate=True, validate_model_structure=True)
+        except ValidationError as error:
+            findings = [str(problem) for problem in error.problems]
+        except Exception as error:
+            # FMPy lets whatever its parsing raises come through: KeyError, ValueError, plain Exception.
+            findings = [f"{type(error).__name__}: {error}"]
+        try:
+            model = read_model_description(packed, validate=False)
+        except Exception as error:
+            findings.append(f"{type(error).__name__}: {error}")
+            unique = list(dict.fromkeys(findings))
+            raise SystemDescriptionError(
+                Problem(Where(self.shown), f"cannot be read: {text}") for text in unique
+            ) from error
+        self.notes += findings[:_SHOWN_NOTES]
+        if len(findings) > _SHOWN_NOTES:
+            self.notes.append(f"and {len(findings) - _SHOWN_NOTES} more findings of this kind")
+        return model
+
+    def _variables(self) -> None:
+        elements = self.root.findall("ModelVariables/ScalarVariable")
+        capacities = self._packet_ports()
+        negated = []
+        for read, element in zip(self.model.modelVariables, elements, strict=True):
+            if read.name in self.variables:
+                self._problem(element, f'variable "{read.name}" is declared twice')
+                continue
+            if element.get("alias") == "negatedAlias":  # its value would have to be negated on the way
+                negated.append(read.name)
+                continue
+            variable = self._variable(read, element, capacities.pop(read.name, None))
+            if variable is not None:
+                self.variables[read.name] = variable
+        if negated:
+            self.notes.append(f'{len(negated)} negated aliases ("{negated[0]}", ...) are left out')
+        for name in capacities:
+            self._problem(self.root, f'PacketPort: there is no variable "{name}"; {near(name, self.variables)}')
+        if (
+            self.fmi == 2
+            and self.model.initialUnknowns == []
+            and any(
+                variable.causality == "output" and variable.initial != "exact" for variable in self.variables.values()
+            )
+        ):
+            self.notes.append("has no InitialUnknowns: what its outputs depend on while initializing is not known")
+
+    def _variables3(self) -> None:
+        listed = self.root.find("ModelVariables")
+        elements = {e.get("name", ""): e for e in (listed if listed is not None else ()) if isinstance(e.tag, str)}
+        for element in list(elements.values()):
+            elements |= {alias.get("name", ""): element for alias in element.iterfind("Alias")}
+        reading = Reading3(self.model, self.units, elements, lambda text: self._problem(self.root, text), self.sizes)
+        self.variables, self.shapes = reading.variables, reading.shapes
+        self.notes += reading.notes
+        clocks = [v.name for v in self.variables.values() if v.clock is not None]
+        if clocks and self.interface == "ModelExchange":
+            self._problem(self.root, EXCHANGE_CLOCKS.text(clocks[0]))
+        elif clocks and not self.model.coSimulation.hasEventMode:
+            self._problem(self.root, f'has Clocks ("{clocks[0]}"), but no Event Mode: FMI 3.0.2, 2.3.1 requires it')
+
+    def _variable(self, read: Any, element: etree._Element, capacity: int | None) -> Variable | None:
+        declared, value = read.declaredType, element.find(read.type)
+        if value is None:
+            self._problem(element, f'variable "{read.name}" has no type element')
+            return None
+        unit_name = read.unit or (declared.unit if declared is not None else None)
+        unit = self.units.get(unit_name, Unit(unit_name)) if unit_name else None
+        relative = value.get("relativeQuantity")
+        if relative in ("true", "1") or (relative is None and declared is not None and declared.relativeQuantity):
+            unit = None if unit is None else unit.relative()
+        limits = []
+        for bound in ("min", "max"):
+            text = getattr(read, bound) or (getattr(declared, bound) if declared is not None else None)
+            limits.append(cast("float | None", self._value(element, bound, text, "Real")))
+        items = None
+        if read.type == "Enumeration" and declared is not None:
+            numbered = [str(i + 1) if self.fmi == 1 else item.value for i, item in enumerate(declared.items)]
+            pairs = zip(declared.items, numbered, strict=True)
+            items = {item.name: self._item(element, declared, value) for item, value in pairs}
+        if capacity is not None and read.type != "String":
+            self._problem(element, f'PacketPort "{read.name}" is of type {read.type}; in FMI 2 it must be a String')
+        return Variable(
+            name=read.name,
+            value_reference=read.valueReference,
+            type=read.type,
+            causality="local" if read.causality == "none" else read.causality,
+            variability=read.variability,
+            initial=self._initial(read),
+            unit=unit,
+            start=self._value(element, "start", read.start, read.type),
+            minimum=limits[0],
+            maximum=limits[1],
+            items=items,
+            packet_capacity=capacity,
+            description=read.description or "",
+        )
+
+    def _initial(self, read: Any) -> str | None:
+        if read.causality in ("input", "independent"):
+            return None
+        if self.fmi == 1:
+            return "exact" if read.start is not None and read.variability != "constant" else "calculated"
+        initial: str | None = read.initial
+        return initial
+
+    def _value(self, element: etree._Element, attribute: str, text: str | None, kind: str) -> Start | None:
+        """A start value or limit, None if it is absent."""
+        if text is None or kind == "String":
+            return text
+        try:
+            if kind == "Real":
+                number = float(text)
+                if math.isnan(number):
+                    raise ValueError
+                return number
+            if kind == "Boolean":
+                return {"true": True, "1": True, "false": False, "0": False}[text.strip()]
+            return int(text)
+        except (ValueError, KeyError):
+            self._problem(element, f'{attribute} "{text}" of "{element.get("name", "the FMU")}" is not of type {kind}')
+            return None
+
+    def _item(self, element: etree._Element, declared: Any, value: str | None) -> int:
+        try:
+            return int(value or "")
+        except ValueError:
+            self._problem(element, f'an item of its type "{declared.name}" has the value "{value}", not an integer')
+            return 0
+
+    def _packet_ports(self) -> dict[str, int]:
+        """Our vendor annotation. FMI's schema allows a Tool one child only, so several ports have one around them."""
+        capacities: dict[str, int] = {}
+        for port in self.root.iterfind("VendorAnnotations/Tool[@name='uav-cosim']//PacketPort"):
+            name, size = port.get("variable"), port.get("maxSize", "")
+            if not name or not size.isascii() or not size.isdigit() or not 0 < int(size) < 2**31:
+                self._problem(port, "PacketPort needs the attributes variable and maxSize (a positive number of bytes)")
+            else:
+                capacities[name] = int(size)
+        return capacities
+
+    def description(self, path: Path, library: str, terminals: Mapping[str, tuple[str, ...]]) -> FmuDescription:
+        model = self.model
+        outputs = {unknown.variable.name: _dependencies(unknown) for unknown in model.outputs}
+        initial = {unknown.variable.name: _dependencies(unknown) for unknown in model.initialUnknowns}
+        if self.fmi == 3:
+            outputs, initial = (
+                dependencies3(model.outputs, self.shapes),
+                dependencies3(model.initialUnknowns, self.shapes),
+            )
+        of_interface = model.modelExchange if self.interface == "ModelExchange" else model.coSimulation
+        flags = {name: getattr(of_interface, name, False) for name in Capabilities.__slots__}
+        if self.interface == "ModelExchange":
+            flags["canHandleVariableCommunicationStepSize"] = True
+        if self.fmi == 1:
+            outputs, flags = self._outputs1(), self._flags1()
+        verdicts = read_verdicts(self.root, self.variables, self.notes)
+        return FmuDescription(
+            path=path.resolve(),
+            digest=_digest(path),
+            fmi_version=model.fmiVersion,
+            model_name=model.modelName or "",
+            model_identifier=cast(str, self.identifier),
+            guid=model.guid,
+            description=model.description or "",
+            library=library,
+            variables=self.variables,
+            units=self.units,
+            step_size=self.step_size,
+            capabilities=Capabilities(**flags),
+            outputs=outputs,
+            initial_unknowns=initial,
+            notes=tuple(self.notes),
+            generation_tool=model.generationTool or "",
+            shapes=self.shapes,
+            terminals=terminals,
+            start_time=self.start_time,
+            stop_time=self.stop_time,
+            tolerance=self.tolerance,
+            model_exchange=self._model_exchange(),
+            verdicts=verdicts,
+            source_files=self.source_files,
+        )
+
+    def _model_exchange(self) -> ModelExchange | None:
+        """States and their derivatives in the order of the model structure."""
+        if self.interface != "ModelExchange":
+            return None
+        element = self.root.find("ModelExchange")
+        assert element is not None
+        derivatives = [unknown.variable for unknown in self.model.derivatives]
+        states = [variable.derivative for variable in derivatives]
+        scalars = all(s is not None and not s.dimensions for s in states)
+        able = "providesDirectionalDerivatives" if self.fmi == 3 else "providesDirectionalDerivative"
+        needed = element.get("needsCompletedIntegratorStep", "false") in ("true", "1")
+        if self.fmi == 2:
+            needed = element.get("completedIntegratorStepNotNeeded", "false") not in ("true", "1")
+        return ModelExchange(
+            states=tuple(s.valueReference for s in states) if scalars else (),
+            derivatives=tuple(d.valueReference for d in derivatives),
+            event_indicators=self.model.numberOfEventIndicators or 0,
+            completed_step=needed,
+            directional_derivatives=scalars and element.get(able) in ("true", "1"),
+            saves_state=self.model.modelExchange.canGetAndSetFMUstate,
+            serialises_state=self.model.modelExchange.canSerializeFMUstate,
+        )
+
+    def _outputs1(self) -> dict[str, tuple[str, ...] | None]:
+        """Direct dependencies of FMI 1.0: names of inputs in the outputs themselves."""
+        found: dict[str, tuple[str, ...] | None] = {}
+        for element in self.root.iterfind("ModelVariables/ScalarVariable"):
+            if element.get("causality") == "output":
+                given = element.find("DirectDependency")
+                names = None if given is None else tuple(one.text or "" for one in given.iterfind("Name"))
+                found[element.get("name", "")] = names
+        return found
+
+    def _flags1(self) -> dict[str, Any]:
+        flags: dict[str, Any] = dict.fromkeys(Capabilities.__slots__, False)
+        flags["needsExecutionTool"] = self.root.find("Implementation/CoSimulation_Tool") is not None
+        given = self.root.find("Implementation/*/Capabilities")
+        for name in ("canHandleVariableCommunicationStepSize", "canBeInstantiatedOnlyOncePerProcess"):
+            flags[name] = given is not None and given.get(name) in ("true", "1")
+        flags["maxOutputDerivativeOrder"] = 0
+        return flags
+
+
+def _dependencies(unknown: Any) -> tuple[str, ...] | None:
+    return None if unknown.dependencies is None else tuple(variable.name for variable in unknown.dependencies)

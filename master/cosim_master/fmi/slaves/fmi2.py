@@ -1,0 +1,311 @@
+"""Living FMI 2.0 instances: loading a library, calling its functions one by one, keeping its log.
+
+The legal order of calls (FMI 2.0.5, section 4.2.4) is the caller's business; see `execution`. The stepping loop
+calls the same functions by their addresses and does not come through here.
+
+    library = Library(description, folder)           one per FMU file, shared by its instances
+    instance = library.instantiate("drone1.vehicle")
+    instance.set(...), setup_experiment, enter_initialization_mode, set, get, exit_initialization_mode
+    ... steps ...
+    instance.terminate(), instance.free()
+
+After fmi2Error only `free` is legal, after fmi2Pending too. After fmi2Fatal nothing is, for any instance of that FMU
+(FMI 2.0.5, section 2.1.3). `alive`, `stepping` and `Library.corrupted` keep that, and `terminate` and `free` do what is
+still allowed.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import ctypes
+import logging
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.description.read import FmuDescription, Variable
+
+__all__ = ["CALLBACK_TYPES", "STATUS", "Instance", "Library", "SharedHandle", "set_kind"]
+
+log = logging.getLogger(__name__)
+
+STATUS = ("fmi2OK", "fmi2Warning", "fmi2Discard", "fmi2Error", "fmi2Fatal", "fmi2Pending")
+_LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
+_ALLOCATE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t)
+_FREE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+CALLBACK_TYPES = (_LOGGER, _ALLOCATE, _FREE)
+"""Of logger, allocateMemory and freeMemory."""
+_STEP_FINISHED = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int)
+
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
+"""fmi2StatusKind (FMI 2.0.5, section 4.2.3)."""
+_KEPT_LOG_LINES = 40
+_C_TYPES: dict[str, Any] = {
+    "Real": ctypes.c_double,
+    "Integer": ctypes.c_int,
+    "Boolean": ctypes.c_int,
+    "String": ctypes.c_char_p,
+}
+
+
+class _Callbacks(ctypes.Structure):
+    _fields_ = (
+        ("logger", _LOGGER),
+        ("allocateMemory", _ALLOCATE),
+        ("freeMemory", _FREE),
+        ("stepFinished", ctypes.c_void_p),
+        ("componentEnvironment", ctypes.c_void_p),
+    )
+
+
+def set_kind(variable: Variable) -> str:
+    """Which of fmi2SetReal, -Integer, -Boolean, -String a variable is set with."""
+    return "Integer" if variable.type == "Enumeration" else variable.type
+
+
+class SharedHandle(FmuError):
+    """An FMU gave the handle of an instance that lives to another one: it keeps everything in globals."""
+
+
+class Library:
+    """The loaded binary of one FMU file."""
+
+    def __init__(self, fmu: FmuDescription, library: Path, resources: Path) -> None:
+        self.fmu = fmu
+        self.resources = resources
+        self.handles: dict[int, str] = {}
+        self.corrupted = False
+        # pythonfmu keeps even errors to itself unless logging is on; others need not be asked, and some say too much.
+        self.python = (resources / "slavemodule.txt").is_file()
+        # Our compiled FMUs keep everything in their instances.
+        self.thread_safe = fmu.generation_tool == "uav-cosim" and not fmu.capabilities.needsExecutionTool
+        try:
+            self._dll = ctypes.CDLL(str(library))
+        except OSError as error:
+            raise FmuError(fmu.model_name, f"loading {fmu.path}", str(error)) from None
+        libc = ctypes.CDLL("msvcrt" if platform.system() == "Windows" else None)
+        self.memory: tuple[Any, Any] = (
+            _ALLOCATE(ctypes.cast(libc.calloc, ctypes.c_void_p).value or 0),
+            _FREE(ctypes.cast(libc.free, ctypes.c_void_p).value or 0),
+        )
+        """The callbacks allocateMemory and freeMemory."""
+
+    def address(self, function: str) -> int:
+        """The address of an FMI function.
+
+        Raises:
+            FmuError: the binary does not have it.
+        """
+        return ctypes.cast(self.function(function), ctypes.c_void_p).value or 0
+
+    def function(self, name: str) -> Any:
+        """The FMI function `name`, returning a status."""
+        try:
+            function = getattr(self._dll, name)
+        except AttributeError:
+            raise FmuError(self.fmu.model_name, name, f"the binary of {self.fmu.path} does not have it") from None
+        return function
+
+    def has(self, *functions: str) -> bool:
+        """Whether the binary has all of these; many lack optional ones, whatever they declare."""
+        return all(hasattr(self._dll, name) for name in functions)
+
+    def instantiate(self, name: str) -> Instance:
+        """A new instance, in the state "instantiated".
+
+        Raises:
+            SharedHandle: the FMU is good for one instance only.
+            FmuError: the FMU refused (a wrong GUID, a stale interpreted FMU); its log lines say why.
+        """
+        return Instance(self, name, *self.memory)
+
+
+class Instance:
+    """One living instance. Not to be used from two threads at once."""
+
+    fmi = 2
+    _instantiates = "fmi2Instantiate"
+    kind = 1
+    """fmi2CoSimulation."""
+
+    def __init__(
+        self, library: Library, name: str, allocate: Any, free: Any, fmu: FmuDescription | None = None
+    ) -> None:
+        self.library = library
+        self.name = name
+        self.alive = False
+        self.stepping = False
+        self.canceled = False
+        self.time: float | None = None
+        self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
+        # ctypes objects that the FMU points to must live as long as the instance.
+        self._logger = _LOGGER(self._log)
+        self.fmu = fmu or library.fmu
+        handle = self._instantiate(allocate, free)
+        if not handle:
+            hint = "" if self.lines else "; it logged nothing (is the GUID of its modelDescription.xml the binary's?)"
+            raise FmuError(name, self._instantiates, f"it returned NULL{hint}", log=self.lines)
+        self.handle = handle
+        if (other := library.handles.setdefault(self.handle, name)) != name:
+            text = (
+                f"it returned the handle of {other}: the FMU keeps everything in globals, it is good for one instance"
+            )
+            raise SharedHandle(name, self._instantiates, text, log=self.lines)
+        self.alive = True
+
+    def _instantiate(self, allocate: Any, free: Any) -> int:
+        """The handle of a new instance; 0 if the FMU refuses."""
+        self._callbacks = _Callbacks(self._logger, allocate, free, None, None)
+        instantiate = self.library.function("fmi2Instantiate")
+        instantiate.restype = ctypes.c_void_p
+        handle = instantiate(
+            ctypes.c_char_p(self.name.encode()),
+            ctypes.c_int(self.kind),
+            ctypes.c_char_p(self.fmu.guid.encode()),
+            ctypes.c_char_p(self.library.resources.as_uri().encode()),
+            ctypes.byref(self._callbacks),
+            ctypes.c_int(0),
+            ctypes.c_int(self.library.python),
+        )
+        return int(handle or 0)
+
+    def step_address(self) -> int:
+        """The address of the function that makes a step."""
+        return self.library.address("fmi2DoStep")
+
+    def _log(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
+        text = (message or b"").decode("utf-8", "replace").replace("%%", "%").rstrip()
+        self.lines.extend(text.splitlines())
+        word = STATUS[status] if 0 <= status < len(STATUS) else str(status)
+        log.debug("%s: %s: %s", self.name, word, text)
+
+    def call(self, function: str, *arguments: Any) -> None:
+        """Call an FMI function that returns a status.
+
+        Raises:
+            FmuError: the status is worse than fmi2Warning.
+        """
+        status = int(self.library.function(function)(ctypes.c_void_p(self.handle), *arguments))
+        if status > 1:
+            raise self.failure(function, status)
+
+    def failure(self, function: str, status: int, detail: str = "") -> FmuError:
+        """The error for a bad status; from here on only `free` may follow (nothing after fmi2Fatal)."""
+        if status in (3, 4, 5):
+            self.stepping = False
+        if status == 4:
+            self.alive = False
+            self.library.corrupted = True
+        word = STATUS[status] if 0 <= status < len(STATUS) else f"unknown status {status}"
+        return FmuError(self.name, function, detail or word, self.time, self.lines)
+
+    def get(self, variables: Sequence[Variable]) -> list[Any]:
+        """Values of variables that share one FMI type; strings are copied at once."""
+        if not variables:
+            return []
+        kind = set_kind(variables[0])
+        n = len(variables)
+        values = (_C_TYPES[kind] * n)()
+        self.call(f"fmi2Get{kind}", _references(variables), ctypes.c_size_t(n), values)
+        if kind == "Boolean":
+            return [bool(value) for value in values]
+        if kind == "String":
+            return [(value or b"").decode("utf-8", "replace") for value in values]
+        return list(values)
+
+    def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
+        """Set variables that share one FMI type."""
+        if not variables:
+            return
+        kind = set_kind(variables[0])
+        n = len(variables)
+        converted = [str(v).encode() if kind == "String" else float(v) if kind == "Real" else int(v) for v in values]
+        array = (_C_TYPES[kind] * n)(*converted)
+        self.call(f"fmi2Set{kind}", _references(variables), ctypes.c_size_t(n), array)
+
+    def ended(self) -> bool:
+        """After a discarded step: whether the FMU wants the simulation to end."""
+        answer = ctypes.c_int(0)
+        return self._answers("fmi2GetBooleanStatus", _TERMINATED, answer) and answer.value != 0
+
+    def last_successful_time(self) -> float | None:
+        """After a discarded step: how far it got in s, None if the FMU does not say."""
+        answer = ctypes.c_double(0.0)
+        return answer.value if self._answers("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, answer) else None
+
+    def _answers(self, function: str, kind: int, answer: Any) -> bool:
+        """Ask for a status; FMUs need not know the answer, nor have the function."""
+        try:
+            self.call(function, ctypes.c_int(kind), ctypes.byref(answer))
+        except FmuError:
+            return False
+        return True
+
+    def save_state(self, state: ctypes.c_void_p) -> None:
+        """fmi2GetFMUstate into `state`, whose memory is used again if it has some."""
+        self.call("fmi2GetFMUstate", ctypes.byref(state))
+
+    def restore_state(self, state: ctypes.c_void_p) -> None:
+        self.call("fmi2SetFMUstate", state)
+
+    def free_state(self, state: ctypes.c_void_p) -> None:
+        """fmi2FreeFMUstate where it is legal: not after a step was cancelled."""
+        usable = self.alive and not self.canceled and not self.library.corrupted
+        if usable and state and self.library.has("fmi2FreeFMUstate"):
+            with contextlib.suppress(FmuError):
+                self.call("fmi2FreeFMUstate", ctypes.byref(state))
+
+    def serialise(self, state: ctypes.c_void_p) -> bytes:
+        """A saved state as bytes, which another instance of the FMU can `deserialise`, in another process too."""
+        size = ctypes.c_size_t(0)
+        self.call("fmi2SerializedFMUstateSize", state, ctypes.byref(size))
+        buffer = ctypes.create_string_buffer(size.value)
+        self.call("fmi2SerializeFMUstate", state, buffer, size)
+        return buffer.raw
+
+    def deserialise(self, content: bytes) -> ctypes.c_void_p:
+        """The state that `serialise` wrote, for `restore_state` and then `free_state`."""
+        state = ctypes.c_void_p()
+        self.call("fmi2DeSerializeFMUstate", content, ctypes.c_size_t(len(content)), ctypes.byref(state))
+        return state
+
+    def cancel_step(self) -> None:
+        """Stop a step that is pending; only `free` may follow."""
+        self.stepping, self.canceled = False, True
+        with contextlib.suppress(FmuError):
+            self.call("fmi2CancelStep")
+
+    def setup_experiment(self, start: float, stop: float) -> None:
+        self.time = start
+        no, yes = ctypes.c_int(0), ctypes.c_int(1)
+        self.call("fmi2SetupExperiment", no, ctypes.c_double(0), ctypes.c_double(start), yes, ctypes.c_double(stop))
+
+    def enter_initialization_mode(self) -> None:
+        self.call("fmi2EnterInitializationMode")
+
+    def exit_initialization_mode(self) -> None:
+        self.call("fmi2ExitInitializationMode")
+        self.stepping = True
+
+    def terminate(self) -> None:
+        """fmi2Terminate where it is legal: after a completed step, once."""
+        if self.alive and self.stepping and not self.library.corrupted:
+            self.stepping = False
+            if self.library.has("fmi2Terminate"):
+                self.call("fmi2Terminate")
+
+    def free(self) -> None:
+        """fmi2FreeInstance where it is legal: not after fmi2Fatal."""
+        if self.alive and not self.library.corrupted:
+            self.alive = False
+            free = self.library.function("fmi2FreeInstance")
+            free.restype = None
+            del self.library.handles[self.handle]
+            free(ctypes.c_void_p(self.handle))
+
+
+def _references(variables: Sequence[Variable]) -> Any:
+    return (ctypes.c_uint * len(variables))(*(v.value_reference for v in variables))

@@ -1,0 +1,68 @@
+"""FMUs that bring sources and no binary for this platform: compiled by the ziglang wheel, and kept by their digest.
+
+`source_files` says what is compiled, and has refused all that leads out of the FMU. The headers of FMI come from FMPy.
+Compiling executes nothing of the FMU; running it does.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from importlib.metadata import distribution
+from pathlib import Path
+
+from cosim.kernel import cache_folder
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.description.read import FmuDescription
+
+__all__ = ["compiled"]
+
+_UNPREFIXED = ("FMI2_OVERRIDE_FUNCTION_PREFIX", "FMI3_OVERRIDE_FUNCTION_PREFIX", "DISABLE_PREFIX")
+"""Functions are called by their names alone, as in a binary."""
+_LOG_LINES = 40
+_MICROSOFT = {
+    "_strdup": "strdup",
+    "_stricmp": "strcasecmp",
+    "_strnicmp": "strncasecmp",
+    "_snprintf": "snprintf",
+    "_vsnprintf": "vsnprintf",
+}
+"""Functions that Microsoft's C library alone calls so, and what others call them: sources are often written there."""
+
+
+def compiled(fmu: FmuDescription, folder: Path) -> Path:
+    """The library of an FMU that is unpacked in a folder, compiled now if it is not kept yet.
+
+    Raises:
+        FmuError: the sources do not compile; has what the compiler says.
+    """
+    kept = cache_folder() / "sources" / f"{fmu.digest[:24]}-{fmu.model_identifier}.so"
+    if kept.is_file():
+        return kept
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    sources, build = folder / "sources", fmu.source_files
+    if build is None:
+        raise ValueError(f"{fmu.path} is not compiled from its sources")
+    files = [f"./{name}" for name in build.files]
+    headers = Path(str(distribution("fmpy").locate_file("fmpy/c-code")))
+    common = [f"-D{name}" for name in _UNPREFIXED] + [f"-DFMI_VERSION={fmu.fmi_version[0]}", "-O2", "-fPIC", "-w"]
+    handle, name = tempfile.mkstemp(dir=kept.parent, suffix=".so")
+    os.close(handle)
+    fresh = Path(name)
+    tool = [sys.executable, "-m", "ziglang", "c++" if build.is_cpp else "cc"]
+    places = [f"-I{sources}", f"-I{headers}"]
+    command = [*tool, *common, *build.flags, "-shared", *places, *files, *build.libraries, "-lm", "-o", str(fresh)]
+    done = subprocess.run(command, cwd=sources, capture_output=True, text=True)
+    unknown = {*re.findall(r"undeclared (?:library )?function '(\w+)'", done.stderr)} & {*_MICROSOFT}
+    if done.returncode and unknown:
+        command += [f"-D{name}={_MICROSOFT[name]}" for name in sorted(unknown)]
+        done = subprocess.run(command, cwd=sources, capture_output=True, text=True)
+    if done.returncode:
+        fresh.unlink(missing_ok=True)
+        lines = done.stderr.strip().splitlines()[:_LOG_LINES]
+        raise FmuError(fmu.model_name, "compiling its sources", f"{', '.join(files)}: the compiler refused", log=lines)
+    fresh.replace(kept)
+    return kept

@@ -1,0 +1,324 @@
+"""Gateways: where real programs take part in a run, through sockets on which packets cross to and from the network.
+
+    --gcs udpout:127.0.0.1:14550            a node on the air that hears every vehicle, for a ground station
+    --ports tcp:5760+10,sign=key.txt        the serial port of every autopilot: vehicle n listens on 5760 + 10 (n - 1)
+
+An autopilot with the ports telemetry_rx and telemetry_tx uses these for ground stations on the air, and one with
+serial_rx and serial_tx those for what is wired to it; others use the ports that lead to the rest of the swarm.
+
+An address is `KIND:[HOST:]PORT`, its kind tcp (a server), udpin (listens) or udpout (sends first), its host 127.0.0.1
+unless told otherwise. Options follow: `latency=`, `jitter=` (s) and `loss=` (0 to 1) of its link, and `sign=`, a file
+with the key with which packets that leave are signed and those that come must be.
+
+`exchange` moves what there is, and never waits. Nothing is lost silently: whatever does not cross is counted, and what
+happens to a socket is told. What comes in is checked here, so only packets with a right CRC enter the network (of
+messages nobody knows, which routers forward, it cannot be checked).
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.limitations import ADDRESS, NO_AUTOPILOT
+from cosim_master.network.gateways.signing import Signing, read_key
+from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket
+from cosim_master.system.settings.network import SERIAL, Gateway, Network
+
+if TYPE_CHECKING:
+    from cosim.build.messages import Message
+
+__all__ = ["Address", "Air", "Gateways", "Parser", "gateways_of"]
+
+_ADDRESS = re.compile(r"(?P<kind>\w+):(?:(?P<host>[^:,]*):)?(?P<port>\d+)(?:\+(?P<step>\d+))?")
+_SERIAL = "autopilot"
+"""The component of a vehicle to which --ports leads."""
+_WAITING = 512
+"""Packets of one gateway that may wait for each of their readers before nothing more is read from its socket."""
+
+
+class Air(Protocol):
+    """The side of a run that gateways exchange packets with; `Execution` is one."""
+
+    @property
+    def network(self) -> Network: ...
+
+    def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
+        """Takes packets in, as sent by the gateway of that number at the present time."""
+
+    def take(self, gateway: int) -> bytes:
+        """Returns the packets that have arrived at a gateway since the last call, concatenated."""
+
+    def waiting(self, gateway: int) -> int:
+        """Returns how many packets from a gateway have not been read yet, one for each reader."""
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where the socket of a gateway is, and the key of its signatures."""
+
+    kind: str
+    host: str
+    port: int
+    key: bytes | None = None
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+def gateways_of(
+    network: Network, gcs: Sequence[str] = (), ports: str | None = None
+) -> tuple[tuple[Gateway, Address], ...]:
+    """The gateways that the options `--gcs` and `--ports` ask for.
+
+    Raises:
+        SystemDescriptionError: an address is none, or there is nothing to wire a port to; all problems at once.
+    """
+    problems: list[Problem] = []
+    made: list[tuple[Gateway, Address]] = []
+    for i, text in enumerate(gcs):
+        found = _read("--gcs", text, problems)
+        if found is not None:
+            link, address, step = found
+            if step:
+                problems.append(Problem(Where("--gcs"), f"{text}: +{step} is for --ports"))
+            made.append((replace(link, name=f"@gcs{i + 1}" if i else "@gcs"), address))
+    if ports is not None:
+        found = _read("--ports", ports, problems)
+        if found is not None:
+            made += _ports(network, ports, *found, problems)
+    taken = Counter((address.host, address.port) for _, address in made if address.port and address.kind != "udpout")
+    for (host, port), times in taken.items():
+        if times > 1 and not problems:
+            problems.append(Problem(Where("--gcs, --ports"), f"{host}:{port} is asked for {times} times"))
+    if problems:
+        raise SystemDescriptionError(problems)
+    return tuple(made)
+
+
+def _ports(
+    network: Network, text: str, link: Gateway, address: Address, step: int, problems: list[Problem]
+) -> list[tuple[Gateway, Address]]:
+    """One for each node that has an autopilot, numbered in the order of the nodes."""
+    where = Where("--ports")
+    wired = [
+        (
+            node.name,
+            next((e.name for e in node.lines if (e.instance, e.line) == (endpoint.instance, SERIAL)), endpoint.name),
+        )
+        for node in network.nodes
+        for endpoint in node.endpoints
+        if endpoint.instance.rpartition(".")[2] == _SERIAL and endpoint.rx is not None and endpoint.tx is not None
+    ]
+    if not wired:
+        names = ", ".join(e.instance for node in network.nodes for e in node.endpoints) or "none"
+        problems.append(Problem(where, NO_AUTOPILOT.text(_SERIAL, names)))
+    last = address.port + step * (len(wired) - 1)
+    if len(wired) > 1 and step == 0 and address.port:
+        problems.append(Problem(where, f"{text}: {len(wired)} vehicles need different ports, such as +10"))
+    elif last > 65535:
+        problems.append(Problem(where, f"{text}: the port of vehicle {len(wired)} would be {last}, above 65535"))
+    return [
+        (replace(link, name=f"@{node}", wired=instance), replace(address, port=address.port + step * i))
+        for i, (node, instance) in enumerate(wired)
+    ]
+
+
+def _read(option: str, text: str, problems: list[Problem]) -> tuple[Gateway, Address, int] | None:
+    """The link, the address, and by how much the ports differ."""
+    where = Where(option)
+    head, *options = text.split(",")
+    found = _ADDRESS.fullmatch(head)
+    if found is None or found["kind"] not in KINDS or int(found["port"]) > 65535:
+        text = ADDRESS.text(head, ", ".join(KINDS))
+        problems.append(Problem(where, text))
+        return None
+    numbers: dict[str, float] = {}
+    key = None
+    for option in options:
+        name, _, value = option.partition("=")
+        try:
+            if name == "sign":
+                key = read_key(Path(value))
+            elif name in ("latency", "jitter", "loss"):
+                numbers[name] = _number(value, 1.0 if name == "loss" else 3600.0)
+            else:
+                problems.append(Problem(where, f"{option}: valid are latency=, jitter=, loss= and sign="))
+        except OSError as error:
+            problems.append(Problem(where, f"{option}: {error.strerror}"))
+        except ValueError as error:
+            problems.append(Problem(where, f"{option}: {error}"))
+    address = Address(found["kind"], found["host"] or "127.0.0.1", int(found["port"]), key)
+    return Gateway("", None, **numbers), address, int(found["step"] or 0)
+
+
+def _number(text: str, high: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= high:
+        raise ValueError(f"must be a number from 0 to {high:g}")
+    return value
+
+
+class Parser:
+    """Cuts packets out of what comes in, and counts what is none.
+
+    Args:
+        stream: a packet may be cut and joined; otherwise every piece is a datagram and ends its last packet.
+        dialect: messages that only this system knows.
+    """
+
+    def __init__(self, stream: bool, dialect: Sequence[Message] = ()) -> None:
+        self.malformed = 0
+        self._own = {message.id: message.crc_extra for message in dialect}
+        self._stream = stream
+        self._rest = b""
+
+    def feed(self, piece: bytes) -> list[bytes]:
+        """The complete packets with a CRC that is not wrong; b"" ends a stream."""
+        data = self._rest + piece
+        over = not self._stream or not piece
+        buffer = np.frombuffer(data, np.uint8)
+        packets = []
+        p, n = 0, len(data)
+        while p < n:
+            start, stop, status = find(buffer, p, n)
+            self.malformed += start > p
+            if status == TRUNCATED:
+                self.malformed += over
+                p = n if over else start
+                break
+            if status != NOTHING:
+                if status in (BAD_CRC, INCOMPATIBLE) or (status == UNKNOWN and self._is_wrong(buffer, start)):
+                    self.malformed += 1
+                else:
+                    packets.append(data[start:stop])
+            p = stop
+        self._rest = data[p:]
+        return packets
+
+    def _is_wrong(self, buffer: NDArray[np.uint8], start: int) -> bool:
+        extra = self._own.get(message_id(buffer, start))
+        return extra is not None and not has_crc(buffer, start, extra)
+
+
+class _Crossing:
+    """One open gateway."""
+
+    def __init__(
+        self, gateway: Gateway, address: Address, report: Callable[[str], None], dialect: Sequence[Message]
+    ) -> None:
+        self.gateway, self.address = gateway, address
+        self.counts: Counter[str] = Counter()
+        self.socket: Socket = open_socket(address.kind, address.host, address.port, self._told(report))
+        self.parser = Parser(self.socket.stream, dialect)
+        self.signing = Signing(address.key) if address.key is not None else None
+
+    def _told(self, report: Callable[[str], None]) -> Callable[[str], None]:
+        def tell(what: str) -> None:
+            self.counts["connections"] += what.endswith(("has connected", "is heard"))
+            report(f"{self.gateway.name}: {what}")
+
+        return tell
+
+    def incoming(self) -> list[bytes]:
+        packets = []
+        for piece in self.socket.receive():
+            packets += self.parser.feed(piece)
+        self.counts["malformed"] = self.parser.malformed
+        if self.signing is not None:
+            refusals = [self.signing.refusal(packet) for packet in packets]
+            self.counts.update(filter(None, refusals))
+            packets = [packet for packet, refusal in zip(packets, refusals, strict=True) if not refusal]
+        self.counts["received"] += len(packets)
+        return packets
+
+    def outgoing(self, block: bytes) -> None:
+        packets = Parser(stream=False).feed(block)
+        if self.signing is not None:
+            packets = [self.signing.sign(packet) for packet in packets]
+        taken = self.socket.send(packets)
+        self.counts["sent"] += taken
+        self.counts["not taken"] += len(packets) - taken
+
+
+class Gateways:
+    """The open gateways of a run; a context manager that closes them.
+
+    Args:
+        asked: what `gateways_of` gave.
+        report: is told, in words, what happens to sockets.
+        dialect: messages that only this system knows.
+
+    Raises:
+        SystemDescriptionError: sockets cannot be opened; all of them at once.
+    """
+
+    def __init__(
+        self,
+        asked: Sequence[tuple[Gateway, Address]],
+        report: Callable[[str], None],
+        dialect: Sequence[Message] = (),
+    ) -> None:
+        self._open: list[_Crossing] = []
+        problems = []
+        for gateway, address in asked:
+            try:
+                self._open.append(_Crossing(gateway, address, report, dialect))
+            except OSError as error:
+                where = Where("--ports" if gateway.wired else "--gcs")
+                problems.append(Problem(where, f"{address} cannot be opened: {error.strerror or error}"))
+        if problems:
+            self.close()
+            raise SystemDescriptionError(problems)
+
+    def __bool__(self) -> bool:
+        return bool(self._open)
+
+    def start(self) -> None:
+        """Let real programs connect."""
+        for one in self._open:
+            one.socket.start()
+
+    def exchange(self, air: Air) -> None:
+        """Bring in what the sockets have received, and out what has arrived at the gateways."""
+        for g, crossing in enumerate(self._open):
+            readers = 1 if crossing.gateway.wired else max(1, len(air.network.nodes))
+            if air.waiting(g) > _WAITING * readers:
+                crossing.counts["held back"] += 1  # the socket keeps it: TCP clients will wait
+            else:
+                air.admit(g, crossing.incoming())
+            crossing.outgoing(air.take(g))
+
+    def counts(self) -> dict[str, dict[str, int | str]]:
+        """What has crossed and what has not, by gateway: packets, but for connections and times held back."""
+        return {
+            one.gateway.name: {"address": str(one.address), **{name: n for name, n in one.counts.items() if n}}
+            for one in self._open
+        }
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for crossing in self._open:
+            crossing.socket.close()
+        self._open.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,1 @@
+"""The radio: who hears whom, when, and what is lost."""

@@ -1,0 +1,190 @@
+"""From a checked network to the radio's memory: tables of nodes, endpoints, links, gateways and places in flight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.kernel import table
+from cosim.packets import MAX_PACKET
+from cosim_master.network.radio import router as radio_kernels
+from cosim_master.network.radio.router import (
+    CHANNEL,
+    COUNTERS,
+    DEFINITION,
+    ENDPOINT,
+    EVENT,
+    FREE_PLACE,
+    FREE_PLACES,
+    GATEWAY,
+    NODE,
+    PLACE,
+    SETTINGS,
+    Radio,
+)
+from cosim_master.system.settings.network import TELEMETRY, Endpoint, Network, Node
+
+if TYPE_CHECKING:
+    from cosim.build.messages import Message
+
+__all__ = ["GATEWAY_BYTES", "grown", "make_radio"]
+
+_NANO = 1_000_000_000
+GATEWAY_BYTES = 1 << 16
+"""What can be taken out of a gateway at a time."""
+
+
+def _hash(name: str) -> int:
+    """FNV-1a, 64 bit: the identity of a node or an endpoint, for the random numbers of its links."""
+    value = 0xCBF29CE484222325
+    for byte in name.encode():
+        value = (value ^ byte) * 0x100000001B3 % 2**64
+    return value
+
+
+def _topology(network: Network) -> int:
+    if network.topology == "nearest":
+        return radio_kernels.NEAREST if network.axis is None else radio_kernels.NEAREST_ON_AXIS
+    return radio_kernels.LISTED if network.topology == "listed" else radio_kernels.BROADCAST
+
+
+def _nanoseconds(seconds: float) -> int:
+    return 2**62 if seconds > 9e9 else round(seconds * _NANO)
+
+
+def _reach(endpoint: Endpoint, node: Node) -> int:
+    """Whom an endpoint hears and reaches."""
+    if endpoint.line:
+        return radio_kernels.GROUND if endpoint.line == TELEMETRY else radio_kernels.CABLE
+    apart = any(e.instance == endpoint.instance and e.line == TELEMETRY for e in node.endpoints)
+    return radio_kernels.SWARM if apart else radio_kernels.ON_AIR
+
+
+def _gateways(network: Network) -> np.ndarray[Any, Any]:
+    """The GATEWAY table; their endpoints are the last ones."""
+    endpoints = [e.name for node in network.nodes for e in node.endpoints]
+    table = np.zeros(len(network.gateways), dtype=GATEWAY)
+    for g, gateway in enumerate(network.gateways):
+        table[g]["endpoint"] = len(endpoints) + g
+        table[g]["wired"] = -1 if gateway.wired is None else endpoints.index(gateway.wired)
+        table[g]["latency"], table[g]["jitter"] = _nanoseconds(gateway.latency), _nanoseconds(gateway.jitter)
+        table[g]["loss"] = gateway.loss
+    return table
+
+
+def _channels(network: Network) -> tuple[list[int], list[int], np.ndarray[Any, Any]]:
+    """Kind of each node as a sender and as a hearer, and the CHANNEL table of every kind of sender, put together.
+
+    Nodes are of one kind if the same channels are described by them: a pattern over a thousand nodes makes few kinds,
+    and a thousand channels between two nodes each make few rows. The rows of sender kind k are those with `sender` k.
+    """
+    sending: dict[str, list[int]] = {node.name: [] for node in network.nodes}
+    hearing: dict[str, list[int]] = {node.name: [] for node in network.nodes}
+    for number, channel in enumerate(network.channels):
+        for name in channel.senders:
+            sending[name].append(number)
+        for name in channel.hearers:
+            hearing[name].append(number)
+    sender_kinds: dict[tuple[int, ...], int] = {}
+    hearer_kinds: dict[tuple[int, ...], int] = {}
+    senders = [sender_kinds.setdefault(tuple(numbers), len(sender_kinds)) for numbers in sending.values()]
+    hearers = [hearer_kinds.setdefault(tuple(numbers), len(hearer_kinds)) for numbers in hearing.values()]
+    ends: list[tuple[list[int], list[int]]] = [([], []) for _ in network.channels]
+    for side, kinds in enumerate((sender_kinds, hearer_kinds)):
+        for numbers, kind in kinds.items():
+            for number in numbers:
+                ends[number][side].append(kind)
+    described: dict[tuple[int, int], tuple[float, float, float]] = {}
+    for channel, (froms, tos) in zip(network.channels, ends, strict=True):
+        for pair in product(froms, tos):
+            latency, jitter, loss = described.get(pair, (network.latency, network.jitter, network.loss))
+            described[pair] = (
+                latency if channel.latency is None else channel.latency,
+                jitter if channel.jitter is None else channel.jitter,
+                loss if channel.loss is None else channel.loss,
+            )
+    rows = np.zeros(len(described), dtype=[("sender", "i8"), ("row", CHANNEL)])
+    for i, ((sender, hearer), (latency, jitter, loss)) in enumerate(sorted(described.items())):
+        rows[i] = (sender, (hearer, _nanoseconds(latency), _nanoseconds(jitter), loss))
+    return senders, hearers, rows
+
+
+def _definition(message: Message) -> tuple[int, int, int]:
+    return message.id, message.crc_extra, next((f.offset for f in message.fields if f.name == "target_system"), -1)
+
+
+def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: bool) -> Radio:
+    """Returns the radio's memory.
+
+    Args:
+        reals: index of every Real output that is fetched, by instance and variable (positions of nodes are among them).
+        keep: write packet events and logs.
+    """
+    nodes = network.nodes
+    names = {node.name: n for n, node in enumerate(nodes)}
+    settings = np.zeros(1, dtype=SETTINGS)
+    settings["topology"] = _topology(network)
+    settings["per_side"] = min(network.neighbours, max(len(nodes) - 1, 1))
+    settings["axis"] = network.axis or (0.0, 0.0, 0.0)
+    settings["latency"], settings["jitter"] = _nanoseconds(network.latency), _nanoseconds(network.jitter)
+    settings["loss"], settings["range"] = network.loss, network.range
+    settings["seed"], settings["keep"] = network.seed, keep
+    hearers: list[list[int]] = [[] for _ in nodes]
+    for a, b in sorted((names[a], names[b]) for a, b in network.links):
+        hearers[a].append(b)
+    listed = np.cumsum([0, *(len(row) for row in hearers)])
+    members = np.cumsum([0, *(len(node.endpoints) for node in nodes)])
+    node_table = np.zeros(len(nodes) + len(network.gateways), dtype=NODE)
+    senders, kinds, channels = _channels(network)
+    for n, node in enumerate(nodes):
+        place = [reals[instance, variable.name] for instance, variable in node.position] or [-1, -1, -1]
+        own = np.searchsorted(channels["sender"], (senders[n], senders[n] + 1))
+        spans = (members[n], members[n + 1], listed[n], listed[n + 1])
+        node_table[n] = (place, _hash(node.name), *spans, kinds[n], *own)
+    endpoints = np.zeros(int(members[-1]) + len(network.gateways), dtype=ENDPOINT)
+    for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
+        capacity = e.rx.packet_capacity if e.rx else 0
+        endpoints[i] = (n, _hash(e.name), 0, capacity, 0, -1, -1, _reach(e, nodes[n]))
+    for g, gateway in enumerate(network.gateways):
+        behind = int(members[-1]) + g
+        node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0, 0, 0, 0)
+        endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1, radio_kernels.ON_AIR)
+    outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
+    empty = Radio(
+        settings=table(settings),
+        endpoints=table(endpoints),
+        nodes=table(node_table),
+        links=np.array([b for row in hearers for b in row], dtype=np.int64),
+        channels=table(channels["row"].copy()),
+        outages=np.array(outages, dtype=np.int64).reshape(-1, 3),
+        places=table(np.zeros(0, dtype=PLACE)),
+        data=np.zeros((0, MAX_PACKET), dtype=np.uint8),
+        order=np.arange(len(nodes), dtype=np.int64),
+        along=np.zeros(len(nodes)),
+        hearers=np.zeros(len(nodes) + 1, dtype=np.int64),
+        counters=np.zeros(COUNTERS, dtype=np.int64),
+        events=table(np.zeros(4096, dtype=EVENT)),
+        log=np.zeros(1 << 20, dtype=np.uint8),
+        gateways=table(_gateways(network)),
+        dialect=table(np.array([_definition(message) for message in network.dialect], dtype=DEFINITION)),
+    )
+    empty.counters[FREE_PLACE] = -1
+    return grown(empty, 256)
+
+
+def grown(radio: Radio, need: int) -> Radio:
+    """The same radio with at least `need` more free places in flight."""
+    old = radio.places.size
+    new = max(2 * old, old + need)
+    places = np.zeros(new, dtype=PLACE)
+    places[:old] = radio.places
+    places["following"][old:] = np.arange(old + 1, new + 1)
+    places["following"][-1] = radio.counters[FREE_PLACE]
+    data = np.zeros((new, MAX_PACKET), dtype=np.uint8)
+    data[:old] = radio.data
+    radio.counters[FREE_PLACE] = old
+    radio.counters[FREE_PLACES] += new - old
+    return radio._replace(places=table(places), data=data)

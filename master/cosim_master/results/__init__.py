@@ -1,0 +1,1 @@
+"""Recordings: written, compared, exported, drawn."""

@@ -1,0 +1,146 @@
+"""Checkpoints as a run's folder holds them: which there are, of which system, how much of the recording is theirs.
+
+    RUN/checkpoints/T/checkpoint.json   of which system, which FMUs, when; how much of RUN's recording belongs to it
+    RUN/checkpoints/T/signals.parquet   rows recorded since the checkpoint before (packets.parquet: its packets):
+                                        the run's own files cannot be read if it was killed
+
+`checkpoint` writes and restores the state beside them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+
+__all__ = ["FORMAT", "Checkpoint", "Identity", "Position", "find", "segments"]
+
+FORMAT = 3
+"""The version of the files; another one is refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What must be the same for a run to go on: of FMUs their digests by instance, of time ticks and base steps.
+
+    A file of inputs is known by its digest, too.
+    """
+
+    system: str
+    fmus: Mapping[str, str]
+    start: int
+    base: int
+    steps: int
+    every: int
+    seed: int
+    input: str = ""
+    per_ns: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """How much of the recording lies before a checkpoint: row groups of the Parquet files, bytes of each .tlog."""
+
+    signals: int = 0
+    packets: int = 0
+    tlogs: Mapping[str, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """A checkpoint that was found: where, at which base step, and what it was made with."""
+
+    folder: Path
+    run: Path
+    k: int
+    time: float
+    identity: Identity
+    position: Position
+    overrides: Mapping[str, str]
+    record: tuple[str, ...]
+    texts: Mapping[str, str]
+    events: Any
+    verdict: Mapping[str, Any]
+
+    def check(self, identity: Identity) -> None:
+        """Whether this is a checkpoint of the very system that is to go on.
+
+        Raises:
+            SystemDescriptionError: all that differs.
+        """
+        problems = []
+        mine, other = asdict(self.identity), asdict(identity)
+        fmus = mine.pop("fmus"), other.pop("fmus")
+        words = {"system": "the system's documents", "start": "the start time", "base": "the base step"}
+        words |= {
+            "steps": "the stop time",
+            "every": "the recording interval",
+            "seed": "the seed of the radio",
+            "input": "the file of --input",
+            "per_ns": "the tick of time",
+        }
+        for name in mine:
+            if mine[name] != other[name]:
+                text = f"{words[name]} must be what it was ({mine[name]}), now it is {other[name]}"
+                problems.append(Problem(Where(str(self.folder)), text))
+        for name in sorted({*fmus[0], *fmus[1]}):
+            if fmus[0].get(name) != fmus[1].get(name):
+                problems.append(Problem(Where(str(self.folder)), f"{name} is another FMU than it was"))
+        if problems:
+            raise SystemDescriptionError(problems)
+
+
+def find(wanted: str) -> Checkpoint:
+    """The checkpoint RUN@TIME, of a folder with results and a time in s.
+
+    Raises:
+        SystemDescriptionError: there is none, or it cannot be read; says which there are.
+    """
+    where = Where(f"--from {wanted}")
+
+    def wrong(text: str) -> SystemDescriptionError:
+        return SystemDescriptionError([Problem(where, text)])
+
+    run, at, text = wanted.rpartition("@")
+    try:
+        time = float(text)
+    except ValueError:
+        time = float("nan")
+    if not at or time != time:
+        raise wrong("write RUN@TIME, the folder of a run and a time in s")
+    folder = Path(run) / "checkpoints"
+    times = sorted(float(f.parent.name) for f in folder.glob("*/checkpoint.json"))
+    if time not in times:
+        there = ", ".join(f"{t:.9g}" for t in times) or "none (run with --checkpoint-every S to have some)"
+        raise wrong(f"{run} has no checkpoint at {time:.9g} s; there are: {there}")
+    own = folder / f"{time:.9g}"
+    try:
+        content = json.loads((own / "checkpoint.json").read_text(encoding="utf-8"))
+        if content["format"] != FORMAT:
+            raise wrong(f"{own} was written in format {content['format']}, this is {FORMAT}")
+        return Checkpoint(
+            own,
+            Path(run),
+            int(content["k"]),
+            float(content["time"]),
+            Identity(**content["identity"]),
+            Position(**content["position"]),
+            content["overrides"],
+            tuple(content["record"]),
+            content["texts"],
+            content["events"],
+            content["verdict"],
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise wrong(f"{own} is damaged: {error}") from None
+
+
+def segments(checkpoint: Checkpoint, name: str) -> list[Path]:
+    """The files of a run's checkpoints that hold its recording up to this one, in the order of time."""
+    folders = [file.parent for file in checkpoint.folder.parent.glob("*/checkpoint.json")]
+    before = sorted((float(folder.name), folder) for folder in folders if float(folder.name) <= checkpoint.time)
+    return [folder / name for _, folder in before if (folder / name).is_file()]

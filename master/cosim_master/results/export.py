@@ -1,0 +1,91 @@
+"""Recorded signals for other tools: as the CSV files that FMPy and the FMI cross-check exchange results in.
+
+A run's own file is Parquet (see `recorder`), which keeps units, types and text; CSV keeps names and numbers only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TextIO
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cosim_master.diagnostics.errors import CosimError
+
+__all__ = ["export_csv", "open_signals"]
+
+
+def open_signals(run: Path) -> Any:
+    """The recorded signals of a run folder, as a `pyarrow.parquet.ParquetFile`; the caller closes it.
+
+    Raises:
+        CosimError: the folder has no signals, or they are not complete.
+    """
+    file = run / "signals.parquet"
+    if not file.is_file():
+        raise CosimError(f"{run}: not the folder of a run: it has no signals.parquet (`uav-cosim run -o` writes it)")
+    try:
+        signals = pq.ParquetFile(file)
+    except pa.ArrowInvalid as error:
+        raise CosimError(
+            f"{file}: not a complete Parquet file; the run that wrote it was cut short ({error})"
+        ) from error
+    if "time" not in signals.schema_arrow.names:
+        signals.close()
+        raise CosimError(f"{file}: no column `time`; the signals of a run begin with one")
+    return signals
+
+
+def export_csv(run: Path, file: Path | TextIO) -> tuple[str, ...]:
+    """Write all recorded numbers of a run as CSV, as FMPy writes and reads results.
+
+    One row per recorded instant below a row of quoted names, `"time","component.variable",...`. Floating-point numbers
+    are written so that reading them gives the same number, Integers and enumerations as integers, Booleans as 0 and 1.
+    The format has no text: String variables are left out.
+
+    Args:
+        run: folder of the run.
+        file: where to write; its folder is made if need be. An open file is written to and left open.
+
+    Returns:
+        The names of the String variables that were left out, in the order of recording.
+
+    Raises:
+        CosimError: the run has no complete signals, or `file` cannot be written.
+    """
+    with open_signals(run) as signals:
+        fields = list(signals.schema_arrow)
+        numbers = [field.name for field in fields if not pa.types.is_string(field.type)]
+        if isinstance(file, Path):
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                with file.open("w", encoding="utf-8", newline="\n") as out:
+                    _write(out, signals, numbers)
+            except OSError as error:
+                raise CosimError(f"{file}: cannot be written: {error.strerror or error}") from error
+        else:
+            _write(file, signals, numbers)
+    return tuple(field.name for field in fields if pa.types.is_string(field.type))
+
+
+def _write(out: TextIO, signals: Any, names: list[str]) -> None:
+    out.write(",".join(map(_quoted, names)) + "\n")
+    for batch in signals.iter_batches(batch_size=4096, columns=names):
+        out.writelines(_rows(batch))
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _rows(batch: Any) -> Iterator[str]:
+    columns = [map(repr, _python_numbers(column)) for column in batch.columns]
+    return (",".join(row) + "\n" for row in zip(*columns, strict=True))
+
+
+def _python_numbers(column: Any) -> list[Any]:
+    """Python's floats and integers: their repr is the shortest text that reads back as the same number."""
+    values: list[Any] = column.to_pylist()
+    return [int(value) for value in values] if pa.types.is_boolean(column.type) else values

@@ -1,0 +1,117 @@
+"""The folder of a run's results: which one a new run gets, what may be replaced there, and what belongs to a run.
+
+A run may replace an earlier one of the same inputs, since it records the same again. Results of other inputs are
+overwritten only on demand. The manifest has the fingerprint of the inputs (see `fingerprint`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+
+__all__ = ["RunFolder", "clear", "differences", "held_fingerprint", "is_figure", "stamp"]
+
+_RESULTS = ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog", "packets/*.tlog")
+_DRAWN = (".png", ".svg", ".pdf")
+_STAMP = "uav-cosim, signals.parquet sha256 "
+_HEAD = 65536
+"""Bytes of a figure within which its stamp lies."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """Where a run is to leave its results.
+
+    Attributes:
+        path: the folder.
+        numbered: take path-2, path-3, ... if it holds a run of other inputs, instead of refusing.
+        force: overwrite whatever it holds.
+    """
+
+    path: Path
+    numbered: bool = False
+    force: bool = False
+
+    def choose(self, fingerprint: Mapping[str, str], *, repeatable: bool = True) -> Path:
+        """The folder for a run of this fingerprint.
+
+        Args:
+            fingerprint: digests of what the run depends on, by what it is.
+            repeatable: whether a run of the same inputs records the same; with real programs it does not.
+
+        Raises:
+            SystemDescriptionError: it holds results that this run would not record again.
+        """
+        for path in self._candidates():
+            held = None if self.force else held_fingerprint(path)
+            if held is None or (repeatable and held == dict(fingerprint)):
+                return path
+            if not self.numbered:
+                fix = "give another folder, or --force to overwrite it"
+                raise SystemDescriptionError([Problem(Where(str(path)), f"{_described(held, fingerprint)}; {fix}")])
+        raise AssertionError("there are infinitely many candidates")
+
+    def _candidates(self) -> Iterator[Path]:
+        yield self.path
+        if self.numbered:
+            yield from (self.path.with_name(f"{self.path.name}-{n}") for n in count(2))
+
+
+def held_fingerprint(folder: Path) -> dict[str, str] | None:
+    """The fingerprint of the run that a folder holds: empty if it is not known, None if the folder holds none."""
+    if not any((folder / name).exists() for name in ("manifest.json", "signals.parquet", "checkpoints")):
+        return None
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return {str(name): str(digest) for name, digest in manifest["fingerprint"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def differences(held: Mapping[str, str], fingerprint: Mapping[str, str]) -> list[str]:
+    """The inputs that are not the same in two fingerprints."""
+    return [name for name in dict.fromkeys([*fingerprint, *held]) if held.get(name) != fingerprint.get(name)]
+
+
+def _described(held: Mapping[str, str], fingerprint: Mapping[str, str]) -> str:
+    if not held:
+        return "holds the results of a run whose inputs are not known (it was cut short, or is of an older version)"
+    other = differences(held, fingerprint)
+    if not other:
+        return "holds the results of a run with real programs, which no run repeats"
+    return f"holds the results of a run with other inputs ({', '.join(other)})"
+
+
+def clear(folder: Path) -> None:
+    """Remove an earlier run: its results, its checkpoints, and the figures drawn of it, known by their stamp."""
+    for pattern in _RESULTS:
+        for file in folder.glob(pattern):
+            file.unlink()
+    shutil.rmtree(folder / "checkpoints", ignore_errors=True)
+    for file in folder.iterdir():
+        if is_figure(file):
+            file.unlink()
+
+
+def stamp(run: Path) -> str:
+    """What a figure carries: of which data it was drawn, as the SHA-256 of the run's signals."""
+    digest = hashlib.sha256()
+    with (run / "signals.parquet").open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return f"{_STAMP}{digest.hexdigest()}"
+
+
+def is_figure(file: Path) -> bool:
+    """Whether a file is a figure that `uav-cosim plot` drew: the figures carry a stamp."""
+    if file.suffix not in _DRAWN or not file.is_file():
+        return False
+    with file.open("rb") as opened:
+        return _STAMP.encode() in opened.read(_HEAD)

@@ -1,0 +1,170 @@
+"""How a run ends that does not reach its end: what instances have said, as errors that name them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim_master.diagnostics.errors import CosimError, FmuError
+from cosim_master.diagnostics.limitations import DISCARDED, PENDING, WIDE_INTEGER
+from cosim_master.diagnostics.limitations import NOT_A_NUMBER as NAN
+from cosim_master.fmi.slaves.fmi2 import STATUS, set_kind
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.stepping.kernels.fmi3_types import OUT_OF_RANGE
+from cosim_master.stepping.kernels.tables import (
+    BASE,
+    DO_STEP,
+    EARLY,
+    ENDED,
+    FAILURES,
+    FUNCTIONS,
+    NOT_A_NUMBER,
+    NOT_BASE64,
+    NOT_CALLED,
+    PER_NS,
+    START,
+    TOO_LONG,
+    K,
+    Plan,
+)
+from cosim_master.stepping.layout import KINDS, Layout
+
+__all__ = ["DISCARD", "RunFailed", "RunTerminated", "discard_failure", "raise_failures"]
+
+_OF_FMI3 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2GetString": "fmi3GetBinary"}
+"""What the loop's own numbers of functions mean for an FMI 3 instance."""
+
+DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
+"""Function and status in a row's `failed`, of a step that was discarded."""
+
+_FAILED = (STATUS.index("fmi2Error"), STATUS.index("fmi2Fatal"))
+_MOST_INPUTS = 8
+"""More are not told with a failure."""
+
+
+class RunFailed(CosimError):
+    """One or more instances failed in the same macro step.
+
+    Attributes:
+        failures: an FmuError for each of them.
+    """
+
+    def __init__(self, failures: Sequence[FmuError]) -> None:
+        self.failures = tuple(failures)
+        super().__init__("\n".join(str(failure) for failure in failures))
+
+
+class RunTerminated(CosimError):
+    """An FMU wants the simulation to end; that is no failure.
+
+    Attributes:
+        instance: which.
+        time: until when it has something to simulate, s.
+    """
+
+    def __init__(self, instance: str, time: float, *, said: str = "fmi2Terminated", hint: str = "") -> None:
+        self.instance, self.time = instance, time
+        more = f" {hint}" if hint else ""
+        super().__init__(f"{instance}: it wants the run to end at t = {time:.9g} s ({said}){more}")
+
+
+def reached(plan: Plan) -> float:
+    """Simulation time of the present communication point, s."""
+    clock = plan.clock
+    return float(clock[START] + max(clock[K], 0) * clock[BASE]) / (1e9 * float(clock[PER_NS]))
+
+
+def raise_failures(plan: Plan, places: Layout, instances: Sequence[Living]) -> None:
+    """Raises RunFailed if instances have failed in this macro step, with what each of them has said."""
+    if plan.clock[FAILURES] == 0:
+        return
+    time, failed = reached(plan), plan.instances["failed"]
+    failures: dict[int, FmuError] = {}
+    for i in np.flatnonzero(failed[:, 0]):
+        if failed[i, 1] == NOT_CALLED or tuple(failed[i][:2]) == DISCARD:
+            continue
+        function, status, detail = (int(x) for x in failed[i])
+        living = instances[int(i)]
+        living.time = time
+        text, code = "", status
+        if status == NOT_A_NUMBER:
+            name = places.ports["Real"].outputs[detail][1].name
+            text, code = NAN.text(name) + _given(plan, places, int(i)), 0
+        elif status in (TOO_LONG, NOT_BASE64):
+            wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
+            text, code = f"its packet output {wrong}", 0
+        elif status == STATUS.index("fmi2Discard") and function in (1, 2, 3):
+            text = f"fmi2Discard: it takes one of these values for wrong: {_inputs(plan, living, int(i), function - 1)}"
+        elif status == OUT_OF_RANGE:
+            text, code = WIDE_INTEGER.text(), 0
+        elif status == EARLY:
+            text, code = "it has not simulated all of the step, though early return is not allowed", 0
+        elif status == ENDED:
+            text, code = "it wants the run to end (terminateSimulation)", 0
+        elif status == STATUS.index("fmi2Pending"):
+            text = PENDING.text()
+            living.cancel_step()
+        elif function == DO_STEP and status in _FAILED:
+            given = _given(plan, places, int(i))
+            text = given and STATUS[status].replace("fmi2", {1: "fmi", 3: "fmi3"}.get(living.fmi, "fmi2")) + given
+        failures[int(i)] = living.failure(_named(function, living), code, text)
+    others = list(failures.values())
+    for i in np.flatnonzero(failed[:, 0]):
+        if tuple(failed[i][:2]) == DISCARD:
+            failures[int(i)] = _beside(plan, instances, int(i), others)
+    raise RunFailed([failures[i] for i in sorted(failures)])
+
+
+def discard_failure(plan: Plan, living: Living, i: int, last: float | None, reason: str) -> FmuError:
+    """The error of instance `i` that has discarded its step; `last` is how far it got, s."""
+    time, h = reached(plan), float(plan.instances["h"][i])
+    got = "" if last is None else f", only to {last:.9g} s"
+    text = DISCARDED.text(living.fmi, f"{time:.9g}", f"{time + h:.9g}", got, reason)
+    return living.failure(f"fmi{living.fmi}DoStep", DISCARD[1], text)
+
+
+def _beside(plan: Plan, instances: Sequence[Living], i: int, others: Sequence[FmuError]) -> FmuError:
+    """The error of an instance that has discarded a step in which others have failed: it is not repeated.
+
+    FMI leaves an instance after an error nothing but to be freed, or to be set back; in what it has failed at, it
+    would fail again, and shorter steps would hide that.
+    """
+    living, names = instances[i], ", ".join(error.instance for error in others[:3])
+    living.time = reached(plan)
+    last = None if living.library.corrupted else living.last_successful_time()
+    return discard_failure(plan, living, i, last, f"it is not repeated, since {names} failed in the same step")
+
+
+def _given(plan: Plan, places: Layout, i: int) -> str:
+    """The inputs of an instance as it was given them for its last step: ``; its inputs: u = 0.5, w = 2``."""
+    if plan.clock[K] < 0:  # while initializing, the loop has given none
+        return ""
+    shown: list[str] = []
+    for kind, values in (("Real", plan.real_in), ("Integer", plan.int_in), ("Boolean", plan.int_in)):
+        ports = places.ports[kind]
+        begin = len(places.ports["Integer"].in_reference) if kind == "Boolean" else 0
+        inputs = ports.inputs[ports.first_in[i] : ports.first_in[i + 1]]
+        given = values[begin + ports.first_in[i] : begin + ports.first_in[i + 1]]
+        shown += [f"{variable.name} = {value:.9g}" for variable, value in zip(inputs, given, strict=True)]
+    more = f" and {len(shown) - _MOST_INPUTS} more" if len(shown) > _MOST_INPUTS else ""
+    return f"; its inputs: {', '.join(shown[:_MOST_INPUTS])}{more}" if shown else ""
+
+
+def _inputs(plan: Plan, living: Living, i: int, kind: int) -> str:
+    """The first values that an instance's inputs of one kind were just given."""
+    first, last = (int(plan.feeds[i][side][kind]) for side in ("first_in", "last_in"))
+    values = (
+        plan.real_in[first:last] if kind == 0 else plan.int_in[first - plan.real_in.size : last - plan.real_in.size]
+    )
+    fmu = living.fmu
+    of = {v.value_reference: v.name for v in fmu.variables.values() if set_kind(v) == KINDS[kind]}
+    pairs = zip(plan.in_reference[first:last], values, strict=True)
+    shown = [f"{of[int(reference)]} = {value:.9g}" for reference, value in pairs]
+    return ", ".join(shown[:5]) + (" ..." if len(shown) > 5 else "")
+
+
+def _named(function: int, living: Living) -> str:
+    """The name of an FMI function by its number in FUNCTIONS."""
+    name = FUNCTIONS[function]
+    return _OF_FMI3.get(name, name) if living.fmi == 3 else name

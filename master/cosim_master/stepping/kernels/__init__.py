@@ -1,0 +1,1 @@
+"""The compiled loop: calls of FMI functions, its tables, the macro step."""

@@ -1,0 +1,172 @@
+"""FMI 3 get and set calls of the stepping loop: as many types as FMI 3 has, where the plan has floats and integers.
+
+A CALL row (see `tables`) of an FMI 3 instance says in `width` how its values get from the plan to the FMU, and its
+`values` is the address of a TYPED record. Float64 and Int32 are the plan's own; others are converted in a buffer of
+the call. An integer that does not fit is an error. Those of 64 bits, and UInt32, are two integers of the plan.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim_master.stepping.kernels.fmi_calls import (
+    get_or_set3,
+    get_or_set_binary,
+    load_f4,
+    load_f8,
+    load_i1,
+    load_i2,
+    load_i4,
+    load_i8,
+    load_u1,
+    load_u2,
+    load_u4,
+    store_f4,
+    store_f8,
+    store_i1,
+    store_i2,
+    store_i4,
+    store_i8,
+)
+
+__all__ = ["OUT_OF_RANGE", "PACKED", "TYPED", "WIDE_WIDTHS", "WIDTHS", "call3"]
+
+OUT_OF_RANGE = -5
+"""In place of a status: an integer does not fit into the variable's type, or into 32 bits."""
+
+_PLAIN, _BINARY, _FLOAT32, _INT8, _UINT8, _INT16, _UINT16, _UINT32, _INT64, _UINT64, _BOOLEAN = range(1, 12)
+_WIDE, _WIDE_UINT32 = 12, 13
+PACKED = 14
+"""`width` of a CALL row whose values are the plan's own, and whose numbers of references and of values are less than
+65536: `values` is where they are, and both numbers are in `n`, that of values in the upper half."""
+WIDTHS = {
+    "Float64": _PLAIN,
+    "Int32": _PLAIN,
+    "Binary": _BINARY,
+    "Float32": _FLOAT32,
+    "Int8": _INT8,
+    "UInt8": _UINT8,
+    "Int16": _INT16,
+    "UInt16": _UINT16,
+    "UInt32": _UINT32,
+    "Int64": _INT64,
+    "UInt64": _UINT64,
+    "Boolean": _BOOLEAN,
+}
+"""`width` of a CALL row by FMI 3 type; 0 is FMI 2."""
+WIDE_WIDTHS = {"Int64": _WIDE, "UInt64": _WIDE, "UInt32": _WIDE_UINT32}
+"""The same, where values have two places in the plan."""
+TYPED = np.dtype(
+    [
+        ("values", "u8"),
+        ("n_values", "u8"),
+        ("sizes", "u8"),  # of a Binary
+        ("plain", "u8"),  # where the plan has the values, if `values` is a buffer of the call
+        ("sets", "i8"),
+    ]
+)
+"""What an FMI 3 call has besides an FMI 2 one; of FMI 2 calls it would be a burden, so it lies apart."""
+_VALUES, _N_VALUES, _SIZES, _PLAINLY, _SETS = range(5)
+
+
+@kernel
+def _at(base: int, size: int, i: int) -> int:
+    return np.uintp(np.uintp(base) + np.uintp(size) * np.uintp(i))  # type: ignore[return-value]
+
+
+@kernel
+def _to_fmu(width: int, plain: int, native: int, n: int) -> bool:
+    """Convert what is to be set; False if an integer does not fit."""
+    for i in range(n):
+        if width == _FLOAT32:
+            store_f4(_at(native, 4, i), load_f8(_at(plain, 8, i)))
+            continue
+        if width in (_WIDE, _WIDE_UINT32):
+            size = 8 if width == _WIDE else 4
+            store_i4(_at(native, size, i), load_i4(_at(plain, 8, i)))
+            if width == _WIDE:
+                store_i4(_at(native, 4, 2 * i + 1), load_i4(_at(plain, 4, 2 * i + 1)))
+            continue
+        x = load_i4(_at(plain, 4, i))
+        if width in (_INT8, _UINT8):
+            low, high = (-128, 127) if width == _INT8 else (0, 255)
+            store_i1(_at(native, 1, i), x)
+        elif width in (_INT16, _UINT16):
+            low, high = (-32768, 32767) if width == _INT16 else (0, 65535)
+            store_i2(_at(native, 2, i), x)
+        elif width == _UINT32:
+            low, high = 0, 2147483647
+            store_i4(_at(native, 4, i), x)
+        elif width == _BOOLEAN:
+            low, high = -2147483648, 2147483647
+            store_i1(_at(native, 1, i), 1 if x != 0 else 0)
+        else:
+            low, high = (0 if width == _UINT64 else -2147483648), 2147483647
+            store_i8(_at(native, 8, i), x)
+        if x < low or x > high:
+            return False
+    return True
+
+
+@kernel
+def _from_fmu(width: int, native: int, plain: int, n: int) -> bool:
+    """Convert what was got; False if an integer has more than 32 bits."""
+    for i in range(n):
+        if width == _FLOAT32:
+            store_f8(_at(plain, 8, i), load_f4(_at(native, 4, i)))
+            continue
+        if width in (_WIDE, _WIDE_UINT32):
+            size = 8 if width == _WIDE else 4
+            store_i4(_at(plain, 8, i), load_i4(_at(native, size, i)))
+            store_i4(_at(plain, 4, 2 * i + 1), load_i4(_at(native, 4, 2 * i + 1)) if width == _WIDE else 0)
+            continue
+        if width == _INT8:
+            x = load_i1(_at(native, 1, i))
+        elif width == _UINT8:
+            x = load_u1(_at(native, 1, i))
+        elif width == _INT16:
+            x = load_i2(_at(native, 2, i))
+        elif width == _UINT16:
+            x = load_u2(_at(native, 2, i))
+        elif width == _UINT32:
+            x = load_u4(_at(native, 4, i))
+        elif width == _BOOLEAN:
+            x = load_u1(_at(native, 1, i))
+            x = 1 if x != 0 else 0
+        else:
+            x = load_i8(_at(native, 8, i))
+            if width == _UINT64 and x < 0:
+                return False
+        if x < -2147483648 or x > 2147483647:
+            return False
+        store_i4(_at(plain, 4, i), x)
+    return True
+
+
+@kernel
+def _field(typed: int, number: int) -> Any:
+    return np.uintp(load_i8(_at(typed, 8, number)))
+
+
+@kernel
+def call3(call: Any) -> Any:
+    """Make an FMI 3 call with its conversions; a status, or OUT_OF_RANGE."""
+    width = call.width
+    function, handle, references, n = call.function, call.handle, call.references, np.uintp(call.n)
+    values = _field(call.values, _VALUES)
+    n_values = _field(call.values, _N_VALUES)
+    if width == _BINARY:
+        sizes = _field(call.values, _SIZES)
+        return get_or_set_binary(function, handle, references, n, sizes, values, n_values)
+    if width == _PLAIN:
+        return get_or_set3(function, handle, references, n, values, n_values)
+    plain, sets = _field(call.values, _PLAINLY), _field(call.values, _SETS) != 0
+    if sets and not _to_fmu(width, plain, values, n_values):
+        return OUT_OF_RANGE
+    status = get_or_set3(function, handle, references, n, values, n_values)
+    if status > 1 or sets:
+        return status
+    return status if _from_fmu(width, values, plain, n_values) else OUT_OF_RANGE

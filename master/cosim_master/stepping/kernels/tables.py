@@ -1,0 +1,267 @@
+"""What the stepping loop works on: a plan of flat arrays, their rows, and the numbers that have a meaning in them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim_master.stepping.kernels.fmi3_types import WIDTHS
+
+__all__ = [
+    "ANSWERS",
+    "BASE",
+    "BEGIN",
+    "BLOCK",
+    "BLOCK_FULL",
+    "BY_PYTHON",
+    "CALL",
+    "COMPLETED",
+    "COPY",
+    "DELAY",
+    "DELIVER",
+    "DONE",
+    "DO_STEP",
+    "EARLY",
+    "END",
+    "ENDED",
+    "EVENTFUL",
+    "EVENTS_DUE",
+    "EVERY",
+    "FAILED",
+    "FAILURES",
+    "FATAL",
+    "FAULTS",
+    "FEED",
+    "FINAL",
+    "FINER",
+    "FUNCTIONS",
+    "GET_REAL",
+    "GET_STRING",
+    "INSTANCE",
+    "IN_ORDER",
+    "JACOBI",
+    "K",
+    "LAST",
+    "LEFT",
+    "LIMIT",
+    "NEED_LOG",
+    "NEED_PLACES",
+    "NAN_ALLOWED",
+    "NOT_A_NUMBER",
+    "NOT_BASE64",
+    "NOT_CALLED",
+    "NO_EVENT",
+    "ORDER",
+    "PER_NS",
+    "PHASE",
+    "PORTS",
+    "Plan",
+    "QUIT",
+    "REALS_IN",
+    "REALS_OUT",
+    "ROWS",
+    "SEND",
+    "SET_STRING",
+    "SHOW",
+    "SIGN",
+    "SLOPE",
+    "START",
+    "STEP",
+    "STEPS_DUE",
+    "TICKET",
+    "TOO_LONG",
+    "WIRE",
+]
+
+DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE, STEPS_DUE = 0, 1, 2, 3, 4, 5, 6
+"""Why `run` returned."""
+
+DELIVER, STEP, SEND = 0, 1, 2
+"""Phases of a macro step, in `Plan.clock[PHASE]`."""
+
+FUNCTIONS = (
+    "",
+    "fmi2SetReal",
+    "fmi2SetInteger",
+    "fmi2SetBoolean",
+    "fmi2SetString",
+    "fmi2DoStep",
+    "fmi2GetReal",
+    "fmi2GetInteger",
+    "fmi2GetBoolean",
+    "fmi2GetString",
+    *(f"fmi3{verb}{fmi_type}" for verb in ("Set", "Get") for fmi_type in WIDTHS),
+    "fmi2SetRealInputDerivatives",
+)
+"""What `failed[0]` of an instance counts through."""
+SET_STRING, DO_STEP, GET_REAL, GET_STRING = 4, 5, 6, 9
+NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
+"""In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped since
+another instance of its FMU answered fmi2Fatal."""
+ANSWERS = 32
+"""Bytes of what an FMI 3 instance answers: event handling needed, terminate simulation, early return (a byte each), at
+8 the last successful time, s. And for the loop: at 16 the time of its next event, s, at 24 whether it uses Event Mode,
+at 25 whether its step has still to be begun (BEGIN) or to be ended (END) by `super_dense`, or what that has got from it
+to be shown at its end (SHOW)."""
+BEGIN, END, SHOW = 1, 2, 3
+NO_EVENT = 0xFFFF00
+"""Of the first four bytes of ANSWERS, those that say that there is more to a step than an event."""
+LEFT = -8
+"""In place of a status: the step is left to Event Mode."""
+ENDED, EARLY = -6, -7
+"""In place of a status: an FMI 3 FMU wants the simulation to end; it has not simulated all of the step."""
+FATAL = 4
+
+
+INSTANCE = np.dtype(
+    [
+        ("handle", "u8"),
+        ("do_step", "u8"),
+        ("answers", "u8"),  # of FMI 3: address of what fmi3DoStep answers, see ANSWERS; 0 is FMI 2
+        ("h", "f8"),  # its present step in s
+        ("period", "i8"),  # base steps per step of the instance
+        ("length", "i8"),  # base steps of its present step: the period, less at the end of the run
+        ("library", "i4"),  # instances with the same number are of the same FMU
+        ("endpoint", "i4"),  # -1 without packet ports
+        ("failed", "i4", (3,)),  # function (0: has not failed), status, detail
+        ("first_set", "u4"),  # calls: fmi2SetString of its packets, if it has such a port,
+        ("first_set_value", "u4"),  # fmi2SetXXX of its values,
+        ("first_get", "u4"),  # fmi2GetXXX of its values, fmi2GetString of its packets
+        ("last_get", "u4"),
+    ],
+    align=True,
+)
+"""Kept small: with thousands of instances, what the loop must read costs more than what it does."""
+FEED = np.dtype(
+    [
+        ("instance", "u4"),
+        ("plain", "u4"),  # whether its real inputs are taken as they are: factor 1 and offset 0 throughout
+        ("first_in", "u4", (3,)),  # by kind
+        ("last_in", "u4", (3,)),
+        ("first_out", "u4", (3,)),
+        ("last_out", "u4", (3,)),
+    ]
+)
+"""The inputs and outputs of an instance; in `Plan.runs` of it and those behind it that have its period."""
+CALL = np.dtype(
+    [
+        ("function", "u8"),
+        ("handle", "u8"),
+        ("references", "u8"),
+        ("values", "u8"),  # of FMI 3: address of a TYPED record
+        ("n", "u4"),
+        ("number", "u2"),  # in FUNCTIONS
+        ("width", "u2"),  # 0 is FMI 2; of FMI 3 see `fmi3_types`
+    ]
+)
+"""A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan. Small as well."""
+WIRE = np.dtype([("factor", "f8"), ("offset", "f8")])
+"""input = factor * output[source] + offset"""
+DELAY = np.dtype(
+    [
+        ("whole", "i8"),  # 1: an integer or boolean
+        ("source", "i8"),  # in real_out or int_out
+        ("place", "i8"),  # there, too: what the input takes
+        ("factor", "f8"),
+        ("offset", "f8"),
+        ("first", "i8"),  # in kept: the values on their way, one for each base step of the system's own grid
+        ("length", "i8"),  # -1: no delay, a further term of the sum that is in `place`
+    ]
+)
+"""A delayed connection, or a term of a sum."""
+SLOPE = np.dtype(
+    [
+        ("input", "i8"),  # in real_in
+        ("instance", "i8"),
+        ("place", "i8"),  # in kept: its derivative
+        ("before", "f8"),  # its value in the step before,
+        ("at", "i8"),  # which began then, ns,
+        ("known", "i8"),  # if there was one
+    ]
+)
+"""An extrapolated input."""
+PORTS = np.dtype(
+    [
+        ("instance", "i8"),
+        ("has_rx", "i8"),
+        ("has_tx", "i8"),
+        ("text", "u8"),  # address of the C string for mavlink_rx
+        ("got", "u8"),  # what fmi2GetString returned
+        ("filled", "i8"),  # 2: packets to set, 1: to be set to "" once, 0: nothing to do
+        ("sent", "i8"),  # bytes in `tx`
+        ("rx", "u4"),  # value references
+        ("tx", "u4"),
+        ("binary", "i8"),  # of FMI 3: bytes instead of base64 text
+        ("rx_size", "u8"),
+        ("got_size", "u8"),
+        ("get", "u4"),  # call that gets the packets; that of an instance's first endpoint is among its others
+        ("further", "u4"),  # endpoints of the same instance behind this one
+    ],
+    align=True,
+)
+"""The packet ports of one endpoint. Those of an instance follow each other."""
+
+K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL, ORDER, FINER, FINAL = range(
+    15
+)
+PER_NS, NAN_ALLOWED = 15, 16
+"""Places in `Plan.clock`. START and BASE in ticks, of which PER_NS make a nanosecond; REALS_IN, REALS_OUT: how many of
+the inputs and outputs are real; BLOCK: how many instances a thread takes at a time, 0 without threads. EVENTFUL: how
+many instances use Event Mode. ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: into how many parts
+base steps are divided now. FINAL: whether no FMU state of before a step is restored after it. NAN_ALLOWED: whether
+outputs may be NaN."""
+JACOBI, IN_ORDER, BY_PYTHON = 0, 1, 2
+
+TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
+"""Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a
+flag that ends the workers, failures. Blocks are counted through from the first step on, so that a thread that comes
+late can never take one of an earlier step, and nobody waits for a thread that has nothing to do."""
+
+COPY, SIGN = 2**40, 2**41
+"""Keys in `Plan.mapped`, which no integer of 32 bits is. COPY: the row before the others of its mapping, that takes the
+value as it is. A row with another key replaces it where the value is the key (mapping transformations of SSP). SIGN:
+the upper half that makes 64 bits of a value of 32. A source of -1 - i is an integer of 64 bits at i and i + 1."""
+
+
+class Plan(NamedTuple):
+    """Everything the loop touches but the radio, in few arrays: numba's time to compile grows with their number.
+
+    Inputs and outputs of all instances are numbered through, reals first, then integers (with enumerations), then
+    booleans. Values of reals are in `real_in` and `real_out`, of the others in `int_in` and `int_out`. Whole numbers
+    that may need 64 bits have two places among integers, the lower half first.
+    """
+
+    instances: NDArray[Any]  # INSTANCE
+    calls: NDArray[Any]  # CALL, instance by instance
+    feeds: NDArray[Any]  # FEED, of each instance
+    runs: NDArray[Any]  # FEED, of as many instances as can be fed at a time
+    sources: NDArray[np.uint32]  # of each input, within real_out or int_out
+    wires: NDArray[Any]  # WIRE, of each real input
+    in_reference: NDArray[np.uint32]
+    real_in: NDArray[np.float64]
+    int_in: NDArray[np.int32]
+    out_reference: NDArray[np.uint32]
+    real_out: NDArray[np.float64]
+    int_out: NDArray[np.int32]
+    mirrors: NDArray[np.int64]  # rows (int_out, real_out): integer outputs that real inputs take; -1 - i: a UInt32 at i
+    mapped: NDArray[np.int64]  # rows (int_out, int_out, key, value): see COPY
+    ports: NDArray[Any]  # PORTS, of each endpoint
+    text: NDArray[np.uint8]  # (endpoints, longest text)
+    scratch: NDArray[np.uint8]  # (threads, longest text)
+    tx: NDArray[np.uint8]  # (endpoints, largest capacity)
+    real_recorded: NDArray[np.int64]
+    int_recorded: NDArray[np.int64]
+    real_block: NDArray[np.float64]  # (rows, recorded reals)
+    int_block: NDArray[np.int32]
+    ticks: NDArray[np.int64]  # time of each row of the block, in ticks
+    clock: NDArray[np.int64]
+    grids: NDArray[np.int64]  # where no instance steps by the base step: the periods that there are; else none
+    delays: NDArray[Any]  # DELAY
+    slopes: NDArray[Any]  # SLOPE, instance by instance
+    kept: NDArray[np.float64]  # values on their way through delays, derivatives of inputs
+    confined: NDArray[np.int64]  # instances that only the main thread steps, in the order in which it does
+    free: NDArray[np.int64]  # instances that any thread may step
+    shared: NDArray[np.int64]
+    native: NDArray[np.uint8]  # of FMI 3: value references, buffers and answers that `calls` and `instances` point to

@@ -1,0 +1,438 @@
+"""From places of values to flat arrays: what the stepping loop needs of living instances."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.kernel import table
+from cosim_master.fmi.description.read import Variable
+from cosim_master.fmi.slaves.fmi3 import Instance3
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.stepping.kernels.fmi3_types import PACKED, TYPED, WIDE_WIDTHS, WIDTHS
+from cosim_master.stepping.kernels.tables import (
+    ANSWERS,
+    BY_PYTHON,
+    CALL,
+    DELAY,
+    FEED,
+    FUNCTIONS,
+    GET_STRING,
+    IN_ORDER,
+    INSTANCE,
+    JACOBI,
+    PORTS,
+    SEND,
+    SET_STRING,
+    SLOPE,
+    WIRE,
+    Plan,
+)
+from cosim_master.stepping.layout import KINDS, TERM, Layout, Ports, call_of
+from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.time_grid import Timing
+
+__all__ = ["make_plan"]
+
+_BLOCK_BYTES = 8 << 20
+
+
+def make_plan(
+    places: Layout,
+    clock: Timing,
+    network: Network,
+    living: Sequence[Living],
+    every: int,
+    *,
+    free: Sequence[int] = (),
+    threads: int = 1,
+    coupling: Coupling | None = None,
+    grid: bool = False,
+) -> Plan:
+    """The plan of a run over living instances, in the order of `places.instances`.
+
+    Args:
+        every: rows every so many base steps.
+        free: numbers of the instances that any thread may step.
+        threads: how many will step them, the main one included.
+        coupling: the master; None is Jacobi.
+        grid: rows and exchange at every base step, also where no step of an instance ends.
+    """
+    kinds = [places.ports[kind] for kind in KINDS]
+    real = kinds[0]
+    reals_in, reals_out = len(real.in_reference), len(real.outputs)
+    int_recorded = [
+        i + (len(kinds[1].outputs) if n else 0) for n, ports in enumerate(kinds[1:]) for i in ports.recorded
+    ]
+    rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(int_recorded) + 8), 65536))
+    integers = sum(len(ports.outputs) for ports in kinds[1:])
+    own = (reals_out + len(places.mirrors), integers + len({row[1] for row in places.mapped}))
+    sources = [
+        i + (len(kinds[1].outputs) if n == 2 else 0) if i >= 0 else own[min(n, 1)] - 1 - i
+        for n, ports in enumerate(kinds)
+        for i in ports.source
+    ]
+    wires = np.zeros(reals_in, dtype=WIRE)
+    wires["factor"], wires["offset"] = real.factor, real.offset
+    feeds = _feeds(places, wires)
+    ports, text, capacity = _packet_ports(places, network)
+    block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
+    values = _Values(
+        in_reference=np.array([x for p in kinds for x in p.in_reference], dtype=np.uint32),
+        real_in=np.zeros(reals_in),
+        int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
+        out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
+        real_out=np.concatenate([np.zeros(own[0]), places.constants[0]]),
+        int_out=np.concatenate([np.zeros(own[1], np.int32), np.array(places.constants[1], np.int32)]),
+    )
+    delays, kept = _delay_table(places, clock, own, len(kinds[1].outputs))
+    native = _Native(len(living), kinds)
+    eventful = sum(isinstance(one, Instance3) and one.event_mode for one in living)
+    instances = _instance_table(clock, network, living, native)
+    sequence = coupling.sequence if coupling is not None else ()
+    order = BY_PYTHON if coupling and coupling.loops else IN_ORDER if sequence else JACOBI
+    slopes = _slope_table(places, coupling, kept.size)
+    kept = np.concatenate([kept, np.zeros(slopes.size + int(coupling is not None and coupling.variable))])
+    return Plan(
+        instances=table(instances),
+        calls=table(_calls(instances, feeds, values, ports, living, kinds, native, slopes, kept)),
+        feeds=table(feeds),
+        runs=table(_runs(feeds, clock.periods)),
+        sources=np.array(sources, dtype=np.uint32),
+        wires=table(wires),
+        in_reference=values.in_reference,
+        real_in=values.real_in,
+        int_in=values.int_in,
+        out_reference=values.out_reference,
+        real_out=values.real_out,
+        int_out=values.int_out,
+        mirrors=np.array(places.mirrors, dtype=np.int64).reshape(-1, 2),
+        mapped=np.array(places.mapped, dtype=np.int64).reshape(-1, 4),
+        ports=table(ports),
+        text=text,
+        scratch=np.zeros((threads, text.shape[1]), dtype=np.uint8),
+        tx=np.zeros((ports.size, capacity), dtype=np.uint8),
+        real_recorded=np.array(real.recorded, dtype=np.int64),
+        int_recorded=np.array(int_recorded, dtype=np.int64),
+        real_block=np.zeros((rows, len(real.recorded))),
+        int_block=np.zeros((rows, len(int_recorded)), dtype=np.int32),
+        ticks=np.zeros(rows, dtype=np.int64),
+        clock=np.array(
+            [
+                -1,
+                SEND,
+                0,
+                0,
+                clock.start,
+                clock.base,
+                clock.steps,
+                every,
+                reals_in,
+                reals_out,
+                block,
+                eventful,
+                order,
+                1,
+                int(not (coupling and coupling.variable)),
+                clock.per_ns,
+                int(coupling is not None and coupling.nan),
+            ]
+        ),
+        grids=np.array([] if grid else clock.grids, dtype=np.int64),
+        delays=table(delays),
+        slopes=table(slopes),
+        kept=kept,
+        confined=np.array(sequence or sorted(set(range(len(living))) - set(free)), dtype=np.int64),
+        free=np.array(sorted(free), dtype=np.int64),
+        shared=np.zeros(40, dtype=np.int64),
+        native=native.memory,
+    )
+
+
+def _delay_table(
+    places: Layout, clock: Timing, own: tuple[int, int], integers: int
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """The DELAY table, and the values that are on their way at the start.
+
+    Args:
+        own: where constants begin, of reals and of integers.
+        integers: how many integer outputs come before the booleans.
+    """
+    table = np.zeros(len(places.delays), dtype=DELAY)
+    kept: list[float] = []
+    for row, one in zip(table, places.delays, strict=True):
+        whole = min(one.kind, 1)
+        row["whole"], row["source"] = whole, one.source + (integers if one.kind == 2 else 0)
+        row["place"] = own[whole] + one.constant
+        row["factor"], row["offset"] = one.link.factor, one.link.offset
+        steps = -1 if one.ns == TERM else round(one.ns * clock.per_ns / clock.base)
+        row["first"], row["length"] = len(kept), steps
+        kept += [float(one.start)] * max(steps, 0)
+    return table, np.array(kept)
+
+
+def _slope_table(places: Layout, coupling: Coupling | None, first: int) -> np.ndarray[Any, Any]:
+    """The SLOPE table; derivatives are in `Plan.kept` from `first` on."""
+    real, wanted = places.ports["Real"], coupling.extrapolated if coupling is not None else frozenset()
+    found = [
+        (j, i)
+        for i, instance in enumerate(places.instances)
+        for j in range(real.first_in[i], real.first_in[i + 1])
+        if wanted and (instance.name, real.inputs[j].name) in wanted
+    ]
+    table = np.zeros(len(found), dtype=SLOPE)
+    for n, (row, (j, i)) in enumerate(zip(table, found, strict=True)):
+        row["input"], row["instance"], row["place"] = j, i, first + n
+    return table
+
+
+class _Native:
+    """Memory that FMI 3 calls point to, handed out piece by piece."""
+
+    def __init__(self, instances: int, kinds: Sequence[Ports]) -> None:
+        values = sum(len(ports.inputs) + len(ports.outputs) for ports in kinds)
+        calls = values + 2 * instances
+        self.memory = np.zeros(ANSWERS * (instances + 1) + 32 * values + TYPED.itemsize * calls + 256, dtype=np.uint8)
+        self._used = -self.memory.ctypes.data % 16
+        self._known: dict[tuple[int, ...], int] = {}
+
+    def take(self, size: int) -> int:
+        """The address of `size` bytes, a multiple of 8."""
+        first = self._used
+        self._used += -(-size // 8) * 8
+        assert self._used <= self.memory.size
+        return int(self.memory.ctypes.data) + first
+
+    def put(self, numbers: Sequence[int]) -> int:
+        """The address of value references; instances of one FMU have the same."""
+        if (known := self._known.get(tuple(numbers))) is not None:
+            return known
+        address = self._known[tuple(numbers)] = self.take(4 * len(numbers))
+        first = address - self.memory.ctypes.data
+        self.memory[first : first + 4 * len(numbers)] = np.array(numbers, np.uint32).view(np.uint8)
+        return address
+
+    def typed(self, **fields: int) -> int:
+        """The address of a TYPED record."""
+        address = self.take(TYPED.itemsize)
+        first = address - self.memory.ctypes.data
+        self.memory[first : first + TYPED.itemsize].view(TYPED)[0] = tuple(fields[name] for name in TYPED.names or ())
+        return address
+
+
+def _instance_table(clock: Timing, network: Network, living: Sequence[Living], native: _Native) -> np.ndarray[Any, Any]:
+    table = np.zeros(len(living), dtype=INSTANCE)
+    table["handle"] = [one.handle for one in living]
+    table["do_step"] = [one.step_address() for one in living]
+    table["answers"] = [native.take(ANSWERS) if _version(one) == 3 else 0 for one in living]
+    for row, one in zip(table, living, strict=True):
+        if isinstance(one, Instance3):
+            one.use_answers(int(row["answers"]))
+    libraries = {id(one.library): i for i, one in enumerate(living)}
+    table["library"] = [libraries[id(one.library)] for one in living]
+    table["period"] = table["length"] = clock.periods
+    table["h"] = [clock.seconds(period) for period in clock.periods]
+    endpoint: dict[str, int] = {}
+    for i, e in enumerate(e for node in network.nodes for e in node.endpoints):
+        endpoint.setdefault(e.instance, i)
+    table["endpoint"] = [endpoint.get(one.name, -1) for one in living]
+    return table
+
+
+def _feeds(places: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """The FEED table, instance by instance."""
+    table = np.zeros(len(places.instances), dtype=FEED)
+    table["instance"] = np.arange(len(table))
+    inputs = outputs = 0
+    for kind, name in enumerate(KINDS):
+        ports = places.ports[name]
+        table["first_in"][:, kind] = np.add(ports.first_in[:-1], inputs)
+        table["last_in"][:, kind] = np.add(ports.first_in[1:], inputs)
+        table["first_out"][:, kind] = np.add(ports.first_out[:-1], outputs)
+        table["last_out"][:, kind] = np.add(ports.first_out[1:], outputs)
+        inputs += len(ports.in_reference)
+        outputs += len(ports.outputs)
+    changed = np.concatenate([[0], np.cumsum((wires["factor"] != 1.0) | (wires["offset"] != 0.0))])
+    table["plain"] = changed[table["first_in"][:, 0]] == changed[table["last_in"][:, 0]]
+    return table
+
+
+def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any, Any]:
+    """Feeds of neighbouring instances with one period as one: their inputs lie behind each other."""
+    if not len(feeds):
+        return feeds
+    begins = np.ones(len(feeds), dtype=bool)
+    begins[1:] = (np.diff(periods) != 0) | (np.diff(feeds["plain"].astype(np.int64)) != 0)
+    runs = feeds[begins]
+    ends = np.append(np.flatnonzero(begins)[1:], len(feeds)) - 1
+    runs["last_in"], runs["last_out"] = feeds["last_in"][ends], feeds["last_out"][ends]
+    return runs
+
+
+@dataclass(frozen=True, slots=True)
+class _Values:
+    """Where values and their references live: see `Plan`."""
+
+    in_reference: np.ndarray[Any, Any]
+    real_in: np.ndarray[Any, Any]
+    int_in: np.ndarray[Any, Any]
+    out_reference: np.ndarray[Any, Any]
+    real_out: np.ndarray[Any, Any]
+    int_out: np.ndarray[Any, Any]
+
+
+def _version(one: Living) -> int:
+    return int(one.fmu.fmi_version[0])
+
+
+def _calls(
+    instances: np.ndarray[Any, Any],
+    feeds: np.ndarray[Any, Any],
+    values: _Values,
+    ports: np.ndarray[Any, Any],
+    living: Sequence[Living],
+    kinds: Sequence[Ports],
+    native: _Native,
+    slopes: np.ndarray[Any, Any],
+    kept: np.ndarray[Any, Any],
+) -> np.ndarray[Any, Any]:
+    """The CALL table; notes in `instances` which calls are whose."""
+    rows: list[tuple[int, ...]] = []
+    reals = (len(kinds[0].inputs), len(kinds[0].outputs))
+    sides = (
+        ("Set", "in", values.in_reference.ctypes.data, values.real_in.ctypes.data, values.int_in.ctypes.data, reals[0]),
+        (
+            "Get",
+            "out",
+            values.out_reference.ctypes.data,
+            values.real_out.ctypes.data,
+            values.int_out.ctypes.data,
+            reals[1],
+        ),
+    )
+    variables = {"in": [v for p in kinds for v in p.inputs], "out": [v for p in kinds for _, v in p.outputs]}
+    for i, one in enumerate(living):
+        row = instances[i]
+        first_endpoint = int(row["endpoint"])
+        last_endpoint = first_endpoint + 1 + int(ports[first_endpoint]["further"]) if first_endpoint >= 0 else -1
+        for verb, side, references, real_values, int_values, n_reals in sides:
+            row["first_set" if verb == "Set" else "first_get"] = len(rows)
+            if verb == "Set":
+                for e in range(first_endpoint, last_endpoint):
+                    rows += _packet_call(verb, one, ports, e, native)
+                row["first_set_value"] = len(rows)
+            for kind, name in enumerate(KINDS):
+                first, last = int(feeds[i][f"first_{side}"][kind]), int(feeds[i][f"last_{side}"][kind])
+                if last > first:
+                    at = real_values + 8 * first if kind == 0 else int_values + 4 * (first - n_reals)
+                    if _version(one) == 3:
+                        rows += _typed(verb, one, variables[side][first:last], at, 8 if kind == 0 else 4, native)
+                        continue
+                    address = one.library.address(f"fmi2{verb}{name}")
+                    number = (1 if verb == "Set" else 6) + kind
+                    rows.append((address, one.handle, references + 4 * first, at, last - first, number, 0))
+            if verb == "Get":
+                rows += _packet_call(verb, one, ports, first_endpoint, native)
+            elif (own := slopes[slopes["instance"] == i]).size:
+                rows.append(_slope_call(one, own, values.in_reference, kept, native))
+        row["last_get"] = len(rows)
+        for e in range(first_endpoint + 1, last_endpoint):
+            ports[e]["get"] = len(rows)
+            rows += _packet_call("Get", one, ports, e, native)
+    return np.array(rows, dtype=CALL)
+
+
+def _slope_call(
+    one: Living,
+    slopes: np.ndarray[Any, Any],
+    references: np.ndarray[Any, Any],
+    kept: np.ndarray[Any, Any],
+    native: _Native,
+) -> tuple[int, ...]:
+    """fmi2SetRealInputDerivatives: as FMI 3 calls it has five arguments; the last two are orders and derivatives."""
+    name = "fmi2SetRealInputDerivatives"
+    derivatives = kept.ctypes.data + kept.itemsize * int(slopes["place"][0])
+    typed = native.typed(values=native.put([1] * slopes.size), n_values=derivatives, sizes=0, plain=0, sets=1)
+    numbers = native.put([int(references[j]) for j in slopes["input"]])
+    address, n, width = one.library.address(name), slopes.size, WIDTHS["Float64"]
+    return (address, one.handle, numbers, typed, n, FUNCTIONS.index(name), width)
+
+
+def _packet_call(
+    verb: str, one: Living, ports: np.ndarray[Any, Any], endpoint: int, native: _Native
+) -> list[tuple[int, ...]]:
+    """The call that sets or gets the packets of an instance, if it has such a port."""
+    has, reference, text, size = (
+        ("has_rx", "rx", "text", "rx_size") if verb == "Set" else ("has_tx", "tx", "got", "got_size")
+    )
+    if endpoint < 0 or not ports[endpoint][has]:
+        return []
+    fields = PORTS.fields
+    assert fields is not None
+    row = ports.ctypes.data + PORTS.itemsize * int(endpoint)
+    places = [row + fields[name][1] for name in (reference, text, size)]
+    number = SET_STRING if verb == "Set" else GET_STRING
+    if _version(one) == 3:
+        address, number = one.library.address(f"fmi3{verb}Binary"), FUNCTIONS.index(f"fmi3{verb}Binary")
+        typed = native.typed(values=places[1], n_values=1, sizes=places[2], plain=0, sets=int(verb == "Set"))
+        return [(address, one.handle, places[0], typed, 1, number, WIDTHS["Binary"])]
+    return [(one.library.address(f"fmi2{verb}String"), one.handle, places[0], places[1], 1, number, 0)]
+
+
+def _typed(
+    verb: str, one: Living, variables: Sequence[Variable], plain: int, size: int, native: _Native
+) -> list[tuple[int, ...]]:
+    """FMI 3 calls for variables whose values lie at `plain`, `size` bytes each: one for each type."""
+    rows: list[tuple[int, ...]] = []
+    first = 0
+    while first < len(variables):
+        fmi_type, wide, clocked = key = call_of(variables[first])
+        last = first
+        references: list[int] = []
+        while last < len(variables) and call_of(variables[last]) == key:
+            if not variables[last].element:  # a scalar, or where an array begins
+                references.append(variables[last].value_reference)
+            last += 1 + wide
+        if clocked:
+            first = last
+            continue
+        n, at = (last - first) // (1 + wide), plain + size * first
+        buffer = at if fmi_type in ("Float64", "Int32") else native.take(8 * n)
+        address, number = one.library.address(f"fmi3{verb}{fmi_type}"), FUNCTIONS.index(f"fmi3{verb}{fmi_type}")
+        if buffer == at and n < 1 << 16:
+            packed = len(references) | n << 16
+            rows.append((address, one.handle, native.put(references), at, packed, number, PACKED))
+            first = last
+            continue
+        typed = native.typed(values=buffer, n_values=n, sizes=0, plain=at, sets=int(verb == "Set"))
+        width = (WIDE_WIDTHS if wide else WIDTHS)[fmi_type]
+        rows.append((address, one.handle, native.put(references), typed, len(references), number, width))
+        first = last
+    return rows
+
+
+def _packet_ports(places: Layout, network: Network) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
+    """The PORTS table, the texts it points to, and the largest capacity."""
+    endpoints = [endpoint for node in network.nodes for endpoint in node.endpoints]
+    number = {instance.name: i for i, instance in enumerate(places.instances)}
+    capacity = max([v.packet_capacity or 0 for e in endpoints for v in (e.rx, e.tx) if v is not None], default=1)
+    text = np.zeros((max(len(endpoints), 1), 4 * -(-capacity // 3) + 4), dtype=np.uint8)
+    table = np.zeros(len(endpoints), dtype=PORTS)
+    table["instance"] = [number[e.instance] for e in endpoints]
+    table["has_rx"] = [e.rx is not None for e in endpoints]
+    table["has_tx"] = [e.tx is not None for e in endpoints]
+    table["rx"] = [e.rx.value_reference if e.rx else 0 for e in endpoints]
+    table["tx"] = [e.tx.value_reference if e.tx else 0 for e in endpoints]
+    of_fmi3 = {i.name for i in places.instances if i.fmu.fmi_version.startswith("3.")}
+    table["binary"] = [e.instance in of_fmi3 for e in endpoints]
+    own = Counter(e.instance for e in endpoints)
+    for e, endpoint in enumerate(endpoints):
+        if e == 0 or endpoints[e - 1].instance != endpoint.instance:
+            table[e]["further"] = own[endpoint.instance] - 1
+    table["text"] = text.ctypes.data + text.shape[1] * np.arange(len(endpoints), dtype=np.uint64)
+    return table, text, capacity

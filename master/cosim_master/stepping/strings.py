@@ -1,0 +1,79 @@
+"""Strings that are no packets: rare, and slow to exchange, so Python does it, between macro steps."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.stepping.failures import RunFailed, reached
+from cosim_master.stepping.kernels.tables import LAST, K, Plan
+from cosim_master.stepping.layout import Layout
+
+__all__ = ["Texts", "failing"]
+
+
+@contextmanager
+def failing(plan: Plan, living: Living) -> Iterator[Living]:
+    """Calls of one instance at the present communication point; raises RunFailed if it refuses one."""
+    living.time = reached(plan)
+    try:
+        yield living
+    except FmuError as error:
+        raise RunFailed([error]) from None
+
+
+class Texts:
+    """The Strings of a run.
+
+    Args:
+        places: of all values.
+        living: instances, in the order of `places.instances`.
+
+    Attributes:
+        outputs: the value of every String output (number of its instance, name) that is connected or recorded; that
+            of one that belongs to Clocks is put here by those who handle events.
+    """
+
+    def __init__(self, places: Layout, living: Sequence[Living]) -> None:
+        self._living = living
+        number = {one.name: i for i, one in enumerate(living)}
+        self.outputs: dict[tuple[int, str], str] = {}
+        self._links = []
+        for link in places.strings:
+            source, target = (number[link.source[0]], link.source[1]), number[link.target[0]]
+            variable = living[target].fmu.variables[link.target[1]]
+            if not variable.clocks:
+                self._links.append((source, target, variable, link))
+            self.outputs[source] = ""
+        self._recorded = [(number[instance.name], variable.name) for _, instance, variable in places.string_signals]
+        self.outputs |= dict.fromkeys(self._recorded, "")
+
+    def __bool__(self) -> bool:
+        return bool(self.outputs)
+
+    def set_inputs(self, plan: Plan) -> None:
+        """Inputs of the instances that are due, from the outputs that `get_outputs` got."""
+        k, periods = plan.clock[K], plan.instances["period"]
+        for source, target, variable, link in self._links:
+            if k >= 0 and k % periods[target] == 0:
+                with failing(plan, self._living[target]) as living:
+                    living.set([variable], [link.converted(self.outputs[source])])
+
+    def get_outputs(self, plan: Plan, kept: Collection[tuple[int, str]]) -> None:
+        """Outputs of the instances whose step has just ended: what the others would answer now is of the future.
+
+        Args:
+            kept: outputs that belong to Clocks, which nobody may ask for.
+        """
+        k, periods = plan.clock[K], plan.instances["period"]
+        for i, name in self.outputs:
+            if (i, name) not in kept and (k % periods[i] == 0 or k == plan.clock[LAST]):
+                with failing(plan, self._living[i]) as living:
+                    (self.outputs[i, name],) = living.get([living.fmu.variables[name]])
+
+    @property
+    def row(self) -> list[str]:
+        """What is recorded, in the order of `Layout.string_signals`."""
+        return [self.outputs[key] for key in self._recorded]

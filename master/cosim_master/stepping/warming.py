@@ -1,0 +1,125 @@
+"""The stepping loop compiled before a run needs it: while FMUs are built, or into the folder that a wheel brings.
+
+    python -m cosim_master.stepping.warming FOLDER
+
+writes the machine code of all kernels that Python calls during a run to FOLDER/DIGEST/, DIGEST being that of the
+sources they are made from. A process looks for it in ``compiled/DIGEST`` of the package, then in ``kernels/DIGEST`` of
+the user's cache folder, and compiles what it finds in neither (cosim/kernel.py).
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import numpy as np
+
+from cosim.kernel import PLAIN
+from cosim_master.network.radio import router as radio
+from cosim_master.network.radio.router import Radio
+from cosim_master.stepping.kernels import macro_step as stepping
+from cosim_master.stepping.kernels import tables
+from cosim_master.stepping.kernels.tables import Plan
+
+__all__ = ["EVERY_RUN", "compile_loop", "types_of"]
+
+EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes")
+"""Kernels that no run does without."""
+
+_STRUCTURED = {
+    Plan: {
+        "instances": tables.INSTANCE,
+        "calls": tables.CALL,
+        "feeds": tables.FEED,
+        "runs": tables.FEED,
+        "wires": tables.WIRE,
+        "ports": tables.PORTS,
+        "delays": tables.DELAY,
+        "slopes": tables.SLOPE,
+    },
+    Radio: {
+        "settings": radio.SETTINGS,
+        "endpoints": radio.ENDPOINT,
+        "nodes": radio.NODE,
+        "channels": radio.CHANNEL,
+        "places": radio.PLACE,
+        "gateways": radio.GATEWAY,
+        "dialect": radio.DEFINITION,
+        "events": radio.EVENT,
+    },
+}
+_OF_ROWS = {"mirrors", "mapped", "text", "scratch", "tx", "real_block", "int_block", "outages", "data"}
+
+
+def _empty(kind: type[Any]) -> Any:
+    """A plan or radio with nothing in it; its arrays have the types of any other."""
+    arrays = {}
+    for name, hint in get_type_hints(kind).items():
+        dtype = _STRUCTURED[kind].get(name) or _element(hint)
+        arrays[name] = np.zeros((1, 1) if name in _OF_ROWS else 1, dtype)
+    return kind(**arrays)
+
+
+def _element(hint: Any) -> np.dtype[Any]:
+    """Of NDArray[float64]: float64; up to numpy 2.4 this means ndarray[..., dtype[float64]], later it is an alias."""
+    last = get_args(hint)[-1]
+    kind: np.dtype[Any] = np.dtype((get_args(last) or (last,))[0])
+    return kind
+
+
+def types_of() -> tuple[Any, Any]:
+    """numba's types of a plan and of a radio."""
+    numba: Any = import_module("numba")
+    return numba.typeof(_empty(Plan)), numba.typeof(_empty(Radio))
+
+
+def compile_loop(names: Sequence[str] | None = None) -> None:
+    """Compile kernels of the loop, or load them if their code is kept; None: all that Python calls during a run."""
+    if PLAIN:
+        return
+    numba: Any = import_module("numba")
+    plan, air = types_of()
+    whole = numba.int64
+    chosen, port = whole[::1], numba.uint8[::1]
+    endpoints, places = (air[Radio._fields.index(name)] for name in ("endpoints", "places"))
+    received = numba.types.Array(numba.uint8, 1, "C", readonly=True)
+    kernels: dict[str, tuple[Any, tuple[Any, ...]]] = {
+        "run": (stepping.run, (plan, air, whole)),
+        "collect_all": (stepping.collect_all, (plan,)),
+        "places_needed": (stepping.places_needed, (plan, air)),
+        "sent_bytes": (stepping.sent_bytes, (plan,)),
+        "work": (stepping.work, (plan, whole)),
+        "record": (stepping.record, (plan,)),
+        "end_here": (stepping.end_here, (plan, chosen)),
+        "step_each": (stepping.step_each, (plan, chosen)),
+        "step_together": (stepping.step_together, (plan, chosen)),
+        "collect_again": (stepping.collect_again, (plan, chosen)),
+        "admit": (radio.admit, (air, whole, whole, received, whole)),
+        "arrived": (radio.arrived, (endpoints, places, whole, whole)),
+        "deliver": (radio.deliver, (air, whole, whole, port)),
+    }
+    for name in names or kernels:
+        kernel, types = kernels[name]
+        kernel.compile(types)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write the code of the loop to the folder that `arguments` name."""
+    if len(arguments) != 1:
+        sys.exit("usage: python -m cosim_master.stepping.warming FOLDER")
+    from cosim.lowering import saved_code
+
+    compile_loop()
+    for file in saved_code():
+        kept = Path(arguments[0]) / file.parent.name / file.name
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        if kept != file:
+            shutil.copyfile(file, kept)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

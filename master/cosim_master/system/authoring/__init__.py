@@ -1,0 +1,1 @@
+"""Systems written: new, changed, saved, packed, converted, drawn."""

@@ -1,0 +1,226 @@
+"""Packs a system into one .ssp that has everything it needs: documents, parameters, mappings, dictionaries and FMUs.
+
+    SystemStructure.ssd    the system (and *.ssd, its variants)
+    resources/             everything that these refer to, and what that refers to
+
+Sources are rewritten to lead to the files in the archive; nothing else in a document changes, so that a run of the
+archive records what a run of the system does, bit for bit. The bytes of the archive follow from names and contents of
+its files alone. Files that nothing refers to stay behind. An .ssp that a component refers to is taken as it is.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from lxml import etree
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.files import archive
+from cosim_master.system.authoring.sources import Reference, references
+from cosim_master.system.flatten.check import check
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.reading.read import ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, read_system
+
+__all__ = ["Packed", "pack"]
+
+_RESOURCES = PurePosixPath("resources")
+_UNSAFE = re.compile(r"[^A-Za-z0-9._~-]")
+
+
+@dataclass(frozen=True, slots=True)
+class Packed:
+    """What was packed: the archive, its members by name, and which of them are variants."""
+
+    path: Path
+    members: tuple[str, ...]
+    variants: tuple[str, ...]
+
+
+def pack(system: str | Path, out: Path, *, variant: str | None = None, overwrite: bool = False) -> Packed:
+    """Write a system as one self-contained .ssp.
+
+    Args:
+        system: .ssd, .ssp or folder. Of an .ssp or a folder the variants come along: the .ssd files beside the root
+            document that no other one refers to.
+        out: the archive to write; its folder is made if need be.
+        variant: which .ssd is packed, alone, as the archive's system.
+        overwrite: whether `out` may exist.
+
+    Raises:
+        SystemDescriptionError: the system is wrong, it is a multi-model or an FMU, or `out` exists or cannot be
+            written. Nothing has been written then.
+    """
+    given = Path(system)
+    _refuse(given, out, overwrite=overwrite)
+    with read_system(system, variant) as structure:
+        checked = check(structure)
+        whole = variant is None and given.suffix.lower() != ".ssd"
+        variants = _variants(structure.document) if whole else []
+        for one in variants:
+            with read_system(system, one.name) as other:
+                check(other)
+        packing = _Packing(structure.document, variants)
+        _write(packing, checked, out)
+        members = tuple(sorted(map(str, packing.files)))
+        return Packed(out, members, tuple(one.name for one in variants))
+
+
+def _refuse(given: Path, out: Path, *, overwrite: bool) -> None:
+    problems = []
+    if given.suffix.lower() == ".json":
+        text = f"is a multi-model: write it as an SSP first: uav-cosim convert {given} -o FOLDER"
+        problems.append(Problem(Where(str(given)), text))
+    if given.suffix.lower() == ".fmu":
+        problems.append(Problem(Where(str(given)), "is one FMU, which has all that it needs; give a system"))
+    if out.suffix.lower() != ".ssp":
+        problems.append(Problem(Where(str(out)), "is not the name of an archive; give one that ends in .ssp"))
+    elif out.exists() and not overwrite:
+        problems.append(Problem(Where(str(out)), "exists; give another name, or --force to overwrite it"))
+    elif out.exists() and given.exists() and out.samefile(given):
+        problems.append(Problem(Where(str(out)), "is the system itself; give another name"))
+    if problems:
+        raise SystemDescriptionError(problems)
+
+
+def _variants(root: Path) -> list[Path]:
+    """The .ssd files beside the root document that none of them refers to."""
+    documents = sorted(path for path in root.parent.glob("*.ssd") if path.is_file())
+    parts = {
+        reference.target
+        for document in documents
+        for reference in references(document.read_bytes(), document, str(document))
+        if reference.target != document
+    }
+    return [document for document in documents if document != root and document not in parts]
+
+
+def _write(packing: _Packing, checked: CheckedSystem, out: Path) -> None:
+    """Write the archive beside its place, see that it is the same system, and put it there."""
+    part = out.with_name(f".{out.stem}.part.ssp")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="uav-cosim-pack-") as folder:
+            members: dict[str, Path] = {}
+            for number, (place, content) in enumerate(packing.files.items()):
+                if isinstance(content, bytes):
+                    file = Path(folder) / str(number)
+                    file.write_bytes(content)
+                    content = file
+                members[str(place)] = content
+            archive.pack(members, part)
+        with read_system(part) as structure:
+            again = check(structure)
+        names = [(one.name, one.fmu.digest, dict(one.start_values)) for one in checked.instances]
+        if names != [(one.name, one.fmu.digest, dict(one.start_values)) for one in again.instances]:
+            raise SystemDescriptionError([Problem(Where(str(out)), "would be another system: please report this")])
+        part.replace(out)
+    except OSError as error:
+        text = f"cannot be written: {error.strerror or error}"
+        raise SystemDescriptionError([Problem(Where(str(out)), text)]) from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+class _Packing:
+    """Where every file of a system is in the archive.
+
+    Attributes:
+        files: a file to copy, or its new bytes, by place.
+    """
+
+    def __init__(self, root: Path, variants: list[Path]) -> None:
+        self.files: dict[PurePosixPath, Path | bytes] = {}
+        self._base = root.parent
+        self._places: dict[Path, PurePosixPath] = {}
+        self._done: set[Path] = set()
+        self._take(root, PurePosixPath(ROOT_DOCUMENT))
+        for variant in variants:
+            self._take(variant, self._free(PurePosixPath(variant.name)))
+        for document in (root, *variants):
+            self._rewrite(document)
+
+    def _take(self, path: Path, place: PurePosixPath) -> PurePosixPath:
+        self._places[path] = place
+        self.files[place] = path
+        return place
+
+    def _free(self, place: PurePosixPath) -> PurePosixPath:
+        candidate, number = place, 1
+        while any(candidate == other or candidate in other.parents for other in self.files):
+            number += 1
+            candidate = place.with_name(f"{place.stem}-{number}{place.suffix}")
+        return candidate
+
+    def _place(self, path: Path, *, document: bool) -> PurePosixPath:
+        """The place of a file, which is taken in on first use; files of one content and name share theirs."""
+        if path in self._places:
+            return self._places[path]
+        place = _RESOURCES / path.name
+        if path.is_relative_to(self._base):
+            inside = PurePosixPath(path.relative_to(self._base).as_posix())
+            place = inside if inside.parts[0] == _RESOURCES.name else _RESOURCES / inside
+        # Not every tool undoes the escapes of a URI, so that names need none.
+        place = PurePosixPath(*(_UNSAFE.sub("_", part) for part in place.parts))
+        there = self.files.get(place)
+        if not document and isinstance(there, Path) and there.read_bytes() == path.read_bytes():
+            self._places[path] = place
+            return place
+        return self._take(path, self._free(place))
+
+    def _rewrite(self, document: Path) -> None:
+        """Let the sources of a document lead to the files in the archive, and do so with the documents among them."""
+        if document in self._done:
+            return
+        self._done.add(document)
+        place = self._places[document]
+        data = document.read_bytes()
+        pieces, at = [], 0
+        for reference in references(data, document, str(document)):
+            target = reference.target
+            if target is None:
+                continue
+            if not target.is_file():
+                text = f"refers to {target}, which does not exist"
+                raise SystemDescriptionError([Problem(Where(str(document)), text)])
+            inner = _is_document(reference, target)
+            there = self._dialect(target) if reference.dialect else self._place(target, document=inner)
+            pieces += [data[at : reference.start], reference.written(os.path.relpath(there, place.parent))]
+            at = reference.stop
+            if inner:
+                self._rewrite(target)
+        if pieces:
+            self.files[place] = b"".join([*pieces, data[at:]])
+
+    def _dialect(self, path: Path) -> PurePosixPath:
+        """The place of a MAVLink dialect; the files that it includes stay where they are beside it."""
+        if path not in self._places:
+            files = list(dict.fromkeys(_included(path, set())))
+            top = Path(os.path.commonpath([file.parent for file in files]))
+            folder = self._free(_RESOURCES / path.stem)
+            for file in files:
+                self._take(file, folder / file.relative_to(top).as_posix())
+        return self._places[path]
+
+
+def _is_document(reference: Reference, target: Path) -> bool:
+    """Whether a reference leads to another .ssd."""
+    if reference.dialect or not reference.elements:
+        return False
+    return reference.type == SSD_TYPE or (reference.type != SSP_TYPE and target.suffix.lower() == ".ssd")
+
+
+def _included(path: Path, seen: set[Path]) -> Iterator[Path]:
+    """A dialect and all files that it includes; those that are built in need not be there."""
+    if path in seen:
+        return
+    seen.add(path)
+    yield path
+    for include in etree.parse(path).getroot().findall("include"):
+        other = Path(os.path.normpath(path.parent / str(include.text).strip()))
+        if other.is_file():
+            yield from _included(other, seen)

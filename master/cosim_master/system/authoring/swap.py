@@ -1,0 +1,412 @@
+"""Changes a system in its files: `swap` gives components another FMU and leaves every other byte as it is.
+
+Only `source` attributes are touched, in the bytes of the file: comments, layout, geometry and everything foreign
+stay. A system is never written that `check` would refuse.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeAlias
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
+from cosim_master.files import archive
+from cosim_master.system import shipped
+from cosim_master.system.authoring.sources import references
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import FMU_TYPE, ROOT_DOCUMENT, SSP_TYPE, read_system
+from cosim_master.system.structure import Component, Element, System, SystemStructure
+
+__all__ = ["documents", "rebased", "swap"]
+
+
+def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | None = None) -> Path:
+    """Give one component of a system, or all that a pattern matches, another FMU.
+
+    An .ssd that serves other components too is copied, once for all that change alike, and only the references to it
+    are redirected; one whose every user changes is changed itself. Sources that lead out of the system's folder are
+    rewritten to lead to the same files from the new place.
+
+    Args:
+        system: .ssd, .ssp or folder.
+        component: hierarchical name of the component ("drone3.vehicle"), or a pattern of such names ("drone*.vehicle").
+        fmu: the FMU it gets; an .ssp takes a copy of it into resources/.
+        out: the new system: an .ssp or a folder, which must not exist. None changes `system` itself.
+
+    Returns:
+        What was written: `out`, or `system`.
+
+    Raises:
+        SystemDescriptionError: the system is wrong, there is no such component, or the FMU does not fit its
+            connectors and parameters; every mismatch at once. Nothing has been written then.
+    """
+    with read_system(system) as structure:
+        chains = _chains(structure, component)
+        path = Path(fmu)
+        if not path.is_file():
+            found = shipped.fmu(str(fmu))
+            if found is None:
+                raise _refusal(str(path), "no such file; give the FMU that the component is to have")
+            path = found
+        if out is None and not Path(system).exists():
+            raise _refusal(str(system), "a shipped system is not changed in place; give a path for the new one")
+        path = path.parent.resolve() / path.name
+        _check_fit(structure, chains, path)
+        target = Path(system) if out is None else Path(out)
+        if out is not None and target.exists():
+            raise _refusal(str(target), "exists already; give a path that does not")
+        edition = _Edition(structure, chains, path, target, in_place=out is None)
+        edition.write()
+        return target
+
+
+def _refusal(shown: str, message: str) -> SystemDescriptionError:
+    return SystemDescriptionError([Problem(Where(shown), message)])
+
+
+def _inside(element: Element) -> System | None:
+    if isinstance(element, System):
+        return element
+    return element.content if isinstance(element, Component) else None
+
+
+def _walk(system: System, name: str, chain: tuple[Element, ...]) -> Iterator[tuple[str, tuple[Element, ...]]]:
+    for element in system.elements:
+        full = f"{name}.{element.name}" if name else element.name
+        inner = (*chain, element)
+        yield full, inner
+        content = _inside(element)
+        if content is not None:
+            yield from _walk(content, full, inner)
+
+
+def _chains(structure: SystemStructure, component: str) -> list[tuple[Element, ...]]:
+    """The elements from the root system (excluded) to each component (included) that a name or pattern stands for."""
+    everything = list(_walk(structure.system, "", ()))
+    fmus = {name: chain for name, chain in everything if isinstance(chain[-1], Component) and _is_fmu(chain[-1])}
+    names = [component]
+    if is_pattern(component) and all(name != component for name, _ in everything):
+        names = matching(component, fmus)
+        if not names:
+            text = f'"{component}" matches no component that is an FMU; {near_pattern(component, fmus)}'
+            raise _refusal(str(structure.path), text)
+    by_name: dict[str, list[tuple[Element, ...]]] = {}
+    for name, chain in everything:
+        by_name.setdefault(name, []).append(chain)
+    return [_chain(structure, name, by_name.get(name, []), fmus) for name in names]
+
+
+def _chain(
+    structure: SystemStructure,
+    component: str,
+    found: Sequence[tuple[Element, ...]],
+    fmus: Mapping[str, tuple[Element, ...]],
+) -> tuple[Element, ...]:
+    """The one of the elements found under a name, if it is an FMU that can be swapped."""
+    if not found:
+        raise _refusal(str(structure.path), f'there is no component "{component}"; {near(component, fmus)}')
+    if len(found) > 1:
+        raise _refusal(str(structure.path), f'"{component}" names {len(found)} elements; rename all but one')
+    (chain,) = found
+    if not (isinstance(chain[-1], Component) and _is_fmu(chain[-1])):
+        if isinstance(chain[-1], Component) and chain[-1].content is None and chain[-1].source is not None:
+            text = f'"{component}" is the file {chain[-1].source.name}, not an FMU; change its source in the .ssd'
+            raise _refusal(str(structure.path), f"{text}; {near(component, fmus)}")
+        inner = [name for name in fmus if name.startswith(component + ".")]
+        raise _refusal(str(structure.path), f'"{component}" is a system, not an FMU; {near(component, inner)}')
+    shared = [element for element in chain if isinstance(element, Component) and element.type != SSP_TYPE]
+    for element in shared:
+        if element.fragment is not None:
+            text = f'"{component}" is inside "#{element.fragment}", which other components share'
+            raise SystemDescriptionError([Problem(element.where, text)])
+    packed = [element for element in chain if isinstance(element, Component) and element.type == SSP_TYPE]
+    if packed:
+        text = f'"{component}" is inside the archive of "{packed[0].name}"; unpack it to a folder to change it'
+        raise SystemDescriptionError([Problem(packed[0].where, text)])
+    return chain
+
+
+def _is_fmu(component: Component) -> bool:
+    return component.content is None and component.type == FMU_TYPE
+
+
+def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path) -> None:
+    """Check the system as it would be. A parameter that the new FMU has not is a mismatch here, not a note."""
+    gone = {one[-1].where for one in chains if isinstance(one[-1], Component) and one[-1].source is None}
+    # That the old FMU is missing may be why it is swapped.
+    problems = [
+        problem
+        for problem in structure.problems
+        if not (problem.where in gone and problem.message.startswith("source "))
+    ]
+    targets = {tuple(element.name for element in chain) for chain in chains}
+    system = _exchanged(structure.system, (), targets, fmu)
+    checked = check(replace(structure, system=system, problems=tuple(problems)))
+    heads = tuple(".".join(target) + "." for target in targets)
+    lost = [item for item in checked.unmatched if item.name.startswith(heads)]
+    if lost:
+        raise SystemDescriptionError(
+            Problem(item.where, f'{fmu.name} has no parameter for "{item.name}"; {item.hint}') for item in lost
+        )
+
+
+def _exchanged(system: System, path: tuple[str, ...], targets: set[tuple[str, ...]], fmu: Path) -> System:
+    """A system whose components at these paths have another FMU."""
+    heads = {target[: len(path) + 1] for target in targets}
+    elements: list[Element] = []
+    for element in system.elements:
+        here = (*path, element.name)
+        inside = _inside(element) if here in heads else None
+        if here in targets and isinstance(element, Component):
+            elements.append(replace(element, source=fmu))
+        elif inside is None:
+            elements.append(element)
+        else:
+            grown = _exchanged(inside, here, {target for target in targets if target[: len(here)] == here}, fmu)
+            elements.append(replace(element, content=grown) if isinstance(element, Component) else grown)
+    return replace(system, elements=tuple(elements))
+
+
+def documents(structure: SystemStructure) -> Iterator[Path]:
+    """The .ssd files of a system: its root, those of components, and the variants beside the root."""
+    yield structure.document
+    if structure.path.suffix.lower() != ".ssd":
+        yield from structure.document.parent.glob("*.ssd")
+    for _, chain in _walk(structure.system, "", ()):
+        element = chain[-1]
+        packed = any(isinstance(outer, Component) and outer.type == SSP_TYPE for outer in chain)
+        if not packed and isinstance(element, Component) and element.content is not None:
+            yield element.content.document
+
+
+def rebased(data: bytes, old: Path, new: Path, base: Path) -> bytes:
+    """The bytes of a document that moves from `old` to `new`: sources that lead out of the folder `base`, which moves
+    with it, are rewritten to lead to the same files."""
+    pieces, at = [], 0
+    for reference in references(data, old, str(old)):
+        if reference.target is None or reference.target.is_relative_to(base):
+            continue
+        written = reference.written(os.path.relpath(reference.target, new.parent))
+        pieces += [data[at : reference.start], written]
+        at = reference.stop
+    return b"".join([*pieces, data[at:]])
+
+
+_Change: TypeAlias = tuple[tuple[tuple[str, ...], Path | None, Any], ...]
+"""What changes in a document: names that lead to a component, and the document and its change behind that component,
+or None and nothing for one that gets the FMU. Components whose documents change alike share one."""
+
+
+class _Edition:
+    """A changed system: which files it has, and what is in those that change."""
+
+    def __init__(
+        self,
+        structure: SystemStructure,
+        chains: Sequence[Sequence[Element]],
+        fmu: Path,
+        target: Path,
+        *,
+        in_place: bool,
+    ) -> None:
+        self.structure = structure
+        self.fmu = fmu
+        self.in_place = in_place
+        self.target = target
+        self.base = structure.document.parent
+        self.packing = target.suffix.lower() == ".ssp"
+        self.root = self.base if in_place and not self.packing else target.parent.resolve() / target.name
+        self.files: dict[PurePosixPath, Path | bytes] = {}
+        """Content by path in the new system: a file to copy, or the bytes themselves."""
+        self.places: dict[Path, PurePosixPath] = {}
+        """Where files of the old system are in the new one."""
+        self.documents = set(documents(structure))
+        """The documents that may have to change; those in archives of their own never do."""
+        self.done: set[tuple[Path, tuple[str, ...]]] = set()
+        """The components whose source has been written, by document and names."""
+        self.targets = {tuple(element.name for element in chain) for chain in chains}
+        self.uses: dict[Path, dict[_Change, str]] = {}
+        """How each document changes for the components that refer to it, and who asks for each change first."""
+        self._take_over()
+        self._rewrite()
+
+    def _relative(self, path: Path) -> PurePosixPath | None:
+        return PurePosixPath(path.relative_to(self.base).as_posix()) if path.is_relative_to(self.base) else None
+
+    def _take_over(self) -> None:
+        """The files of the old system that the new one has too, unchanged at first."""
+        given = self.structure.path
+        if given.is_dir() or given.suffix.lower() == ".ssp":
+            members = [path for path in sorted(self.base.rglob("*")) if path.is_file()]
+        else:
+            members = sorted(path for path in self._reachable() if self._relative(path) is not None)
+        for path in members:
+            relative = self._relative(path)
+            if relative is None or (path.resolve().is_relative_to(self.root) and not self.in_place):
+                continue
+            if path == self.structure.document and not self.in_place:
+                relative = PurePosixPath(ROOT_DOCUMENT)
+            self.files[relative] = path
+            self.places[path] = relative
+
+    def _reachable(self) -> set[Path]:
+        """The documents of the system and every existing file they lead to."""
+        found = set(self.documents)
+        for document in self.documents:
+            found_here = references(document.read_bytes(), document, str(document))
+            targets = (reference.target for reference in found_here)
+            found.update(target for target in targets if target is not None and target.is_file())
+        return found
+
+    def _rewrite(self) -> None:
+        root = self.structure.document
+        change = self._change(self.structure.system, (), ())
+        placed: dict[tuple[Path, _Change], PurePosixPath] = {(root, change): self.places[root]}
+        own = {root: change}
+        copies: list[tuple[Path, _Change, PurePosixPath]] = []
+        for document, wanted in self.uses.items():
+            changes = [one for one in wanted if one]
+            if changes and () not in wanted and document in self.places and document not in own:
+                own[document] = changes.pop(0)
+                placed[document, own[document]] = self.places[document]
+            for one in changes:
+                place = self._copy_name(document, wanted[one])
+                self.files[place] = document  # the name is taken
+                placed[document, one] = place
+                copies.append((document, one, place))
+        for document in [path for path in self.places if path in self.documents]:
+            if not self.in_place or self.packing or own.get(document):
+                redirected = self._redirected(own.get(document, ()), placed)
+                self._place_document(document, self.places[document], redirected)
+        for document, one, place in copies:
+            self._place_document(document, place, self._redirected(one, placed))
+        asked = {(document, names) for document, one in placed for names, _, _ in one}
+        for document, _ in sorted(asked - self.done):
+            raise _refusal(str(document), "has a source that cannot be found to be changed")
+
+    def _change(self, system: System, path: tuple[str, ...], names: tuple[str, ...]) -> _Change:
+        """How the document changes that `system` is in; in `uses`, how those that it leads to do."""
+        found: list[tuple[tuple[str, ...], Path | None, Any]] = []
+        for element in system.elements:
+            here, inner = (*path, element.name), (*names, element.name)
+            if isinstance(element, System):
+                found += self._change(element, here, inner)
+            elif here in self.targets:
+                found.append((inner, None, ()))
+            elif isinstance(element, Component) and element.content is not None and element.type != SSP_TYPE:
+                document = element.content.document
+                change = self._change(element.content, here, ())
+                first = next((target for target in sorted(self.targets) if target[: len(here)] == here), here)
+                self.uses.setdefault(document, {}).setdefault(change, ".".join(first[:-1]))
+                if change:
+                    found.append((inner, document, change))
+        return tuple(found)
+
+    def _redirected(
+        self, change: _Change, placed: Mapping[tuple[Path, _Change], PurePosixPath]
+    ) -> dict[tuple[str, ...], PurePosixPath | Path]:
+        """Where the sources of a document lead that a change is about, by the names that lead to them."""
+        fmu = self._packed(self.fmu) if self.packing else self.fmu
+        return {names: fmu if inner is None else placed[inner, deeper] for names, inner, deeper in change}
+
+    def _copy_name(self, document: Path, owner: str) -> PurePosixPath:
+        relative = self._relative(document)
+        folder = PurePosixPath() if relative is None else relative.parent
+        stem = f"{document.stem}-{re.sub(r'[^A-Za-z0-9_.-]', '_', owner)}"
+        return self._free(folder, stem, document.suffix)
+
+    def _free(self, folder: PurePosixPath, stem: str, suffix: str) -> PurePosixPath:
+        candidate, number = folder / f"{stem}{suffix}", 1
+        while candidate in self.files or (self.in_place and not self.packing and (self.base / candidate).exists()):
+            number += 1
+            candidate = folder / f"{stem}-{number}{suffix}"
+        return candidate
+
+    def _packed(self, path: Path) -> PurePosixPath:
+        """The place in the archive of a file from outside; it is taken in on first use."""
+        if path not in self.places:
+            folder = PurePosixPath("resources")
+            same = folder / path.name
+            content = self.files.get(same)
+            if isinstance(content, Path) and content.read_bytes() == path.read_bytes():
+                self.places[path] = same
+                return same
+            place = self._free(folder, path.stem, path.suffix)
+            self.files[place], self.places[path] = path, place
+            if path in self.documents:
+                self._place_document(path, place, {})
+        return self.places[path]
+
+    def _place_document(
+        self,
+        document: Path,
+        place: PurePosixPath,
+        redirected: Mapping[tuple[str, ...], PurePosixPath | Path],
+    ) -> None:
+        """Put a document into the new system, with the sources changed that need it."""
+        data = document.read_bytes()
+        folder = self.root / place.parent
+        pieces, at = [], 0
+        for reference in references(data, document, str(document)):
+            old, wanted = reference.target, None
+            if reference.elements:
+                wanted = redirected.get(reference.elements)
+                self.done.add((document, reference.elements))
+            if wanted is None:
+                if old is None:
+                    continue
+                wanted = self.places.get(old, old)
+                if self.packing and isinstance(wanted, Path) and wanted.is_file():
+                    wanted = self._packed(wanted)
+            location = self.root / wanted
+            if old is not None and location == Path(os.path.normpath(folder / os.path.relpath(old, document.parent))):
+                continue
+            if reference.fragment and wanted in redirected.values():
+                reference = replace(reference, fragment="")
+            pieces += [data[at : reference.start], reference.written(os.path.relpath(location, folder))]
+            at = reference.stop
+        self.files[place] = b"".join([*pieces, data[at:]]) if pieces else document
+        self.places.setdefault(document, place)
+
+    def write(self) -> None:
+        """Write the new system: all of it beside its place first, so that a failure leaves nothing half done."""
+        if self.in_place and not self.packing:
+            self._write_changed()
+            return
+        self.root.parent.mkdir(parents=True, exist_ok=True)
+        part = self.root.with_name(self.root.name + ".part")
+        shutil.rmtree(part, ignore_errors=True)
+        try:
+            for place, content in self.files.items():
+                path = part / place
+                path.parent.mkdir(parents=True, exist_ok=True)
+                if isinstance(content, bytes):
+                    path.write_bytes(content)
+                else:
+                    shutil.copyfile(content, path)
+            if self.packing:
+                members = {str(place): part / place for place in self.files}
+                archive.pack(members, part / "packed.ssp")
+                (part / "packed.ssp").replace(self.root)
+            else:
+                part.replace(self.root)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+    def _write_changed(self) -> None:
+        # Copies first: the document that refers to them is replaced last, when everything it needs is there.
+        changed = [
+            (self.base / place, content if isinstance(content, bytes) else content.read_bytes())
+            for place, content in self.files.items()
+            if content != self.base / place
+        ]
+        for path, content in sorted(changed, key=lambda item: item[0].exists()):
+            part = path.with_name(path.name + ".part")
+            part.write_bytes(content)
+            part.replace(path)

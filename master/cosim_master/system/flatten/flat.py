@@ -1,0 +1,176 @@
+"""A checked system as plain data: instances, links between their variables, start values, all names resolved.
+
+`check` makes it; no FMU has been loaded.
+"""
+
+from __future__ import annotations
+
+import re
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from cosim_master.diagnostics.errors import FmuError, Where
+from cosim_master.fmi.description.read import FmuDescription, Start
+from cosim_master.fmi.description.units import Unit
+from cosim_master.fmi.slaves.solvers import Choice
+from cosim_master.system.flatten.init_order import Stage
+from cosim_master.system.flatten.parameters import Assignment, Unmatched
+from cosim_master.system.structure import Annotation, SystemStructure, Value
+
+__all__ = ["Alias", "CheckedSystem", "Instance", "Link", "OwnedAnnotation", "natural"]
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """An FMU instance to be.
+
+    Attributes:
+        name: hierarchical name ("drone1.vehicle"), unique.
+        start_values: what the system sets, in the FMU's units and types (enumerations as integers).
+        step_size: communication step in s: the system's, else the FMU's own, else None.
+        solver: of an FMU for Model Exchange, None for all others.
+        step_source: "system" or "FMU", whose it is; empty for none.
+    """
+
+    name: str
+    fmu: FmuDescription
+    start_values: Mapping[str, Value]
+    step_size: float | None
+    where: Where
+    solver: Choice | None = None
+    step_source: str = ""
+
+    def integrated(self, solver: Choice) -> Instance:
+        """The same with a solver; the FMU's state says all only if the solver remembers nothing."""
+        able, exchange = self.fmu.capabilities, self.fmu.model_exchange
+        if exchange is not None:
+            saves, serialises = exchange.saves_state, exchange.serialises_state
+            back = solver.can_go_back
+            able = replace(able, canGetAndSetFMUstate=back and saves, canSerializeFMUstate=back and serialises)
+        return replace(self, fmu=replace(self.fmu, capabilities=able), solver=solver)
+
+    def structural_values(self) -> dict[str, Start]:
+        """What the system sets structural parameters of FMI 3 to."""
+        variables = self.fmu.variables
+        return {n: x for n, x in self.start_values.items() if variables[n].causality == "structuralParameter"}
+
+    def clock_intervals(self) -> dict[str, float]:
+        """What the system sets as intervals of Clocks, s."""
+        variables = self.fmu.variables
+        return {name: float(value) for name, value in self.start_values.items() if variables[name].clock is not None}
+
+    def effective_values(self) -> dict[str, Start]:
+        """Start values of all parameters and inputs: the system's where it sets one, else the FMU's."""
+        own = {
+            variable.name: variable.start
+            for variable in self.fmu.variables.values()
+            if variable.start is not None and variable.settable and variable.causality in ("parameter", "input")
+        }
+        apart = {
+            v.name for v in self.fmu.variables.values() if v.causality == "structuralParameter" or v.clock is not None
+        }
+        return {name: value for name, value in {**own, **self.start_values}.items() if name not in apart}
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One variable driving another: value_target = factor * mapped(value_source) + offset.
+
+    Unit conversions and linear transformations of all connections on the way are in factor and offset, which are
+    1 and 0 for everything but Reals. Mapping transformations are in `mapping`: (source value, target value) of
+    Integers, Enumerations or Booleans, sorted; other values stay as they are.
+    `initial_only` links end at a parameter: exchanged while initializing only. `recoded` links carry packets between an
+    FMU of FMI 2 and one of FMI 3: "to bytes" or "to text" (base64); bytes are hexadecimal text in Python.
+    Where several links have one target, its value is their sum, in the order of `term`, which no other link has.
+    """
+
+    source: tuple[str, str]
+    target: tuple[str, str]
+    factor: float
+    offset: float
+    initial_only: bool
+    where: Where
+    mapping: tuple[tuple[int, int], ...] = ()
+    recoded: str = ""
+    term: int | None = None
+
+    def converted(self, value: Any) -> Any:
+        """The target's value for a value of the source.
+
+        Raises:
+            FmuError: packets of FMI 2 that are not base64 text.
+        """
+        if self.recoded:
+            if self.recoded == "to text":
+                return b64encode(bytes.fromhex(value)).decode()
+            try:
+                return b64decode(value, validate=True).hex()
+            except ValueError:
+                text = f"its packet output {self.source[1]} is not base64 text"
+                raise FmuError(self.source[0], "fmi2GetString", text) from None
+        for key, mapped in self.mapping:
+            if value == key:
+                value = mapped
+                break
+        return value if self.factor == 1.0 and self.offset == 0.0 else self.factor * value + self.offset
+
+
+@dataclass(frozen=True, slots=True)
+class Alias:
+    """The connector of a system as a signal: value = factor * mapped(source) + offset, in `unit`, as for `Link`."""
+
+    name: str
+    source: tuple[str, str]
+    factor: float
+    offset: float
+    unit: Unit | None
+    mapping: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class OwnedAnnotation:
+    """An annotation with the hierarchical name of the system or component it is on; empty for the root."""
+
+    owner: str
+    annotation: Annotation
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedSystem:
+    """A system without known problems.
+
+    Attributes:
+        structure: what was checked; keep it open as long as files of an .ssp are needed.
+        instances: sorted by name, drone2 before drone10.
+        links: sorted by target.
+        start_time, stop_time: s; stop_time None if the system names none.
+        init_order: stages of links: in initialization mode get all sources of a stage, set its targets (of a loop
+            again and again), go on to the next.
+        aliases: connectors of systems that are driven, sorted by name.
+        annotations: all of them, outer before inner.
+        unmatched: parameters of bindings that match nothing and are ignored.
+        notes: what was assumed or ignored, for the user.
+        assignments: start values given to each variable (instance, name), in rising precedence.
+        settings: attributes of our annotations that the run overrides, as text, by tag and name.
+    """
+
+    structure: SystemStructure
+    instances: tuple[Instance, ...]
+    links: tuple[Link, ...]
+    start_time: float
+    stop_time: float | None
+    init_order: tuple[Stage, ...]
+    aliases: tuple[Alias, ...]
+    annotations: tuple[OwnedAnnotation, ...]
+    unmatched: tuple[Unmatched, ...]
+    notes: tuple[str, ...]
+    assignments: Mapping[tuple[str, str], tuple[Assignment, ...]] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+
+def natural(name: str) -> tuple[tuple[str | int, ...], str]:
+    """Sort key that puts drone2 before drone10."""
+    parts = re.split(r"([0-9]+)", name)
+    return tuple(int(part) if index % 2 else part for index, part in enumerate(parts)), name

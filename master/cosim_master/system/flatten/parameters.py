@@ -1,0 +1,521 @@
+"""Applies parameter bindings: which start value each variable of each FMU gets, and from whom.
+
+Precedence (SSP 2.0, section 5.2.3): a higher level of the hierarchy wins over a lower one, at one level the later
+binding wins; a component that is an .ssd counts as its root system with its own bindings after the system's. A name
+applies to everything it matches, and is ignored, with a note, if it matches nothing. Under a parameter mapping only
+what it names is applied, by the names it gives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from cosim_master.diagnostics.errors import Finding, Problem, Where
+from cosim_master.diagnostics.limitations import MAPPED_BACK, SIGNAL_START
+from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
+from cosim_master.fmi.description.read import Variable
+from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
+from cosim_master.fmi.description.variables import INTEGER_RANGES
+from cosim_master.system.flatten.components import Part, Port, element_name, indices_of
+from cosim_master.system.flatten.wiring import SENDING, Route, Wiring
+from cosim_master.system.reading.ssp.grammar import SAME_TYPE
+from cosim_master.system.structure import (
+    Connection,
+    LinearTransformation,
+    Parameter,
+    ParameterBinding,
+    SignalDictionaryReference,
+    Value,
+)
+
+__all__ = ["Assignment", "Bindings", "Unmatched"]
+
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+_FLOATS = ("Real", "Float32")
+_OPTION = Where("--set")
+_NAMED = 5
+"""How many variables a message names."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unmatched:
+    """A parameter that matches nothing: its hierarchical name, and what may have been meant."""
+
+    name: str
+    where: Where
+    hint: str
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """One start value that somebody gave to a variable.
+
+    Attributes:
+        where: the parameter in its file.
+        owner: hierarchical name of the system or component that has the binding; empty for the root.
+        name: the name it was applied by, there.
+        text: the value as written, with its unit.
+        value: what the variable gets, in its own unit and type.
+    """
+
+    where: Where
+    owner: str
+    name: str
+    text: str
+    value: Value
+
+
+class Bindings:
+    """Start values by instance name and variable name, after `apply` and then `override`.
+
+    Attributes:
+        values: converted to unit and type of the variable; enumerations as integers.
+        unmatched: parameters that set nothing.
+        history: every value given to a variable, by instance and variable name; the last one counts.
+    """
+
+    def __init__(self, wiring: Wiring, problems: list[Problem], notes: list[str]) -> None:
+        self.values: dict[str, dict[str, Value]] = {}
+        self.unmatched: list[Unmatched] = []
+        self.history: dict[tuple[str, str], list[Assignment]] = {}
+        self._applied: tuple[Part, str, Parameter] | None = None
+        self._wiring = wiring
+        self._problems = problems
+        self._notes = notes
+
+    def apply(self, part: Part) -> None:
+        """Apply all bindings in `part`, inner ones first so that outer ones win."""
+        for child in part.children.values():
+            self.apply(child)
+        bindings: tuple[ParameterBinding, ...] = part.element.parameter_bindings
+        if part.system is not None and part.system is not part.element:
+            bindings = part.system.parameter_bindings + bindings
+        for binding in bindings:
+            if isinstance(part.element, SignalDictionaryReference):
+                self._notes.append(f"{binding.where}: a reference to a signal dictionary has no parameters to bind")
+                continue
+            for name, parameter in self._mapped(part, binding):
+                self._set(part, name, parameter)
+
+    def _mapped(self, part: Part, binding: ParameterBinding) -> Iterator[tuple[str, Parameter]]:
+        """What a binding applies: names, and parameters with what its mapping does with their values."""
+        named = {binding.prefix + parameter.name: parameter for parameter in binding.parameters}
+        if binding.mapping is None:
+            yield from named.items()
+            return
+        used = set()
+        for entry in binding.mapping:
+            if not entry.source:
+                continue
+            if (parameter := named.get(entry.source)) is None:
+                self._notes.append(
+                    f'{entry.where}: there is no parameter "{entry.source}"; {near(entry.source, named)}'
+                )
+                continue
+            used.add(entry.source)
+            yield (
+                entry.target,
+                replace(
+                    parameter,
+                    transformation=entry.transformation,
+                    suppress_unit_conversion=entry.suppress_unit_conversion,
+                ),
+            )
+        if empty := [entry.where for entry in binding.mapping if not entry.source]:
+            self._notes.append(
+                f'{empty[0]}: source="" names no parameter: {len(empty)} entries of the mapping map nothing'
+            )
+        for name in named.keys() - used:
+            full = f"{part.name}.{name}" if part.name else name
+            hint = "the parameter mapping of its binding does not name it"
+            self.unmatched.append(Unmatched(full, named[name].where, hint))
+
+    def take_constants(self) -> None:
+        """Give structural parameters the values of the constants that are connected to them; these win over all else.
+
+        Arrays have their sizes from them, which must be known before any FMU is loaded: the values of constants are
+        taken from descriptions.
+        """
+        for port, (connection, _) in self._wiring.incoming.items():
+            variable, route = port.variable, self._wiring.route(port)
+            if variable is None or variable.causality != "structuralParameter" or route.source is None:
+                continue
+            constant = route.source.variable
+            if constant is None or constant.start is None:
+                self._problems.append(Problem(connection.where, f"{route.source}: its FMU does not say its value"))
+                continue
+            value: Value = constant.start
+            if not isinstance(value, str):
+                value = type(value)(route.mapping[int(value)]) if value in route.mapping else value
+                value = value if (route.factor, route.offset) == (1.0, 0.0) else route.factor * value + route.offset
+            parameter = Parameter(constant.name, constant.type, value, connection.where)
+            self._applied = route.source.part, constant.name, parameter
+            self._store_value(port.part, variable, value, parameter)
+
+    def override(self, values: Mapping[str, str], hidden: Container[str] = ()) -> None:
+        """Set by hierarchical name or pattern, over everything else; one that matches nothing is a problem here.
+
+        Args:
+            hidden: names of elements of the root system that hide settings of the run (see `reading.overrides`).
+        """
+        root = self._wiring.root
+        for name, text in values.items():
+            matches = list(_matches(root, name))
+            if not matches and is_pattern(name):
+                matches = self._matched(name)
+            elif not matches:
+                tag = name.partition(".")[0]
+                remark = f'; "{tag}" is an element of this system here, not the annotation' if tag in hidden else ""
+                message = f'there is no variable "{name}"; {_hint(root, name)}{remark}'
+                self._problems.append(Problem(_OPTION, message))
+            for part, target in matches:
+                if target is None:
+                    continue
+                kind, items = target.type, target.items
+                kind = "Real" if kind == "Clock" else kind
+                if isinstance(target, Port):
+                    kind = kind or next((item.type for _, item, _ in self._driven(target)), None)
+                parameter = self._from_text(name, text, kind, items, _OPTION)
+                if parameter is not None:
+                    self._applied = root, name, parameter
+                    self._assign(part, target, parameter)
+
+    def _matched(self, pattern: str) -> list[tuple[Part, Variable | Port | None]]:
+        """What a pattern matches, if all of it can be set: variables of FMUs, and connectors of systems."""
+        named: dict[str, tuple[Part, Variable | Port | None]] = {}
+        broken = False
+        for part in self._wiring.root.walk():
+            broken = broken or part.broken
+            targets: Mapping[str, Variable | Port] = part.ports if part.fmu is None else part.fmu.variables
+            prefix = f"{part.name}." if part.name else ""
+            named |= {prefix + name: (part, target) for name, target in targets.items()}
+        found = matching(pattern, named)
+        if not found and not broken:
+            text = f'"{pattern}" matches no variable; {near_pattern(pattern, named)}'
+            self._problems.append(Problem(_OPTION, text))
+        refused: dict[str, list[str]] = {}
+        for name in found:
+            target = named[name][1]
+            if isinstance(target, Variable) and (trouble := _unsettable(target)) is not None:
+                refused.setdefault(trouble, []).append(name)
+        for trouble, names in refused.items():
+            some = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+            text = f'"{pattern}" matches {len(found)} variables, and {len(names)} of them {trouble}: {some}'
+            self._problems.append(Problem(_OPTION, text))
+        return [] if refused else [named[name] for name in found]
+
+    def _from_text(
+        self, name: str, text: str, kind: str | None, items: Mapping[str, int] | None, where: Where
+    ) -> Parameter | None:
+        value: Value
+        try:
+            kind = SAME_TYPE.get(kind or "", kind)
+            if kind in _FLOATS:
+                value = float(text)
+            elif kind == "Boolean":
+                value = _BOOLEANS[text.strip().lower()]
+            elif kind in INTEGER_RANGES or (kind == "Enumeration" and text.strip() not in (items or {})):
+                kind, value = "Integer", int(text)
+            else:
+                kind, value = kind or "String", text.strip() if kind == "Enumeration" else text
+        except (ValueError, KeyError):
+            expected = {"Boolean": "true or false", "Real": "a number", "Integer": "an integer"}
+            valid = expected.get(kind or "", "one of " + ", ".join(items or ()))
+            self._problems.append(Problem(where, f'{name}: "{text}" is not of its type; valid: {valid}'))
+            return None
+        return Parameter(name, kind, value, where)
+
+    def _set(self, part: Part, name: str, parameter: Parameter) -> None:
+        self._applied = part, name, parameter
+        if parameter.shape:
+            self._set_array(part, name, parameter)
+            return
+        matches = list(_matches(part, name))
+        for owner, target in matches:
+            if target is not None:
+                self._assign(owner, target, parameter)
+        if not matches:
+            self._unmatched(part, name, parameter, _hint(part, name))
+
+    def _unmatched(self, part: Part, name: str, parameter: Parameter, hint: str) -> None:
+        full = f"{part.name}.{name}" if part.name else name
+        self.unmatched.append(Unmatched(full, parameter.where, hint))
+
+    def _set_array(self, part: Part, name: str, parameter: Parameter) -> None:
+        """Set all elements of the arrays that a name matches: connectors of systems, and variables of FMI 3."""
+        found = False
+        for owner, rest in _owners(part, name):
+            shapes = owner.shapes if owner.fmu is None else owner.fmu.shapes
+            if rest in shapes:
+                found = True
+                if shapes[rest] != parameter.shape:
+                    sizes = ["x".join(map(str, shape)) for shape in (parameter.shape, shapes[rest])]
+                    text = f'"{parameter.name}" has {sizes[0]} values, but its target has {sizes[1]} elements'
+                    self._problems.append(Problem(parameter.where, text))
+                    continue
+                targets: Mapping[str, Variable | Port] = owner.ports if owner.fmu is None else owner.fmu.variables
+                for indices, value in zip(indices_of(parameter.shape), parameter.elements, strict=True):
+                    one = replace(parameter, value=value, shape=(), elements=())
+                    self._assign(owner, targets[element_name(rest, indices)], one)
+            elif owner.fmu is not None and rest in owner.fmu.variables:
+                found = True
+                text = f'"{parameter.name}" is an array, but {owner.fmu.path.name} has it as a scalar'
+                self._problems.append(Problem(parameter.where, text))
+        if not found:
+            hint = "an array sets arrays only; name the elements one by one to set scalars"
+            self._unmatched(part, name, parameter, hint)
+
+    def _assign(self, part: Part, target: Variable | Port, parameter: Parameter) -> None:
+        if isinstance(target, Variable):
+            self._store(part, target, parameter)
+            return
+        if target.entry is not None:
+            self._notes.append(f"{parameter.where}: {SIGNAL_START.text(parameter.name)}")
+            return
+        unit = target.unit or parameter.unit
+        kind = target.type or SAME_TYPE.get(parameter.type, parameter.type)
+        trouble, value = _converted(parameter, kind, unit, target.items)
+        self._look_at_units(parameter, kind, unit)
+        if trouble is not None:
+            self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
+            return
+        start = Route(None, 1.0, 0.0, unit, kind, target.items)
+        if target.kind in SENDING:
+            self._backwards(target, value, start, parameter)
+            return
+        driven = list(self._driven(target))
+        if not driven:
+            self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: {target} is not connected inside')
+        for inner, variable, connections in driven:
+            route = start
+            for connection, port in connections:
+                route = self._wiring.hop(route, connection, port)
+            number = route.mapping.get(value, value) if isinstance(value, int) else value
+            if isinstance(number, bool) and (variable.type in _FLOATS or variable.type in INTEGER_RANGES):
+                number = int(number)
+            if variable.type in _FLOATS and not isinstance(number, str | bool):
+                number = route.factor * float(number) + route.offset
+            self._store_value(inner, variable, number, parameter)
+
+    def _look_at_units(self, parameter: Parameter, kind: str, unit: Unit | None) -> None:
+        """Note that a value is not converted because a unit has no definition."""
+        if kind not in _FLOATS or parameter.unit is None or unit is None or parameter.suppress_unit_conversion:
+            return
+        try:
+            conversion(parameter.unit, unit)
+        except UndefinedUnit as error:
+            text = f'"{parameter.name}" is not converted: {error}'
+            self._notes.append(Finding(parameter.where, text, "unit without definition"))
+        except UnitError:
+            return  # a problem, reported where the value is converted
+
+    def _backwards(self, port: Port, value: Value, start: Route, parameter: Parameter) -> None:
+        """Set the variable that drives a connector of a system, so that the connector has the value."""
+        route = self._wiring.route(port)
+        if route.source is None or route.source.variable is None:
+            self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: nothing drives {port}')
+            return
+        if route.mapping:
+            text = MAPPED_BACK.text(parameter.name, port)
+            self._problems.append(Problem(parameter.where, text))
+            return
+        if start.type in _FLOATS and not isinstance(value, str | bool):
+            if route.factor == 0.0:
+                text = f'"{parameter.name}" cannot be set: what leads to {port} has the factor 0'
+                self._problems.append(Problem(parameter.where, text))
+                return
+            value = (float(value) - route.offset) / route.factor
+        self._store_value(route.source.part, route.source.variable, value, parameter)
+
+    def _driven(self, port: Port) -> Iterator[tuple[Part, Variable, tuple[tuple[Connection, Port], ...]]]:
+        """The FMU variables behind a connector of a system, with the connections that lead there."""
+        open_paths: list[tuple[Port, tuple[tuple[Connection, Port], ...]]] = [(port, ())]
+        seen = {port}
+        while open_paths:
+            at, path = open_paths.pop()
+            for connection, target in self._wiring.outgoing.get(at, ()):
+                if target in seen:
+                    continue
+                seen.add(target)
+                if target.variable is not None:
+                    yield target.part, target.variable, (*path, (connection, target))
+                elif target.kind in ("input", "parameter"):
+                    open_paths.append((target, (*path, (connection, target))))
+
+    def _store(self, part: Part, variable: Variable, parameter: Parameter) -> None:
+        kind = _kind(variable)
+        trouble, value = _unsettable(variable), parameter.value
+        unit = variable.unit
+        if unit is None and (port := part.ports.get(variable.name)) is not None:
+            unit = port.unit  # that of its connector, where the FMU has none: connections convert to it, too
+        if trouble is None:
+            trouble, value = _converted(parameter, kind, unit, variable.items)
+            self._look_at_units(parameter, kind, variable.unit)
+        if trouble is not None:
+            self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
+            return
+        self._store_value(part, variable, value, parameter)
+
+    def _store_value(self, part: Part, variable: Variable, value: Value, parameter: Parameter) -> None:
+        """Give a variable a start value that is in its own unit already."""
+        trouble = _unsettable(variable)
+        if trouble is None:
+            trouble, value = _of_type(variable, value)
+        if trouble is not None:
+            self._problems.append(Problem(parameter.where, f'"{parameter.name}" {trouble}'))
+            return
+        self.values.setdefault(part.name, {})[variable.name] = value
+        if self._applied is not None:
+            owner, name, given = self._applied
+            made = Assignment(given.where, owner.name, name, _shown(parameter), value)
+            self.history.setdefault((part.name, variable.name), []).append(made)
+
+
+def _shown(parameter: Parameter) -> str:
+    value = str(parameter.value).lower() if isinstance(parameter.value, bool) else str(parameter.value)
+    return value if parameter.unit is None else f"{value} {parameter.unit.name}"
+
+
+def _owners(part: Part, name: str) -> Iterator[tuple[Part, str]]:
+    """Every part in which a hierarchical name may end, and what is left of the name there."""
+    yield part, name
+    # Names of elements may contain dots, so every dot may be the one between an element and the rest.
+    dot = name.find(".")
+    while dot >= 0:
+        if (child := part.children.get(name[:dot])) is not None:
+            yield from _owners(child, name[dot + 1 :])
+        dot = name.find(".", dot + 1)
+
+
+def _matches(part: Part, name: str) -> Iterator[tuple[Part, Variable | Port | None]]:
+    """Everything a hierarchical name stands for in `part`; None for a name that leads into a broken part."""
+    for owner, rest in _owners(part, name):
+        if owner.broken:
+            yield owner, None
+        elif owner.fmu is not None:
+            if (variable := owner.fmu.variables.get(rest)) is not None:
+                yield owner, variable
+        elif (port := owner.ports.get(rest)) is not None:
+            yield owner, port
+
+
+def _hint(part: Part, name: str) -> str:
+    """What may have been meant by a name that matches nothing: names at the level where it goes wrong."""
+    rest, prefix = name, ""
+    while part.fmu is None and part.system is not None:
+        dots = [index for index, character in enumerate(rest) if character == "."]
+        child = next((part.children[rest[:dot]] for dot in dots if rest[:dot] in part.children), None)
+        if child is None:
+            break
+        prefix += child.element.name + "."
+        rest = rest[len(child.element.name) + 1 :]
+        part = child
+    if part.fmu is not None:
+        known = [variable.name for variable in part.fmu.variables.values() if variable.settable]
+    else:
+        known = [*part.ports, *(f"{child}." for child in part.children)]
+    return near(prefix + rest, (prefix + item for item in known))
+
+
+def _unsettable(variable: Variable) -> str | None:
+    if variable.settable:
+        return None
+    if variable.clock is not None:
+        what = f"it is a {variable.clock.kind} Clock"
+        return f"cannot be set: {what}; only the interval of fixed and tunable ones with an intervalDecimal can be"
+    initial = f", initial {variable.initial}" if variable.initial else ""
+    what = f"{variable.causality}, {variable.variability}{initial}"
+    return f"cannot be set: it is {what}; only inputs and variables with a start value can be"
+
+
+def _converted(
+    parameter: Parameter, kind: str, unit: Unit | None, items: Mapping[str, int] | None
+) -> tuple[str | None, Value]:
+    """What is wrong with a parameter for something of type `kind`, or None and the value it gives to it.
+
+    First the unit is converted, then the transformation of a parameter mapping is applied (SSP 2.0, section 7.1.1).
+    An Enumeration stays an item's name where the items are not known.
+    """
+    value, given = parameter.value, SAME_TYPE.get(parameter.type, parameter.type)
+    if kind in _FLOATS and (given in _FLOATS or given in INTEGER_RANGES):
+        number = float(value)
+        if unit is not None and parameter.unit is not None and not parameter.suppress_unit_conversion:
+            try:
+                factor, offset = conversion(parameter.unit, unit)
+            except UndefinedUnit:
+                factor, offset = 1.0, 0.0
+            except UnitError as error:
+                return f"cannot be set: {error}", value
+            number = factor * number + offset
+        table = parameter.transformation
+        if isinstance(table, LinearTransformation):
+            return None, table.factor * number + table.offset
+        return (None, number) if table is None else (f"cannot be transformed by <{table.type}Mapping...>", value)
+    if kind != given and not (kind in (*INTEGER_RANGES, "Enumeration") and given in (*INTEGER_RANGES, "Enumeration")):
+        return f"is given as {given}, but its variable is {kind}", value
+    if kind in INTEGER_RANGES and given == "Enumeration":
+        return f"is given as {given}, but its variable is {kind}", value
+    return _by_table(parameter, kind, items)
+
+
+def _by_table(parameter: Parameter, kind: str, items: Mapping[str, int] | None) -> tuple[str | None, Value]:
+    """A value that is no Real, after the mapping transformation of a parameter mapping, if there is one."""
+    value, table = parameter.value, parameter.transformation
+    if isinstance(table, LinearTransformation):
+        return f"cannot be transformed: a LinearTransformation needs a Real, but it is {kind}", value
+    if table is not None:
+        valid = {"Boolean": ("Boolean",), "Enumeration": ("Enumeration",)}.get(
+            table.type, (*INTEGER_RANGES, "Enumeration")
+        )
+        if kind not in valid or (table.type == "Enumeration" and not isinstance(value, str)):
+            return f"cannot be transformed: <{table.type}MappingTransformation> is not for {parameter.type}", value
+        if table.type == "Integer" and isinstance(value, str):
+            value = (items or {}).get(value, value)
+        value = dict(table.entries).get(value, value)
+    if kind == "Enumeration" and isinstance(value, str) and items is not None:
+        if value not in items:
+            return f'is set to "{value}", which its enumeration does not have; {near(value, items)}', value
+        value = items[value]
+    return None, value
+
+
+def _of_type(variable: Variable, value: Value) -> tuple[str | None, Value]:
+    """What is wrong with a value for a variable, or None and the value in the variable's type."""
+    kind, items = _kind(variable), variable.items or {}
+    if kind == "Enumeration" and isinstance(value, str):
+        if value not in items:
+            return f'is set to "{value}", which its enumeration does not have; {near(value, items)}', value
+        value = items[value]
+    elif kind == "Enumeration" and items and value not in items.values():
+        listed = ", ".join(f"{item} = {number}" for item, number in items.items())
+        return f"is set to {value}, which its enumeration does not have; valid: {listed}", value
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    whole = number and isinstance(value, int)
+    fits = {"Boolean": isinstance(value, bool), "String": isinstance(value, str), "Binary": isinstance(value, str)}
+    if not fits.get(kind, number if kind in _FLOATS else whole):
+        return f"is set to {value!r}, but its variable is {kind}", value
+    return _out_of_range(variable, value), value
+
+
+def _kind(variable: Variable) -> str:
+    """The type of what a variable can be set to: of a Clock, its interval."""
+    return "Real" if variable.type == "Clock" else SAME_TYPE.get(variable.type, variable.type)
+
+
+def _out_of_range(variable: Variable, value: Value) -> str | None:
+    if isinstance(value, bool | str) or variable.type == "Enumeration":
+        return None
+    if isinstance(value, float) and math.isnan(value):
+        return "is set to NaN, which is no start value"
+    kind = SAME_TYPE.get(variable.fmi_type or variable.type, variable.fmi_type or variable.type)
+    kind = "Real" if kind == "Clock" else kind
+    smallest, largest = INTEGER_RANGES.get(kind, (-math.inf, math.inf))
+    if not smallest <= value <= largest:
+        return f"is set to {value}, which does not fit into {variable.fmi_type or '32 bits'}"
+    low = -math.inf if variable.minimum is None else variable.minimum
+    high = math.inf if variable.maximum is None else variable.maximum
+    if not low <= value <= high:
+        return f"is set to {value:g}, which is outside of its range; valid: {low:g} to {high:g}"
+    return None

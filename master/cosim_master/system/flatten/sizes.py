@@ -1,0 +1,86 @@
+"""Sizes of array connectors that are those of other connectors: sizeConnector (SSP 2.0, section 4.5.3).
+
+An array of an FMU has the size that the FMU gives it, an array connector of a system that of what it is connected to
+(`components`). Sizes are checked here, when all connections are known: the other connector must be the structural
+parameter or the constant of an FMU, through however many systems, and have that value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from cosim_master.diagnostics.errors import Problem
+from cosim_master.diagnostics.limitations import SIZE_CONNECTOR
+from cosim_master.diagnostics.names import near
+from cosim_master.system.flatten.components import Part, Port
+from cosim_master.system.flatten.wiring import Wiring
+from cosim_master.system.structure import Connector, System, Value
+
+__all__ = ["check_sizes"]
+
+
+def check_sizes(wiring: Wiring, values: Mapping[str, Mapping[str, Value]], problems: list[Problem]) -> None:
+    """Compare sizes with the connectors that they are said to be those of.
+
+    Args:
+        wiring: all connections.
+        values: what is set, by instance and variable.
+        problems: appended to.
+    """
+    for part in wiring.root.walk():
+        for connector in _connectors(part):
+            for i, dimension in enumerate(connector.dimensions):
+                shape = part.shapes.get(connector.name)
+                if dimension.connector is not None and shape is not None and not part.broken:
+                    text = _wrong(wiring, values, part, connector.name, dimension.connector, shape[i : i + 1])
+                    if text:
+                        problems.append(Problem(connector.where, text))
+
+
+def _connectors(part: Part) -> Iterator[Connector]:
+    """What is said about the connectors of a part, where it is used and inside of it."""
+    if isinstance(part.element, System):
+        yield from part.element.connectors
+    else:
+        yield from part.element.connectors
+        if part.system is not None:
+            yield from part.system.connectors
+
+
+def _wrong(
+    wiring: Wiring,
+    values: Mapping[str, Mapping[str, Value]],
+    part: Part,
+    name: str,
+    size_connector: str,
+    size: tuple[int, ...],
+) -> str:
+    """What is wrong with a size that is said to be that of a connector; empty if nothing is."""
+    port = part.ports.get(size_connector)
+    if port is None:
+        hint = near(
+            size_connector, [p.name for p in part.ports.values() if p.kind in ("structuralParameter", "constant")]
+        )
+        return f'array connector "{name}": there is no connector "{size_connector}" that has its size; {hint}'
+    found = _value(wiring, values, port)
+    if found is None:
+        return SIZE_CONNECTOR.text(name, size_connector)
+    if size and size[0] != found:
+        return f'array connector "{name}" has the size {size[0]}, but "{size_connector}", which says it, is {found}'
+    return ""
+
+
+def _value(wiring: Wiring, values: Mapping[str, Mapping[str, Value]], port: Port) -> Value | None:
+    """The value of the structural parameter or constant of an FMU that a port is, leads to or comes from."""
+    pending, seen = [port], set[Port]()
+    while pending:
+        one = pending.pop()
+        seen.add(one)
+        v = one.variable
+        if v is not None and (v.causality == "structuralParameter" or v.variability == "constant"):
+            return values.get(one.part.name, {}).get(v.name, v.start)
+        around = [target for _, target in wiring.outgoing.get(one, ())]
+        if one in wiring.incoming:
+            around.append(wiring.incoming[one][1])
+        pending += [other for other in around if other not in seen]
+    return None

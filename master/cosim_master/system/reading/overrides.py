@@ -1,0 +1,35 @@
+"""Settings of radio and recording that a run overrides: `network.loss`, `recording.interval`.
+
+Their names are the attributes of the annotations org.uav-cosim.network and org.uav-cosim.recording, behind the tag of
+the annotation's element. An element of the root system that is called so wins: what begins with its name is then a
+variable, and the annotation alone can set the radio or the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cosim_master.system.structure import SystemStructure
+
+__all__ = ["SETTINGS", "apart", "hidden"]
+
+SETTINGS = ("network", "recording")
+
+
+def apart(overrides: Mapping[str, str], structure: SystemStructure) -> tuple[dict[str, str], dict[str, dict[str, str]]]:
+    """The overrides of variables, and those of settings: their texts by tag and attribute."""
+    tags = set(SETTINGS) - hidden(structure)
+    variables: dict[str, str] = {}
+    settings: dict[str, dict[str, str]] = {}
+    for name, text in overrides.items():
+        tag, dot, attribute = name.partition(".")
+        if dot and tag in tags:
+            settings.setdefault(tag, {})[attribute] = text
+        else:
+            variables[name] = text
+    return variables, settings
+
+
+def hidden(structure: SystemStructure) -> set[str]:
+    """The settings that a run cannot override, since an element of the root system has their name."""
+    return set(SETTINGS) & {element.name for element in structure.system.elements}

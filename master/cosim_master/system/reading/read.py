@@ -1,0 +1,166 @@
+"""Reads a system: an .ssd file, an .ssp archive or a folder, and everything it refers to, into a `SystemStructure`.
+
+SSP 1.0 and 2.0. Whatever cannot be run is a problem with file and line, whatever the standard has not is reported
+with what would be valid; geometry is drawing only and passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.names import near
+from cosim_master.system import shipped
+from cosim_master.system.reading.into_cps import read_multimodel
+from cosim_master.system.reading.osp import OSP_DOCUMENT, read_osp
+from cosim_master.system.reading.single_fmu import read_fmu
+from cosim_master.system.reading.ssp.references import File, Files, parsed
+from cosim_master.system.reading.ssp.ssd import COMPONENT_TYPES, FMU_TYPE, ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, Document
+from cosim_master.system.structure import SystemStructure
+
+__all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE", "read_system"]
+
+
+def read_system(path: str | Path, variant: str | None = None) -> SystemStructure:
+    """Read a system structure and everything it refers to, except the inside of FMUs.
+
+    Args:
+        path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, a multi-model (.json), an FMU, which
+            then is the only component of a system, or the name of a shipped system where there is no such file.
+        variant: which .ssd at the root of the archive or folder: the name of the description in it, or of its file.
+            None: SystemStructure.ssd.
+
+    Returns:
+        The structure. What is wrong with its files is in `problems`, so that `check` can report it together with
+        what is wrong with the FMUs and connections; close it to remove an unpacked archive.
+
+    Raises:
+        SystemDescriptionError: there is no readable root document at all, or no such variant.
+    """
+    given = Path(path)
+    if not given.exists():
+        given = _shipped(str(path))
+    place = given.absolute()
+    files = Files()
+    if given.suffix.lower() == ".fmu":
+        if variant is not None:
+            message = f'an FMU has no variants; give it without --variant "{variant}"'
+            raise SystemDescriptionError([Problem(Where(str(given)), message)])
+        return read_fmu(given)
+    if given.suffix.lower() == ".json":
+        if variant is not None:
+            message = f'a multi-model has no variants; give it without --variant "{variant}"'
+            raise SystemDescriptionError([Problem(Where(str(given)), message)])
+        return read_multimodel(given)
+    if given.is_dir() and not (given / ROOT_DOCUMENT).is_file() and (given / OSP_DOCUMENT).is_file():
+        given = given / OSP_DOCUMENT
+    if given.suffix.lower() == ".xml":
+        if variant is not None:
+            message = f'a structure of OSP has no variants; give it without --variant "{variant}"'
+            raise SystemDescriptionError([Problem(Where(str(given)), message)])
+        return read_osp(given)
+    try:
+        if given.is_dir():
+            root = _chosen(File(place, str(given)), variant, files)
+        elif given.suffix.lower() == ".ssp":
+            root = _chosen(files.unpacked(File(place, str(given))), variant, files)
+        elif given.suffix.lower() == ".ssd":
+            if variant is not None:
+                message = f'a single .ssd has no variants; give it without --variant "{variant}"'
+                raise SystemDescriptionError([Problem(Where(str(given)), message)])
+            root = File(place, str(given))
+        else:
+            kinds = f"an .ssd, an .ssp, an .fmu, a multi-model (.json), an {OSP_DOCUMENT}"
+            message = f"is neither {kinds} nor a folder with {ROOT_DOCUMENT}"
+            raise SystemDescriptionError([Problem(Where(str(given)), message)])
+        return _structure(given, root, files)
+    except BaseException:
+        for opened in files.archives:
+            opened.close()
+        raise
+
+
+def _shipped(name: str) -> Path:
+    """The folder of a shipped system.
+
+    Raises:
+        SystemDescriptionError: there is none of this name, or its FMUs cannot be built.
+    """
+    try:
+        found = shipped.find(name)
+    except (RuntimeError, ValueError, ImportError) as error:
+        raise SystemDescriptionError([Problem(Where(name), f"its FMUs cannot be built: {error}")]) from None
+    if found is None:
+        message = f"no such file or folder; give an .ssd, an .ssp or a folder with {ROOT_DOCUMENT}"
+        if names := shipped.names():
+            message += f", or the name of a shipped system ({near(name, names)})"
+        raise SystemDescriptionError([Problem(Where(name), message)])
+    return found
+
+
+def _chosen(folder: File, variant: str | None, files: Files) -> File:
+    """The root document of a folder or unpacked archive (SSP 2.0, section 3)."""
+    documents = {
+        path.name: File(path, f"{folder.shown}/{path.name}", folder.boundary)
+        for path in sorted(folder.path.glob("*.ssd"))
+        if path.is_file()
+    }
+    default = documents.get(ROOT_DOCUMENT, File(folder.path / ROOT_DOCUMENT, f"{folder.shown}/{ROOT_DOCUMENT}"))
+    if variant is None:
+        # A folder may hold what components refer to; in an archive only resources/ may.
+        others = [name for name in documents if name != ROOT_DOCUMENT]
+        if others and folder.boundary is not None:
+            listed = ", ".join(others)
+            files.notes.append(f"{folder.shown}: variants {listed} are left out; {ROOT_DOCUMENT} is used")
+        return default
+    named: dict[str, list[str]] = {}
+    for name, file in documents.items():
+        named.setdefault(_name_of(file), []).append(name)
+    matching = named.get(variant) or [name for name in (variant, f"{variant}.ssd") if name in documents]
+    if len(matching) == 1:
+        return documents[matching[0]]
+    where = Where(folder.shown)
+    if matching:
+        message = f'{" and ".join(matching)} both have the name "{variant}"; give the name of the file instead'
+    else:
+        message = f'there is no variant "{variant}"; {near(variant, _names(named, documents))}'
+    raise SystemDescriptionError([Problem(where, message)])
+
+
+def _names(named: dict[str, list[str]], documents: dict[str, File]) -> Sequence[str]:
+    return [name for name in named if name] or list(documents)
+
+
+def _name_of(file: File) -> str:
+    """The name of the description in an .ssd; empty if it cannot be read, which is said when it is chosen."""
+    try:
+        return parsed(file).get("name", "")
+    except SystemDescriptionError:
+        return ""
+
+
+def _structure(given: Path, file: File, files: Files) -> SystemStructure:
+    if not file.path.is_file():
+        raise SystemDescriptionError([Problem(Where(file.shown), "no such file")])
+    document = Document(file, files, ((file.path.resolve(), ""),))
+    root = document.root
+    system = document.system()
+    start, stop = document.experiment()
+    document.validate()
+    return SystemStructure(
+        name=root.get("name", ""),
+        version=root.get("version", ""),
+        path=given,
+        document=file.path.resolve(),
+        system=system,
+        where=document.reader.where(root),
+        start_time=start,
+        stop_time=stop,
+        units=document.defined.units,
+        enumerations=document.defined.enumerations,
+        annotations=document.annotations(root),
+        problems=tuple(dict.fromkeys(files.problems)),
+        notes=tuple(dict.fromkeys(files.notes)),
+        archives=tuple(files.archives),
+    )

@@ -1,0 +1,92 @@
+"""One FMU as a system: what a run of `X.fmu` alone is a run of.
+
+The system has one component, named as the model in it, and no connections: all outputs are signals, all parameters
+and inputs can be set. Start and stop time are those of the FMU's DefaultExperiment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from cosim_master.diagnostics.errors import Where
+from cosim_master.fmi.description.read import describe
+from cosim_master.system.reading.overrides import SETTINGS
+from cosim_master.system.structure import Component, System, SystemStructure
+
+__all__ = ["as_model_exchange", "full_names", "output_interval", "read_fmu"]
+
+_FMU_TYPE = "application/x-fmu-sharedlibrary"
+
+
+def read_fmu(path: Path) -> SystemStructure:
+    """The system of one FMU.
+
+    Raises:
+        SystemDescriptionError: all that is wrong with the FMU.
+    """
+    fmu = describe(path)
+    where, file = Where(str(path)), path.absolute()
+    name = fmu.model_name or path.stem
+    component = Component(
+        name=name,
+        type=_FMU_TYPE,
+        source=file,
+        implementation="any",
+        connectors=(),
+        parameter_bindings=(),
+        annotations=(),
+        where=where,
+    )
+    system = System(
+        name=name,
+        connectors=(),
+        parameter_bindings=(),
+        elements=(component,),
+        connections=(),
+        annotations=(),
+        document=file.resolve(),
+        where=where,
+    )
+    return SystemStructure(
+        name=name,
+        version="1.0",
+        path=path,
+        document=file.resolve(),
+        system=system,
+        where=where,
+        start_time=fmu.start_time or 0.0,
+        stop_time=fmu.stop_time,
+    )
+
+
+def output_interval(span: float) -> float:
+    """A step for an FMU that proposes none, s: 1, 2 or 5 times a power of ten, 500 or more of which make `span` s."""
+    ticks = round(span * 1e9)
+    candidates = (factor * 10**power for power in range(18, -1, -1) for factor in (5, 2, 1))
+    fitting = (tick for tick in candidates if ticks >= 500 * tick and ticks % tick == 0)
+    return next(fitting, max(ticks // 500, 1)) / 1e9
+
+
+def as_model_exchange(structure: SystemStructure) -> SystemStructure:
+    """The system of one FMU with the FMU's interface for Model Exchange, whatever else it has."""
+    if structure.path.suffix.lower() != ".fmu":
+        return structure
+    elements = tuple(
+        replace(one, implementation="ModelExchange") if isinstance(one, Component) else one
+        for one in structure.system.elements
+    )
+    return replace(structure, system=replace(structure.system, elements=elements))
+
+
+def full_names(structure: SystemStructure, values: Mapping[str, str]) -> dict[str, str]:
+    """Values by hierarchical name, where the names of variables suffice for a system that is one FMU.
+
+    Settings of radio and recording keep their names; a variable called so needs the name of the model before it.
+    """
+    if structure.path.suffix.lower() != ".fmu":
+        return dict(values)
+    head = f"{structure.name}."
+    kept = (head, *(f"{tag}." for tag in SETTINGS))
+    return {name if name.startswith(kept) else head + name: value for name, value in values.items()}

@@ -1,0 +1,1 @@
+"""SSP's own files: their grammar, their parts."""

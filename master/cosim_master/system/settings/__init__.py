@@ -1,0 +1,1 @@
+"""Settings of a checked system: time, master, network, changes during the run."""

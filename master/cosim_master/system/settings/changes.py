@@ -1,0 +1,123 @@
+"""Values that a run changes while it is going on: tunable parameters, and inputs that nothing is connected to.
+
+Between two steps FMI 2 allows no others to be set (FMI 2.0.5, section 4.2.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.limitations import CHANGE, CLOCKED_CHANGE, STRUCTURAL_CHANGE
+from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
+from cosim_master.fmi.description.read import Start, Variable
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.reading.overrides import SETTINGS
+from cosim_master.system.settings.time_grid import Timing
+
+__all__ = ["Change", "changes"]
+
+_WHERE = Where("--at")
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Before the step that begins at base step `k`, `variable` of instance number `instance` gets `value`."""
+
+    k: int
+    instance: int
+    variable: Variable
+    value: Start
+
+
+def changes(checked: CheckedSystem, clock: Timing, wanted: Sequence[tuple[float, str, str]]) -> tuple[Change, ...]:
+    """Check changes and put them into the order of time; of two at one time the later one in `wanted` wins.
+
+    Args:
+        wanted: time in s, hierarchical name or pattern of variables, their new value as text (of an enumeration the
+            item's name).
+
+    Raises:
+        SystemDescriptionError: all that is wrong with them.
+    """
+    if not wanted:
+        return ()
+    problems: list[Problem] = []
+    found: list[Change] = []
+    variables = {
+        f"{instance.name}.{name}": (i, variable)
+        for i, instance in enumerate(checked.instances)
+        for name, variable in instance.fmu.variables.items()
+    }
+    driven = {".".join(link.target) for link in checked.links}
+    for time, name, text in wanted:
+        k = _base_step(clock, time)
+        try:
+            for target in _targets(name, variables, driven):
+                number, variable = variables[target]
+                period = clock.periods[number]
+                if k is None or k % period:
+                    raise ValueError(_expected(clock, period, checked.instances[number].name))
+                found.append(Change(k, number, variable, variable.parsed(text)))
+        except ValueError as error:
+            problems.append(Problem(_WHERE, f"{time:g} {name}={text}: {error}"))
+    if problems:
+        raise SystemDescriptionError(problems)
+    return tuple(sorted(found, key=lambda change: change.k))
+
+
+def _targets(name: str, variables: Mapping[str, tuple[int, Variable]], driven: Container[str]) -> list[str]:
+    """The variables that a name or pattern stands for, all of which can be changed.
+
+    Raises:
+        ValueError: there is none, or one of them cannot be changed.
+    """
+    if name in variables:
+        _check_changeable(variables[name][1], driven=name in driven)
+        return [name]
+    if not is_pattern(name):
+        if name.partition(".")[0] in SETTINGS:
+            raise ValueError("settings of radio and recording cannot change during a run; give them by --set")
+        raise ValueError(f"there is no such variable; {near(name, variables)}")
+    found = matching(name, variables)
+    if not found:
+        raise ValueError(f"it matches no variable; {near_pattern(name, variables)}")
+    for one in found:
+        try:
+            _check_changeable(variables[one][1], driven=one in driven)
+        except ValueError as error:
+            raise ValueError(f"it matches {len(found)} variables, one of them {one}: {error}") from None
+    return found
+
+
+def _base_step(clock: Timing, time: float) -> int | None:
+    """The base step that begins at `time`, None if none does."""
+    ticks = time * 1e9 * clock.per_ns - clock.start
+    if not abs(ticks) < 2**62:
+        return None
+    k = round(ticks / clock.base)
+    return k if 0 <= k < clock.steps and abs(k * clock.base - ticks) < 0.5 * clock.per_ns else None
+
+
+def _expected(clock: Timing, period: int, name: str) -> str:
+    start, step = clock.time(0), clock.seconds(period)
+    last = start + (clock.steps - 1) // period * step
+    return CHANGE.text(name, f"{step:g}", f"{start:g}", f"{last:g}")
+
+
+def _check_changeable(variable: Variable, *, driven: bool) -> None:
+    if driven:
+        raise ValueError("it is connected, and gets its value from there")
+    if variable.packet_capacity is not None:
+        raise ValueError("it carries packets")
+    if variable.clocks:
+        raise ValueError(CLOCKED_CHANGE.text(variable.clocks[0]))
+    if variable.clock is not None and (variable.clock.kind != "tunable" or not variable.settable):
+        raise ValueError(f"it is a {variable.clock.kind} Clock; only the interval of tunable ones can be changed")
+    if variable.causality == "structuralParameter":
+        raise ValueError(STRUCTURAL_CHANGE.text())
+    tunable = variable.causality == "parameter" and variable.variability == "tunable"
+    if not tunable and variable.causality != "input":
+        what = f"{variable.causality}, {variable.variability}"
+        raise ValueError(f"it is {what}; only tunable parameters and inputs can be changed during a run")

@@ -1,0 +1,396 @@
+"""How the instances of a system are coupled: the master's algorithm, from the annotation of the root system.
+
+    <ssc:Annotation type="org.uav-cosim.master">
+      <master xmlns="https://uav-cosim.org/ns/1" algorithm="gauss-seidel" order="controller plant">
+        <connection to="plant.force" delay="0.01" start="0.5"/>
+      </master>
+    </ssc:Annotation>
+
+`algorithm`: "jacobi" (the default), "gauss-seidel", "fixed-point", "quasi-newton" or "richardson"; docs/masters.md says
+what each guarantees, and when it refuses.
+`order`: of instances that depend on each other, as far as it is to be a certain one.
+`tolerance`, `iterations`, `relaxation`: of the two that iterate. `tolerance`, `minimumStep`, `maximumStep` (s): of
+Richardson.
+`nan`: "refuse" (the default) ends a run with an output that is NaN, "allow" does not.
+`extrapolation`: 1 gives Real inputs their derivatives along, of all connections or of one.
+`connection`: the one that drives the input `to`. `delay` in s: the input at t is the output of t - delay, until then
+`start` (in the input's unit; without it, what the input starts with). A delayed connection takes no part in the
+exchange of initialization.
+
+Reads settings and puts instances in order; steps nothing.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.limitations import (
+    EXTRAPOLATION,
+    FINE_GRID,
+    LOOP_EVENTS,
+    LOOP_STATE,
+    STEP_CONTROL,
+    STEP_DELAY,
+    STEP_FRACTION,
+)
+from cosim_master.diagnostics.names import near
+from cosim_master.fmi.description.read import Start, Variable
+from cosim_master.system.flatten.flat import CheckedSystem, Instance, Link, natural
+from cosim_master.system.flatten.init_order import Stage, components, exchange_order
+from cosim_master.system.settings.annotation import Attributes, root_annotation
+
+__all__ = ["ANNOTATION", "Coupling", "Delay", "Target", "connected", "coupling_of"]
+
+ANNOTATION = "org.uav-cosim.master"
+ALGORITHMS = ("jacobi", "gauss-seidel", "fixed-point", "quasi-newton", "richardson")
+ITERATING = ("fixed-point", "quasi-newton")
+VARIABLE = ("richardson",)
+_NUMBERS = {
+    "order": ("gauss-seidel", *ITERATING),
+    "tolerance": (*ITERATING, *VARIABLE),
+    "iterations": ITERATING,
+    "relaxation": ITERATING,
+    "minimumStep": VARIABLE,
+    "maximumStep": VARIABLE,
+}
+"""Which algorithms an attribute is for."""
+_LONGEST = 1_000_000_000
+_FINEST_DELAY = 10_000
+"""Base steps of the shortest step up to which delayed connections, which remember a value for each, are possible."""
+Target = tuple[str, str]
+"""An input: instance and variable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """A delayed connection: by so many ns, with a value for the time before."""
+
+    ns: int
+    start: Start
+    where: Where
+
+
+@dataclass(frozen=True, slots=True)
+class Coupling:
+    """The master of a system.
+
+    Attributes:
+        groups: numbers of the instances in the order in which they step; those of a group depend on each other. Empty
+            for Jacobi.
+        loops: the groups that depend on themselves, if they are iterated.
+        delays: by input.
+        extrapolated: inputs that are given their derivatives.
+        tolerance: by how much the outputs of a loop may still change, or by how much the error of a step may grow in a
+            second; relative to 1 or to their size.
+        iterations: how often a loop is stepped at most, until they do not change by more.
+        relaxation: the part of a change that a fixed-point iteration makes.
+        minimum_step, maximum_step: of Richardson, ns; 0 leaves them to it.
+        nan: whether outputs may be NaN.
+    """
+
+    algorithm: str = "jacobi"
+    groups: tuple[tuple[int, ...], ...] = ()
+    delays: Mapping[Target, Delay] = field(default_factory=dict)
+    extrapolated: frozenset[Target] = frozenset()
+    loops: tuple[tuple[int, ...], ...] = ()
+    tolerance: float = 1e-8
+    iterations: int = 50
+    relaxation: float = 1.0
+    minimum_step: int = 0
+    maximum_step: int = 0
+    nan: bool = False
+    where: Where | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def variable(self) -> bool:
+        """Whether the error decides the size of steps."""
+        return self.algorithm in VARIABLE
+
+    @property
+    def sequence(self) -> tuple[int, ...]:
+        """All instances in the order in which they step."""
+        return tuple(i for group in self.groups for i in group)
+
+    def check(self, checked: CheckedSystem, base: int, periods: Sequence[int], per_ns: int = 1) -> None:
+        """Whether it fits the clock.
+
+        Args:
+            base: base step, in ticks.
+            periods: of each instance, in base steps.
+            per_ns: ticks of a nanosecond.
+
+        Raises:
+            SystemDescriptionError: delays that are not multiples of it, or of a base step far below all steps; loops
+                with instances of longer steps; Richardson with steps that are not whole nanoseconds.
+        """
+        seconds = base / (1e9 * per_ns)
+        problems = [
+            Problem(
+                one.where,
+                f"delay {one.ns / 1e9:g} s of {'.'.join(target)} is not a multiple of the base step {seconds:.9g} s",
+            )
+            for target, one in self.delays.items()
+            if 2 * abs(one.ns * per_ns - round(one.ns * per_ns / base) * base) >= per_ns
+        ]
+        if self.delays and min(periods) > _FINEST_DELAY:
+            (_, first), shortest = next(iter(self.delays.items())), min(periods) * seconds
+            problems.append(
+                Problem(first.where, FINE_GRID.text("delayed connections", f"{seconds:.9g}", f"{shortest:.9g}"))
+            )
+        if self.variable and min(periods) > _FINEST_DELAY:
+            text = FINE_GRID.text("richardson's rows", f"{seconds:.9g}", f"{min(periods) * seconds:.9g}")
+            problems.append(Problem(self.where or checked.structure.where, text))
+        if self.variable and per_ns > 1:
+            problems.append(Problem(self.where or checked.structure.where, STEP_FRACTION.text(f"{seconds:.9g}")))
+        for i in (i for loop in self.loops for i in loop):
+            if periods[i] > 1:
+                one_, size = checked.instances[i], periods[i] * seconds
+                text = (
+                    f"{self.algorithm}: {one_.name} is part of a loop and steps by {size:g} s, but what iterates "
+                    f"must step by the base step, here {seconds:.9g} s"
+                )
+                problems.append(Problem(one_.where, text))
+        if problems:
+            raise SystemDescriptionError(problems)
+
+
+def coupling_of(checked: CheckedSystem) -> Coupling:
+    """The master of a checked system.
+
+    Raises:
+        SystemDescriptionError: the annotation is wrong; all problems at once.
+    """
+    problems: list[Problem] = []
+    reader = root_annotation(checked, ANNOTATION, "master", problems)
+    if reader.element is None and not problems:
+        return Coupling()
+    algorithm = reader.choice("algorithm", "jacobi", ALGORITHMS)
+    order = tuple(reader.text("order", "").split())
+    every = reader.integer("extrapolation", 0, 0, 1)
+    nan = reader.choice("nan", "refuse", ("refuse", "allow")) == "allow"
+    delays, wanted = _connections(checked, reader.children("connection")["connection"], every)
+    extrapolated = _extrapolated(checked, wanted, every, algorithm, problems)
+    numbers = _numbers(reader, algorithm)
+    groups: tuple[tuple[int, ...], ...] = ()
+    loops: tuple[tuple[int, ...], ...] = ()
+    notes: tuple[str, ...] = ()
+    if algorithm in VARIABLE:
+        _refuse_steps(checked, delays, problems)
+    elif algorithm != "jacobi":
+        groups = _groups(checked, delays, _ranks(checked, reader, order))
+        notes = _notes(checked, groups, algorithm)
+        if algorithm in ITERATING:
+            loops = _loops(checked, groups, delays)
+            _refuse(checked, loops, algorithm, problems)
+    reader.finish()
+    if problems:
+        raise SystemDescriptionError(problems)
+    return Coupling(algorithm, groups, delays, extrapolated, loops, *numbers, nan=nan, where=reader.where, notes=notes)
+
+
+def connected(checked: CheckedSystem, coupling: Coupling) -> CheckedSystem:
+    """The system as it is initialized: delayed connections begin with their start values."""
+    if not coupling.delays:
+        return checked
+    starts: dict[str, dict[str, Start]] = {}
+    for (instance, name), delay in coupling.delays.items():
+        starts.setdefault(instance, {})[name] = delay.start
+    kept = {i for stage in checked.init_order for i in stage.links}
+    immediate = [i for i in sorted(kept) if checked.links[i].target not in coupling.delays]
+    stages = exchange_order(
+        [(checked.links[i].source, checked.links[i].target) for i in immediate],
+        {one.name: one.fmu for one in checked.instances},
+        [],
+    )
+    return replace(
+        checked,
+        instances=tuple(
+            replace(one, start_values={**one.start_values, **starts.get(one.name, {})}) for one in checked.instances
+        ),
+        init_order=tuple(Stage(tuple(immediate[i] for i in stage.links), stage.loop) for stage in stages),
+    )
+
+
+def _connections(
+    checked: CheckedSystem, children: Sequence[Attributes], every: int
+) -> tuple[dict[Target, Delay], dict[Target, tuple[int, Where]]]:
+    """Delays, and which inputs are said to be extrapolated or not."""
+    links = {".".join(link.target): link for link in checked.links}
+    instances = {one.name: one for one in checked.instances}
+    delays: dict[Target, Delay] = {}
+    extrapolated: dict[Target, tuple[int, Where]] = {}
+    for child in children:
+        name = child.text("to", "")
+        delay = child.number("delay", 0.0, 0.0, 1e6)
+        text = child.text("start", "")
+        order = child.integer("extrapolation", every, 0, 1)
+        child.finish()
+        link = links.get(name)
+        if link is None:
+            child.problem(f'to="{name}": no connection leads there; {near(name, links)}')
+            continue
+        instance = instances[link.target[0]]
+        variable = instance.fmu.variables[link.target[1]]
+        if link.initial_only:
+            child.problem(f'to="{name}": it is a parameter, which is set at the start only')
+        elif link.target in extrapolated:
+            child.problem(f'to="{name}": a second <connection> for it')
+        elif not child.text("delay", ""):
+            if text:
+                child.problem(f'to="{name}": start is for connections with a delay')
+            extrapolated[link.target] = (order, child.where)
+        elif variable.type in ("String", "Binary"):
+            child.problem(
+                f'to="{name}": it is a {variable.type}; Reals, Integers, Enumerations and Booleans are delayed'
+            )
+        else:
+            extrapolated[link.target] = (order, child.where)
+            start = _start(child, instance, variable, text)
+            delays[link.target] = Delay(round(delay * 1e9), start, child.where)
+    return delays, extrapolated
+
+
+def _extrapolated(
+    checked: CheckedSystem,
+    said: Mapping[Target, tuple[int, Where]],
+    every: int,
+    algorithm: str,
+    problems: list[Problem],
+) -> frozenset[Target]:
+    """The inputs that are extrapolated: those of which it is said, with `every` all Real ones of which it is not."""
+    fmus = {one.name: one for one in checked.instances}
+    found: dict[Target, Where] = {target: where for target, (order, where) in said.items() if order}
+    for link in checked.links if every else ():
+        real = fmus[link.target[0]].fmu.variables[link.target[1]].type == "Real"
+        if real and not link.initial_only and link.target not in said:
+            found[link.target] = link.where
+    for (name, variable), where in found.items():
+        fmu = fmus[name].fmu
+        cannot = ""
+        if algorithm not in ("jacobi", "gauss-seidel"):
+            cannot = f"it is for jacobi and gauss-seidel, this is {algorithm}"
+        elif fmu.variables[variable].type != "Real":
+            cannot = f"it is a {fmu.variables[variable].type}"
+        elif fmu.fmi_version.startswith("3."):
+            cannot = "FMI 3 has no derivatives of inputs"
+        elif not fmu.capabilities.canInterpolateInputs:
+            cannot = f"canInterpolateInputs of {name} is false"
+        if cannot:
+            problems.append(Problem(where, EXTRAPOLATION.text(name, variable, cannot)))
+    return frozenset(found)
+
+
+def _start(child: Attributes, instance: Instance, variable: Variable, text: str) -> Start:
+    """The value of a delayed input until the first value arrives."""
+    if not text.strip():
+        return instance.effective_values().get(variable.name, 0)
+    try:
+        return variable.parsed(text)
+    except ValueError as error:
+        child.problem(f'start="{text}" of {instance.name}.{variable.name}: {error}')
+        return 0
+
+
+def _ranks(checked: CheckedSystem, reader: Attributes, order: Sequence[str]) -> list[int]:
+    """For each instance its place in a declared order; those that are not declared come after."""
+    names = [one.name for one in checked.instances]
+    for name in order:
+        if name not in names:
+            reader.problem(f'order names "{name}", which is no instance; {near(name, names)}')
+    place = {name: n for n, name in reversed(list(enumerate(order)))}
+    return [place.get(name, len(order)) for name in names]
+
+
+def _groups(
+    checked: CheckedSystem, delays: Mapping[Target, Delay], ranks: Sequence[int]
+) -> tuple[tuple[int, ...], ...]:
+    """Groups of instances that depend on each other, each after those whose outputs it needs.
+
+    Among groups that do not need each other, and inside a group, the declared order decides, then that of the names.
+    """
+    number = {one.name: i for i, one in enumerate(checked.instances)}
+    edges: dict[int, list[int]] = {i: [] for i in number.values()}
+    for link in _immediate(checked.links, delays):
+        edges[number[link.source[0]]].append(number[link.target[0]])
+    component = components(edges)
+    members: dict[int, list[int]] = {}
+    for i in sorted(edges, key=lambda i: (ranks[i], natural(checked.instances[i].name))):
+        members.setdefault(component[i], []).append(i)
+    after: dict[int, set[int]] = {c: set() for c in members}
+    for i, targets in edges.items():
+        after[component[i]] |= {component[j] for j in targets} - {component[i]}
+    missing = dict.fromkeys(members, 0)
+    for later in after.values():
+        for c in later:
+            missing[c] += 1
+    place = {c: n for n, c in enumerate(members)}
+    ready = [(place[c], c) for c in members if not missing[c]]
+    heapq.heapify(ready)
+    groups = []
+    while ready:
+        _, c = heapq.heappop(ready)
+        groups.append(tuple(members[c]))
+        for later_one in after[c]:
+            missing[later_one] -= 1
+            if not missing[later_one]:
+                heapq.heappush(ready, (place[later_one], later_one))
+    return tuple(groups)
+
+
+def _immediate(links: Sequence[Link], delays: Mapping[Target, Delay]) -> list[Link]:
+    return [link for link in links if not link.initial_only and link.target not in delays]
+
+
+def _numbers(reader: Attributes, algorithm: str) -> tuple[float, int, float, int, int]:
+    """Tolerance, iterations and relaxation; minimum and maximum step."""
+    tolerance = reader.number("tolerance", 1e-4 if algorithm in VARIABLE else 1e-8, 1e-15, 1.0)
+    iterations = reader.integer("iterations", 50, 1, 100_000)
+    relaxation = reader.number("relaxation", 1.0, 1e-6, 2.0)
+    steps = [round(1e9 * reader.number(name, 0.0, 0.0, 1e6)) for name in ("minimumStep", "maximumStep")]
+    if all(steps) and steps[0] > steps[1]:
+        reader.problem("minimumStep is larger than maximumStep")
+    for name, algorithms in _NUMBERS.items():
+        if algorithm not in algorithms and reader.text(name, ""):
+            reader.problem(f'{name} is for algorithm="{" or ".join(algorithms)}", this is "{algorithm}"')
+    return tolerance, iterations, relaxation, steps[0], steps[1]
+
+
+def _loops(
+    checked: CheckedSystem, groups: Sequence[tuple[int, ...]], delays: Mapping[Target, Delay]
+) -> tuple[tuple[int, ...], ...]:
+    """The groups that depend on themselves."""
+    to_itself = {link.source[0] for link in _immediate(checked.links, delays) if link.source[0] == link.target[0]}
+    return tuple(group for group in groups if len(group) > 1 or checked.instances[group[0]].name in to_itself)
+
+
+def _refuse(checked: CheckedSystem, loops: Sequence[Sequence[int]], algorithm: str, problems: list[Problem]) -> None:
+    """Members of loops that cannot be iterated."""
+    for one in (checked.instances[i] for loop in loops for i in loop):
+        flags = one.fmu.capabilities
+        if not flags.canGetAndSetFMUstate:
+            text = LOOP_STATE.text(algorithm, one.name, one.fmu.remedy("canGetAndSetFMUstate"))
+            problems.append(Problem(one.where, text))
+        if flags.hasEventMode:
+            text = LOOP_EVENTS.text(algorithm, one.name)
+            problems.append(Problem(one.where, text))
+
+
+def _refuse_steps(checked: CheckedSystem, delays: Mapping[Target, Delay], problems: list[Problem]) -> None:
+    """What steps that the error decides cannot do."""
+    for one in checked.instances:
+        for flag in ("canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"):
+            if not getattr(one.fmu.capabilities, flag):
+                problems.append(Problem(one.where, STEP_CONTROL.text(flag, one.name, one.fmu.remedy(flag))))
+    for target, delay in delays.items():
+        text = STEP_DELAY.text(".".join(target))
+        problems.append(Problem(delay.where, text))
+
+
+def _notes(checked: CheckedSystem, groups: Sequence[Sequence[int]], algorithm: str) -> tuple[str, ...]:
+    loops = [", ".join(checked.instances[i].name for i in group) for group in groups if len(group) > 1]
+    how = "are iterated together" if algorithm in ITERATING else "step in this order"
+    return tuple(f"these depend on each other, and {how}: {names}" for names in loops[:5])

@@ -1,0 +1,395 @@
+"""The network of a system: its nodes and endpoints, and the settings of router and channel from its annotation.
+
+    <ssc:Annotation type="org.uav-cosim.network">
+      <network xmlns="https://uav-cosim.org/ns/1" topology="nearest" axis="0 1 0" neighbours="1"
+               latency="0.02" jitter="0.005" loss="0.1" range="300" seed="1" position="vehicle.position">
+        <link from="drone3" to="*" loss="0.3"/>
+        <outage node="drone3" start="10" stop="20"/>
+      </network>
+    </ssc:Annotation>
+
+`topology`: "broadcast" (everybody hears everybody), "nearest" (the `neighbours` nearest nodes; with an `axis`, a
+vector in NED, that many on each side along it), "listed" (the `link` elements). `latency` and `jitter` in s: a packet
+takes latency plus a uniformly distributed part of jitter; `loss`: probability per packet and hearer; `range` in m.
+`link`: `between` two nodes, which are both ways, or `from` one `to` another. With names it makes a link of the topology
+"listed". With `latency`, `jitter` or `loss` it also says what they are there, in any topology; what it does not say
+stays as it was, and of several links that say it of the same nodes the last one counts. Patterns (`*`, `?`) describe
+the links of all nodes that they match and make none. The links of gateways are their own.
+`outage`: the node neither sends nor hears by radio from start to stop (s, default for ever); a packet on its way is
+lost if its hearer is out when it arrives.
+`position`: where below a node its NED position is, in m.
+`dialect`: a MAVLink XML file, found from the system's document, with messages that ardupilotmega does not have: their
+packets are checked and routed as any others. Tools that do not know the annotation ignore it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cosim.packets import MAX_PACKET
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
+from cosim_master.diagnostics.limitations import DIALECT, SEVERAL_PORTS, SMALL_PORT
+from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
+from cosim_master.fmi.description.read import Variable
+from cosim_master.system.flatten.flat import CheckedSystem, Instance
+from cosim_master.system.settings.annotation import Attributes, root_annotation
+
+if TYPE_CHECKING:
+    from cosim.build.messages import Message
+
+__all__ = [
+    "ANNOTATION",
+    "SERIAL",
+    "TELEMETRY",
+    "Channel",
+    "Endpoint",
+    "Gateway",
+    "Network",
+    "Node",
+    "network_of",
+    "with_gateways",
+]
+
+ANNOTATION = "org.uav-cosim.network"
+TELEMETRY, SERIAL = "telemetry", "serial"
+"""Lines to gateways alone: pairs of ports telemetry_rx and _tx, for ground stations by radio, serial_rx and _tx, for
+the one that is wired."""
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """A pair of packet ports of one instance; either may be missing.
+
+    `line`: TELEMETRY or SERIAL, where the pair is for gateways alone.
+    """
+
+    instance: str
+    rx: Variable | None
+    tx: Variable | None
+    line: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called in recordings: its instance, and its line."""
+        return f"{self.instance}.{self.line}" if self.line else self.instance
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """What shares an antenna: an instance's parent system (an instance of the root system is a node itself).
+
+    `position`: instance and variables of its NED position [m], where it has one. `lines`: endpoints that gateways may
+    use; they are among `endpoints` when one does.
+    """
+
+    name: str
+    endpoints: tuple[Endpoint, ...]
+    position: tuple[tuple[str, Variable], ...] = ()
+    lines: tuple[Endpoint, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Gateway:
+    """A node behind which real programs are, and the link to it; times in s.
+
+    `wired`: name of the endpoint it is wired to; None: it is on the air and reaches every node, whatever the topology.
+    """
+
+    name: str
+    wired: str | None = None
+    latency: float = 0.0
+    jitter: float = 0.0
+    loss: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """What packets meet on their way from some nodes to others; None: what they meet without it. Times in s.
+
+    `source` and `target` are names or patterns as they were written, `senders` and `hearers` the nodes that they match.
+    """
+
+    source: str
+    target: str
+    senders: tuple[str, ...]
+    hearers: tuple[str, ...]
+    latency: float | None = None
+    jitter: float | None = None
+    loss: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """Nodes by name, and the radio between them. Times in s, lengths in m. Of `channels` the last one counts."""
+
+    nodes: tuple[Node, ...] = ()
+    gateways: tuple[Gateway, ...] = ()
+    topology: str = "broadcast"
+    neighbours: int = 1
+    axis: tuple[float, float, float] | None = None
+    latency: float = 0.0
+    jitter: float = 0.0
+    loss: float = 0.0
+    range: float = math.inf
+    seed: int = 0
+    links: frozenset[tuple[str, str]] = frozenset()
+    channels: tuple[Channel, ...] = ()
+    outages: tuple[tuple[str, float, float], ...] = ()
+    dialect: tuple[Message, ...] = ()
+    notes: tuple[str, ...] = field(default=())
+
+
+def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
+    """The network of a checked system. `seed` replaces the annotation's.
+
+    Raises:
+        SystemDescriptionError: the annotation is wrong; all problems at once.
+    """
+    problems: list[Problem] = []
+    reader = root_annotation(checked, ANNOTATION, "network", problems)
+    nodes = _nodes(checked, reader.text("position", "vehicle.position"), problems)
+    dialect = _dialect(reader, checked.structure.document.parent)
+    network = replace(_settings(reader, nodes, seed), dialect=dialect)
+    if problems:
+        raise SystemDescriptionError(problems)
+    return network
+
+
+def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tuple[Node, ...]:
+    wired = {link.target for link in checked.links} | {link.source for link in checked.links}
+    grouped: dict[str, list[Endpoint]] = {}
+    lines: dict[str, list[Endpoint]] = {}
+    instances = {instance.name: instance for instance in checked.instances}
+    for instance in checked.instances:
+        ports = [
+            v
+            for v in instance.fmu.variables.values()
+            if v.packet_capacity is not None and (instance.name, v.name) not in wired
+        ]
+        own = _lines(instance.name, ports)
+        ports = [v for v in ports if not any(v in (line.rx, line.tx) for line in own)]
+        rx = [v for v in ports if v.causality == "input"]
+        tx = [v for v in ports if v.causality == "output"]
+        if not rx and not tx:
+            continue
+        for found in (rx, tx):
+            if len(found) > 1:
+                names = ", ".join(v.name for v in found)
+                text = SEVERAL_PORTS.text(instance.name, found[0].causality, names)
+                problems.append(Problem(instance.where, text))
+        for v in (*rx, *(line.rx for line in own if line.rx is not None)):
+            if (v.packet_capacity or 0) < MAX_PACKET:
+                text = SMALL_PORT.text(f"{instance.name}.{v.name}", v.packet_capacity, MAX_PACKET)
+                problems.append(Problem(instance.where, text))
+        node = instance.name.rpartition(".")[0] or instance.name
+        ends = Endpoint(instance.name, rx[0] if rx else None, tx[0] if tx else None)
+        grouped.setdefault(node, []).append(ends)
+        lines.setdefault(node, []).extend(own)
+    return tuple(
+        Node(name, tuple(endpoints), _position(name, position, instances), tuple(lines[name]))
+        for name, endpoints in grouped.items()
+    )
+
+
+def _lines(instance: str, ports: Sequence[Variable]) -> list[Endpoint]:
+    """The lines to gateways of an instance that has other packet ports besides."""
+    by_name = {v.name: v for v in ports}
+    found = []
+    for line in (TELEMETRY, SERIAL):
+        rx, tx = by_name.get(f"{line}_rx"), by_name.get(f"{line}_tx")
+        if rx is not None and tx is not None and (rx.causality, tx.causality) == ("input", "output"):
+            found.append(Endpoint(instance, rx, tx, line))
+    return found if len(ports) > 2 * len(found) else []
+
+
+def with_gateways(network: Network, gateways: Sequence[Gateway]) -> Network:
+    """The network with these gateways, and with the lines that they use."""
+    wired = {gateway.wired for gateway in gateways}
+
+    def endpoints(node: Node) -> Iterator[Endpoint]:
+        for endpoint in node.endpoints:
+            yield endpoint
+            for line in node.lines:
+                used = line.name in wired or (line.line == TELEMETRY and None in wired)
+                if line.instance == endpoint.instance and used:
+                    yield line
+
+    nodes = tuple(replace(node, endpoints=tuple(endpoints(node))) for node in network.nodes)
+    return replace(network, nodes=nodes, gateways=tuple(gateways))
+
+
+def _position(node: str, path: str, instances: Mapping[str, Instance]) -> tuple[tuple[str, Variable], ...]:
+    component, _, name = path.rpartition(".")
+    instance = instances.get(f"{node}.{component}" if component else node)
+    if instance is None:
+        return ()
+    variables = [instance.fmu.variables.get(f"{name}[{i}]") for i in (1, 2, 3)]
+    if any(v is None or v.type != "Real" or v.causality != "output" for v in variables):
+        return ()
+    return tuple((instance.name, v) for v in variables if v is not None)
+
+
+def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Network:
+    written_seed = reader.integer("seed", 0, 0, 2**53)
+    if reader.overridden("seed") and seed not in (None, written_seed):
+        reader.problem(f"the seed is given twice, as {seed} and by --set network.seed={written_seed}; give it once")
+    children = reader.children("link", "outage")
+    topology = reader.choice("topology", "broadcast", ("broadcast", "nearest", "listed"))
+    axis = _axis(reader)
+    made = [link for link in children["link"] if topology == "listed" or not _only_makes(reader, link)]
+    links, channels = _links(made, {node.name: node for node in nodes}, topology)
+    settings = Network(
+        nodes=tuple(nodes),
+        topology=topology,
+        neighbours=reader.integer("neighbours", 1, 1, 1_000_000),
+        axis=axis if topology == "nearest" or not reader.overridden("topology") else None,
+        latency=reader.number("latency", 0.0, 0.0, 3600.0),
+        jitter=reader.number("jitter", 0.0, 0.0, 3600.0),
+        loss=reader.number("loss", 0.0, 0.0, 1.0),
+        range=reader.number("range", math.inf, 0.0, math.inf),
+        seed=written_seed if seed is None else seed,
+        links=links,
+        channels=channels,
+        outages=tuple(_outage(child, nodes) for child in children["outage"]),
+        notes=_notes(reader, nodes),
+    )
+    reader.finish()
+    if settings.topology == "nearest" or settings.range < math.inf:
+        for node in nodes:
+            if not node.position:
+                path = reader.text("position", "vehicle.position")
+                text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
+                reader.problem(f"topology nearest and range need positions; {text}")
+    for name in ("axis", "neighbours"):
+        # Where the run has another topology than the file, what the file says of its own is left out.
+        meant = reader.overridden(name) or not reader.overridden("topology")
+        if settings.topology != "nearest" and meant and reader.text(name, ""):
+            reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"')
+    return settings
+
+
+def _dialect(reader: Attributes, folder: Path) -> tuple[Message, ...]:
+    name = reader.text("dialect", "")
+    if not name:
+        return ()
+    from cosim.build.dialects import read_xml  # what else builds FMUs would be loaded by every run
+
+    try:
+        return tuple(read_xml(folder / name).values())
+    except OSError as error:
+        reader.problem(f'dialect="{name}": {folder / name}: {error.strerror}')
+    except ValueError as error:
+        for line in str(error).splitlines():
+            reader.problem(DIALECT.text(name, line))
+    return ()
+
+
+def _axis(reader: Attributes) -> tuple[float, float, float] | None:
+    text = reader.text("axis", "")
+    if not text:
+        return None
+    try:
+        north, east, down = (float(part) for part in text.split())
+        length = math.sqrt(north * north + east * east + down * down)
+    except ValueError:
+        length = 0.0
+    if not 0.0 < length < math.inf:
+        reader.problem(f'axis="{text}" must be a vector "north east down"')
+        return None
+    return (north / length, east / length, down / length)
+
+
+def _links(
+    children: Sequence[Attributes], nodes: Mapping[str, Node], topology: str
+) -> tuple[frozenset[tuple[str, str]], tuple[Channel, ...]]:
+    """The links that `link` elements make, and the channels that they describe."""
+    links: set[tuple[str, str]] = set()
+    described: list[tuple[Attributes, Channel]] = []
+    for child in children:
+        ends = _ends(child)
+        numbers: dict[str, Any] = {
+            "latency": child.optional("latency", 0.0, 3600.0),
+            "jitter": child.optional("jitter", 0.0, 3600.0),
+            "loss": child.optional("loss", 0.0, 1.0),
+        }
+        child.finish()
+        describes = any(child.text(name, "") for name in numbers)
+        if ends is None or not _linkable(child, ends[0], nodes, topology, describes=describes):
+            continue
+        for source, target in ends:
+            if topology == "listed" and source in nodes and target in nodes:
+                links.add((source, target))
+            if describes:
+                matched = _matching(source, nodes), _matching(target, nodes)
+                described.append((child, Channel(source, target, *matched, **numbers)))
+    for child, channel in described if topology == "listed" else ():
+        hearers = frozenset(channel.hearers)
+        if not any(a in channel.senders and b in hearers for a, b in links):
+            child.problem(f'no link is listed from "{channel.source}" to "{channel.target}"; patterns make none')
+    return frozenset(links), tuple(channel for _, channel in described)
+
+
+def _only_makes(reader: Attributes, link: Attributes) -> bool:
+    """Whether a link is for the topology of the file alone, and the run has another one."""
+    return reader.overridden("topology") and not any(link.text(name, "") for name in ("latency", "jitter", "loss"))
+
+
+def _ends(child: Attributes) -> tuple[tuple[str, str], ...] | None:
+    """From where to where a `link` leads, and back if it is both ways; None if it does not say."""
+    between = child.text("between", "").split()
+    source, target = child.text("from", "").strip(), child.text("to", "").strip()
+    if between and not source and not target and len(between) == 2:
+        return ((between[0], between[1]), (between[1], between[0]))
+    if source and target and not between:
+        return ((source, target),)
+    child.problem('a link is between="A B", both ways, or from="A" to="B", one way; "*" is every node')
+    return None
+
+
+def _matching(end: str, nodes: Mapping[str, Node]) -> tuple[str, ...]:
+    return (end,) if end in nodes else tuple(matching(end, nodes))
+
+
+def _linkable(
+    child: Attributes, ends: tuple[str, str], nodes: Mapping[str, Node], topology: str, *, describes: bool
+) -> bool:
+    """Whether there are nodes at the ends of a link, and the link makes or describes something."""
+    known = True
+    for end in ends:
+        if not _matching(end, nodes):
+            known = False
+            hint = near_pattern(end, nodes) if is_pattern(end) else near(end, nodes)
+            child.problem(f'there is no radio node "{end}"; {hint}')
+    if known and len({*_matching(ends[0], nodes), *_matching(ends[1], nodes)}) < 2:
+        known = False
+        child.problem(f'a link from "{ends[0]}" to itself; name two nodes')
+    pattern = not all(end in nodes for end in ends)
+    if known and not describes and topology != "listed":
+        text = 'a <link> without latency, jitter or loss is for topology="listed"'
+        child.problem(f'{text}, this is "{topology}"')
+    elif known and not describes and pattern:
+        child.problem("patterns make no links, they describe them: give names, or latency, jitter or loss")
+    return known and (describes or (topology == "listed" and not pattern))
+
+
+def _outage(child: Attributes, nodes: Sequence[Node]) -> tuple[str, float, float]:
+    names = {node.name for node in nodes}
+    name = child.text("node", "")
+    start = child.number("start", 0.0, 0.0, 1e9)
+    stop = child.number("stop", math.inf, 0.0, math.inf)
+    child.finish()
+    if name not in names:
+        child.problem(f'outage of node "{name}": there is no such radio node; {near(name, names)}')
+    if stop <= start:
+        child.problem(f"outage from {start:g} s to {stop:g} s: stop must lie behind start")
+    return (name, start, stop)
+
+
+def _notes(reader: Attributes, nodes: Sequence[Node]) -> tuple[str, ...]:
+    if reader.absent and len(nodes) > 1:
+        return (f"no {ANNOTATION} annotation: packets reach every node at once and without loss",)
+    return ()

@@ -1,0 +1,220 @@
+"""The clock of a run: an integer count of ticks, a base step, and each instance's period in base steps.
+
+A tick is a nanosecond, or a whole part of one where a step size is a fraction such as 1/30 s: communication points are
+start + k*base in ticks, exactly, and never accumulated. FMUs get the nearest double of a point and of a step. What has
+whole nanoseconds (radio, events of Clocks) takes the nearest one.
+
+Whose step size acts: --step of the command line; else the nearest annotation org.uav-cosim.stepping, on the component
+or a system around it; else the proposal of the FMU (DefaultExperiment).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
+from cosim_master.diagnostics.limitations import BASE_STEP, FINE_STEPS, OVERRUN, TIED_STEPS, WHOLE_TIMES
+from cosim_master.system.flatten.clock_groups import lockstep
+from cosim_master.system.flatten.flat import CheckedSystem, Instance
+
+__all__ = ["Timing", "exact", "timing"]
+
+_NANO = 1_000_000_000
+_LARGEST_DENOMINATOR = 100_000
+"""Of a fraction of a second that is recognised in a decimal number."""
+_LARGEST_TICK = 1 << 62
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """The clock of a run: start and base step in ticks, number of base steps, and periods of instances in base steps.
+
+    Attributes:
+        per_ns: ticks of a nanosecond.
+        sources: of each instance, whose step size acts: "--step", "system" or "FMU".
+    """
+
+    start: int
+    base: int
+    steps: int
+    periods: tuple[int, ...]
+    notes: tuple[str, ...] = ()
+    per_ns: int = 1
+    sources: tuple[str, ...] = ()
+
+    @property
+    def start_ns(self) -> int:
+        """Start time, ns."""
+        return self.start // self.per_ns
+
+    @property
+    def grids(self) -> tuple[int, ...]:
+        """The different periods, where no instance steps by the base step; else none."""
+        return () if 1 in self.periods else tuple(sorted(set(self.periods)))
+
+    def seconds(self, steps: int) -> float:
+        """How long so many base steps take, s."""
+        return steps * self.base / (_NANO * self.per_ns)
+
+    def time(self, k: int) -> float:
+        """Communication point t_k, s."""
+        return (self.start + k * self.base) / (_NANO * self.per_ns)
+
+
+def exact(seconds: float) -> Fraction | None:
+    """A step size as a fraction of nanoseconds; None if it is not a positive number.
+
+    Whole nanoseconds are taken as they are, other numbers for the simplest fraction with a denominator of at most
+    100000 that is as near as ten digits can tell (0.03333333333 is 1/30), else as they are written.
+    """
+    if not math.isfinite(seconds) or seconds <= 0:
+        return None
+    ticks = round(seconds * _NANO)
+    if ticks > 0 and math.isclose(ticks, seconds * _NANO, rel_tol=1e-12, abs_tol=1e-4):
+        return Fraction(ticks)
+    simple = Fraction(seconds).limit_denominator(_LARGEST_DENOMINATOR)
+    if simple > 0 and abs(simple - Fraction(seconds)) <= Fraction(seconds) / 10**9:
+        return simple * _NANO
+    return Fraction(repr(seconds)) * _NANO
+
+
+def _ticks(seconds: float) -> int | None:
+    """Nanoseconds of a time in s, None if it is not a whole number of them."""
+    if not math.isfinite(seconds):
+        return None
+    ticks = round(seconds * _NANO)
+    return ticks if math.isclose(ticks, seconds * _NANO, rel_tol=1e-12, abs_tol=1e-4) else None
+
+
+def timing(checked: CheckedSystem, until: float | None = None, step: float | None = None) -> Timing:
+    """Choose the clock.
+
+    Args:
+        until: stop time in s; the system's DefaultExperiment where None.
+        step: step size in s of all instances, whatever system and FMUs say.
+
+    Raises:
+        SystemDescriptionError: no stop time, no step size, start or stop within a nanosecond, or a run whose end an
+            FMU with a fixed step size would overrun.
+    """
+    problems: list[Problem] = []
+    where = checked.structure.where
+    stop = until if until is not None else checked.stop_time
+    start_ticks = _ticks(checked.start_time)
+    stop_ticks = None if stop is None else _ticks(stop)
+    if stop is None:
+        problems.append(Problem(where, "no stop time: give one with --until, or a DefaultExperiment in the system"))
+    elif stop <= checked.start_time:
+        problems.append(Problem(where, f"stop time {stop:g} s does not lie behind start time {checked.start_time:g} s"))
+    if start_ticks is None or (stop is not None and stop_ticks is None):
+        problems.append(Problem(where, WHOLE_TIMES.text()))
+    sizes: list[Fraction] = []
+    tables = [one for one in checked.instances if one.fmu.table is not None]
+    for instance in checked.instances:
+        size = step if step is not None else instance.step_size
+        if size is None and instance.fmu.table is not None and len(tables) < len(checked.instances):
+            continue
+        ns = None if size is None else exact(size)
+        if size is None:
+            text = f"{instance.name}: no step size: neither the system nor the FMU names one; give one with --step"
+            problems.append(Problem(instance.where, text))
+        elif ns is None:
+            text = f"{instance.name}: step size {size:g} s; it must be a positive number of seconds"
+            problems.append(Problem(instance.where, text))
+        else:
+            sizes.append(ns)
+    if problems:
+        raise SystemDescriptionError(problems)
+    assert start_ticks is not None and stop_ticks is not None
+    if not checked.instances:
+        return Timing(start_ticks, stop_ticks - start_ticks, 1, ())
+    if len(sizes) < len(checked.instances):
+        sizes = _with_tables(checked.instances, sizes)
+    return _clock(checked, start_ticks, stop_ticks - start_ticks, sizes, step)
+
+
+def _with_tables(instances: Sequence[Instance], sizes: Sequence[Fraction]) -> list[Fraction]:
+    """Step sizes of all instances, where tables without one have a new value whenever any other instance steps."""
+    per_ns = math.lcm(*(size.denominator for size in sizes))
+    shared = Fraction(math.gcd(*(int(size * per_ns) for size in sizes)), per_ns)
+    given = iter(sizes)
+    return [shared if one.fmu.table is not None and one.step_size is None else next(given) for one in instances]
+
+
+def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Fraction], step: float | None) -> Timing:
+    """The clock of a run of `length` ns whose instances step by `sizes`, ns."""
+    where, problems = checked.structure.where, []
+    per_ns = math.lcm(*(size.denominator for size in sizes))
+    if (abs(start) + length) * per_ns >= _LARGEST_TICK:
+        worst = max(sizes, key=lambda size: size.denominator)
+        text = FINE_STEPS.text(f"{float(worst) / _NANO:.17g}", f"{round(worst) / _NANO:.9g}")
+        raise SystemDescriptionError([Problem(checked.instances[sizes.index(worst)].where, text)])
+    ticks = [int(size * per_ns) for size in sizes]
+    base, total = math.gcd(*ticks), length * per_ns
+    if per_ns > 1 and 2 * abs(total - round(total / base) * base) < per_ns:
+        total = round(Fraction(total, base)) * base  # the stop time is a fraction, too, as well as it can be written
+    per_second = _NANO * per_ns
+    if total % base:
+        nearest = ((total // base + 1) * base + start * per_ns) / per_second
+        text = BASE_STEP.text(f"{total / per_second:.9g}", f"{base / per_second:.9g}", f"{nearest:.9g}")
+        raise SystemDescriptionError([Problem(where, text)])
+    for instance, size in zip(checked.instances, ticks, strict=True):
+        if total % size and not instance.fmu.capabilities.canHandleVariableCommunicationStepSize:
+            text = OVERRUN.text(instance.name, f"{size / per_second:.9g}", f"{total / per_second:.9g}")
+            problems.append(Problem(instance.where, text))
+    problems += _unlike(checked, ticks, per_second)
+    if problems:
+        raise SystemDescriptionError(problems)
+    sources = tuple("--step" if step is not None else one.step_source for one in checked.instances)
+    notes = [*_step_notes(checked.instances, sources, step), *_fractions(checked.instances, sizes, step)]
+    if base != min(ticks):
+        notes.append(
+            f"the base step is {base / per_second:.9g} s, that of no instance: rows are recorded where a step ends"
+        )
+    periods = tuple(size // base for size in ticks)
+    return Timing(start * per_ns, base, total // base, periods, tuple(notes), per_ns, sources)
+
+
+def _step_notes(instances: Sequence[Instance], sources: Sequence[str], step: float | None) -> list[str]:
+    """Whose step sizes act, where that may surprise: --step over the system, and proposals of FMUs of others."""
+    if step is not None:
+        over = [one.name for one in instances if one.step_source == "system" and one.step_size != step]
+        listed = ", ".join(over[:3]) + (f" and {len(over) - 3} more" if len(over) > 3 else "")
+        return [f"--step {step:g}: it takes the place of the step sizes that the system gives {listed}"] if over else []
+    proposed = {
+        one.fmu.path.name: one.step_size
+        for one, source in zip(instances, sources, strict=True)
+        if source == "FMU" and one.fmu.generation_tool != "uav-cosim"
+    }
+    return [
+        f"{name}: it steps by {size:g} s, which the FMU proposes (DefaultExperiment); --step gives another"
+        for name, size in proposed.items()
+    ]
+
+
+def _fractions(instances: Sequence[Instance], sizes: Sequence[Fraction], step: float | None) -> list[str]:
+    """Step sizes that are not whole nanoseconds."""
+    shown = {
+        size: one.step_size if step is None else step
+        for one, size in zip(instances, sizes, strict=True)
+        if size.denominator > 1
+    }
+    return [
+        f"step size {given:.17g} s is taken as {size / _NANO} s: time is counted in exact fractions"
+        for size, given in shown.items()
+        if (size / _NANO).denominator <= _LARGEST_DENOMINATOR
+    ]
+
+
+def _unlike(checked: CheckedSystem, sizes: Sequence[int], per_second: int) -> list[Problem]:
+    """Instances that are tied together by Clocks and have different step sizes."""
+    problems = []
+    for members in lockstep(checked):
+        steps = {sizes[i] for i in members}
+        if len(steps) > 1:
+            shown = ", ".join(f"{checked.instances[i].name} by {sizes[i] / per_second:.9g} s" for i in members)
+            problems.append(Problem(checked.instances[members[0]].where, TIED_STEPS.text(shown)))
+    return problems

@@ -1,0 +1,1 @@
+"""Coordination agents and the laws they follow."""

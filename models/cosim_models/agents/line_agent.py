@@ -1,0 +1,142 @@
+"""The coordination agent FMU: the script that flies one drone of a line by consensus.
+
+It runs on the drone's companion computer: one system id with the autopilot, component 191. It waits for its autopilot,
+asks for the streams it needs, has it change to GUIDED, arm and take off, and then at every step sends it the position
+that the consensus law asks for. All it knows it has received in packets: its own position and its neighbours' from
+GLOBAL_POSITION_INT of their autopilots; who its neighbours are is a parameter. It does not land, and avoids nobody.
+
+The line runs east from the origin. A position on it is the haversine distance along the origin's parallel, west
+negative, with ArduPilot's radius of the Earth, so that 100 m flown read 100 m. Latitude and height stay what they are.
+
+The law uses the measured positions, its own too: what wind or a slow vehicle leaves undone is not lost. Step #1 is the
+start (k = 0); #2 begins with the law's first set-point (k = 1), which the vehicle reaches in the course of that step.
+Step #1 begins for all agents at `first_step_time`, and the steps of the period trigger are the same instants for all:
+an agent that is late joins at the next of them, with its number.
+"""
+
+from __future__ import annotations
+
+from math import radians
+
+from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter
+from cosim.verdict import Bound, Condition, Reason, Role
+from cosim_models.agents.script import ERRORS, NEVER, AgentState, Failure, StalePolicy, Trigger, advance, start
+
+__all__ = ["LineAgent"]
+
+_CONDITION = Condition(
+    failed=(AgentState.failed,),
+    working=(AgentState.formation,),
+    commanding=(AgentState.arming, AgentState.takeoff, AgentState.ready, AgentState.formation),
+    by="first_step_time",
+    reason="failure",
+)
+_WHY = {
+    Failure.no_heartbeat: "no HEARTBEAT of its autopilot: both need the same system id",
+    Failure.no_streams: "its autopilot has not accepted the streams that it asked for",
+    Failure.no_position_estimate: "its autopilot has had no GPS fix or position estimate",
+    Failure.not_guided: "its autopilot has not changed to GUIDED",
+    Failure.not_armed: "its autopilot has not armed",
+    Failure.not_at_altitude: "its vehicle has not reached the altitude",
+    Failure.left_guided: "its autopilot has left GUIDED",
+    Failure.disarmed: "its autopilot has disarmed in flight",
+}
+
+
+def _heard(side: str) -> Bound:
+    """The neighbour on a side, where there is one, has been heard within `stale_time`."""
+    text = f"its {side} neighbour is not heard: is it in reach, and is {side}_sysid its system id?"
+    return Bound(least=0.0, most="stale_time", of=f"{side}_sysid", text=text)
+
+
+class LineAgent(Model):
+    """Flies one drone of a line by consensus with its neighbours, through MAVLink packets alone."""
+
+    step_size = 0.0125
+    variables = (
+        PacketInput("mavlink_rx", capacity=8192, description="from the own autopilot and by radio"),
+        Parameter(
+            "sysid",
+            type=int,
+            start=1,
+            minimum=1,
+            maximum=255,
+            verdict=Role.SYSTEM_ID,
+            description="MAVLink system id of the drone",
+        ),
+        Parameter("left_sysid", type=int, start=0, minimum=0, maximum=255, description="western neighbour; 0: none"),
+        Parameter("right_sysid", type=int, start=0, minimum=0, maximum=255, description="eastern neighbour; 0: none"),
+        Parameter("stubborn", type=bool, start=False, description="stay at the start position"),
+        Parameter("epsilon", unit="1", start=1.0 / 3.0, description="gain of the consensus law"),
+        Parameter("trigger", type=Trigger, start=Trigger.period, description="what begins a step"),
+        Parameter("period", unit="s", start=3.1875, minimum=0.0, description="of the steps; longest for arrival"),
+        Parameter("arrival_radius", unit="m", start=0.5, minimum=0.0, description="for the arrival trigger"),
+        Parameter("first_step_time", unit="s", start=25.0, description="when step 1 begins; the same for all agents"),
+        Parameter("altitude", unit="m", start=10.0, minimum=0.0, description="of the flight, above home"),
+        Parameter("origin_latitude", unit="rad", start=radians(-35.363262), description="of the line's zero"),
+        Parameter("origin_longitude", unit="rad", start=radians(149.165237), description="of the line's zero"),
+        Parameter("position_rate", unit="Hz", start=4.0, minimum=0.0, description="of GLOBAL_POSITION_INT asked for"),
+        Parameter("stale_time", unit="s", start=1.0, minimum=0.0, description="age at which a position is stale"),
+        Parameter("stale_policy", type=StalePolicy, start=StalePolicy.hold, description="what then counts"),
+        Parameter("timeout", unit="s", start=60.0, minimum=0.0, description="of every state before the first step"),
+        PacketOutput("mavlink_tx", capacity=256, description="to the own autopilot, and a heartbeat to all"),
+        Output(
+            "state",
+            type=AgentState,
+            start=AgentState.waiting,
+            verdict=_CONDITION,
+            description="what the agent waits for, or does",
+        ),
+        Output(
+            "failure",
+            type=Failure,
+            start=Failure.none,
+            verdict=Reason(tuple(_WHY.items())),
+            description="why the agent has given up",
+        ),
+        Output("refusal", type=int, start=0, description="MAV_RESULT of the last command that was refused; 0: none"),
+        Output("step", type=int, start=0, description="number of the present step; 0 before the first"),
+        Output("target", unit="m", start=0.0, description="desired position on the line, east of the origin"),
+        Output("position", unit="m", start=0.0, description="own measured position on the line"),
+        Output(
+            "left_age",
+            unit="s",
+            start=NEVER,
+            verdict=_heard("left"),
+            description="of the left neighbour's position; -1: never heard",
+        ),
+        Output(
+            "right_age",
+            unit="s",
+            start=NEVER,
+            verdict=_heard("right"),
+            description="of the right neighbour's position; -1: never heard",
+        ),
+        Memory("payload", dtype="u1", shape=255),
+        Memory("sent", dtype="i4"),  # packets sent, modulo 256
+        Memory("heartbeat_due"),  # s
+        Memory("heard", dtype="?"),  # a heartbeat of the own autopilot; what it said:
+        Memory("armed", dtype="?"),
+        Memory("guided", dtype="?"),
+        Memory("estimate", dtype="?"),
+        Memory("fix", dtype="?"),
+        Memory("latitude", dtype="i4"),  # degE7
+        Memory("height"),  # m above home
+        Memory("position_heard"),  # s
+        Memory("left_position"),  # m on the line
+        Memory("left_heard"),  # s
+        Memory("right_position"),
+        Memory("right_heard"),
+        Memory("state_since"),  # s
+        Memory("streams", dtype="i4"),  # how many have been accepted
+        Memory("asked", dtype="i4"),  # command that waits for its answer
+        Memory("asked_at"),  # s
+        Memory("answer", dtype="i4"),  # its MAV_RESULT, -1 before
+        Memory("confirmation", dtype="i4"),  # how often it has been repeated
+        Memory("start_latitude", dtype="i4"),  # degE7
+        Memory("start_position"),  # m on the line
+        Memory("period_step", dtype="i4"),  # number of the present period
+        Memory("step_at"),  # s, when the present step began
+    )
+    kernels = (start, advance)
+    errors = ERRORS

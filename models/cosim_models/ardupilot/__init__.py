@@ -1,0 +1,1 @@
+"""ArduPilot's own SITL as an FMU."""

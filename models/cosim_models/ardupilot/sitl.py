@@ -1,0 +1,400 @@
+"""ArduCopter itself as the autopilot FMU: starts or attaches to a simulated ArduPilot over its JSON interface.
+
+A step: reply to the servo outputs that wait with the motion at t, so that ArduPilot's clock moves on to t + h and no
+further; wait for the servo outputs that this brings: the motor commands at t + h. Instances that the same master steps
+therefore share its clock exactly. MAVLink is what comes and goes by ArduPilot's first serial port.
+
+ArduPilot is the user's: nothing of it is here. A run often repeats bit for bit, but not always
+(docs/arducopter.md). What hangs on the clock of the wall: answers of MAVLink FTP, which a thread of
+its own gives, and SYSTEM_TIME before its GPS has a fix. Not here: its sensor models (they are its own), and other
+vehicles than multirotors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import shlex
+import shutil
+import socket
+import subprocess
+import tempfile
+import time
+import weakref
+from pathlib import Path
+
+import numpy as np
+
+from cosim import Model, Output, PacketInput, PacketOutput, Parameter
+from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, payload_start
+from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS, Airframe
+from cosim.verdict import Bound, Role
+from cosim_models.ardupilot.json_interface import PORT, Link, Servos, encode_motion
+
+__all__ = ["ArduPilotSITL"]
+
+_SERIAL = 5760
+"""TCP port of the first serial port of instance 0; instance n has _SERIAL + 10 n."""
+_FRAMES = {Airframe.quad_x: 1, Airframe.hexa_x: 2, Airframe.octa_x: 3}
+"""FRAME_CLASS of each airframe; its FRAME_TYPE is 1 (X)."""
+_START_TIME = 1735689600
+"""Its clock's date at the start, 2025-01-01 UTC [s since 1970]: by default it is today's, and no run repeats."""
+_HEARTBEAT, _ARMED, _STANDBY, _AUTOPILOT = 0, 128, 3, 1
+_MOTION = ("angular_velocity", "specific_force", "position", "velocity", "attitude")
+_SLOWEST = 1.0 / 720.0
+"""Steps [s] above which ArduCopter, its loop at 400 Hz, refuses to arm: its gyro must be 1.8 times faster."""
+_NO_BINARY = (
+    "there is no ArduPilot to start: set the environment variable ARDUPILOT_SITL or the parameter `executable` to the "
+    "path of an `arducopter` for SITL (https://ardupilot.org/dev/docs/sitl-simulator-software-in-the-loop.html says "
+    "how to get one). Or set `attach` to true and start it yourself"
+)
+
+
+class _Serial:
+    """Bytes to and from ArduPilot's first serial port, cut into packets.
+
+    By TCP to an ArduPilot that listens; by UDP from one that we start, which then listens nowhere.
+    """
+
+    def __init__(self) -> None:
+        self._socket: socket.socket | None = None
+        self._out = bytearray()
+        self._in = b""
+        self._datagrams = False
+        self._peer: tuple[str, int] | None = None
+        self._port = 0
+
+    def listen(self) -> int:
+        """Wait for datagrams on loopback; returns the port."""
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self._datagrams = True
+        return int(self._socket.getsockname()[1])
+
+    def connect(self, port: int, seconds: float) -> None:
+        """Connect to an ArduPilot that has been started.
+
+        Raises:
+            TimeoutError: nobody has answered.
+        """
+        self._port = port
+        end = time.monotonic() + seconds
+        while (problem := self.reconnect()) is not None:
+            if time.monotonic() > end:
+                raise TimeoutError(f"no ArduPilot at tcp:127.0.0.1:{port} within {seconds:g} s ({problem})")
+            time.sleep(0.05)
+
+    def reconnect(self) -> str | None:
+        """Connect again where ArduPilot has hung up, as it does when it restarts; says why not."""
+        if self._socket is not None or not self._port:
+            return None
+        try:
+            self._socket = socket.create_connection(("127.0.0.1", self._port), timeout=1.0)
+        except OSError as error:
+            return error.strerror or str(error)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setblocking(False)
+        return None
+
+    def write(self, packets: bytes) -> None:
+        """Send packets, and what could not be sent before; never waits."""
+        self._out += packets
+        if not self._out or self._socket is None or (self._datagrams and self._peer is None):
+            return
+        with contextlib.suppress(BlockingIOError, ConnectionError):  # it is kept; `read` says if nobody is there
+            while self._out:
+                if self._peer is not None:
+                    del self._out[: self._socket.sendto(self._out[:1024], self._peer)]
+                else:
+                    del self._out[: self._socket.send(self._out)]
+
+    def read(self, limit: int) -> bytes:
+        """Whole packets that have come, at most `limit` bytes of them; the rest comes next time."""
+        self.receive(limit)
+        packets, used = _packets(self._in, limit)
+        self._in = self._in[used:]
+        return packets
+
+    def receive(self, limit: int) -> None:
+        """Take what has come, until there are `limit` bytes of it; connect anew where ArduPilot has hung up."""
+        self.reconnect()
+        while self._socket is not None and len(self._in) < limit:
+            try:
+                if self._datagrams:
+                    piece, self._peer = self._socket.recvfrom(65536)
+                else:
+                    piece = self._socket.recv(65536)
+                    if not piece:
+                        self._hang_up()
+            except BlockingIOError:
+                break
+            except ConnectionError:
+                if not self._datagrams:
+                    self._hang_up()
+                continue  # of an earlier datagram
+            self._in += piece
+
+    def _hang_up(self) -> None:
+        """Half a packet in either direction is of the past."""
+        self.close()
+        self._socket, self._in = None, b""
+        self._out.clear()
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+def _packets(data: bytes, limit: int) -> tuple[bytes, int]:
+    """Packets that are complete, at most `limit` bytes of them, and how much of `data` is done with.
+
+    What lies between packets is left out: before its first one ArduPilot says hello in plain text.
+    """
+    buffer = np.frombuffer(data, np.uint8)
+    packets = bytearray()
+    used = 0
+    while used < len(data):
+        start, stop, status = find(buffer, used, len(data))
+        if status in (NOTHING, TRUNCATED):
+            return bytes(packets), start
+        if len(packets) + stop - start > limit:
+            break
+        packets += data[start:stop]
+        used = stop
+    return bytes(packets), used
+
+
+class ArduPilotSITL(Model):
+    """ArduCopter as it is, over its JSON interface: an autopilot on the ports of Autopilot. Steps of 1 ms."""
+
+    step_size = 0.001
+    _end: weakref.finalize[..., ArduPilotSITL] | None = None
+    _waits = False
+    variables = (
+        *MOTION_INPUTS,
+        PacketInput("mavlink_rx", capacity=2048, description="packets received"),
+        Parameter(
+            "SYSID_THISMAV",
+            type=int,
+            start=1,
+            minimum=1,
+            maximum=250,
+            verdict=Role.SYSTEM_ID,
+            description="MAVLink system id",
+        ),
+        Parameter("instance", type=int, start=-1, minimum=-1, maximum=255, description="-1: SYSID_THISMAV - 1"),
+        Parameter("attach", type=bool, start=False, description="to an ArduPilot that somebody else starts"),
+        Parameter("executable", type=str, start="", description="to be started; default: the variable ARDUPILOT_SITL"),
+        Parameter("defaults", type=str, start="", description="parameter files, separated by commas"),
+        Parameter(
+            "folder",
+            type=str,
+            start="",
+            description="it runs in, and keeps parameters and logs in; default: a passing one",
+        ),
+        Parameter("speedup", unit="1", start=100.0, minimum=1.0, description="times real time it may reach at most"),
+        Parameter("start_timeout", unit="s", start=60.0, minimum=0.0, description="of its start, wall-clock time"),
+        Parameter("step_timeout", unit="s", start=20.0, minimum=0.0, description="of a step, wall-clock time"),
+        Parameter("origin_latitude", unit="rad", start=math.radians(-35.363262), description="of the local origin"),
+        Parameter("origin_longitude", unit="rad", start=math.radians(149.165237), description="of the local origin"),
+        Parameter("origin_altitude", unit="m", start=584.0, description="of the origin, above mean sea level"),
+        Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
+        Output(
+            "armed",
+            type=bool,
+            start=False,
+            verdict=Role.ARMED,
+            description="whether the motors may turn, by its last heartbeat",
+        ),
+        Output("mode", type=int, start=0, description="flight mode, by ArduCopter's number"),
+        Output("on_ground", type=bool, start=True, description="whether it takes itself to be on the ground"),
+        Output("clock", unit="s", start=0.0, description="of ArduPilot: the time of the last reply"),
+        Output(
+            "lost",
+            type=int,
+            start=0,
+            verdict=Bound(most=0, text="servo packets of ArduPilot never came: is the computer too slow for it?"),
+            description="servo packets that never came",
+        ),
+        Output(
+            "restarts",
+            type=int,
+            start=0,
+            verdict=Bound(most=0, text="ArduPilot has begun anew"),
+            description="how often ArduPilot has begun anew",
+        ),
+        PacketOutput("mavlink_tx", capacity=4096, description="packets sent"),
+    )
+
+    def initialize(self) -> None:
+        """Nothing is started before all inputs are known."""
+        if int(self.m.airframe) not in _FRAMES:
+            frames = ", ".join(frame.name for frame in _FRAMES)
+            raise ValueError(f"airframe {int(self.m.airframe)}: ArduCopter has frames for {frames}")
+
+    def exit_initialization_mode(self) -> None:
+        """Start ArduPilot, or find it, and wait for its first servo outputs."""
+        super().exit_initialization_mode()
+        try:
+            self._begin()
+        except (RuntimeError, TimeoutError) as error:  # what its user can mend needs no traceback
+            self.log(str(error))
+            raise
+        except BaseException:
+            with self._logged():
+                raise
+
+    def _begin(self) -> None:
+        m = self.m
+        number = int(m.instance) if m.instance >= 0 else int(m.SYSID_THISMAV) - 1
+        self._process: subprocess.Popen[bytes] | None = None
+        self._motion = {name: m[name] for name in _MOTION}
+        self._received = m["mavlink_rx"]
+        self._serial = _Serial()
+        port = PORT + 10 * number if m.attach else 0  # one that we start is told where to send
+        try:
+            self._link = Link(port)
+        except OSError as error:
+            raise RuntimeError(f"UDP port {port} of instance {number} cannot be opened: {error.strerror}") from None
+        processes: list[subprocess.Popen[bytes]] = []
+        folder = Path(self.strings["folder"] or tempfile.mkdtemp(prefix=f"ardupilot-{number}-")).resolve()
+        passing = None if self.strings["folder"] else folder
+        self._end = weakref.finalize(self, _end, self._link, self._serial, processes, passing)
+        try:
+            if m.attach:
+                self._serial.connect(_SERIAL + 10 * number, float(m.start_timeout))
+            else:
+                processes.append(self._start(number, folder))
+            self._set_motors(self._link.next(float(m.start_timeout), self._alive))
+        except BaseException:
+            self._end()
+            raise
+
+    def _start(self, number: int, folder: Path) -> subprocess.Popen[bytes]:
+        m, strings = self.m, self.strings
+        executable = strings["executable"] or os.environ.get("ARDUPILOT_SITL", "")
+        if not executable:
+            raise RuntimeError(_NO_BINARY)
+        path = Path(executable).resolve()
+        if not os.access(path, os.X_OK) or not path.is_file():
+            raise RuntimeError(f"{path} is no program that can be started; {_NO_BINARY}")
+        folder.mkdir(parents=True, exist_ok=True)
+        frame = folder / "frame.parm"
+        frame.write_text(f"FRAME_CLASS {_FRAMES[Airframe(int(m.airframe))]}\nFRAME_TYPE 1\n")
+        self._log_file = folder / "ardupilot.log"
+        arguments = self._arguments(number, [*_defaults(strings["defaults"], path), frame])
+        with self._log_file.open("wb") as log:
+            self._process = subprocess.Popen(
+                [str(path), *arguments], cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT
+            )
+        self.log(f"started: {shlex.join([str(path), *arguments])} in {folder}")
+        return self._process
+
+    def _arguments(self, number: int, defaults: list[Path]) -> list[str]:
+        m = self.m
+        home = (math.degrees(m.origin_latitude), math.degrees(m.origin_longitude), float(m.origin_altitude), 0)
+        return [
+            f"-I{number}",
+            *("--model", "JSON:127.0.0.1"),
+            *("--sim-port-out", str(self._link.port)),
+            *("--start-time", str(_START_TIME)),
+            *("--defaults", ",".join(map(str, defaults))),
+            *("--sysid", str(int(m.SYSID_THISMAV))),
+            *("--home", ",".join(f"{x:.9g}" for x in home)),
+            *("--speedup", f"{float(m.speedup):g}"),
+            *("--serial0", f"udpclient:127.0.0.1:{self._serial.listen()}", "--serial1", "none", "--serial2", "none"),
+        ]
+
+    def _alive(self) -> None:
+        self._serial.receive(self.m["mavlink_tx"].size)  # one that has restarted may wait until we connect again
+        if self._process is not None and self._process.poll() is not None:
+            last = self._log_file.read_text(errors="replace").splitlines()[-5:]
+            text = f"ArduPilot has ended with code {self._process.returncode}; its last words: {' / '.join(last)}"
+            raise RuntimeError(text)
+
+    def do_step(self, t: float, h: float) -> bool:
+        """Let ArduPilot's clock come to t + h. The servo outputs that it sends are taken when outputs are asked for.
+
+        So those that one master steps work at the same time, each in its own process. No reply may say 0: until its
+        clock has a time it goes by the wall's, and waits for the simulated one to come as far.
+        """
+        m = self.m
+        if self._waits:
+            self._finish()
+        if h > _SLOWEST and m["clock"] == 0.0:
+            self.log(f"steps of {h:g} s are too long for ArduCopter's loop of 400 Hz: it will not arm above 1.38 ms")
+        self._serial.write(self._received[: m["mavlink_rx_len"]].tobytes())
+        self._link.reply(encode_motion(t + h, **{name: values.tolist() for name, values in self._motion.items()}))
+        self._waits = True
+        m["clock"] = t + h
+        return True
+
+    def _before_get(self) -> None:
+        super()._before_get()
+        if self._waits:
+            with self._logged():
+                self._finish()
+
+    def _finish(self) -> None:
+        """Wait for the servo outputs that the last reply brings, and take what the serial port gives."""
+        self._waits = False
+        m, link = self.m, self._link
+        servos = link.next(float(m["step_timeout"]), self._alive)
+        m["lost"], m["restarts"] = link.lost, link.restarts
+        self._set_motors(servos)
+        self._hear()
+
+    def _set_motors(self, servos: Servos) -> None:
+        self.m["motor"] = [min(max((pulse - 1000) / 1000.0, 0.0), 1.0) for pulse in servos.pwm[:MAX_MOTORS]]
+
+    def _hear(self) -> None:
+        """Packets of the serial port go to the output; its heartbeat says how ArduPilot is."""
+        m = self.m
+        packets = self._serial.read(m["mavlink_tx"].size)
+        m["mavlink_tx_len"] = len(packets)
+        if not packets:
+            return
+        buffer = np.frombuffer(packets, np.uint8)
+        m["mavlink_tx"][: len(packets)] = buffer
+        p = 0
+        while p < len(packets):
+            start, p, status = find(buffer, p, len(packets))
+            if status not in (GOOD, SIGNED) or message_id(buffer, start) != _HEARTBEAT:
+                continue
+            if component(buffer, start) != _AUTOPILOT:
+                continue
+            first = payload_start(buffer, start)
+            payload = packets[first : first + 9].ljust(9, b"\0")
+            m["mode"] = int.from_bytes(payload[:4], "little", signed=True)
+            m["armed"] = bool(payload[6] & _ARMED)
+            m["on_ground"] = payload[7] <= _STANDBY
+
+    def terminate(self) -> None:
+        """End ArduPilot if it was started here."""
+        if self._end is not None:
+            self._end()
+
+
+def _end(link: Link, serial: _Serial, processes: list[subprocess.Popen[bytes]], passing: Path | None) -> None:
+    link.close()
+    serial.close()
+    for process in processes:
+        process.kill()  # without replies it hears no milder signal
+        process.wait(10)
+    if passing is not None:
+        shutil.rmtree(passing, ignore_errors=True)
+
+
+def _defaults(given: str, executable: Path) -> list[Path]:
+    """Parameter files: those that are given, else ArduPilot's own for a copter, if the program lies in its tree."""
+    files = [Path(name.strip()).resolve() for name in given.split(",") if name.strip()]
+    for file in files:
+        if not file.is_file():
+            raise RuntimeError(f"defaults: there is no file {file}")
+    if not files and len(executable.parents) > 3:
+        own = executable.parents[3] / "Tools" / "autotest" / "default_params" / "copter.parm"
+        files = [own] if own.is_file() else []
+    return files

@@ -1,0 +1,1 @@
+"""The autopilot that answers as ArduCopter does."""

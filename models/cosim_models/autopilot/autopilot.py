@@ -1,0 +1,220 @@
+"""The autopilot FMU: ArduCopter's cascade, modes and MAVLink conversation at 400 Hz, for multirotors of 4, 6, 8 motors.
+
+A step: filter the motion inputs as the inertial sensors would, run the rate controllers and the motors on the targets
+of the last step, process received packets, run the fail-safes and the flight mode, detect landing, send telemetry.
+
+    mavlink/     commands received, telemetry sent, parameters, file transfer, the messages themselves
+    commander/   mode requests, arming checks, pilot's switches, fail-safes, battery
+    flight/      each flight mode, yaw, the pilot's sticks, armed and landed
+    record/      ports, parameters (ArduPilot's names, units and defaults) and memory of the FMU
+    control/     position and attitude controllers, shaping, PID, mixer, motors
+    mission/     missions, fences, rally points
+    link/        packets and texts on their links
+
+Not here: sensors with noise and an estimator: what comes in is taken for the truth. An `Estimator` may stand before it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+from cosim import Model, kernel
+from cosim.frames import rotate
+from cosim_models.autopilot.commander.battery import drain
+from cosim_models.autopilot.commander.failsafes import watch
+from cosim_models.autopilot.commander.switches import LAST_POSITION
+from cosim_models.autopilot.control.attitude import run_rates
+from cosim_models.autopilot.control.mixer import motor_factors
+from cosim_models.autopilot.control.motors import air_density_ratio, learn_hover_throttle, run_motors
+from cosim_models.autopilot.control.position import GRAVITY, initialise_ne, initialise_up, set_limits
+from cosim_models.autopilot.flight.auto import run_auto
+from cosim_models.autopilot.flight.modes import run_mode
+from cosim_models.autopilot.flight.state import detect_landing, disarm_after_delay
+from cosim_models.autopilot.flight.sticks import read_sticks
+from cosim_models.autopilot.link.links import MAVLINK, SERIAL, TELEMETRY
+from cosim_models.autopilot.mavlink.commands import receive
+from cosim_models.autopilot.mavlink.status_messages import going
+from cosim_models.autopilot.mavlink.telemetry import start_streams, telemetry
+from cosim_models.autopilot.record.modes import AUTO
+from cosim_models.autopilot.record.variables import VARIABLES
+
+__all__ = ["Autopilot"]
+
+_STEP = 0.0025
+_NO_MIXER, _BAD_SYSID, _NOT_FINITE, _BAD_GAIN, _BAD_LEAN = 1, 2, 3, 4, 5
+
+
+# ---- sensing -------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _tune_filter(c: Any, cutoff: float, dt: float) -> None:
+    """Coefficients b0, a1, a2 of a second-order Butterworth low-pass; b0 = 1 and the rest 0 for no cutoff."""
+    if cutoff <= 0.0 or 2.0 * cutoff * dt >= 1.0:
+        c[0], c[1], c[2] = 1.0, 0.0, 0.0
+        return
+    w = math.tan(math.pi * cutoff * dt)
+    scale = 1.0 + math.sqrt(2.0) * w + w * w
+    c[0] = w * w / scale
+    c[1] = 2.0 * (w * w - 1.0) / scale
+    c[2] = (1.0 - math.sqrt(2.0) * w + w * w) / scale
+
+
+@kernel
+def _filter(s: Any, c: Any, value: float) -> float:
+    """One step of the low-pass over its two delays `s`."""
+    if c[0] == 1.0:
+        return value
+    now = value - c[1] * s[0] - c[2] * s[1]
+    result = c[0] * (now + 2.0 * s[0] + s[1])
+    s[1] = s[0]
+    s[0] = now
+    return float(result)
+
+
+@kernel
+def _settle_filter(s: Any, c: Any, value: float) -> None:
+    """Set the delays as if `value` had been there for ever."""
+    s[0] = value / (1.0 + c[1] + c[2])
+    s[1] = s[0]
+
+
+@kernel
+def _tune(m: Any, dt: float) -> None:
+    """Filter coefficients for steps of dt, settled on the present inputs."""
+    m.filter_dt = dt
+    _tune_filter(m.gyro_filter, m.INS_GYRO_FILTER, dt)
+    _tune_filter(m.accel_filter, m.INS_ACCEL_FILTER, dt)
+    for i in range(3):
+        _settle_filter(m.gyro_delay[i], m.gyro_filter, m.angular_velocity[i])
+        _settle_filter(m.accel_delay[i], m.accel_filter, m.specific_force[i])
+
+
+@kernel
+def _sense(m: Any) -> bool:
+    """Take over the motion inputs; False if they are no finite numbers or the attitude has no length."""
+    total = 0.0
+    length = 0.0
+    for i in range(3):
+        total += m.position[i] + m.velocity[i] + m.angular_velocity[i] + m.specific_force[i]
+    for i in range(4):
+        length += m.attitude[i] * m.attitude[i]
+    if not math.isfinite(total) or not math.isfinite(length) or length < 1e-6:
+        return False
+    scale = 1.0 / math.sqrt(length)
+    for i in range(4):
+        m.q[i] = m.attitude[i] * scale
+    for i in range(3):
+        sign = -1.0 if i == 2 else 1.0
+        m.pos[i] = sign * m.position[i]
+        m.vel[i] = sign * m.velocity[i]
+        m.gyro[i] = _filter(m.gyro_delay[i], m.gyro_filter, m.angular_velocity[i])
+    fx = _filter(m.accel_delay[0], m.accel_filter, m.specific_force[0])
+    fy = _filter(m.accel_delay[1], m.accel_filter, m.specific_force[1])
+    fz = _filter(m.accel_delay[2], m.accel_filter, m.specific_force[2])
+    an, ae, ad = rotate((float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3])), (fx, fy, fz))
+    m.acc[0], m.acc[1], m.acc[2] = an, ae, -(ad + GRAVITY)
+    return True
+
+
+# ---- the model -----------------------------------------------------------------------------------------------------
+
+
+@kernel
+def start(m: Any) -> int:
+    """Choose the mixer, take the present motion, disarmed on the ground in STABILIZE."""
+    if not 1 <= m.SYSID_THISMAV <= 255:
+        return _BAD_SYSID
+    if min(m.PSC_POSXY_P, m.PSC_POSZ_P, m.WPNAV_ACCEL, m.WPNAV_ACCEL_Z, m.PSC_JERK_XY, m.PSC_JERK_Z) <= 0.0:
+        return _BAD_GAIN
+    if not 500.0 <= m.ANGLE_MAX <= 8000.0:
+        return _BAD_LEAN
+    m.motor_count = motor_factors(m.airframe, m.factors)
+    if m.motor_count == 0:
+        return _NO_MIXER
+    _tune(m, _STEP)
+    if not _sense(m):
+        return _NOT_FINITE
+    for i in range(4):
+        m.attitude_target[i] = m.q[i]
+    m.on_ground = True
+    m.touched = True
+    m.throttle_hover = m.MOT_THST_HOVER
+    m.throttle_mix = m.ATC_THR_MIX_MIN
+    m.air_density = air_density_ratio(m.origin_altitude)
+    m.mission_count = 1
+    set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
+    initialise_ne(m)
+    initialise_up(m)
+    for i in range(3):
+        m.home[i] = m.pos[i]
+    m.throttle_open_at = -1.0
+    m.switch_position = LAST_POSITION
+    m.switch_seen = LAST_POSITION
+    drain(m, 0.0)
+    for i in range(2):
+        m.battery_since[i] = -1.0
+    start_streams(m)
+    _publish(m)
+    return 0
+
+
+@kernel
+def _publish(m: Any) -> None:
+    there = going(m)
+    for i in range(3):
+        sign = -1.0 if i == 2 else 1.0
+        m.desired_position[i] = sign * m.position_desired[i]
+        m.desired_velocity[i] = sign * m.velocity_desired[i]
+        m.target[i] = sign * (m.guided_position[i] if there else m.position_desired[i])
+
+
+@kernel
+def advance(m: Any, t: float, h: float) -> int:
+    """One loop of the autopilot: inputs at t, motor commands for t + h."""
+    m.mavlink_tx_len = 0
+    m.telemetry_tx_len = 0
+    m.serial_tx_len = 0
+    if h != m.filter_dt:
+        _tune(m, h)
+    if not _sense(m):
+        return _NOT_FINITE
+    run_rates(m, h)
+    run_motors(m, h)
+    if m.mavlink_rx_len > 0:
+        m.link = MAVLINK
+        receive(m, m.mavlink_rx, m.mavlink_rx_len, t)
+    if m.telemetry_rx_len > 0:
+        m.link = TELEMETRY
+        receive(m, m.telemetry_rx, m.telemetry_rx_len, t)
+    if m.serial_rx_len > 0:
+        m.link = SERIAL
+        receive(m, m.serial_rx, m.serial_rx_len, t)
+    if m.rc_known:
+        read_sticks(m, t)
+    watch(m, t)
+    if m.mode == AUTO:
+        run_auto(m, t, h)
+    run_mode(m, t, h)
+    detect_landing(m, h)
+    learn_hover_throttle(m, h)
+    disarm_after_delay(m, t)
+    telemetry(m, t)
+    _publish(m)
+    return 0
+
+
+class Autopilot(Model):
+    """Multirotor autopilot that flies and speaks MAVLink as ArduCopter does."""
+
+    step_size = _STEP
+    variables = VARIABLES
+    kernels = (start, advance)
+    errors: ClassVar = {
+        _NO_MIXER: "the vehicle's airframe has no mixer: quad_x (1), hexa_x (2) and octa_x (3) have",
+        _BAD_SYSID: "SYSID_THISMAV is not within 1 to 255",
+        _NOT_FINITE: "a motion input is not a finite number, or the attitude is no quaternion",
+        _BAD_LEAN: "ANGLE_MAX is not within 500 to 8000 (5 to 80 degrees)",
+        _BAD_GAIN: "PSC_POSXY_P, PSC_POSZ_P, PSC_JERK_XY, PSC_JERK_Z, WPNAV_ACCEL and WPNAV_ACCEL_Z must be positive",
+    }

@@ -1,0 +1,1 @@
+"""Arming, mode requests, fail-safes: who decides."""

@@ -1,0 +1,229 @@
+"""What the autopilot does by itself when something is wrong: ground station or radio are lost, a fence is crossed.
+
+`watch` looks ten times a second. The ground station counts as lost when HEARTBEATs of SYSID_MYGCS that have been heard
+stay away for FS_GCS_TIMEOUT; this is also how a lost link shows. Fences are a greatest and a least height and a circle,
+all about home, and what has been uploaded. Kernels over the autopilot's record `m`.
+
+Source: ArduPilot, ArduCopter events (failsafe_gcs_check), fence, AC_Fence.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.kernel import kernel
+from cosim_models.autopilot.commander.battery import CRITICAL_CHARGE, drain, new_alarm
+from cosim_models.autopilot.commander.switches import watch_switches
+from cosim_models.autopilot.flight.modes import set_mode
+from cosim_models.autopilot.flight.state import disarm, landed_state, position_ready
+from cosim_models.autopilot.flight.sticks import NO_PULSES, channel, hands_on, throttle_zero
+from cosim_models.autopilot.link.statustext import (
+    BATTERY_DISARMING,
+    BATTERY_LANDING,
+    BATTERY_LOST,
+    CIRCLE_BREACHED,
+    GCS_AUTO,
+    GCS_CLEARED,
+    GCS_DISARMING,
+    GCS_LANDING,
+    GCS_LOST,
+    GCS_PILOT,
+    HIGH_BREACHED,
+    LOW_BREACHED,
+    NO_NUMBER,
+    POLYGON_BREACHED,
+    RADIO_AUTO,
+    RADIO_CLEARED,
+    RADIO_DISARMING,
+    RADIO_GUIDED,
+    RADIO_LANDING,
+    RADIO_LOST,
+    WARNING,
+    say,
+)
+from cosim_models.autopilot.mission.fences import CIRCLE, HIGHEST, LOWEST, POLYGON, within_polygons
+from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, BRAKE, GUIDED, LAND, LANDING, LOITER, RTL, STABILIZE
+
+__all__ = ["hear_station", "watch"]
+
+_PERIOD = 0.1  # s
+_GIVE_UP = 100.0  # m beyond a fence from where the vehicle lands instead of returning
+# FS_OPTIONS
+_AUTO_GOES_ON, _AUTO_GOES_ON_ALONE, _GUIDED_GOES_ON, _LANDING_GOES_ON, _PILOT_GOES_ON_ALONE = 1, 2, 4, 8, 16
+_REPORT, _RETURN, _ALWAYS_LAND, _BRAKE = 0, 1, 2, 4  # FENCE_ACTION
+
+
+@kernel
+def hear_station(m: Any, sender: int, t: float) -> None:
+    """A HEARTBEAT has been heard."""
+    if sender == m.SYSID_MYGCS:
+        m.station_heard = t
+        m.station_known = True
+
+
+@kernel
+def _change(m: Any, mode: int, t: float) -> None:
+    """Switch to a mode, to LAND where it is not possible; on the ground disarm instead."""
+    if m.on_ground:
+        disarm(m)
+    elif mode == LAND or not position_ready(m, t) or not set_mode(m, mode, t):
+        set_mode(m, LAND, t)
+
+
+@kernel
+def _watch_station(m: Any, t: float) -> None:
+    lost = m.FS_GCS_ENABLE > 0 and m.station_known and t - m.station_heard > m.FS_GCS_TIMEOUT
+    if lost == m.station_lost:
+        return
+    m.station_lost = lost
+    if not lost:
+        say(m, WARNING, GCS_CLEARED, NO_NUMBER)
+        return
+    if not m.armed:
+        return
+    if m.on_ground:
+        say(m, WARNING, GCS_DISARMING, NO_NUMBER)
+        disarm(m)
+        return
+    if (m.FS_OPTIONS & _LANDING_GOES_ON) != 0 and _is_landing(m):
+        say(m, WARNING, GCS_LANDING, NO_NUMBER)
+        return
+    if m.mode == AUTO and (m.FS_OPTIONS & _AUTO_GOES_ON_ALONE) != 0:
+        say(m, WARNING, GCS_AUTO, NO_NUMBER)
+        return
+    if m.mode in (STABILIZE, ALT_HOLD, LOITER) and (m.FS_OPTIONS & _PILOT_GOES_ON_ALONE) != 0:
+        say(m, WARNING, GCS_PILOT, NO_NUMBER)
+        return
+    say(m, WARNING, GCS_LOST, NO_NUMBER)
+    if m.FS_GCS_ENABLE == 7:
+        _change(m, BRAKE, t)
+    elif m.FS_GCS_ENABLE == 4 or m.FS_GCS_ENABLE == 5:
+        _change(m, LAND, t)
+    else:
+        _change(m, RTL, t)
+
+
+@kernel
+def _beyond(m: Any) -> tuple[float, float, float]:
+    """How far [m] the vehicle is above, outside and below its fences; negative within."""
+    n, e, height = m.pos[0] - m.home[0], m.pos[1] - m.home[1], m.pos[2] - m.home[2]
+    return height - m.FENCE_ALT_MAX, math.sqrt(n * n + e * e) - m.FENCE_RADIUS, m.FENCE_ALT_MIN - height
+
+
+@kernel
+def _watch_battery(m: Any, t: float) -> None:
+    drain(m, _PERIOD)
+    alarm = new_alarm(m, t)
+    if alarm == 0:
+        return
+    action = m.BATT_FS_CRT_ACT if alarm == CRITICAL_CHARGE else m.BATT_FS_LOW_ACT
+    if m.on_ground or (m.mode == STABILIZE and throttle_zero(m, t)):
+        say(m, WARNING, BATTERY_DISARMING, NO_NUMBER)
+        disarm(m)
+    elif action != 0 and (m.FS_OPTIONS & _LANDING_GOES_ON) != 0 and _is_landing(m):
+        say(m, WARNING, BATTERY_LANDING, NO_NUMBER)
+    else:
+        say(m, WARNING, BATTERY_LOST, NO_NUMBER)
+        if action == 1 or action == 4:
+            _change(m, LAND, t)
+        elif action == 5:
+            disarm(m)
+        elif action == 7:
+            _change(m, BRAKE, t)
+        elif action != 0:
+            _change(m, RTL, t)
+
+
+@kernel
+def _is_landing(m: Any) -> bool:
+    return landed_state(m) == LANDING
+
+
+@kernel
+def _watch_radio(m: Any, t: float) -> None:
+    """The radio is lost when no signal comes, or one with the throttle below FS_THR_VALUE."""
+    if hands_on(m, t) or m.SIM_RC_FAIL != NO_PULSES:
+        m.radio_heard = t
+    pulse = channel(m, m.RCMAP_THROTTLE, t)
+    lost = m.FS_THR_ENABLE > 0 and (t - m.radio_heard >= m.RC_FS_TIMEOUT or (pulse != 0 and pulse < m.FS_THR_VALUE))
+    if lost == m.radio_lost:
+        return
+    m.radio_lost = lost
+    if not lost:
+        say(m, WARNING, RADIO_CLEARED, NO_NUMBER)
+    elif m.on_ground or (m.mode == STABILIZE and throttle_zero(m, t)):
+        say(m, WARNING, RADIO_DISARMING, NO_NUMBER)
+        disarm(m)
+    elif (m.FS_OPTIONS & _LANDING_GOES_ON) != 0 and _is_landing(m):
+        say(m, WARNING, RADIO_LANDING, NO_NUMBER)
+    elif m.mode == AUTO and ((m.FS_OPTIONS & _AUTO_GOES_ON) != 0 or m.FS_THR_ENABLE == 2):
+        say(m, WARNING, RADIO_AUTO, NO_NUMBER)
+    elif m.mode == GUIDED and (m.FS_OPTIONS & _GUIDED_GOES_ON) != 0:
+        say(m, WARNING, RADIO_GUIDED, NO_NUMBER)
+    else:
+        say(m, WARNING, RADIO_LOST, NO_NUMBER)
+        if m.FS_THR_ENABLE == 7:
+            _change(m, BRAKE, t)
+        elif m.FS_THR_ENABLE == 3 or m.FS_THR_ENABLE == 5:
+            _change(m, LAND, t)
+        else:
+            _change(m, RTL, t)
+
+
+@kernel
+def _watch_fence(m: Any, t: float) -> None:
+    if m.FENCE_ENABLE == 0 or not m.armed:
+        m.fence_breach = 0
+        m.fence_low_armed = False
+        return
+    above, outside, below = _beyond(m)
+    m.fence_low_armed = m.fence_low_armed or below < 0.0  # counts once it has been left behind
+    now = 0
+    if (m.FENCE_TYPE & HIGHEST) != 0 and above >= 0.0:
+        now += HIGHEST
+    if (m.FENCE_TYPE & CIRCLE) != 0 and outside >= 0.0:
+        now += CIRCLE
+    if (m.FENCE_TYPE & LOWEST) != 0 and m.fence_low_armed and not m.on_ground and below >= 0.0:
+        now += LOWEST
+    if (m.FENCE_TYPE & POLYGON) != 0 and m.fence_count > 0 and not within_polygons(m, m.pos[0], m.pos[1]):
+        now += POLYGON
+    if m.mode == LAND or m.mode == RTL:
+        now &= ~LOWEST  # coming down is what was asked for
+    new = now & ~m.fence_breach
+    m.fence_breach = now
+    if new == 0:
+        return
+    m.breach_count += 1
+    m.breach_time = t
+    if (new & HIGHEST) != 0:
+        say(m, WARNING, HIGH_BREACHED, NO_NUMBER)
+    if (new & CIRCLE) != 0:
+        say(m, WARNING, CIRCLE_BREACHED, NO_NUMBER)
+    if (new & POLYGON) != 0:
+        say(m, WARNING, POLYGON_BREACHED, NO_NUMBER)
+    if (new & LOWEST) != 0:
+        say(m, WARNING, LOW_BREACHED, NO_NUMBER)
+    if m.FENCE_ACTION == _REPORT:
+        return
+    if m.mode == STABILIZE and m.on_ground:
+        disarm(m)
+    elif m.FENCE_ACTION == _ALWAYS_LAND or max(above, outside) >= _GIVE_UP:
+        _change(m, LAND, t)
+    elif m.FENCE_ACTION == _BRAKE:
+        _change(m, BRAKE, t)
+    else:
+        _change(m, RTL, t)
+
+
+@kernel
+def watch(m: Any, t: float) -> None:
+    """Look whether something is wrong, ten times a second."""
+    if t < m.next_watch - 1e-9:
+        return
+    m.next_watch = t + _PERIOD
+    _watch_battery(m, t)
+    _watch_station(m, t)
+    _watch_radio(m, t)
+    watch_switches(m, t)
+    _watch_fence(m, t)

@@ -1,0 +1,178 @@
+"""Asking for a mode or to arm: what ArduCopter checks first, and its texts where it refuses.
+
+What ground stations command (`commands`), pilots switch (`switches`) and fail-safes do goes through here. Kernels
+over the autopilot's record `m`.
+
+Source: ArduPilot, ArduCopter mode and AP_Arming_Copter; answers recorded from ArduCopter 4.7-dev.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cosim.kernel import kernel
+from cosim_models.autopilot.commander.readiness import attitude_ready, prearm_ready
+from cosim_models.autopilot.flight.modes import set_mode
+from cosim_models.autopilot.flight.state import arm, disarm, needs_position, position_ready
+from cosim_models.autopilot.flight.sticks import pilot_climb_rate, pilot_throttle, throttle_open
+from cosim_models.autopilot.link.statustext import (
+    ACCELS_INCONSISTENT,
+    AHRS_TYPE,
+    ARM_CHARGE,
+    ARM_NEEDS_POSITION,
+    ARM_THROTTLE,
+    ARM_VOLTAGE,
+    ARMING,
+    ATTITUDE_BAD,
+    AUTO_REFUSED,
+    BRAKE_REFUSED,
+    CIRCLE_REFUSED,
+    CRITICAL,
+    GUIDED_REFUSED,
+    INFO,
+    LOITER_REFUSED,
+    MISSING_TAKEOFF,
+    NO_NUMBER,
+    NO_SUCH_MODE,
+    NOT_ARMABLE,
+    PREARM_NEEDS_POSITION,
+    RTL_REFUSED,
+    STABILIZE_REFUSED,
+    WAITING_FOR_HOME,
+    WARNING,
+    say,
+)
+from cosim_models.autopilot.mission.missions import COMMAND, mission_count
+from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, BRAKE, CIRCLE, GUIDED, LAND, LOITER, RTL, STABILIZE
+
+__all__ = [
+    "ACCEPTED",
+    "DENIED",
+    "FAILED",
+    "UNSUPPORTED",
+    "arm_checked",
+    "arm_or_disarm",
+    "change_mode",
+    "start_mission",
+]
+
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+"""MAV_RESULT."""
+
+_TAKEOFF, _YAW, _SPEED = 22, 115, 178  # MAV_CMD
+_ARM_IN_AUTO, _FLY_AT_ONCE = 1, 2  # AUTO_OPTIONS
+_ARM_BY_STICK = 1  # GUID_OPTIONS
+_FORCE_ARM, _FORCE = 2989.0, 21196.0
+
+
+@kernel
+def _is_mode(mode: int) -> bool:
+    return mode in (STABILIZE, ALT_HOLD, BRAKE, CIRCLE, AUTO, GUIDED, LOITER, RTL, LAND)
+
+
+@kernel
+def _mission_can_begin(m: Any) -> bool:
+    """Whether AUTO can be entered: there is a mission, and on the ground it begins with a take-off."""
+    count = mission_count(m)
+    if count <= 1:
+        say(m, WARNING, AUTO_REFUSED, NO_NUMBER)
+        return False
+    if m.armed and m.on_ground:
+        row = 1
+        while row < count and (m.mission[row, COMMAND] == _YAW or m.mission[row, COMMAND] == _SPEED):
+            row += 1
+        if row >= count or m.mission[row, COMMAND] != _TAKEOFF:
+            say(m, WARNING, MISSING_TAKEOFF, NO_NUMBER)
+            return False
+    return True
+
+
+@kernel
+def start_mission(m: Any, t: float) -> int:
+    """Fly the mission from the ground on; a MAV_RESULT."""
+    if change_mode(m, AUTO, t) != ACCEPTED:
+        return FAILED
+    m.auto_armed = m.armed
+    return ACCEPTED
+
+
+@kernel
+def change_mode(m: Any, mode: int, t: float) -> int:
+    """Switch to a mode by ArduCopter's number; a MAV_RESULT."""
+    if not _is_mode(mode):
+        say(m, WARNING, NO_SUCH_MODE, mode)
+        return FAILED
+    if mode == AUTO and m.mode != AUTO and not _mission_can_begin(m):
+        return FAILED
+    if mode == STABILIZE and m.mode != STABILIZE and m.on_ground and pilot_throttle(m, t) > 0.5 * m.throttle_hover:
+        say(m, WARNING, STABILIZE_REFUSED, NO_NUMBER)
+        return FAILED
+    if not set_mode(m, mode, t):
+        text = GUIDED_REFUSED if mode == GUIDED else LOITER_REFUSED if mode == LOITER else RTL_REFUSED
+        if mode == AUTO:
+            text = AUTO_REFUSED
+        elif mode == CIRCLE:
+            text = CIRCLE_REFUSED
+        elif mode == BRAKE:
+            text = BRAKE_REFUSED
+        say(m, WARNING, text, NO_NUMBER)
+        return FAILED
+    if not m.armed and needs_position(mode) and not position_ready(m, t):
+        say(m, CRITICAL, PREARM_NEEDS_POSITION, NO_NUMBER)
+    return ACCEPTED
+
+
+@kernel
+def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
+    """Arm after ArduCopter's checks, as far as they can fail here; a MAV_RESULT."""
+    if m.armed:
+        return ACCEPTED
+    auto = m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0
+    guided = m.mode == GUIDED and by_stick and (m.GUID_OPTIONS & _ARM_BY_STICK) == 0
+    if m.mode in (LAND, RTL, BRAKE, CIRCLE) or auto or guided:
+        say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
+        return FAILED
+    if not forced:
+        checked = m.ARMING_CHECK != 0
+        if checked and not attitude_ready(m, t):
+            say(m, CRITICAL, ACCELS_INCONSISTENT, NO_NUMBER)
+            say(m, CRITICAL, ATTITUDE_BAD, NO_NUMBER)
+            say(m, CRITICAL, AHRS_TYPE, NO_NUMBER)
+            return FAILED
+        if needs_position(m.mode) and not position_ready(m, t):
+            say(m, CRITICAL, ARM_NEEDS_POSITION, NO_NUMBER)
+            return FAILED
+        if checked and not prearm_ready(m, t):
+            say(m, CRITICAL, WAITING_FOR_HOME, NO_NUMBER)
+            return FAILED
+        if (
+            checked
+            and m.mode not in (GUIDED, AUTO)
+            and (pilot_climb_rate(m, t) > 0.0 or (m.mode == STABILIZE and throttle_open(m, t)))
+        ):
+            say(m, CRITICAL, ARM_THROTTLE, NO_NUMBER)
+            return FAILED
+        if checked and 0.0 < m.battery_voltage < m.BATT_ARM_VOLT:
+            say(m, CRITICAL, ARM_VOLTAGE, NO_NUMBER)
+            return FAILED
+        if checked and m.BATT_ARM_MAH > 0.0 and m.BATT_CAPACITY - m.battery_used < m.BATT_ARM_MAH:
+            say(m, CRITICAL, ARM_CHARGE, NO_NUMBER)
+            return FAILED
+    arm(m, t)
+    if m.mode == AUTO and (m.AUTO_OPTIONS & _FLY_AT_ONCE) != 0:
+        m.auto_armed = True
+    say(m, INFO, ARMING, NO_NUMBER)
+    return ACCEPTED
+
+
+@kernel
+def arm_or_disarm(m: Any, p1: float, p2: float, t: float) -> int:
+    """COMPONENT_ARM_DISARM."""
+    if p1 == 1.0:
+        return arm_checked(m, p2 in (_FORCE_ARM, _FORCE), False, t)
+    if p1 == 0.0:
+        if m.armed and not m.on_ground and p2 != _FORCE:
+            return FAILED
+        disarm(m)
+        return ACCEPTED
+    return UNSUPPORTED

@@ -1,0 +1,83 @@
+"""What the pilot switches: the mode by the switch's channel, the motors by the yaw stick.
+
+`watch_switches` looks ten times a second. A mode switch that is no longer overridden leaves the mode as it is. Kernels
+over the autopilot's record `m`.
+
+Source: ArduPilot, RC_Channel (read_mode_switch) and ArduCopter motors (arm_motors_check).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cosim.kernel import get_whole, kernel
+from cosim.model import record_layout
+from cosim_models.autopilot.commander.mode_requests import arm_checked, change_mode
+from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.sticks import channel, deflection, hands_on, override_active, throttle_open
+from cosim_models.autopilot.record.modes import STABILIZE
+from cosim_models.autopilot.record.variables import VARIABLES
+
+__all__ = ["LAST_POSITION", "watch_switches"]
+
+_POSITIONS = np.array((1230, 1360, 1490, 1620, 1749), dtype=np.int64)  # us, greatest of positions 1 to 5
+LAST_POSITION = 6
+_LEAST, _GREATEST = 900, 2200  # us, of a switch that is there
+_SETTLED = 0.2  # s
+_FULL = 4000.0 / 4500.0  # yaw stick
+_ARMED_AFTER = 20  # looks
+
+_FIELDS = record_layout(VARIABLES)[0].fields
+assert _FIELDS is not None
+_MODES = np.array([_FIELDS[f"FLTMODE{i}"][1] for i in range(1, LAST_POSITION + 1)], dtype=np.int64)
+
+
+@kernel
+def _watch_mode(m: Any, t: float) -> None:
+    number = m.FLTMODE_CH
+    if number == 0 or not override_active(m, number, t):
+        return
+    pulse = channel(m, number, t)
+    if not _LEAST < pulse < _GREATEST:
+        return
+    position = 1
+    for i in range(_POSITIONS.shape[0]):
+        if pulse > _POSITIONS[i]:
+            position = i + 2
+    if position != m.switch_seen:
+        m.switch_seen = position
+        m.switch_since = t
+    elif position != m.switch_position and t - m.switch_since >= _SETTLED - 1e-9:
+        m.switch_position = position
+        change_mode(m, get_whole(m, _MODES[position - 1]), t)
+
+
+@kernel
+def _watch_rudder(m: Any, t: float) -> None:
+    """Two seconds of full right yaw with closed throttle arm, of full left disarm."""
+    yaw = deflection(m, m.RCMAP_YAW, t)
+    right, left = yaw > _FULL, yaw < -_FULL and m.ARMING_RUDDER == 2
+    if (
+        m.ARMING_RUDDER == 0
+        or throttle_open(m, t)
+        or not (right or left)
+        or (left and m.mode != STABILIZE and not m.on_ground)
+    ):
+        m.rudder_count = 0
+    else:
+        m.rudder_count = min(m.rudder_count + 1, _ARMED_AFTER + 1)
+        if m.rudder_count == _ARMED_AFTER:
+            if right and not m.armed:
+                arm_checked(m, False, True, t)
+            elif left and m.armed:
+                disarm(m)
+
+
+@kernel
+def watch_switches(m: Any, t: float) -> None:
+    """Act on the mode switch and the yaw stick."""
+    if hands_on(m, t):
+        _watch_mode(m, t)
+        _watch_rudder(m, t)

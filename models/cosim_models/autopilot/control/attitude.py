@@ -1,0 +1,275 @@
+"""Attitude: from a thrust direction and a heading to torques, as ArduCopter's AC_AttitudeControl does it.
+
+The target attitude is itself shaped (limited angular acceleration), the body follows it with a square-root controller
+on the thrust direction first and the heading second, and rate PIDs turn angular velocity errors into torques
+(-1 to 1). Kernels over the autopilot's record `m`; FRD body axes, NED reference, quaternions (w, x, y, z) that rotate
+body into NED, radians. Thrust itself is not decided here.
+
+Source: ArduPilot, AC_AttitudeControl and AC_AttitudeControl_Multi.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import conjugate, euler_from_quaternion, multiply, rotate
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.pid import INTEGRAL, pid
+from cosim_models.autopilot.control.shaping import (
+    clip,
+    inverse_sqrt_controller,
+    lowpass_alpha,
+    sqrt_controller,
+    wrap_pi,
+)
+
+__all__ = [
+    "attitude_from_thrust",
+    "follow_heading",
+    "follow_yaw_rate",
+    "forget_torques",
+    "relax_yaw",
+    "run_rates",
+    "shape_angle",
+    "tilt_and_heading_error",
+]
+
+Quaternion = tuple[float, float, float, float]
+Vector = tuple[float, float, float]
+
+_CDEG = math.radians(0.01)  # rad per centidegree
+_DEG = math.radians(1.0)
+_THRUST_ERROR = math.radians(30.0)  # beyond, heading gives way
+_YAW_ERROR_MAX = math.radians(45.0)
+_TILT_ACCEL_MIN, _TILT_ACCEL_MAX = math.radians(40.0), math.radians(720.0)
+_YAW_ACCEL_MIN, _YAW_ACCEL_MAX = math.radians(10.0), math.radians(120.0)
+_RELAX = 0.3  # s, time constant with which integrals are let go on the ground
+
+
+@kernel
+def attitude_from_thrust(n: float, e: float, d: float, heading: float) -> Quaternion:
+    """The attitude whose thrust points along (n, e, d) [NED, any length], turned to `heading` [rad]."""
+    length = math.sqrt(n * n + e * e + d * d)
+    if length == 0.0:
+        n, e, d, length = 0.0, 0.0, -1.0, 1.0
+    n, e, d = n / length, e / length, d / length
+    w = math.sqrt(max(0.5 * (1.0 - d), 0.0))
+    if w < 1e-6:  # thrust straight down: the axis is undetermined
+        tilt = (0.0, 1.0, 0.0, 0.0)
+    else:
+        tilt = (w, e / (2.0 * w), -n / (2.0 * w), 0.0)
+    return multiply(tilt, (math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)))
+
+
+@kernel
+def tilt_and_heading_error(target: Quaternion, body: Quaternion) -> tuple[float, float, float, float]:
+    """Rotation from `body` to `target`: tilt about body x and y first, the rest about z [rad], and the tilt's size."""
+    w, x, y, z = multiply(conjugate(body), target)
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    c = math.sqrt(w * w + z * z)
+    if c < 1e-9:  # upside down: the heading is undetermined
+        return math.pi * x, math.pi * y, 0.0, math.pi
+    heading = 2.0 * math.atan2(z, w)
+    tx = (x * w - y * z) / c
+    ty = (y * w + x * z) / c
+    s = math.sqrt(tx * tx + ty * ty)
+    angle = 2.0 * math.atan2(s, c)
+    scale = 2.0 if s < 1e-9 else angle / s
+    return tx * scale, ty * scale, heading, angle
+
+
+@kernel
+def _target(m: Any) -> Quaternion:
+    return (
+        float(m.attitude_target[0]),
+        float(m.attitude_target[1]),
+        float(m.attitude_target[2]),
+        float(m.attitude_target[3]),
+    )
+
+
+@kernel
+def _set_target(m: Any, q: Quaternion) -> None:
+    scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    for i in range(4):
+        m.attitude_target[i] = q[i] * scale
+
+
+@kernel
+def _turned(q: Quaternion, x: float, y: float, z: float) -> Quaternion:
+    """`q` turned on by the rotation vector (x, y, z) in its own axes."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle < 1e-12:
+        return q
+    s = math.sin(0.5 * angle) / angle
+    return multiply(q, (math.cos(0.5 * angle), x * s, y * s, z * s))
+
+
+@kernel
+def _towards_angle(
+    error: float, time_constant: float, accel_max: float, rate: float, ff: float, rate_max: float, dt: float
+) -> float:
+    """Next angular velocity of the shaped target: towards `error`, with limited angular acceleration."""
+    wanted = ff + sqrt_controller(error, 1.0 / max(time_constant, 0.01), accel_max, dt)
+    if rate_max > 0.0:
+        wanted = clip(wanted, -rate_max, rate_max)
+    if accel_max > 0.0:
+        wanted = clip(wanted, rate - accel_max * dt, rate + accel_max * dt)
+    return wanted
+
+
+@kernel
+def shape_angle(m: Any, error: float, accel_max: float, rate: float, dt: float) -> float:
+    """Next angular velocity of an angle on the way to a target `error` [rad] away, by `accel_max` [cdeg/s2]."""
+    return _towards_angle(error, m.ATC_INPUT_TC, accel_max * _CDEG, rate, 0.0, 0.0, dt)
+
+
+@kernel
+def _advance_target(m: Any, dt: float) -> None:
+    """Turn the target attitude on by its angular velocity."""
+    w = m.rate_target
+    _set_target(m, _turned(_target(m), w[0] * dt, w[1] * dt, w[2] * dt))
+
+
+@kernel
+def _shape_tilt(m: Any, wanted: Quaternion, dt: float) -> float:
+    """Shape the target's roll and pitch rates towards `wanted`; returns the heading error of the target."""
+    x, y, z, _ = tilt_and_heading_error(wanted, _target(m))
+    w = m.rate_target
+    w[0] = _towards_angle(x, m.ATC_INPUT_TC, m.ATC_ACCEL_R_MAX * _CDEG, w[0], 0.0, m.ATC_RATE_R_MAX * _DEG, dt)
+    w[1] = _towards_angle(y, m.ATC_INPUT_TC, m.ATC_ACCEL_P_MAX * _CDEG, w[1], 0.0, m.ATC_RATE_P_MAX * _DEG, dt)
+    return z
+
+
+@kernel
+def follow_heading(m: Any, n: float, e: float, d: float, heading: float, heading_rate: float, dt: float) -> None:
+    """One step towards thrust along (n, e, d) [NED] with the nose at `heading` [rad], itself turning [rad/s]."""
+    slew = m.ATC_SLEW_YAW * _CDEG
+    if m.ATC_RATE_Y_MAX > 0.0:
+        slew = min(slew, m.ATC_RATE_Y_MAX * _DEG)
+    _advance_target(m, dt)
+    error = _shape_tilt(m, attitude_from_thrust(n, e, d, heading), dt)
+    ff = clip(heading_rate, -slew, slew)
+    w = m.rate_target
+    w[2] = _towards_angle(error, m.ATC_INPUT_TC, m.ATC_ACCEL_Y_MAX * _CDEG, w[2], ff, slew, dt)
+    _follow_target(m, dt)
+
+
+@kernel
+def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float) -> None:
+    """One step towards thrust along (n, e, d) [NED], the nose turning at `rate` [rad/s]."""
+    _advance_target(m, dt)
+    heading = euler_from_quaternion(_target(m))[2]
+    _shape_tilt(m, attitude_from_thrust(n, e, d, heading), dt)
+    step = m.ATC_ACCEL_Y_MAX * _CDEG * dt
+    if m.ATC_RATE_Y_MAX > 0.0:
+        rate = clip(rate, -m.ATC_RATE_Y_MAX * _DEG, m.ATC_RATE_Y_MAX * _DEG)
+    m.rate_target[2] += clip(rate - m.rate_target[2], -step, step)
+    _follow_target(m, dt)
+
+
+@kernel
+def _follow_target(m: Any, dt: float) -> None:
+    """Angular velocity of the body that takes it to the target: correction of the error and feed-forward."""
+    body = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
+    x, y, z, tilt_error = tilt_and_heading_error(_target(m), body)
+    m.thrust_error = tilt_error
+    yaw_accel = clip(0.5 * m.ATC_ACCEL_Y_MAX * _CDEG, _YAW_ACCEL_MIN, _YAW_ACCEL_MAX)
+    if m.ATC_RAT_YAW_P > 0.0:
+        z_max = min(inverse_sqrt_controller(1.0 / m.ATC_RAT_YAW_P, m.ATC_ANG_YAW_P, yaw_accel), _YAW_ERROR_MAX)
+        if abs(z) > z_max:  # the target waits for a nose that cannot follow
+            limited = clip(wrap_pi(z), -z_max, z_max)
+            _set_target(m, _turned(_turned(body, x, y, 0.0), 0.0, 0.0, limited))
+            z = limited
+    roll_accel = clip(0.5 * m.ATC_ACCEL_R_MAX * _CDEG, _TILT_ACCEL_MIN, _TILT_ACCEL_MAX)
+    pitch_accel = clip(0.5 * m.ATC_ACCEL_P_MAX * _CDEG, _TILT_ACCEL_MIN, _TILT_ACCEL_MAX)
+    rx = sqrt_controller(x, m.ATC_ANG_RLL_P, roll_accel, dt)
+    ry = sqrt_controller(y, m.ATC_ANG_PIT_P, pitch_accel, dt)
+    rz = sqrt_controller(z, m.ATC_ANG_YAW_P, yaw_accel, dt)
+    w = m.rate_target
+    fx, fy, fz = rotate(multiply(conjugate(body), _target(m)), (float(w[0]), float(w[1]), float(w[2])))
+    if tilt_error > 2.0 * _THRUST_ERROR:
+        rz = float(m.gyro[2])
+    elif tilt_error > _THRUST_ERROR:
+        share = 1.0 - (tilt_error - _THRUST_ERROR) / _THRUST_ERROR
+        rx += fx * share
+        ry += fy * share
+        rz = m.gyro[2] * (1.0 - share) + (rz + fz) * share
+    else:
+        rx, ry, rz = rx + fx, ry + fy, rz + fz
+    m.rate_wanted[0] = rx
+    m.rate_wanted[1] = ry
+    m.rate_wanted[2] = rz
+
+
+@kernel
+def run_rates(m: Any, dt: float) -> None:
+    """The rate PIDs: m.torque (roll, pitch, yaw; -1 to 1) from m.rate_wanted and m.gyro [rad/s]."""
+    m.torque[0] = pid(
+        m.rate_pid[0],
+        m.rate_wanted[0],
+        m.gyro[0],
+        m.ATC_RAT_RLL_P,
+        m.ATC_RAT_RLL_I,
+        m.ATC_RAT_RLL_D,
+        m.ATC_RAT_RLL_IMAX,
+        lowpass_alpha(dt, m.ATC_RAT_RLL_FLTT),
+        lowpass_alpha(dt, m.ATC_RAT_RLL_FLTE),
+        lowpass_alpha(dt, m.ATC_RAT_RLL_FLTD),
+        dt,
+        m.limit_roll_pitch,
+        m.ATC_RAT_RLL_FF,
+        m.ATC_RAT_RLL_PDMX,
+    )
+    m.torque[1] = pid(
+        m.rate_pid[1],
+        m.rate_wanted[1],
+        m.gyro[1],
+        m.ATC_RAT_PIT_P,
+        m.ATC_RAT_PIT_I,
+        m.ATC_RAT_PIT_D,
+        m.ATC_RAT_PIT_IMAX,
+        lowpass_alpha(dt, m.ATC_RAT_PIT_FLTT),
+        lowpass_alpha(dt, m.ATC_RAT_PIT_FLTE),
+        lowpass_alpha(dt, m.ATC_RAT_PIT_FLTD),
+        dt,
+        m.limit_roll_pitch,
+        m.ATC_RAT_PIT_FF,
+        m.ATC_RAT_PIT_PDMX,
+    )
+    m.torque[2] = pid(
+        m.rate_pid[2],
+        m.rate_wanted[2],
+        m.gyro[2],
+        m.ATC_RAT_YAW_P,
+        m.ATC_RAT_YAW_I,
+        m.ATC_RAT_YAW_D,
+        m.ATC_RAT_YAW_IMAX,
+        lowpass_alpha(dt, m.ATC_RAT_YAW_FLTT),
+        lowpass_alpha(dt, m.ATC_RAT_YAW_FLTE),
+        lowpass_alpha(dt, m.ATC_RAT_YAW_FLTD),
+        dt,
+        m.limit_yaw,
+        m.ATC_RAT_YAW_FF,
+        m.ATC_RAT_YAW_PDMX,
+    )
+
+
+@kernel
+def relax_yaw(m: Any) -> None:
+    """The target takes the body's heading and stops turning."""
+    target = _target(m)
+    body = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
+    turn = 0.5 * (euler_from_quaternion(body)[2] - euler_from_quaternion(target)[2])
+    _set_target(m, multiply((math.cos(turn), 0.0, 0.0, math.sin(turn)), target))
+    m.rate_target[2] = 0.0
+
+
+@kernel
+def forget_torques(m: Any, gradually: bool, dt: float) -> None:
+    """Reset the integrals of the rate PIDs, at once or over some tenths of a second."""
+    keep = 1.0 - dt / (dt + _RELAX) if gradually else 0.0
+    for i in range(3):
+        m.rate_pid[i, INTEGRAL] *= keep

@@ -1,0 +1,180 @@
+"""From wanted thrust and torques to motor commands, as ArduCopter's AP_MotorsMatrix does it.
+
+Normalised factors per motor, what gives way when the motors saturate (throttle first to keep roll and pitch, yaw
+before both), and the inverse of the propellers' thrust curve. No dynamics and no units but fractions of full range.
+
+Source: ArduPilot, AP_MotorsMatrix (setup_motors, output_armed_stabilizing) and AP_Motors_Thrust_Linearization.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.shaping import clip
+
+__all__ = [
+    "LIMIT_ROLL_PITCH",
+    "LIMIT_THROTTLE_LOWER",
+    "LIMIT_THROTTLE_UPPER",
+    "LIMIT_YAW",
+    "mix",
+    "motor_factors",
+    "thrust_to_command",
+]
+
+LIMIT_ROLL_PITCH, LIMIT_YAW, LIMIT_THROTTLE_LOWER, LIMIT_THROTTLE_UPPER = 1, 2, 4, 8
+"""Bits of what `mix` could not give."""
+
+_CW, _CCW = -1.0, 1.0  # direction of the propeller seen from above; a counter-clockwise one yaws the body right
+
+# Angle from the nose, clockwise, in degrees, and direction of each motor in ArduPilot's order.
+_QUAD_X = np.array([(45.0, _CCW), (-135.0, _CCW), (-45.0, _CW), (135.0, _CW)])
+_HEXA_X = np.array([(90.0, _CW), (-90.0, _CCW), (-30.0, _CW), (150.0, _CCW), (30.0, _CCW), (-150.0, _CW)])
+_OCTA_X = np.array(
+    [
+        (22.5, _CW),
+        (-157.5, _CW),
+        (67.5, _CCW),
+        (157.5, _CCW),
+        (-22.5, _CCW),
+        (-112.5, _CCW),
+        (-67.5, _CW),
+        (112.5, _CW),
+    ]
+)
+
+
+@kernel
+def motor_factors(airframe: int, factors: Any) -> int:
+    """Fill `factors` (float64[8, 3]: roll, pitch, yaw of each motor) for an `Airframe`.
+
+    The largest factor of each axis is 0.5.
+
+    Returns:
+        The number of motors; 0 if the airframe has no mixer here.
+    """
+    if airframe == 1:
+        layout = _QUAD_X
+    elif airframe == 2:
+        layout = _HEXA_X
+    elif airframe == 3:
+        layout = _OCTA_X
+    else:
+        return 0
+    count = layout.shape[0]
+    for i in range(count):
+        angle = math.radians(layout[i, 0])
+        factors[i, 0] = -math.sin(angle)
+        factors[i, 1] = math.cos(angle)
+        factors[i, 2] = layout[i, 1]
+    for axis in range(3):
+        largest = 0.0
+        for i in range(count):
+            largest = max(largest, abs(factors[i, axis]))
+        for i in range(count):
+            factors[i, axis] = 0.5 * factors[i, axis] / largest
+    return int(count)
+
+
+@kernel
+def _yaw_room(factors: Any, count: int, yaw: float, throttle: float, thrust: Any) -> float:
+    """How much yaw every motor can take on top of its roll and pitch at a throttle."""
+    room = 1.0
+    for i in range(count):
+        factor = factors[i, 2]
+        if factor != 0.0:
+            level = throttle + thrust[i]
+            free = 1.0 - level if yaw * factor > 0.0 else level
+            room = min(room, max(free, 0.0) / abs(factor))
+    return room
+
+
+@kernel
+def mix(
+    factors: Any,
+    count: int,
+    roll: float,
+    pitch: float,
+    yaw: float,
+    throttle: float,
+    throttle_average_max: float,
+    throttle_max: float,
+    yaw_headroom: float,
+    thrust: Any,
+) -> tuple[int, float]:
+    """Distribute throttle and torques over the motors.
+
+    Args:
+        factors: float64[8, 3] of `motor_factors`.
+        count: number of motors.
+        roll: torque wanted, -1 to 1 (right side down positive).
+        pitch: nose up positive.
+        yaw: nose right positive.
+        throttle: average thrust wanted, 0 to 1.
+        throttle_average_max: how far the average may rise to keep attitude control.
+        throttle_max: upper limit of the average (while spooling up).
+        yaw_headroom: yaw that is always possible, at the cost of throttle (MOT_YAW_HEADROOM / 1000).
+        thrust: float64[8], receives the thrust of each motor, 0 to 1.
+
+    Returns:
+        The LIMIT_ bits of what was not possible, and the average thrust given.
+    """
+    limits = 0
+    if throttle <= 0.0:
+        throttle = 0.0
+        limits |= LIMIT_THROTTLE_LOWER
+    if throttle >= throttle_max:
+        throttle = throttle_max
+        limits |= LIMIT_THROTTLE_UPPER
+    average_max = clip(throttle_average_max, throttle, throttle_max)
+    for i in range(count):
+        thrust[i] = roll * factors[i, 0] + pitch * factors[i, 1]
+    allowed = max(_yaw_room(factors, count, yaw, min(0.5, average_max), thrust), yaw_headroom)
+    if abs(yaw) > allowed:
+        yaw = clip(yaw, -allowed, allowed)
+        limits |= LIMIT_YAW
+    low = 1.0
+    high = -1.0
+    for i in range(count):
+        thrust[i] += yaw * factors[i, 2]
+        low = min(low, thrust[i])
+        high = max(high, thrust[i])
+    scale = 1.0
+    if high - low > 1.0:
+        scale = 1.0 / (high - low)
+    if average_max + low < 0.0:
+        scale = min(scale, -average_max / low)
+    low *= scale
+    high *= scale
+    extra = throttle + low  # above the least average at which no motor is asked for negative thrust
+    if scale < 1.0:
+        limits |= LIMIT_ROLL_PITCH | LIMIT_YAW
+        if extra > 0.0:
+            limits |= LIMIT_THROTTLE_UPPER
+        extra = 0.0
+    elif extra < 0.0:
+        extra = 0.0
+    elif extra > 1.0 - (high - low):
+        extra = 1.0 - (high - low)
+        limits |= LIMIT_THROTTLE_UPPER
+    average = extra - low
+    for i in range(count):
+        thrust[i] = clip(average + scale * thrust[i], 0.0, 1.0)
+    return limits, average
+
+
+@kernel
+def thrust_to_command(thrust: float, expo: float, spin_min: float, spin_max: float) -> float:
+    """Motor command (0 to 1 of the PWM range) for a share of full thrust.
+
+    Inverts thrust = (1 - expo) c + expo c^2, c being the command between `spin_min` and `spin_max` (MOT_THST_EXPO,
+    MOT_SPIN_MIN, MOT_SPIN_MAX). A full battery is assumed.
+    """
+    linear = 1.0 - clip(expo, -1.0, 1.0)
+    root = linear + math.sqrt(max(linear * linear + 4.0 * (1.0 - linear) * thrust, 0.0))
+    c = 2.0 * thrust / root if root > 0.0 else 0.0
+    return spin_min + (spin_max - spin_min) * clip(c, 0.0, 1.0)

@@ -1,0 +1,183 @@
+"""The motors' side of the autopilot: spool states, throttle filter, hover throttle, mixing, output.
+
+Kernels over the autopilot's record `m`. Torques and throttle arrive as fractions of full range; `m.motor` leaves as
+(pwm - 1000) / 1000. What to fly is decided elsewhere.
+
+Source: ArduPilot, AP_MotorsMulticopter (output_logic, update_throttle_hover) and AC_AttitudeControl_Multi
+(update_throttle_rpy_mix).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.mixer import (
+    LIMIT_ROLL_PITCH,
+    LIMIT_THROTTLE_LOWER,
+    LIMIT_THROTTLE_UPPER,
+    LIMIT_YAW,
+    mix,
+    thrust_to_command,
+)
+from cosim_models.autopilot.control.shaping import clip, lowpass_alpha
+
+__all__ = [
+    "GROUND_IDLE",
+    "SHUT_DOWN",
+    "SPOOLING_DOWN",
+    "SPOOLING_UP",
+    "THROTTLE_UNLIMITED",
+    "air_density_ratio",
+    "learn_hover_throttle",
+    "mix_towards",
+    "run_motors",
+]
+
+SHUT_DOWN, GROUND_IDLE, SPOOLING_UP, THROTTLE_UNLIMITED, SPOOLING_DOWN = 0, 1, 2, 3, 4
+"""States of the motors; the first two and THROTTLE_UNLIMITED can be wanted."""
+
+_HOVER_TIME = 10.0  # s, of learning the hover throttle
+_HOVER_MIN, _HOVER_MAX = 0.125, 0.6875
+
+
+@kernel
+def air_density_ratio(altitude: float) -> float:
+    """Air density at `altitude` [m AMSL] over that at sea level, standard atmosphere, as far as ArduPilot uses it."""
+    return clip((1.0 - 2.25577e-5 * clip(altitude, -1000.0, 11000.0)) ** 4.25588, 0.5, 1.25)
+
+
+@kernel
+def _spool(m: Any, dt: float) -> None:
+    """Next spool state, on the way to `m.spool_wanted`."""
+    step = dt / max(m.MOT_SPOOL_TIME, 0.05)
+    step_down = dt / max(m.MOT_SPOOL_TIM_DN, 0.05) if m.MOT_SPOOL_TIM_DN > 0.0 else step
+    wanted = m.spool_wanted if m.armed and not m.arming_delay else SHUT_DOWN
+    if wanted == SHUT_DOWN and (not m.armed or m.arming_delay):
+        m.spool_state = SHUT_DOWN
+    if m.spool_state == SHUT_DOWN:
+        m.spin_up = 0.0
+        m.thrust_max = 0.0
+        if wanted != SHUT_DOWN:
+            m.spool_state = GROUND_IDLE
+    elif m.spool_state == GROUND_IDLE:
+        m.thrust_max = 0.0
+        if wanted == SHUT_DOWN:
+            m.spin_up = max(m.spin_up - step_down, 0.0)
+            if m.spin_up == 0.0:
+                m.spool_state = SHUT_DOWN
+        elif wanted == THROTTLE_UNLIMITED:
+            m.spin_up += step
+            if m.spin_up >= 1.0:
+                m.spin_up = 1.0
+                m.spool_state = SPOOLING_UP
+        else:
+            idle = m.MOT_SPIN_ARM / m.MOT_SPIN_MIN if m.MOT_SPIN_MIN > 0.0 else 0.0
+            m.spin_up += clip(idle - m.spin_up, -step_down, step)
+    elif m.spool_state == SPOOLING_UP:
+        m.spin_up = 1.0
+        if wanted != THROTTLE_UNLIMITED:
+            m.spool_state = SPOOLING_DOWN
+        else:
+            m.thrust_max += step
+            if m.thrust_max >= min(m.throttle_filtered, 1.0):
+                m.thrust_max = 1.0
+                m.spool_state = THROTTLE_UNLIMITED
+    elif m.spool_state == THROTTLE_UNLIMITED:
+        m.spin_up = 1.0
+        m.thrust_max = 1.0
+        if wanted != THROTTLE_UNLIMITED:
+            m.spool_state = SPOOLING_DOWN
+    elif wanted == THROTTLE_UNLIMITED:
+        m.spool_state = SPOOLING_UP
+    else:
+        m.spin_up = 1.0
+        m.thrust_max -= step_down
+        if m.thrust_max <= 0.0:
+            m.thrust_max = 0.0
+            m.spool_state = GROUND_IDLE
+
+
+@kernel
+def _filter_throttle(m: Any, dt: float) -> None:
+    if not m.armed:
+        m.throttle_filtered = 0.0
+        return
+    m.throttle_filtered += lowpass_alpha(dt, m.throttle_cutoff) * (m.throttle_command - m.throttle_filtered)
+    m.throttle_filtered = clip(m.throttle_filtered, 0.0, 1.0)
+
+
+@kernel
+def _slewed(m: Any, last: float, wanted: float, dt: float) -> float:
+    """The next command on the way from `last` to `wanted`, whose range MOT_SLEW_UP_TIME and MOT_SLEW_DN_TIME take."""
+    room = m.MOT_SPIN_MAX - m.MOT_SPIN_MIN
+    if m.MOT_SLEW_UP_TIME > 0.0:
+        wanted = min(wanted, last + room * dt / m.MOT_SLEW_UP_TIME)
+    if m.MOT_SLEW_DN_TIME > 0.0:
+        wanted = max(wanted, last - room * dt / m.MOT_SLEW_DN_TIME)
+    return wanted
+
+
+@kernel
+def run_motors(m: Any, dt: float) -> None:
+    """From m.torque and the throttle command to m.motor, and what was saturated."""
+    _filter_throttle(m, dt)
+    _spool(m, dt)
+    gain = 1.0 / m.air_density
+    limits, average = mix(
+        m.factors,
+        m.motor_count,
+        m.torque[0] * gain,
+        m.torque[1] * gain,
+        m.torque[2] * gain,
+        m.throttle_filtered * gain,
+        m.throttle_average_max * gain,
+        m.thrust_max,
+        0.001 * m.MOT_YAW_HEADROOM,
+        m.thrust,
+    )
+    m.throttle_out = average / gain
+    if m.spool_state == SHUT_DOWN or m.spool_state == GROUND_IDLE:
+        limits = LIMIT_ROLL_PITCH | LIMIT_YAW | LIMIT_THROTTLE_LOWER | LIMIT_THROTTLE_UPPER
+        idle = m.spin_up * m.MOT_SPIN_MIN if m.spool_state == GROUND_IDLE else 0.0
+        for i in range(m.motor_count):
+            m.motor[i] = idle
+    else:
+        for i in range(m.motor_count):
+            m.motor[i] = _slewed(
+                m, m.motor[i], thrust_to_command(m.thrust[i], m.MOT_THST_EXPO, m.MOT_SPIN_MIN, m.MOT_SPIN_MAX), dt
+            )
+    m.limit_roll_pitch = (limits & LIMIT_ROLL_PITCH) != 0
+    m.limit_yaw = (limits & LIMIT_YAW) != 0
+    m.limit_throttle_lower = (limits & LIMIT_THROTTLE_LOWER) != 0
+    m.limit_throttle_upper = (limits & LIMIT_THROTTLE_UPPER) != 0
+
+
+@kernel
+def mix_towards(m: Any, wanted: float, dt: float) -> None:
+    """Move the share of throttle that may rise for the sake of attitude (ATC_THR_MIX_*): up fast, down slowly."""
+    if m.throttle_mix < wanted:
+        m.throttle_mix += min(2.0 * dt, wanted - m.throttle_mix)
+    elif m.throttle_mix > wanted:
+        m.throttle_mix -= min(0.5 * dt, m.throttle_mix - wanted)
+        given = max(m.throttle_out, m.throttle_filtered)
+        if given < m.throttle_hover:
+            used = (given - m.throttle_filtered) / (m.throttle_hover - m.throttle_filtered)
+        else:
+            used = given / m.throttle_hover
+        m.throttle_mix = min(m.throttle_mix, max(used, wanted))
+    m.throttle_mix = clip(m.throttle_mix, 0.1, 5.0)
+
+
+@kernel
+def learn_hover_throttle(m: Any, dt: float) -> None:
+    """Let the hover throttle follow the throttle of a level hover (MOT_HOVER_LEARN)."""
+    if m.MOT_HOVER_LEARN < 1 or not m.armed or m.on_ground or m.spool_state != THROTTLE_UNLIMITED:
+        return
+    if abs(m.velocity_desired[2]) > 1e-3 or abs(m.vel[2]) > 0.6 or m.throttle_filtered <= 0.0:
+        return
+    if m.q[1] * m.q[1] + m.q[2] * m.q[2] > math.sin(math.radians(2.5)) ** 2:
+        return
+    change = dt / (dt + _HOVER_TIME) * (m.throttle_filtered - m.throttle_hover)
+    m.throttle_hover = clip(m.throttle_hover + change, _HOVER_MIN, _HOVER_MAX)

@@ -1,0 +1,473 @@
+"""Position: from a target to a thrust direction and a throttle, as ArduCopter's AC_PosControl does it.
+
+Three layers, each a kernel over the autopilot's record `m`: `initialise_*` (take the present motion as desired),
+`seek_*` (shape the desired motion towards a target, jerk-limited) and `control_*` (make the vehicle follow the desired
+motion: position P, velocity PID, and for the vertical acceleration PID). Vectors are north, east, UP in m, m/s, m/s2:
+the vertical limits are named by direction. Attitude and modes are elsewhere.
+
+Source: ArduPilot, AC_PosControl (4.6 and 4.7-dev).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.pid import ERROR, INTEGRAL, RUNNING, pid, pid_plane
+from cosim_models.autopilot.control.shaping import (
+    advance_limited,
+    advance_limited_ne,
+    clip,
+    inverse_sqrt_controller,
+    kinematic_limit,
+    limit_cornering,
+    limit_length,
+    lowpass_alpha,
+    shape_position,
+    shape_position_ne,
+    shape_velocity,
+    shape_velocity_ne,
+    sqrt_controller,
+)
+
+__all__ = [
+    "GRAVITY",
+    "control_ne",
+    "control_up",
+    "initialise_ne",
+    "initialise_up",
+    "relax_ne",
+    "relax_up",
+    "seek_acceleration",
+    "seek_position",
+    "seek_position_ne",
+    "seek_position_up",
+    "seek_position_velocity",
+    "seek_velocity_ne",
+    "seek_velocity_up",
+    "set_limits",
+    "set_throttle",
+    "soften_for_landing",
+    "stop_ne",
+    "stopping_ne",
+]
+
+GRAVITY = 9.80665  # m/s2, ArduPilot's GRAVITY_MSS
+_RELAX = 0.16  # s, time constant of POSCONTROL_RELAX_TC
+_THROTTLE_FILTER = 2.0  # Hz, on the throttle of the altitude controller
+_OVERSPEED_GAIN = 2.0  # on the vertical acceleration limit beyond the speed limit
+_ACCEL_DOWN_MAX = 7.5  # m/s2
+_THROTTLE_SHARE = 0.8  # of full thrust that leaning may use
+_LEAN_MIN = math.radians(10.0)
+_ALWAYS = 0.85  # m/s2, less than any lean limit gives (ANGLE_MAX and PSC_ANGLE_MAX are 5 degrees at least)
+_PER_MILLE = 0.001
+_THROUGHPUT = 0.1  # throttle per (m/s2) and unit of an acceleration gain: gains are per mille per cm/s2
+
+
+@kernel
+def set_limits(m: Any, speed: float, up: float, down: float) -> None:
+    """Limits of the desired motion: speeds [m/s, positive]; accelerations and jerks are the parameters'."""
+    m.speed_max = speed
+    m.speed_up = up
+    m.speed_down = down
+    m.accel_max = 0.01 * m.WPNAV_ACCEL
+    m.accel_up = 0.01 * m.WPNAV_ACCEL_Z
+    # No more jerk than the attitude controller can turn the thrust.
+    turn = math.radians(0.01 * min(m.ATC_ACCEL_R_MAX, m.ATC_ACCEL_P_MAX))
+    m.jerk_max = m.PSC_JERK_XY
+    if turn > 0.0:
+        m.jerk_max = min(m.jerk_max, 0.5 * math.sqrt(m.accel_max * turn * GRAVITY))
+    # ... and no more than the filters of the acceleration PID let through.
+    m.jerk_up = m.PSC_JERK_Z
+    room = min(GRAVITY, m.accel_up) * 2.0 * math.pi / 5.0
+    if m.PSC_ACCZ_FLTT > 0.0:
+        m.jerk_up = min(m.jerk_up, room * m.PSC_ACCZ_FLTT)
+    if m.PSC_ACCZ_FLTE > 0.0:
+        m.jerk_up = min(m.jerk_up, room * m.PSC_ACCZ_FLTE)
+
+
+# ---- the present motion becomes the desired one --------------------------------------------------------------------
+
+
+@kernel
+def _leaning_acceleration(m: Any) -> tuple[float, float]:
+    """North and east acceleration that the target attitude gives at constant height."""
+    w, x, y, z = m.attitude_target[0], m.attitude_target[1], m.attitude_target[2], m.attitude_target[3]
+    up = max(1.0 - 2.0 * (x * x + y * y), 0.1)
+    return -GRAVITY * 2.0 * (x * z + w * y) / up, -GRAVITY * 2.0 * (y * z - w * x) / up
+
+
+@kernel
+def initialise_ne(m: Any) -> None:
+    """Desired horizontal motion := the present one; integral such that the lean angles stay."""
+    m.position_desired[0] = m.pos[0]
+    m.position_desired[1] = m.pos[1]
+    m.velocity_desired[0] = m.vel[0]
+    m.velocity_desired[1] = m.vel[1]
+    an, ae = limit_length(m.acc[0], m.acc[1], m.accel_max)
+    m.acceleration_desired[0] = an
+    m.acceleration_desired[1] = ae
+    tn, te = _leaning_acceleration(m)
+    m.acceleration_target[0] = tn
+    m.acceleration_target[1] = te
+    m.velocity_pid[4] = tn - an
+    m.velocity_pid[5] = te - ae
+    m.velocity_pid[6] = 0.0
+    m.limit[0] = 0.0
+    m.limit[1] = 0.0
+
+
+@kernel
+def stopping_ne(m: Any) -> tuple[float, float]:
+    """North and east of where the vehicle can come to rest."""
+    vn, ve = m.vel[0], m.vel[1]
+    speed = math.sqrt(vn * vn + ve * ve)
+    way = inverse_sqrt_controller(speed, m.PSC_POSXY_P, m.accel_max) / speed if speed > 0.0 else 0.0
+    return m.pos[0] + vn * way, m.pos[1] + ve * way
+
+
+@kernel
+def stop_ne(m: Any) -> None:
+    """`initialise_ne`, but desired is to rest where the vehicle can come to rest."""
+    initialise_ne(m)
+    m.position_desired[0], m.position_desired[1] = stopping_ne(m)
+    for i in range(2):
+        m.velocity_desired[i] = 0.0
+        m.acceleration_desired[i] = 0.0
+
+
+@kernel
+def initialise_up(m: Any) -> None:
+    """Desired vertical motion := the present one; integral such that the throttle stays."""
+    m.position_desired[2] = m.pos[2]
+    m.velocity_desired[2] = m.vel[2]
+    m.acceleration_desired[2] = clip(m.acc[2], -m.accel_up, m.accel_up)
+    m.acceleration_target[2] = m.acceleration_desired[2]
+    m.climb_pid[RUNNING] = 0.0
+    m.climb_pid[INTEGRAL] = 0.0
+    m.accel_pid[RUNNING] = 0.0
+    m.accel_pid[INTEGRAL] = m.throttle_in - m.throttle_hover
+    m.limit[2] = 0.0
+
+
+@kernel
+def relax_ne(m: Any, dt: float) -> None:
+    """`initialise_ne`, with the wanted acceleration fading out."""
+    initialise_ne(m)
+    keep = 1.0 - dt / (dt + _RELAX)
+    for i in range(2):
+        m.acceleration_target[i] *= keep
+        m.velocity_pid[4 + i] = m.acceleration_target[i] - m.acceleration_desired[i]
+
+
+@kernel
+def relax_up(m: Any, throttle: float, dt: float) -> None:
+    """`initialise_up`, with the throttle going to `throttle`."""
+    initialise_up(m)
+    soft = m.throttle_in + (throttle - m.throttle_in) * (dt / (dt + _RELAX))
+    m.accel_pid[INTEGRAL] = soft - m.throttle_hover
+
+
+# ---- the desired motion is shaped ----------------------------------------------------------------------------------
+
+
+@kernel
+def _advance_ne(m: Any, dt: float) -> None:
+    p, v, a, e = m.position_desired, m.velocity_desired, m.acceleration_desired, m.position_error
+    p[0], p[1], v[0], v[1] = advance_limited_ne(
+        p[0], p[1], v[0], v[1], a[0], a[1], dt, m.limit[0], m.limit[1], e[0], e[1], m.velocity_pid[0], m.velocity_pid[1]
+    )
+
+
+@kernel
+def _advance_up(m: Any, dt: float) -> None:
+    p, v = m.position_desired, m.velocity_desired
+    p[2], v[2] = advance_limited(
+        p[2], v[2], m.acceleration_desired[2], dt, m.limit[2], m.position_error[2], m.climb_pid[ERROR]
+    )
+
+
+@kernel
+def _overspeed(m: Any) -> float:
+    """Factor on the vertical limits while faster than the speed limits."""
+    v = m.velocity_desired[2]
+    if v > m.speed_up and m.speed_up > 0.0:
+        return float(_OVERSPEED_GAIN * v / m.speed_up)
+    if -v > m.speed_down and m.speed_down > 0.0:
+        return float(_OVERSPEED_GAIN * -v / m.speed_down)
+    return 1.0
+
+
+@kernel
+def seek_position(m: Any, n: float, e: float, u: float, dt: float) -> None:
+    """Desired motion straight to the point (n, e, u), all axes within their speed limits."""
+    gain = _overspeed(m)
+    _advance_ne(m, dt)
+    _advance_up(m, dt)
+    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    dn, de, du = n - p[0], e - p[1], u - p[2]
+    distance = math.sqrt(dn * dn + de * de + du * du)
+    flat_max = 0.0
+    up_max = 0.0
+    if distance > 0.0:
+        dn, de, du = dn / distance, de / distance, du / distance
+        fastest = kinematic_limit(dn, de, du, m.speed_max, m.speed_up, m.speed_down)
+        flat_max = fastest * math.sqrt(dn * dn + de * de)
+        up_max = abs(fastest * du)
+    a[0], a[1] = shape_position_ne(
+        n, e, 0.0, 0.0, 0.0, 0.0, p[0], p[1], v[0], v[1], a[0], a[1], flat_max, m.accel_max, m.jerk_max, dt, False
+    )
+    accel = m.accel_up * gain
+    a[2] = shape_position(
+        u, 0.0, 0.0, p[2], v[2], a[2], -up_max, up_max, -min(accel, _ACCEL_DOWN_MAX), accel, m.jerk_up * gain, dt, False
+    )
+
+
+@kernel
+def seek_position_ne(m: Any, n: float, e: float, dt: float) -> None:
+    """Desired horizontal motion to (n, e), which may be moved on every step."""
+    _advance_ne(m, dt)
+    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    a[0], a[1] = shape_position_ne(
+        n, e, 0.0, 0.0, 0.0, 0.0, p[0], p[1], v[0], v[1], a[0], a[1], m.speed_max, m.accel_max, m.jerk_max, dt, False
+    )
+
+
+@kernel
+def seek_position_up(m: Any, u: float, vu: float, dt: float) -> None:
+    """Desired vertical motion to height u, passed at climb rate vu."""
+    gain = _overspeed(m)
+    _advance_up(m, dt)
+    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    accel = m.accel_up * gain
+    low = -min(accel, _ACCEL_DOWN_MAX)
+    a[2] = shape_position(
+        u, vu, 0.0, p[2], v[2], a[2], -m.speed_down, m.speed_up, low, accel, m.jerk_up * gain, dt, False
+    )
+
+
+@kernel
+def seek_velocity_ne(m: Any, vn: float, ve: float, an: float, ae: float, dt: float) -> None:
+    """Desired horizontal velocity (vn, ve), with (an, ae) added to the acceleration."""
+    _advance_ne(m, dt)
+    v, a = m.velocity_desired, m.acceleration_desired
+    a[0], a[1] = shape_velocity_ne(vn, ve, an, ae, v[0], v[1], a[0], a[1], m.accel_max, m.jerk_max, dt, False)
+
+
+@kernel
+def seek_velocity_up(m: Any, vu: float, au: float, landing: bool, dt: float) -> None:
+    """Desired climb rate vu; `landing`: the desired height goes down even if the throttle cannot."""
+    if landing:
+        m.limit[2] = max(m.limit[2], 0.0)
+    gain = _overspeed(m)
+    _advance_up(m, dt)
+    accel = m.accel_up * gain
+    m.acceleration_desired[2] = shape_velocity(
+        vu,
+        au,
+        m.velocity_desired[2],
+        m.acceleration_desired[2],
+        -min(accel, _ACCEL_DOWN_MAX),
+        accel,
+        m.jerk_up * gain,
+        dt,
+        False,
+    )
+
+
+@kernel
+def seek_position_velocity(m: Any, p_to: Any, v_to: Any, a_to: Any, dt: float) -> None:
+    """Desired motion onto a moving point: position, velocity, acceleration (float64[3] each), itself moved on by dt."""
+    gain = _overspeed(m)
+    _advance_ne(m, dt)
+    _advance_up(m, dt)
+    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    a[0], a[1] = shape_position_ne(
+        p_to[0],
+        p_to[1],
+        v_to[0],
+        v_to[1],
+        a_to[0],
+        a_to[1],
+        p[0],
+        p[1],
+        v[0],
+        v[1],
+        a[0],
+        a[1],
+        m.speed_max,
+        m.accel_max,
+        m.jerk_max,
+        dt,
+        False,
+    )
+    accel = m.accel_up * gain
+    a[2] = shape_position(
+        p_to[2],
+        v_to[2],
+        a_to[2],
+        p[2],
+        v[2],
+        a[2],
+        -m.speed_down,
+        m.speed_up,
+        -min(accel, _ACCEL_DOWN_MAX),
+        accel,
+        m.jerk_up * gain,
+        dt,
+        False,
+    )
+    for i in range(3):
+        p_to[i] += v_to[i] * dt + 0.5 * a_to[i] * dt * dt
+        v_to[i] += a_to[i] * dt
+
+
+@kernel
+def seek_acceleration(m: Any, an: float, ae: float, au: float, dt: float) -> None:
+    """Desired acceleration (an, ae, au), jerk-limited; velocity and position follow."""
+    _advance_ne(m, dt)
+    _advance_up(m, dt)
+    a = m.acceleration_desired
+    jn, je = limit_length(an - a[0], ae - a[1], m.jerk_max * dt)
+    a[0] += jn
+    a[1] += je
+    a[2] += clip(au - a[2], -m.jerk_up * dt, m.jerk_up * dt)
+
+
+@kernel
+def soften_for_landing(m: Any, dt: float) -> None:
+    """Let the horizontal position error fade, and keep the integral from growing, while the feet may touch."""
+    for i in range(2):
+        m.position_desired[i] += (m.pos[i] - m.position_desired[i]) * (dt / (dt + _RELAX))
+        m.limit[i] = m.acceleration_target[i]
+
+
+# ---- the vehicle is made to follow ---------------------------------------------------------------------------------
+
+
+@kernel
+def control_ne(m: Any, dt: float) -> None:
+    """Wanted horizontal acceleration, m.acceleration_target[0:2], limited to the lean angle allowed."""
+    p, e = m.position_desired, m.position_error
+    farthest = inverse_sqrt_controller(m.speed_max, m.PSC_POSXY_P, m.accel_max)
+    e[0], e[1] = limit_length(p[0] - m.pos[0], p[1] - m.pos[1], farthest)
+    p[0] = m.pos[0] + e[0]
+    p[1] = m.pos[1] + e[1]
+    distance = math.sqrt(e[0] * e[0] + e[1] * e[1])
+    share = sqrt_controller(distance, m.PSC_POSXY_P, m.accel_max, 0.0) / distance if distance > 0.0 else 0.0
+    m.velocity_target[0] = e[0] * share + m.velocity_desired[0]
+    m.velocity_target[1] = e[1] * share + m.velocity_desired[1]
+    an, ae = pid_plane(
+        m.velocity_pid,
+        m.velocity_target[0],
+        m.velocity_target[1],
+        m.vel[0],
+        m.vel[1],
+        m.PSC_VELXY_P,
+        m.PSC_VELXY_I,
+        m.PSC_VELXY_D,
+        0.01 * m.PSC_VELXY_IMAX,
+        lowpass_alpha(dt, m.PSC_VELXY_FLTE),
+        lowpass_alpha(dt, m.PSC_VELXY_FLTD),
+        dt,
+        m.limit[0],
+        m.limit[1],
+        m.PSC_VELXY_FF,
+    )
+    an += m.acceleration_desired[0]
+    ae += m.acceleration_desired[1]
+    m.limit[0] = 0.0
+    m.limit[1] = 0.0
+    size = an * an + ae * ae
+    if size > _ALWAYS * _ALWAYS:
+        most = m.PSC_ANGLE_MAX if m.PSC_ANGLE_MAX > 0.0 else 0.01 * m.ANGLE_MAX
+        lean = min(max(m.lean_max, _LEAN_MIN), math.radians(most))
+        largest = GRAVITY * math.tan(lean)
+        if size > largest * largest:
+            m.limit[0] = an
+            m.limit[1] = ae
+            an, ae = limit_cornering(m.velocity_desired[0], m.velocity_desired[1], an, ae, largest)
+    m.acceleration_target[0] = an
+    m.acceleration_target[1] = ae
+    _head_along_path(m)
+
+
+@kernel
+def _head_along_path(m: Any) -> None:
+    """Heading and turn rate of the desired path, kept while the vehicle is slower than 5 % of its speed limit."""
+    vn, ve = m.velocity_desired[0], m.velocity_desired[1]
+    speed = math.sqrt(vn * vn + ve * ve)
+    m.path_turn_rate = 0.0
+    if speed > 0.05 * m.speed_max:
+        an, ae = m.acceleration_desired[0], m.acceleration_desired[1]
+        m.path_heading = math.atan2(ve, vn)
+        m.path_turn_rate = (ae * vn - an * ve) / (speed * speed)
+
+
+@kernel
+def control_up(m: Any, dt: float) -> None:
+    """Throttle that follows the desired vertical motion."""
+    p = m.position_desired
+    highest = inverse_sqrt_controller(m.speed_up, m.PSC_POSZ_P, m.accel_up)
+    lowest = inverse_sqrt_controller(m.speed_down, m.PSC_POSZ_P, m.accel_up)
+    error = clip(p[2] - m.pos[2], -lowest, highest)
+    p[2] = m.pos[2] + error
+    m.position_error[2] = error
+    m.velocity_target[2] = sqrt_controller(error, m.PSC_POSZ_P, m.accel_up, 0.0) + m.velocity_desired[2]
+    s = m.climb_pid
+    climb_error = m.velocity_target[2] - m.vel[2]
+    held = (m.limit_throttle_lower and climb_error < 0.0) or (m.limit_throttle_upper and climb_error > 0.0)
+    m.acceleration_target[2] = m.acceleration_desired[2] + pid(
+        s,
+        m.velocity_target[2],
+        m.vel[2],
+        m.PSC_VELZ_P,
+        m.PSC_VELZ_I,
+        m.PSC_VELZ_D,
+        0.01 * m.PSC_VELZ_IMAX,
+        1.0,
+        lowpass_alpha(dt, m.PSC_VELZ_FLTE),
+        lowpass_alpha(dt, m.PSC_VELZ_FLTD),
+        dt,
+        held,
+        m.PSC_VELZ_FF,
+        0.0,
+    )
+    throttle = m.throttle_hover + pid(
+        m.accel_pid,
+        m.acceleration_target[2],
+        m.acc[2],
+        m.PSC_ACCZ_P * _THROUGHPUT,
+        m.PSC_ACCZ_I * _THROUGHPUT,
+        m.PSC_ACCZ_D * _THROUGHPUT,
+        max(0.001 * m.PSC_ACCZ_IMAX, m.throttle_hover),
+        lowpass_alpha(dt, m.PSC_ACCZ_FLTT),
+        lowpass_alpha(dt, m.PSC_ACCZ_FLTE),
+        lowpass_alpha(dt, m.PSC_ACCZ_FLTD),
+        dt,
+        m.limit_throttle_lower or m.limit_throttle_upper,
+        m.PSC_ACCZ_FF * _THROUGHPUT,
+        m.PSC_ACCZ_PDMX * _PER_MILLE,
+    )
+    set_throttle(m, throttle, True, _THROTTLE_FILTER, dt)
+    m.limit[2] = 1.0 if m.limit_throttle_upper else -1.0 if m.limit_throttle_lower else 0.0
+
+
+@kernel
+def set_throttle(m: Any, throttle: float, boost: bool, cutoff: float, dt: float) -> None:
+    """Hand a throttle (0 to 1) to the motors: more when leaning if `boost`, low-passed at `cutoff` [Hz]."""
+    m.throttle_in = throttle
+    if m.thrust_max > 0.0:
+        lean = math.acos(clip(throttle / (_THROTTLE_SHARE * m.thrust_max), 0.0, 1.0))
+        m.lean_max += (dt / (dt + m.ATC_ANG_LIM_TC)) * (lean - m.lean_max)
+    else:
+        m.lean_max = 0.0
+    boosted = throttle
+    if boost and m.ATC_ANGLE_BOOST > 0:
+        upright = 1.0 - 2.0 * (m.q[1] * m.q[1] + m.q[2] * m.q[2])  # cosine of the lean
+        boosted = throttle * clip(10.0 * upright, 0.0, 1.0) / clip(upright, 0.1, 1.0)
+    m.throttle_command = boosted
+    m.throttle_cutoff = cutoff
+    average = clip(max(boosted, throttle), 0.0, 1.0)
+    m.throttle_average_max = max(average, average * max(0.0, 1.0 - m.throttle_mix) + m.throttle_hover * m.throttle_mix)

@@ -1,0 +1,1 @@
+"""Flight modes: how each flies."""

@@ -1,0 +1,392 @@
+"""AUTO: the mission is flown, as far as `missions` accepts its commands.
+
+Waypoint, take-off, land, return, loiter for a time, for turns or without end, delay are flown one after the other.
+What stands behind one of them, change of speed, heading and delay, is done one after the other while the next one is
+flown, and forgotten when that is done; jumps are taken when the next command is looked for. `run_auto` is called once
+a step in AUTO. Paths between waypoints are shaped as in GUIDED, not ArduCopter's S-curves: a waypoint without delay is
+passed when it is nearer than WPNAV_RADIUS, the others when the path has come to rest there.
+Kernels over the autopilot's record `m`; MAVLink is in `missions`.
+
+Source: ArduPilot, ArduCopter mode_auto and AP_Mission.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cosim.frames import local_from_geodetic, radians_from_deg_e7
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.motors import THROTTLE_UNLIMITED
+from cosim_models.autopilot.control.position import initialise_up, stop_ne, stopping_ne
+from cosim_models.autopilot.control.shaping import clip
+from cosim_models.autopilot.flight.circle import begin_circle, go_round, nearest_on_circle
+from cosim_models.autopilot.flight.guided import (
+    fly_to_point,
+    guide_position,
+    rest_on_ground,
+    run_land,
+    run_rtl,
+    run_takeoff,
+    start_land,
+    start_rtl,
+    start_takeoff,
+)
+from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.yaw import circle_nose, has_turned, hold_heading, keep_heading, turn_by
+from cosim_models.autopilot.link.statustext import INFO, MISSION_TEXTS, REACHED, ROUND_BEGINS, say, say_with
+from cosim_models.autopilot.mission.missions import (
+    COMMAND,
+    DONE,
+    FRAME,
+    LATITUDE,
+    P1,
+    P2,
+    P3,
+    P4,
+    Z,
+    mission_count,
+    send_reached,
+)
+from cosim_models.autopilot.record.modes import AUTO, TAKEOFF
+
+__all__ = ["change_speed", "run_auto"]
+
+_WAYPOINT, _LOITER, _TURNS, _LOITER_TIME, _RTL, _LAND, _TAKEOFF = 16, 17, 18, 19, 20, 21, 22  # MAV_CMD
+_DELAY, _LAST_FLOWN, _WAIT, _YAW, _JUMP, _SPEED = 93, 95, 112, 115, 177, 178
+_COMMANDS = np.array((16, 17, 19, 20, 21, 22, 93, 112, 115, 178, 18), dtype=np.int64)  # in the order of MISSION_TEXTS
+_AT_REST = 0.1  # m between the shaped path and a waypoint at which the vehicle has come to rest
+_JUMPS_AT_ONCE = 64
+_AT_CENTRE = 3.0  # m from a circle's centre within which it begins at once
+_LOOK_AT_EDGE = 5.0  # m from it beyond which the nose points to its edge on the way there
+_FINISHED = -1  # m.auto_command when the mission has come to its end
+_RADIUS_COARSE = 255.0  # m; larger radii are kept in steps of 10 m
+
+# What is happening to the command.
+_GOING, _THERE = 0, 1
+
+
+@kernel
+def change_speed(m: Any, kind: int, speed: float) -> None:
+    """DO_CHANGE_SPEED: kinds 0 and 1 along, 2 up, 3 down; speed [m/s]. A mission keeps it."""
+    which = 1 if kind == 2 else 2 if kind == 3 else 0
+    if kind == 2:
+        m.speed_up = speed
+    elif kind == 3:
+        m.speed_down = speed
+    else:
+        m.speed_max = speed
+    if m.mode == AUTO:
+        m.auto_speed[which] = speed
+
+
+# ---- places --------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _place(m: Any, row: int) -> tuple[float, float, float]:
+    """North, east and up of an item; without a place (0, 0) the desired position, without a height the desired one."""
+    r = m.mission[row]
+    p = m.position_desired
+    n, e, u = p[0], p[1], p[2]
+    if r[LATITUDE] != 0.0 or r[LATITUDE + 1] != 0.0:
+        n, e, _ = local_from_geodetic(
+            radians_from_deg_e7(int(r[LATITUDE])),
+            radians_from_deg_e7(int(r[LATITUDE + 1])),
+            0.0,
+            m.origin_latitude,
+            m.origin_longitude,
+            0.0,
+        )
+    if r[FRAME] == 0.0 or r[FRAME] == 5.0:
+        u = r[Z] - m.origin_altitude
+    elif r[Z] != 0.0 or r[COMMAND] == _WAYPOINT:
+        u = r[Z] + m.home[2]
+    return n, e, u
+
+
+@kernel
+def _go_to(m: Any, n: float, e: float, u: float, t: float) -> None:
+    """Fly to a point at the speeds that the mission has asked for."""
+    keep = keep_heading(m)
+    guide_position(m, n, e, u, t)
+    if keep:
+        has_turned(m)
+    if m.auto_speed[0] > 0.0:
+        m.speed_max = m.auto_speed[0]
+    if m.auto_speed[1] > 0.0:
+        m.speed_up = m.auto_speed[1]
+    if m.auto_speed[2] > 0.0:
+        m.speed_down = m.auto_speed[2]
+
+
+@kernel
+def _arrived(m: Any, passing: bool) -> bool:
+    p, g = m.position_desired, m.guided_position
+    if passing:
+        n, e, u = g[0] - m.pos[0], g[1] - m.pos[1], g[2] - m.pos[2]
+        return bool(n * n + e * e + u * u < (0.01 * m.WPNAV_RADIUS) ** 2)
+    n, e, u = g[0] - p[0], g[1] - p[1], g[2] - p[2]
+    return bool(n * n + e * e + u * u < _AT_REST * _AT_REST)
+
+
+# ---- LOITER_TURNS --------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _begin_turns(m: Any, row: int, t: float) -> None:
+    """Fly to the edge of the circle, or begin at once near its centre; radii are kept in whole metres."""
+    r = m.mission[row]
+    n, e, up = _place(m, row)
+    wanted = abs(r[P3])
+    radius = math.floor(wanted)
+    if wanted > _RADIUS_COARSE:
+        radius = 10.0 * min(math.floor(0.1 * wanted), _RADIUS_COARSE)
+    m.circle_radius = radius if radius > 0.0 else 0.01 * m.CIRCLE_RADIUS
+    rate = abs(math.radians(m.CIRCLE_RATE))
+    m.circle_rate = -rate if r[P3] < 0.0 else rate
+    m.circle_centre[0], m.circle_centre[1] = n, e
+    m.circle_told = -1
+    edge_n, edge_e, distance = nearest_on_circle(m, up)
+    if distance <= _AT_CENTRE:
+        _go_to(m, m.position_desired[0], m.position_desired[1], m.position_desired[2], t)
+        _begin_round(m)
+        return
+    dn, de = m.pos[0] - n, m.pos[1] - e
+    from_centre = math.sqrt(dn * dn + de * de)
+    _go_to(m, edge_n, edge_e, up, t)
+    if from_centre <= m.circle_radius or from_centre <= _LOOK_AT_EDGE:
+        hold_heading(m)
+
+
+@kernel
+def _begin_round(m: Any) -> None:
+    m.auto_stage = _THERE
+    stop_ne(m)
+    initialise_up(m)
+    begin_circle(m, False)
+    circle_nose(m)
+
+
+@kernel
+def _turns(m: Any) -> float:
+    """How many rounds the item asks for: parts of one, or whole ones up to 255."""
+    wanted = m.mission[m.mission_current, P1]
+    return float(wanted if 0.0 < wanted < 1.0 else clip(math.floor(wanted), 0.0, 255.0))
+
+
+@kernel
+def _has_gone_round(m: Any) -> bool:
+    """Whether the rounds are flown; says which one begins."""
+    if m.auto_stage == _GOING:
+        if _arrived(m, False):
+            _begin_round(m)
+        return False
+    done, wanted = abs(m.circle_total) / (2.0 * math.pi), _turns(m)
+    if int(done) != m.circle_told:
+        m.circle_told = int(done)
+        say_with(m, INFO, ROUND_BEGINS, int(done) + 1, int(wanted))
+    return bool(done >= wanted)
+
+
+# ---- commands that are flown ---------------------------------------------------------------------------------------
+
+
+@kernel
+def _tell(m: Any, command: int, row: int) -> None:
+    """ArduCopter's text on a command that begins."""
+    for i in range(_COMMANDS.shape[0]):
+        if _COMMANDS[i] == command:
+            say(m, INFO, MISSION_TEXTS + i, row)
+
+
+@kernel
+def _begin(m: Any, row: int, t: float) -> None:
+    """Begin a command that is flown."""
+    command = int(m.mission[row, COMMAND])
+    _tell(m, command, row)
+    m.mission_current = row
+    m.auto_command = command
+    m.auto_stage = _GOING
+    m.auto_landing = False
+    m.auto_since = t
+    p = m.position_desired
+    if command == _TAKEOFF and m.on_ground:
+        start_takeoff(m, m.home[2] + m.mission[row, Z])
+    elif command == _TAKEOFF:
+        _, _, up = _place(m, row)
+        _go_to(m, p[0], p[1], up, t)
+    elif command == _RTL:
+        start_rtl(m)
+    elif command == _DELAY:
+        _go_to(m, p[0], p[1], p[2], t)
+    elif command == _TURNS:
+        _begin_turns(m, row, t)
+    else:
+        n, e, u = _place(m, row)
+        _go_to(m, n, e, p[2] if command == _LAND else u, t)
+
+
+@kernel
+def _is_done(m: Any, t: float) -> bool:
+    """Whether the command that is flown has come to its end."""
+    command = m.auto_command
+    hold = m.mission[m.mission_current, P1]
+    if command == _TAKEOFF:
+        return bool(m.takeoff_done if m.submode == TAKEOFF else _arrived(m, False))
+    if command == _WAYPOINT and hold <= 0.0:
+        last = m.mission_current + 1 >= mission_count(m)
+        return _arrived(m, not last)
+    if command in (_WAYPOINT, _LOITER_TIME):
+        if m.auto_stage == _GOING and _arrived(m, False):
+            m.auto_stage = _THERE
+            m.auto_since = t
+        return bool(m.auto_stage == _THERE and t - m.auto_since >= hold)
+    if command == _TURNS:
+        return _has_gone_round(m)
+    if command == _DELAY:
+        return bool(t - m.auto_since >= hold)
+    if command == _LAND:
+        return bool(m.auto_stage == _THERE and m.on_ground)
+    return False
+
+
+# ---- commands beside them ------------------------------------------------------------------------------------------
+
+
+@kernel
+def _do(m: Any, row: int, t: float) -> None:
+    """Begin a command that is done while another one is flown."""
+    r = m.mission[row]
+    _tell(m, int(r[COMMAND]), row)
+    m.auto_do = row
+    m.auto_doing = True
+    m.auto_do_since = t
+    if r[COMMAND] == _SPEED and r[P2] > 0.0:
+        change_speed(m, int(clip(r[P1], 0.0, 3.0)), r[P2])
+    elif r[COMMAND] == _YAW:
+        turn_by(m, math.radians(r[P1]), math.radians(r[P2]), r[P3], r[P4] > 0.0)
+
+
+@kernel
+def _has_done(m: Any, t: float) -> bool:
+    r = m.mission[m.auto_do]
+    if r[COMMAND] == _WAIT:
+        return bool(t - m.auto_do_since >= r[P1])
+    return has_turned(m) if r[COMMAND] == _YAW else True
+
+
+@kernel
+def _do_next(m: Any, t: float) -> None:
+    """Go on with what is done beside the flight: all up to the next command that is flown."""
+    if m.auto_do == 0:
+        return
+    if m.auto_doing:
+        if _has_done(m, t):
+            send_reached(m, m.auto_do)
+            m.auto_doing = False
+        return
+    row = _next(m, m.auto_do + 1, False)
+    if row < 0 or m.mission[row, COMMAND] <= _LAST_FLOWN:
+        m.auto_do = 0
+    else:
+        _do(m, row, t)
+
+
+# ---- the order -----------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _next(m: Any, row: int, taking: bool) -> int:
+    """The command at `row`, or to which the jumps there lead; -1 at the end. With `taking` the jumps are counted."""
+    first_jump = -1
+    for _ in range(_JUMPS_AT_ONCE + m.mission.shape[0]):
+        if row >= mission_count(m):
+            return -1
+        r = m.mission[row]
+        if r[COMMAND] != _JUMP:
+            return row
+        if not 1.0 <= r[P1] < mission_count(m) or (not taking and first_jump == row):
+            return -1
+        if first_jump < 0:
+            first_jump = row
+        if r[P2] < 0.0 or r[DONE] < r[P2]:
+            if taking:
+                r[DONE] += 1.0
+            row = int(r[P1])
+        else:
+            if taking:
+                r[DONE] = 0.0
+            row += 1
+    return -1
+
+
+@kernel
+def _advance(m: Any, row: int, t: float) -> None:
+    """Begin the first command from `row` on that is flown, and before it the first that is done beside it."""
+    m.auto_do = 0
+    m.auto_doing = False
+    for _ in range(m.mission.shape[0]):
+        row = _next(m, row, True)
+        if row < 0:
+            break
+        if m.mission[row, COMMAND] <= _LAST_FLOWN:
+            _begin(m, row, t)
+            return
+        if m.auto_do == 0:
+            _do(m, row, t)
+        row += 1
+    m.auto_do = 0
+    m.mission_complete = True
+    m.mission_current = max(mission_count(m) - 1, 0)
+    m.auto_command = _FINISHED
+    n, e = stopping_ne(m)
+    _go_to(m, n, e, m.position_desired[2], t)
+    hold_heading(m)
+
+
+@kernel
+def _follow(m: Any, t: float) -> None:
+    """What the mission wants now."""
+    if m.mission_changed:
+        m.mission_changed = False
+        _advance(m, m.mission_current, t)
+        return
+    if m.auto_command == _FINISHED:
+        return
+    if _is_done(m, t):
+        send_reached(m, m.mission_current)
+        if m.auto_command == _WAYPOINT or m.auto_command == _LOITER_TIME:
+            say(m, INFO, REACHED, m.mission_current)
+        _advance(m, m.mission_current + 1, t)
+    _do_next(m, t)
+
+
+@kernel
+def run_auto(m: Any, t: float, dt: float) -> None:
+    """One step of AUTO."""
+    if not m.armed or not m.auto_armed:
+        rest_on_ground(m, dt)
+        return
+    _follow(m, t)
+    if m.auto_command == _TAKEOFF and m.submode == TAKEOFF:
+        run_takeoff(m, dt)
+    elif m.auto_command == _RTL:
+        run_rtl(m, t, dt)
+    elif m.auto_command == _LAND and m.auto_stage == _THERE:
+        run_land(m, dt)
+    elif m.on_ground:
+        rest_on_ground(m, dt)
+        if m.auto_command == _FINISHED:
+            disarm(m)
+    elif m.auto_command == _TURNS and m.auto_stage == _THERE:
+        m.spool_wanted = THROTTLE_UNLIMITED
+        go_round(m, 0.0, dt)
+    else:
+        fly_to_point(m, dt)
+        if m.auto_command == _LAND and _arrived(m, False):
+            m.auto_stage = _THERE
+            m.auto_landing = True
+            start_land(m)

@@ -1,0 +1,414 @@
+"""What the autopilot flies by itself: GUIDED, take-off, landing and RTL, as ArduCopter does it.
+
+Kernels over the autopilot's record `m`, called once a step; they call the position and attitude controllers with what
+is wanted. `take_off` and the `guide_*` functions are what commands do. Vectors are north, east, UP from the local
+origin, SI units. What is flown by hand is in `manual`, which mode runs in `modes`, where the nose points in
+`yaw`, where RTL goes in `rally`; MAVLink is elsewhere.
+
+RTL flies by the same shaper as GUIDED, not by ArduCopter's waypoint S-curves. BRAKE stops as GUIDED does, with
+WPNAV_ACCEL, not with ArduCopter's harder braking.
+
+Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_land, mode_rtl, takeoff.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import euler_from_quaternion
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.attitude import follow_yaw_rate, forget_torques, relax_yaw
+from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED
+from cosim_models.autopilot.control.position import (
+    GRAVITY,
+    control_ne,
+    control_up,
+    initialise_ne,
+    initialise_up,
+    relax_ne,
+    relax_up,
+    seek_acceleration,
+    seek_position,
+    seek_position_up,
+    seek_position_velocity,
+    seek_velocity_ne,
+    seek_velocity_up,
+    set_limits,
+    set_throttle,
+    soften_for_landing,
+    stopping_ne,
+)
+from cosim_models.autopilot.control.shaping import clip, sqrt_controller
+from cosim_models.autopilot.flight.state import disarm
+from cosim_models.autopilot.flight.yaw import (
+    default_nose,
+    hold_heading,
+    lean,
+    points_there,
+    stop_turning,
+    turn_as_armed,
+)
+from cosim_models.autopilot.mission.fences import HIGHEST
+from cosim_models.autopilot.mission.rally import best_return
+from cosim_models.autopilot.record.modes import (
+    ACCELERATION,
+    CLIMB,
+    DESCEND,
+    FINAL,
+    GUIDED,
+    POSITION,
+    POSITION_VELOCITY,
+    RETURN,
+    TAKEOFF,
+    VELOCITY,
+    WAIT,
+)
+
+__all__ = [
+    "run_guided",
+    "standard_limits",
+    "fly_to_point",
+    "guide_acceleration",
+    "guide_position",
+    "guide_position_velocity",
+    "guide_stop",
+    "guide_velocity",
+    "rest_on_ground",
+    "run_land",
+    "run_rtl",
+    "run_takeoff",
+    "start_land",
+    "start_rtl",
+    "start_takeoff",
+    "take_off",
+]
+
+
+_TAKEOFF_THROTTLE = 0.9
+_RTL_ALT_MIN = 0.3  # m
+_RTL_CONE_MIN = 0.5
+_FENCE_MARGIN = 2.0  # m that RTL stays below the highest fence
+
+
+# ---- GUIDED: what commands ask for ---------------------------------------------------------------------------------
+
+
+@kernel
+def standard_limits(m: Any) -> None:
+    set_limits(m, 0.01 * m.WPNAV_SPEED, 0.01 * m.WPNAV_SPEED_UP, 0.01 * m.WPNAV_SPEED_DN)
+
+
+@kernel
+def _start_control(m: Any) -> None:
+    """Standard limits, controllers from the present motion, nose as WP_YAW_BEHAVIOR says."""
+    standard_limits(m)
+    initialise_ne(m)
+    initialise_up(m)
+    default_nose(m)
+
+
+@kernel
+def guide_stop(m: Any, t: float) -> None:
+    """GUIDED: come to rest and wait for targets."""
+    _start_control(m)
+    m.submode = VELOCITY
+    m.guided_time = t
+    for i in range(3):
+        m.guided_velocity[i] = 0.0
+        m.guided_acceleration[i] = 0.0
+
+
+@kernel
+def _enter_submode(m: Any, submode: int) -> None:
+    if m.submode != submode:
+        _start_control(m)
+        m.submode = submode
+
+
+@kernel
+def guide_position(m: Any, n: float, e: float, u: float, t: float) -> None:
+    """GUIDED: fly to a point."""
+    _enter_submode(m, POSITION)
+    default_nose(m)
+    m.guided_position[0], m.guided_position[1], m.guided_position[2] = n, e, u
+    m.guided_time = t
+
+
+@kernel
+def guide_velocity(m: Any, vn: float, ve: float, vu: float, t: float) -> None:
+    """GUIDED: fly at a velocity, for GUID_TIMEOUT."""
+    _enter_submode(m, VELOCITY)
+    default_nose(m)
+    m.guided_velocity[0], m.guided_velocity[1], m.guided_velocity[2] = vn, ve, vu
+    for i in range(3):
+        m.guided_acceleration[i] = 0.0
+    m.guided_time = t
+
+
+@kernel
+def guide_position_velocity(m: Any, t: float) -> None:
+    """GUIDED: follow a moving point; the caller has set m.guided_position, _velocity and _acceleration."""
+    _enter_submode(m, POSITION_VELOCITY)
+    default_nose(m)
+    m.guided_time = t
+
+
+@kernel
+def guide_acceleration(m: Any, an: float, ae: float, au: float, t: float) -> None:
+    """GUIDED: accelerate, for GUID_TIMEOUT."""
+    _enter_submode(m, ACCELERATION)
+    default_nose(m)
+    m.guided_acceleration[0], m.guided_acceleration[1], m.guided_acceleration[2] = an, ae, au
+    m.guided_time = t
+
+
+@kernel
+def take_off(m: Any, height: float) -> bool:
+    """GUIDED: take off to `height` [m above home]; False where that is not possible."""
+    if not m.armed or not m.on_ground or m.mode != GUIDED or m.home[2] + height <= m.pos[2]:
+        return False
+    start_takeoff(m, m.home[2] + height)
+    m.auto_armed = True
+    return True
+
+
+@kernel
+def start_takeoff(m: Any, up: float) -> None:
+    """Begin a take-off to `up` [m]."""
+    standard_limits(m)
+    m.submode = TAKEOFF
+    hold_heading(m)
+    m.takeoff_from = m.pos[2]
+    m.takeoff_to = up
+    m.takeoff_done = False
+
+
+# ---- modes ---------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def start_land(m: Any) -> None:
+    standard_limits(m)
+    initialise_ne(m)
+    initialise_up(m)
+    hold_heading(m)
+
+
+@kernel
+def _return_height(m: Any, n: float, e: float, height: float) -> float:
+    """Height [m above home] of the way back to a place (n, e) whose own is `height`."""
+    now = m.pos[2] - m.home[2]
+    least = max(_RTL_ALT_MIN, now + max(0.01 * m.RTL_CLIMB_MIN, 0.0))
+    wanted = max(height, 0.01 * m.RTL_ALT, least)
+    if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # nearby there is no need to go all the way up
+        here_n, here_e = stopping_ne(m)
+        distance = math.sqrt((here_n - n) ** 2 + (here_e - e) ** 2)
+        wanted = min(wanted, max(distance * m.RTL_CONE_SLOPE, least))
+    if m.FENCE_ENABLE != 0 and (m.FENCE_TYPE & HIGHEST) != 0:
+        wanted = min(wanted, m.FENCE_ALT_MAX - _FENCE_MARGIN)
+    return float(max(wanted, now))
+
+
+@kernel
+def start_rtl(m: Any) -> None:
+    """Return to home or to the best rally point: climb, fly there, wait, come down."""
+    _start_control(m)
+    hold_heading(m)
+    m.submode = POSITION
+    m.rtl_stage = CLIMB
+    n, e, height = best_return(m)
+    m.rtl_place[0], m.rtl_place[1] = n, e
+    m.guided_position[0], m.guided_position[1] = stopping_ne(m)
+    m.guided_position[2] = m.home[2] + _return_height(m, n, e, height)
+    if m.RTL_SPEED > 0.0:
+        m.speed_max = 0.01 * m.RTL_SPEED
+
+
+@kernel
+def rest_on_ground(m: Any, dt: float) -> None:
+    """Motors idle, controllers follow the vehicle so that nothing winds up."""
+    m.spool_wanted = GROUND_IDLE
+    forget_torques(m, True, dt)
+    if m.spool_state <= GROUND_IDLE:
+        relax_yaw(m)
+    relax_ne(m, dt)
+    control_ne(m, dt)
+    relax_up(m, 0.0, dt)
+    control_up(m, dt)
+    follow_yaw_rate(m, 0.0, 0.0, -GRAVITY, 0.0, dt)
+
+
+@kernel
+def run_takeoff(m: Any, dt: float) -> None:
+    if not m.armed or not m.auto_armed:
+        rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    if m.spool_state != THROTTLE_UNLIMITED:
+        relax_ne(m, dt)
+        control_ne(m, dt)
+        relax_up(m, 0.0, dt)
+        control_up(m, dt)
+        relax_yaw(m)
+        forget_torques(m, False, dt)
+        follow_yaw_rate(m, m.acceleration_target[0], m.acceleration_target[1], -GRAVITY, 0.0, dt)
+        return
+    if m.on_ground:
+        throttle = clip(m.throttle_in + dt / max(m.TKOFF_SLEW_TIME, 0.01), 0.0, 1.0)
+        initialise_up(m)
+        set_throttle(m, throttle, True, 0.0, dt)
+        relax_ne(m, dt)
+        control_ne(m, dt)
+        forget_torques(m, False, dt)
+        follow_yaw_rate(m, m.acceleration_target[0], m.acceleration_target[1], -GRAVITY, 0.0, dt)
+        if (
+            throttle >= min(m.TKOFF_THR_MAX, _TAKEOFF_THROTTLE)
+            or m.acc[2] >= 0.5 * m.accel_up
+            or m.velocity_desired[2] >= 0.1 * m.speed_up
+        ):
+            m.on_ground = False
+        return
+    seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
+    control_ne(m, dt)
+    seek_position_up(m, m.takeoff_to, 0.0, dt)
+    control_up(m, dt)
+    lean(m, dt)
+    climbed = m.position_desired[2] - m.takeoff_from >= 0.9 * (m.takeoff_to - m.takeoff_from)
+    if climbed and m.velocity_desired[2] < 0.1 * m.speed_up:
+        m.takeoff_done = True
+
+
+@kernel
+def run_guided(m: Any, t: float, dt: float) -> None:
+    if m.submode == TAKEOFF:
+        run_takeoff(m, dt)
+        return
+    if not m.armed or not m.auto_armed or m.on_ground:
+        rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    if m.submode != POSITION and t - m.guided_time > m.GUID_TIMEOUT:
+        for i in range(3):
+            m.guided_velocity[i] = 0.0
+            m.guided_acceleration[i] = 0.0
+        stop_turning(m)
+        if m.submode == ACCELERATION:
+            guide_stop(m, t)
+    p, v, a = m.guided_position, m.guided_velocity, m.guided_acceleration
+    if m.submode == POSITION:
+        seek_position(m, p[0], p[1], p[2], dt)
+    elif m.submode == VELOCITY:
+        seek_velocity_ne(m, v[0], v[1], a[0], a[1], dt)
+        seek_velocity_up(m, v[2], a[2], False, dt)
+    elif m.submode == POSITION_VELOCITY:
+        seek_position_velocity(m, p, v, a, dt)
+    else:
+        seek_acceleration(m, a[0], a[1], a[2], dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    lean(m, dt)
+
+
+@kernel
+def _reposition(m: Any) -> tuple[float, float]:
+    """North and east velocity [m/s] by which the pilot's roll and pitch stick move the landing place."""
+    forward, right = m.pilot_stick[0], m.pilot_stick[1]
+    if not m.rc_known or m.LAND_REPOSITION == 0 or (forward == 0.0 and right == 0.0):
+        return 0.0, 0.0
+    heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    c, s = math.cos(heading), math.sin(heading)
+    n, e = forward * c - right * s, forward * s + right * c
+    edge = math.sqrt(n * n + e * e) / max(abs(n), abs(e))  # of the square of sticks, in this direction
+    speed = 0.5 * 0.01 * m.WPNAV_ACCEL / edge
+    return n * speed, e * speed
+
+
+@kernel
+def _descend(m: Any, dt: float) -> None:
+    """Down at the speed limit to LAND_ALT_LOW, then at LAND_SPEED, over the place that the pilot may move."""
+    slow = 0.01 * m.LAND_SPEED
+    fast = 0.01 * m.LAND_SPEED_HIGH if m.LAND_SPEED_HIGH > 0.0 else m.speed_down
+    height = m.pos[2] - m.home[2]
+    low = 0.01 * max(m.LAND_ALT_LOW, 100.0)
+    rate = sqrt_controller(low - height, m.PSC_POSZ_P, m.accel_up, dt)
+    seek_velocity_up(m, clip(rate, min(-fast, -slow), -slow), 0.0, True, dt)
+    if m.touched:
+        soften_for_landing(m, dt)
+    vn, ve = _reposition(m)
+    seek_velocity_ne(m, vn, ve, 0.0, 0.0, dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    lean(m, dt)
+
+
+@kernel
+def run_land(m: Any, dt: float) -> None:
+    if m.on_ground and m.armed and m.spool_state == GROUND_IDLE:
+        disarm(m)
+    if not m.armed or m.on_ground:
+        rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    _descend(m, dt)
+
+
+@kernel
+def fly_to_point(m: Any, dt: float) -> None:
+    """One step towards m.guided_position."""
+    m.spool_wanted = THROTTLE_UNLIMITED
+    p = m.guided_position
+    seek_position(m, p[0], p[1], p[2], dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    lean(m, dt)
+
+
+@kernel
+def _come_down(m: Any, dt: float) -> None:
+    """To RTL_ALT_FINAL, and stay there, over the place that the pilot may move."""
+    m.spool_wanted = THROTTLE_UNLIMITED
+    vn, ve = _reposition(m)
+    p = m.guided_position
+    seek_velocity_ne(m, vn, ve, 0.0, 0.0, dt)
+    seek_position_up(m, p[2], 0.0, dt)
+    p[0], p[1] = m.position_desired[0], m.position_desired[1]
+    control_ne(m, dt)
+    control_up(m, dt)
+    lean(m, dt)
+
+
+@kernel
+def run_rtl(m: Any, t: float, dt: float) -> None:
+    if m.rtl_stage == DESCEND:
+        run_land(m, dt)
+        return
+    if not m.armed or m.on_ground:
+        rest_on_ground(m, dt)
+        return
+    if m.rtl_stage == FINAL:
+        _come_down(m, dt)
+        return
+    fly_to_point(m, dt)
+    p = m.guided_position
+    gap = m.position_desired
+    if m.rtl_stage == CLIMB:
+        if abs(p[2] - gap[2]) < 0.1:
+            m.rtl_stage = RETURN
+            p[0] = m.rtl_place[0]
+            p[1] = m.rtl_place[1]
+            default_nose(m)
+    elif m.rtl_stage == RETURN:
+        near = math.sqrt((p[0] - m.pos[0]) ** 2 + (p[1] - m.pos[1]) ** 2) < 0.01 * m.WPNAV_RADIUS
+        if near and math.sqrt((p[0] - gap[0]) ** 2 + (p[1] - gap[1]) ** 2) < 0.2:
+            m.rtl_stage = WAIT
+            m.loiter_since = t
+            turn_as_armed(m)
+    elif t - m.loiter_since >= 0.001 * m.RTL_LOIT_TIME and points_there(m):
+        if m.RTL_ALT_FINAL > 0.0 and not m.radio_lost:
+            m.rtl_stage = FINAL
+            hold_heading(m)
+            p[2] = m.home[2] + 0.01 * m.RTL_ALT_FINAL
+            return
+        m.rtl_stage = DESCEND
+        start_land(m)

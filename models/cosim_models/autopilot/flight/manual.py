@@ -1,0 +1,329 @@
+"""What is flown by hand: STABILIZE, ALT_HOLD, LOITER and CIRCLE, as ArduCopter flies them.
+
+Kernels over the autopilot's record `m`, called once a step. Without a pilot's hands (`sticks`) the sticks ask for
+nothing: LOITER and ALT_HOLD keep the height, on the ground the motors idle. In STABILIZE the throttle is then closed,
+on the ground and in the air, where the vehicle falls. Vectors are north, east, UP from the local origin, SI units.
+
+Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_stabilize, mode_althold, mode_loiter, mode_circle, takeoff; AC_Loiter
+and AC_Circle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import euler_from_quaternion
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.attitude import follow_yaw_rate, forget_torques, relax_yaw, shape_angle
+from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED
+from cosim_models.autopilot.control.position import (
+    GRAVITY,
+    control_ne,
+    control_up,
+    initialise_ne,
+    initialise_up,
+    relax_ne,
+    seek_position_up,
+    seek_velocity_up,
+    set_throttle,
+    soften_for_landing,
+    stop_ne,
+)
+from cosim_models.autopilot.control.shaping import clip, sqrt_controller
+from cosim_models.autopilot.flight.circle import begin_circle, go_round
+from cosim_models.autopilot.flight.guided import rest_on_ground, standard_limits
+from cosim_models.autopilot.flight.sticks import (
+    deflection,
+    hands_on,
+    pilot_climb_rate,
+    pilot_climbs,
+    pilot_heading_thrust,
+    pilot_throttle,
+    pilot_tilt,
+    pilot_yaw_rate,
+    throttle_zero,
+)
+from cosim_models.autopilot.flight.yaw import circle_nose, look_round
+from cosim_models.autopilot.record.modes import STABILIZE
+
+__all__ = [
+    "run_alt_hold",
+    "run_circle",
+    "run_loiter",
+    "run_stabilize",
+    "start_alt_hold",
+    "start_circle",
+    "start_loiter",
+]
+
+_TAKEOFF_THROTTLE = 0.9
+_LOITER_SHARE = 2.0 / 3.0  # of ANGLE_MAX that LOITER uses by itself
+_LOITER_CORRECTION = 2.0  # m/s and m, that LOITER makes good at most
+_LOITER_SPEED_MIN = 0.2  # m/s
+_CIRCLE_RATE_MAX = math.radians(90.0)
+_STICKS, _AT_CENTRE = 1, 4  # CIRCLE_OPTIONS
+
+
+@kernel
+def _lean_by_stick(m: Any, t: float, dt: float) -> None:
+    """The attitude that the sticks ask for."""
+    most = math.radians(0.01 * m.ANGLE_MAX)
+    n, e = pilot_tilt(m, most, m.lean_max if m.mode != STABILIZE else most, t)
+    follow_yaw_rate(m, GRAVITY * n, GRAVITY * e, -GRAVITY, _yaw_rate(m, t, dt), dt)
+
+
+@kernel
+def _yaw_rate(m: Any, t: float, dt: float) -> float:
+    """The turn rate that the yaw stick asks for, approached with PILOT_Y_RATE_TC."""
+    rate = pilot_yaw_rate(m, t)
+    if m.PILOT_Y_RATE_TC > 0.0:
+        rate = m.rate_target[2] + (rate - m.rate_target[2]) * min(dt / max(m.PILOT_Y_RATE_TC, 0.01), 1.0)
+    return rate
+
+
+@kernel
+def run_stabilize(m: Any, t: float, dt: float) -> None:
+    """Sticks are lean, turn rate and throttle."""
+    m.spool_wanted = GROUND_IDLE if throttle_zero(m, t) else THROTTLE_UNLIMITED
+    throttle = pilot_throttle(m, t)
+    if m.spool_state <= GROUND_IDLE:
+        relax_yaw(m)
+        forget_torques(m, m.spool_state == GROUND_IDLE, dt)
+        throttle = 0.0
+    elif m.spool_state == THROTTLE_UNLIMITED and not m.limit_throttle_lower:
+        m.on_ground = False
+    _lean_by_stick(m, t, dt)
+    set_throttle(m, throttle, True, m.PILOT_THR_FILT, dt)
+
+
+# ---- modes that keep height ----------------------------------------------------------------------------------------
+
+
+@kernel
+def _pilot_limits(m: Any) -> None:
+    m.speed_up = 0.01 * m.PILOT_SPEED_UP
+    m.speed_down = 0.01 * m.PILOT_SPEED_DN if m.PILOT_SPEED_DN > 0.0 else m.speed_up
+    m.accel_up = 0.01 * m.PILOT_ACCEL_Z
+
+
+@kernel
+def _is_flying(m: Any, climb: float, t: float, dt: float) -> bool:
+    """Whether the vehicle flies or takes off by the throttle stick; if not, it is let rest on the ground."""
+    if m.armed and (m.pilot_takeoff or (m.on_ground and climb > 0.0 and m.spool_state == THROTTLE_UNLIMITED)):
+        if not m.pilot_takeoff:
+            m.pilot_takeoff = True
+            m.takeoff_from = m.position_desired[2]
+            m.takeoff_to = m.takeoff_from + 0.01 * m.PILOT_TKOFF_ALT
+        return True
+    if m.armed and m.auto_armed and not m.on_ground:
+        m.spool_wanted = THROTTLE_UNLIMITED
+        return True
+    m.pilot_takeoff = False
+    rest_on_ground(m, dt)
+    if m.armed and pilot_climbs(m, t):
+        m.spool_wanted = THROTTLE_UNLIMITED
+    return False
+
+
+@kernel
+def _climb(m: Any, climb: float, dt: float) -> None:
+    """Height by the climb rate asked for, or the pilot's take-off."""
+    if not m.pilot_takeoff:
+        seek_velocity_up(m, climb, 0.0, False, dt)
+        control_up(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    rise = m.takeoff_to - m.takeoff_from
+    if not m.on_ground:
+        seek_position_up(m, m.takeoff_to, climb, dt)
+        control_up(m, dt)
+        if climb < 0.0 or 0.999 * rise < m.position_desired[2] - m.takeoff_from:
+            m.pilot_takeoff = False
+        return
+    throttle = clip(m.throttle_in + dt / max(m.TKOFF_SLEW_TIME, 0.01), 0.0, 1.0)
+    initialise_up(m)
+    set_throttle(m, throttle, True, 0.0, dt)
+    if (
+        throttle >= min(m.TKOFF_THR_MAX, _TAKEOFF_THROTTLE)
+        or m.acc[2] >= 0.5 * m.accel_up
+        or m.velocity_desired[2] >= clip(climb, 0.1 * m.speed_up, 0.5 * m.speed_up)
+        or (rise > 0.0 and m.position_desired[2] - m.takeoff_from > 0.5 * rise)
+    ):
+        m.on_ground = False
+
+
+@kernel
+def start_alt_hold(m: Any) -> None:
+    """Keep the present height."""
+    standard_limits(m)
+    _pilot_limits(m)
+    initialise_up(m)
+
+
+@kernel
+def run_alt_hold(m: Any, t: float, dt: float) -> None:
+    """Sticks are lean, turn rate and climb rate; the wind carries the vehicle away."""
+    _pilot_limits(m)
+    climb = pilot_climb_rate(m, t)
+    if not _is_flying(m, climb, t, dt):
+        return
+    _climb(m, climb, dt)
+    relax_ne(m, dt)
+    _lean_by_stick(m, t, dt)
+
+
+# ---- LOITER --------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def start_loiter(m: Any, t: float) -> None:
+    """Come to rest, then hold the place."""
+    standard_limits(m)
+    _pilot_limits(m)
+    m.speed_max = _LOITER_CORRECTION
+    m.accel_max = 0.01 * m.LOIT_ACC_MAX
+    _reset_loiter(m, t)
+    initialise_up(m)
+
+
+@kernel
+def _reset_loiter(m: Any, t: float) -> None:
+    initialise_ne(m)
+    m.loiter_brake = 0.0
+    m.loiter_since = t
+    for i in range(2):
+        m.loiter_tilt[i] = 0.0
+        m.loiter_tilt_rate[i] = 0.0
+
+
+@kernel
+def _acceleration_of(m: Any, roll: float, pitch: float) -> tuple[float, float]:
+    """North and east acceleration at constant height of a lean [rad] with the present heading."""
+    q = m.q
+    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    up = max(math.cos(roll) * math.cos(pitch), 0.1)
+    forward = -GRAVITY * math.sin(pitch) * math.cos(roll) / up
+    right = GRAVITY * math.sin(roll) / up
+    c, s = math.cos(heading), math.sin(heading)
+    return forward * c - right * s, forward * s + right * c
+
+
+@kernel
+def _predict(m: Any, roll: float, pitch: float, dt: float) -> tuple[float, float]:
+    """Acceleration of the attitude as it will follow the sticks."""
+    tilt, rate = m.loiter_tilt, m.loiter_tilt_rate
+    rate[0] = shape_angle(m, roll - tilt[0], m.ATC_ACCEL_R_MAX, rate[0], dt)
+    rate[1] = shape_angle(m, pitch - tilt[1], m.ATC_ACCEL_P_MAX, rate[1], dt)
+    tilt[0] += rate[0] * dt
+    tilt[1] += rate[1] * dt
+    if tilt[0] == 0.0 and tilt[1] == 0.0:
+        return 0.0, 0.0
+    return _acceleration_of(m, tilt[0], tilt[1])
+
+
+@kernel
+def _move(m: Any, t: float, dt: float) -> None:
+    """Desired horizontal motion: what the sticks accelerate, less drag and, with centred sticks, braking."""
+    lean_max = (
+        math.radians(m.LOIT_ANG_MAX) if m.LOIT_ANG_MAX > 0.0 else _LOITER_SHARE * math.radians(0.01 * m.ANGLE_MAX)
+    )
+    forward, right = pilot_heading_thrust(m, lean_max, m.lean_max, t)
+    pitch = -math.atan(forward)
+    roll = math.atan(math.cos(pitch) * right)
+    wn, we = 0.0, 0.0
+    moved = forward != 0.0 or right != 0.0
+    if moved:
+        wn, we = _acceleration_of(m, roll, pitch)
+    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    an, ae = _predict(m, roll, pitch, dt)
+    v[0] += an * dt
+    v[1] += ae * dt
+    speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
+    brake = 0.0
+    if moved:
+        m.loiter_since = t
+    elif t - m.loiter_since > m.LOIT_BRK_DELAY:
+        gain = 0.5 * m.PSC_VELXY_P
+        brake = clip(sqrt_controller(speed, gain, 0.01 * m.LOIT_BRK_JERK, dt), 0.0, 0.01 * m.LOIT_BRK_ACCEL)
+    step = 0.01 * m.LOIT_BRK_JERK * dt
+    m.loiter_brake += clip(brake - m.loiter_brake, -step, step)
+    drag = GRAVITY * math.tan(lean_max) * speed / max(0.01 * m.LOIT_SPEED, _LOITER_SPEED_MIN)
+    slower = max(speed - (drag + m.loiter_brake) * dt, 0.0)
+    share = slower / speed if speed > 0.0 else 0.0
+    a[0], a[1] = wn, we
+    for i in range(2):
+        if speed > 0.0:
+            a[i] -= m.loiter_brake * v[i] / speed
+        v[i] *= share
+        p[i] += v[i] * dt
+
+
+@kernel
+def run_loiter(m: Any, t: float, dt: float) -> None:
+    """Sticks are acceleration, turn rate and climb rate; centred, the vehicle brakes and holds its place."""
+    _pilot_limits(m)
+    climb = pilot_climb_rate(m, t)
+    if not _is_flying(m, climb, t, dt):
+        _reset_loiter(m, t)
+        return
+    if m.touched:
+        soften_for_landing(m, dt)
+    _move(m, t, dt)
+    control_ne(m, dt)
+    _climb(m, climb, dt)
+    a = m.acceleration_target
+    follow_yaw_rate(m, a[0], a[1], -GRAVITY, _yaw_rate(m, t, dt), dt)
+
+
+# ---- CIRCLE --------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _take_circle(m: Any) -> None:
+    """Radius and rate as the parameters have them."""
+    m.circle_asked[0], m.circle_asked[1] = m.CIRCLE_RADIUS, m.CIRCLE_RATE
+    m.circle_radius = 0.01 * m.CIRCLE_RADIUS
+    m.circle_rate = math.radians(m.CIRCLE_RATE)
+
+
+@kernel
+def start_circle(m: Any) -> None:
+    """A circle whose centre is ahead of where the vehicle comes to rest, CIRCLE_RADIUS away."""
+    standard_limits(m)
+    _pilot_limits(m)
+    heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    stop_ne(m)
+    initialise_up(m)
+    _take_circle(m)
+    ahead = 0.0 if (m.CIRCLE_OPTIONS & _AT_CENTRE) != 0 else m.circle_radius
+    m.circle_centre[0] = m.position_desired[0] + ahead * math.cos(heading)
+    m.circle_centre[1] = m.position_desired[1] + ahead * math.sin(heading)
+    begin_circle(m, True)
+    circle_nose(m)
+    look_round(m, heading)
+
+
+@kernel
+def _change_circle(m: Any, t: float, dt: float) -> None:
+    """Parameters that are set meanwhile; the pitch stick changes the radius, the roll stick the rate."""
+    if m.circle_asked[0] != m.CIRCLE_RADIUS or m.circle_asked[1] != m.CIRCLE_RATE:
+        _take_circle(m)
+    if (m.CIRCLE_OPTIONS & _STICKS) == 0 or not hands_on(m, t) or m.radio_lost:
+        return
+    wider = deflection(m, m.RCMAP_PITCH, t) * m.speed_max * dt
+    m.circle_radius = max(m.circle_radius + wider, 0.0)
+    faster = deflection(m, m.RCMAP_ROLL, t) * dt
+    m.circle_rate = clip(m.circle_rate + faster, -_CIRCLE_RATE_MAX, _CIRCLE_RATE_MAX)
+
+
+@kernel
+def run_circle(m: Any, t: float, dt: float) -> None:
+    """Round the centre, the nose towards it until the pilot turns it; the throttle stick is the climb rate."""
+    if not m.armed or not m.auto_armed or m.on_ground:
+        rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    _pilot_limits(m)
+    _change_circle(m, t, dt)
+    go_round(m, pilot_climb_rate(m, t), dt)

@@ -1,0 +1,97 @@
+"""Which mode flies: switching modes, and one step of the present one.
+
+Kernels over the autopilot's record `m`. How modes fly is in `guided`, `manual` and `auto`; what ground
+stations are told about a mode that cannot be entered in `commander.mode_requests`.
+
+Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.motors import SHUT_DOWN
+from cosim_models.autopilot.flight.guided import guide_stop, run_guided, run_land, run_rtl, start_land, start_rtl
+from cosim_models.autopilot.flight.manual import (
+    run_alt_hold,
+    run_circle,
+    run_loiter,
+    run_stabilize,
+    start_alt_hold,
+    start_circle,
+    start_loiter,
+)
+from cosim_models.autopilot.flight.state import needs_position, position_ready
+from cosim_models.autopilot.flight.yaw import hold_heading
+from cosim_models.autopilot.mission.missions import forget_jumps
+from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, BRAKE, CIRCLE, GUIDED, LAND, LOITER, RTL, STABILIZE
+
+__all__ = ["run_mode", "set_mode"]
+
+_ARMING_DELAY = 2.0  # s between arming and the motors
+
+
+@kernel
+def set_mode(m: Any, mode: int, t: float) -> bool:
+    """Switch modes; False if armed and the mode needs a position that is not there. The mode must be one of `Mode`.
+
+    Whether there is a mission for AUTO is the caller's to check.
+    """
+    if mode == m.mode:
+        return True
+    if m.armed and needs_position(mode) and not position_ready(m, t):
+        return False
+    m.mode = mode
+    m.pilot_takeoff = False
+    if mode == GUIDED:
+        guide_stop(m, t)
+    elif mode == BRAKE:
+        guide_stop(m, t)
+        hold_heading(m)
+    elif mode == ALT_HOLD:
+        start_alt_hold(m)
+    elif mode == AUTO:
+        guide_stop(m, t)
+        if m.mission_complete or m.mission_current == 0 or m.MIS_RESTART == 1:
+            m.mission_current = 1
+            forget_jumps(m)
+        for i in range(3):
+            m.auto_speed[i] = 0.0
+        m.mission_complete = False
+        m.mission_changed = True
+        m.auto_landing = False
+    elif mode == LOITER:
+        start_loiter(m, t)
+    elif mode == CIRCLE:
+        start_circle(m)
+    elif mode == LAND:
+        start_land(m)
+    elif mode == RTL:
+        start_rtl(m)
+    if mode != STABILIZE and not m.on_ground:
+        m.auto_armed = True
+    return True
+
+
+@kernel
+def run_mode(m: Any, t: float, dt: float) -> None:
+    """One step of the present mode; AUTO has been run before (`auto`)."""
+    if m.arming_delay and (not m.armed or t - m.armed_at >= _ARMING_DELAY - 1e-9):
+        m.arming_delay = False
+    if m.mode == GUIDED or m.mode == BRAKE:
+        run_guided(m, t, dt)
+    elif m.mode == ALT_HOLD:
+        run_alt_hold(m, t, dt)
+    elif m.mode == LOITER:
+        run_loiter(m, t, dt)
+    elif m.mode == CIRCLE:
+        run_circle(m, t, dt)
+    elif m.mode == LAND:
+        run_land(m, dt)
+    elif m.mode == RTL:
+        run_rtl(m, t, dt)
+    elif m.mode == STABILIZE:
+        run_stabilize(m, t, dt)
+    if not m.armed:
+        m.spool_wanted = SHUT_DOWN

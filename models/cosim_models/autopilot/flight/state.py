@@ -1,0 +1,154 @@
+"""Armed or not, on the ground or in the air, in which mode: the autopilot's discrete state, as ArduCopter keeps it.
+
+Kernels over the autopilot's record `m`. How a mode flies is in `guided`.
+
+Source: ArduPilot, ArduCopter 4.6/4.7-dev: AP_Arming_Copter, motors (auto disarm), land_detector.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import euler_from_quaternion
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED, mix_towards
+from cosim_models.autopilot.control.shaping import lowpass_alpha
+from cosim_models.autopilot.record.modes import (
+    AUTO,
+    BRAKE,
+    CIRCLE,
+    DESCEND,
+    GUIDED,
+    LAND,
+    LANDING,
+    LOITER,
+    RTL,
+    STABILIZE,
+    TAKEOFF,
+)
+
+__all__ = [
+    "arm",
+    "detect_landing",
+    "disarm",
+    "disarm_after_delay",
+    "landed_state",
+    "needs_position",
+    "position_ready",
+]
+
+
+_LANDED_TIME = 1.0  # s of stillness that mean landed
+_TOUCHED_TIME = 0.2  # s that mean perhaps landed
+_LANDED_ACCEL = 1.0  # m/s2, filtered at 1 Hz
+_LANDED_SPEED = 1.0  # m/s
+_LARGE_LEAN = math.cos(math.radians(15.0))
+_LARGE_ERROR = math.radians(30.0)
+_MOVING_ACCEL = 3.0  # m/s2
+
+
+@kernel
+def position_ready(m: Any, t: float) -> bool:
+    """Whether the position estimate is good enough to fly by (from `estimate_ready_time` on)."""
+    return bool(t >= m.estimate_ready_time)
+
+
+@kernel
+def needs_position(mode: int) -> bool:
+    """Whether a mode cannot be entered, or armed in, without a position estimate."""
+    return mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE)
+
+
+@kernel
+def arm(m: Any, t: float) -> None:
+    """Arm. The place becomes home, the motors wait for two seconds."""
+    m.armed = True
+    m.armed_at = t
+    m.arming_delay = True
+    m.auto_armed = False
+    m.idle_since = t
+    m.armed_heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
+    for i in range(3):
+        m.home[i] = m.pos[i]
+    m.land_time = 0.0
+
+
+@kernel
+def disarm(m: Any) -> None:
+    """Stop the motors."""
+    m.armed = False
+    m.auto_armed = False
+    m.on_ground = True
+    m.land_time = 0.0
+
+
+@kernel
+def disarm_after_delay(m: Any, t: float) -> bool:
+    """Disarm when armed on the ground for DISARM_DELAY; returns whether that happened now."""
+    if not m.armed or m.DISARM_DELAY <= 0.0 or m.spool_state > GROUND_IDLE or not m.on_ground:
+        m.idle_since = t
+        return False
+    if t - m.idle_since < m.DISARM_DELAY - 1e-9:
+        return False
+    disarm(m)
+    return True
+
+
+@kernel
+def detect_landing(m: Any, dt: float) -> None:
+    """ArduCopter's land detector: idle throttle and no motion for a second. Sets m.on_ground and the throttle mix."""
+    alpha = lowpass_alpha(dt, 1.0)
+    still = 0.0
+    moving = 0.0
+    for i in range(3):
+        m.land_accel[i] += alpha * (m.acc[i] - m.land_accel[i])
+        still += m.land_accel[i] * m.land_accel[i]
+        moving += m.acc[i] * m.acc[i]
+    upright = 1.0 - 2.0 * (m.attitude_target[1] ** 2 + m.attitude_target[2] ** 2)  # cosine of the lean wanted
+    rough = upright < _LARGE_LEAN or m.thrust_error > _LARGE_ERROR
+    if not m.armed:
+        m.on_ground = True
+        m.land_time = 0.0
+    elif m.on_ground:
+        taking_off = m.pilot_takeoff or ((m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF)
+        if not taking_off and m.throttle_out > 0.5 * m.throttle_hover and m.spool_state == THROTTLE_UNLIMITED:
+            m.on_ground = False
+    elif (
+        m.limit_throttle_lower
+        and m.throttle_mix <= 1.1 * m.ATC_THR_MIX_MIN
+        and not rough
+        and still <= _LANDED_ACCEL * _LANDED_ACCEL
+        and abs(m.vel[2]) < _LANDED_SPEED
+    ):
+        m.land_time += dt
+        if m.land_time >= _LANDED_TIME:
+            m.on_ground = True
+            m.land_time = 0.0
+    else:
+        m.land_time = 0.0
+    m.touched = m.on_ground or m.land_time >= _TOUCHED_TIME
+    wanted = m.ATC_THR_MIX_MAX
+    if m.mode == STABILIZE:
+        wanted = m.ATC_THR_MIX_MAN if m.auto_armed else m.ATC_THR_MIX_MIN
+    elif (
+        not m.armed
+        or m.on_ground
+        or (not rough and moving <= _MOVING_ACCEL * _MOVING_ACCEL and m.velocity_desired[2] < 0.0)
+    ):
+        wanted = m.ATC_THR_MIX_MIN
+    mix_towards(m, wanted, dt)
+
+
+@kernel
+def landed_state(m: Any) -> int:
+    """MAV_LANDED_STATE: 1 on ground, 2 in air, 3 taking off, 4 landing."""
+    if m.on_ground:
+        return 1
+    if m.pilot_takeoff or ((m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF and not m.takeoff_done):
+        return 3
+    if m.mode == AUTO and m.auto_landing:
+        return LANDING
+    if m.mode == LAND or (m.mode == RTL and m.rtl_stage == DESCEND):
+        return LANDING
+    return 2

@@ -1,0 +1,335 @@
+"""The pilot: overrides of the remote control heard by MAVLink, as sticks, and what the sticks ask for.
+
+RC_CHANNELS_OVERRIDE and MANUAL_CONTROL of the ground station (SYSID_MYGCS) set channels for RC_OVERRIDE_TIME. What is
+not overridden comes from a receiver whose transmitter nobody holds, as a simulated ArduCopter's: sticks centred, the
+throttle closed on the ground and in STABILIZE and in the middle otherwise, so that nothing is asked for; SIM_RC_FAIL
+takes it away. Kernels over the autopilot's record `m`; how modes use the sticks is in `guided`, what happens
+when the radio is lost in `failsafes`.
+
+Not here: simple modes, trims by ear, auxiliary switches.
+
+Source: ArduPilot, RC_Channel, GCS_MAVLink and ArduCopter (radio, mode: get_pilot_desired_*).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cosim.frames import euler_from_quaternion
+from cosim.kernel import get_real, kernel
+from cosim.messages import RC_CHANNELS_OVERRIDE_CHAN1_RAW, RC_CHANNELS_OVERRIDE_CHAN9_RAW, decode_manual_control
+from cosim.model import record_layout
+from cosim.packets import get_u16
+from cosim_models.autopilot.control.shaping import clip
+from cosim_models.autopilot.record.modes import STABILIZE
+from cosim_models.autopilot.record.parameters import STICK_CHANNELS
+from cosim_models.autopilot.record.variables import CHANNELS, VARIABLES
+
+__all__ = [
+    "NO_PULSES",
+    "channel",
+    "deflection",
+    "hands_on",
+    "hear_manual_control",
+    "hear_override",
+    "pilot_climb_rate",
+    "pilot_climbs",
+    "pilot_heading_thrust",
+    "pilot_throttle",
+    "pilot_tilt",
+    "override_active",
+    "pilot_yaw_rate",
+    "read_sticks",
+    "throttle_open",
+    "throttle_zero",
+]
+
+NO_PULSES = 1
+"""SIM_RC_FAIL: the receiver gives no pulses."""
+
+_IGNORE, _RELEASE = 65535, 65534
+_NO_VALUE = 32767  # of MANUAL_CONTROL
+_FOR_EVER = 1e300
+_ZERO_TIME = 0.4  # s of closed throttle that count as closed
+_LEAN_MIN = math.radians(10.0)
+_LEAN_MAX = math.radians(85.0)
+_EXPO_SHARE = 0.375
+_CLOSED, _FAILED_THROTTLE = 1000, 950  # us
+_SWITCHES = np.array((1800, 1000, 1000, 1800), dtype=np.int64)  # channels 5 to 8, as ArduPilot's simulated receiver
+
+_FIELDS = record_layout(VARIABLES)[0].fields
+assert _FIELDS is not None
+_RC = int(_FIELDS["RC1_MIN"][1])
+_MIN, _TRIM, _MAX, _DZ, _REVERSED = range(5)
+_CALIBRATION = 8 * (_REVERSED + 1)  # bytes
+assert _FIELDS[f"RC{STICK_CHANNELS}_REVERSED"][1] == _RC + (STICK_CHANNELS - 1) * _CALIBRATION + 8 * _REVERSED
+
+
+# ---- what is heard -------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _override(m: Any, i: int, pulse: int, t: float) -> None:
+    """Override channel i (from 0) with `pulse` [us]; 0 releases it."""
+    m.rc_override[i] = pulse
+    m.rc_time[i] = t
+    if pulse != 0 and m.RC_OVERRIDE_TIME != 0.0:
+        m.rc_until = _FOR_EVER if m.RC_OVERRIDE_TIME < 0.0 else t + m.RC_OVERRIDE_TIME
+        m.rc_known = True
+
+
+@kernel
+def hear_override(m: Any, sender: int, t: float) -> None:
+    """RC_CHANNELS_OVERRIDE."""
+    if sender != m.SYSID_MYGCS:
+        return
+    for i in range(CHANNELS):
+        if i < 8:
+            pulse = get_u16(m.received, RC_CHANNELS_OVERRIDE_CHAN1_RAW + 2 * i)
+            if pulse != _IGNORE:
+                _override(m, i, pulse, t)
+        else:
+            pulse = get_u16(m.received, RC_CHANNELS_OVERRIDE_CHAN9_RAW + 2 * (i - 8))
+            if pulse != 0 and pulse != _IGNORE:
+                _override(m, i, 0 if pulse == _RELEASE else pulse, t)
+    _heard_station(m, t)
+
+
+@kernel
+def _heard_station(m: Any, t: float) -> None:
+    """Flying by hand is a sign of life of the ground station."""
+    m.station_heard = t
+    m.station_known = True
+
+
+@kernel
+def _axis(m: Any, number: int, value: int, offset: int, scale: float, t: float) -> None:
+    """One axis of MANUAL_CONTROL on channel `number`, scaled to its pulses."""
+    if not 1 <= number <= STICK_CHANNELS:
+        return
+    pulse = 0
+    if value != _NO_VALUE and value != -_NO_VALUE:
+        low, high = _calibration(m, number, _MIN), _calibration(m, number, _MAX)
+        pulse = int(clip(low + (high - low) * (value + offset) / scale, 0.0, 65535.0))
+    _override(m, number - 1, pulse, t)
+
+
+@kernel
+def hear_manual_control(m: Any, sender: int, t: float) -> None:
+    """MANUAL_CONTROL: x forward, y right, z up from 0 (closed) to 1000, r clockwise; others -1000 to 1000."""
+    target, x, y, z, r, _, _, _, _, _, _, _, _, _, _, _ = decode_manual_control(m.received)
+    if sender != m.SYSID_MYGCS or target != m.SYSID_THISMAV:
+        return
+    if z >= 0:
+        _axis(m, m.RCMAP_ROLL, y, 1000, 2000.0, t)
+        _axis(m, m.RCMAP_PITCH, -x, 1000, 2000.0, t)
+        _axis(m, m.RCMAP_THROTTLE, z, 0, 1000.0, t)
+        _axis(m, m.RCMAP_YAW, r, 1000, 2000.0, t)
+    _heard_station(m, t)
+
+
+# ---- channels and sticks -------------------------------------------------------------------------------------------
+
+
+@kernel
+def _calibration(m: Any, number: int, what: int) -> float:
+    return get_real(m, _RC + _CALIBRATION * (number - 1) + 8 * what)
+
+
+@kernel
+def hands_on(m: Any, t: float) -> bool:
+    """Whether the pilot moves the sticks: a channel is overridden."""
+    return bool(m.rc_known and t < m.rc_until)
+
+
+@kernel
+def _receiver(m: Any, number: int) -> int:
+    """Pulse [us] of channel `number` of a transmitter that nobody holds."""
+    if m.SIM_RC_FAIL == NO_PULSES:
+        return 0
+    if number == m.RCMAP_THROTTLE:
+        if m.SIM_RC_FAIL == 2:
+            return _FAILED_THROTTLE
+        if m.on_ground or m.mode == STABILIZE:
+            return _CLOSED
+        return int(0.5 * (_calibration(m, number, _MIN) + _calibration(m, number, _MAX)))
+    if number == m.RCMAP_ROLL or number == m.RCMAP_PITCH or number == m.RCMAP_YAW or number <= 4:
+        return int(_calibration(m, number, _TRIM))
+    return int(_SWITCHES[number - 5]) if number <= STICK_CHANNELS else 0
+
+
+@kernel
+def override_active(m: Any, number: int, t: float) -> bool:
+    """Whether channel `number` (from 1) is overridden."""
+    held = m.RC_OVERRIDE_TIME < 0.0 or t - m.rc_time[number - 1] < m.RC_OVERRIDE_TIME
+    return bool(m.rc_override[number - 1] != 0 and held)
+
+
+@kernel
+def channel(m: Any, number: int, t: float) -> int:
+    """Pulse [us] of channel `number` (from 1); 0: there is none."""
+    return int(m.rc_override[number - 1]) if override_active(m, number, t) else _receiver(m, number)
+
+
+@kernel
+def deflection(m: Any, number: int, t: float) -> float:
+    """Deflection of the stick on channel `number` from its centre, -1 to 1, 0 in the dead zone."""
+    pulse = float(channel(m, number, t))
+    if pulse == 0.0:
+        return 0.0
+    centre, zone = _calibration(m, number, _TRIM), _calibration(m, number, _DZ)
+    share = 0.0
+    if pulse > centre + zone:
+        room = _calibration(m, number, _MAX) - centre - zone
+        share = (pulse - centre - zone) / room if room > 0.0 else 0.0
+    elif pulse < centre - zone:
+        room = centre - zone - _calibration(m, number, _MIN)
+        share = (pulse - centre + zone) / room if room > 0.0 else 0.0
+    if _calibration(m, number, _REVERSED) > 0.0:
+        share = -share
+    return clip(share, -1.0, 1.0)
+
+
+@kernel
+def _above_least(m: Any, number: int, pulse: float) -> float:
+    """Where a pulse stands between the dead zone above the least (0) and the greatest pulse (1000)."""
+    low, high = _calibration(m, number, _MIN), _calibration(m, number, _MAX)
+    pulse = clip(pulse, low, high)
+    if _calibration(m, number, _REVERSED) > 0.0:
+        pulse = low + high - pulse
+    bottom = low + _calibration(m, number, _DZ)
+    return 1000.0 * (pulse - bottom) / (high - bottom) if pulse > bottom and high > bottom else 0.0
+
+
+@kernel
+def _throttle(m: Any, t: float) -> float:
+    """The throttle stick, 0 to 1000."""
+    pulse = channel(m, m.RCMAP_THROTTLE, t)
+    return _above_least(m, m.RCMAP_THROTTLE, float(pulse)) if pulse != 0 else 0.0
+
+
+@kernel
+def _middle(m: Any) -> float:
+    """The throttle stick in its middle, 1 to 999."""
+    number = m.RCMAP_THROTTLE
+    return clip(
+        _above_least(m, number, 0.5 * (_calibration(m, number, _MIN) + _calibration(m, number, _MAX))), 1.0, 999.0
+    )
+
+
+@kernel
+def throttle_open(m: Any, t: float) -> bool:
+    """Whether the throttle stick is off its stop, held by somebody."""
+    return hands_on(m, t) and _throttle(m, t) > 0.0
+
+
+@kernel
+def throttle_zero(m: Any, t: float) -> bool:
+    """Whether the throttle has been closed for a while."""
+    return not m.rc_known or t - m.throttle_open_at >= _ZERO_TIME
+
+
+@kernel
+def read_sticks(m: Any, t: float) -> None:
+    """Note what the modes that fly by themselves ask of the sticks; needed every step.
+
+    Whether the throttle is open, and with it that an armed vehicle may fly by itself; what the other sticks ask for.
+    """
+    m.pilot_flies = _flies(m, t)
+    m.pilot_turn = pilot_yaw_rate(m, t)
+    m.pilot_stick[0], m.pilot_stick[1] = 0.0, 0.0
+    if m.pilot_flies:
+        m.pilot_stick[0] = -deflection(m, m.RCMAP_PITCH, t)
+        m.pilot_stick[1] = deflection(m, m.RCMAP_ROLL, t)
+    if throttle_open(m, t):
+        m.throttle_open_at = t
+    if not m.armed:
+        return
+    if not throttle_zero(m, t):
+        m.auto_armed = True
+    elif m.mode == STABILIZE and not m.radio_lost:
+        m.auto_armed = False
+
+
+# ---- what the sticks ask for ---------------------------------------------------------------------------------------
+
+
+@kernel
+def _flies(m: Any, t: float) -> bool:
+    return hands_on(m, t) and not m.radio_lost
+
+
+@kernel
+def pilot_climb_rate(m: Any, t: float) -> float:
+    """Climb rate [m/s] the throttle stick asks for; 0 when nobody moves it."""
+    if not _flies(m, t):
+        return 0.0
+    stick, middle = _throttle(m, t), _middle(m)
+    zone = clip(m.THR_DZ, 0.0, 400.0)
+    down = m.PILOT_SPEED_DN if m.PILOT_SPEED_DN > 0.0 else m.PILOT_SPEED_UP
+    if stick > middle + zone:
+        return float(0.01 * m.PILOT_SPEED_UP * (stick - middle - zone) / (1000.0 - middle - zone))
+    if stick < middle - zone:
+        return float(0.01 * down * (stick - middle + zone) / (middle - zone))
+    return 0.0
+
+
+@kernel
+def pilot_climbs(m: Any, t: float) -> bool:
+    """Whether the throttle stick is not below its middle, held by somebody."""
+    return _flies(m, t) and _throttle(m, t) >= _middle(m) - clip(m.THR_DZ, 0.0, 400.0)
+
+
+@kernel
+def pilot_throttle(m: Any, t: float) -> float:
+    """Throttle (0 to 1) in STABILIZE: the hover throttle with the stick in its middle."""
+    if not hands_on(m, t):
+        return 0.0
+    stick, middle = _throttle(m, t), _middle(m)
+    share = 0.5 * stick / middle if stick < middle else 0.5 + 0.5 * (stick - middle) / (1000.0 - middle)
+    expo = clip((0.5 - m.throttle_hover) / _EXPO_SHARE, -0.5, 1.0)
+    return share * (1.0 - expo) + expo * share * share * share
+
+
+@kernel
+def pilot_yaw_rate(m: Any, t: float) -> float:
+    """Turn rate [rad/s] the yaw stick asks for."""
+    if not _flies(m, t):
+        return 0.0
+    stick = deflection(m, m.RCMAP_YAW, t)
+    expo = m.PILOT_Y_EXPO
+    if expo < 0.95:
+        stick = (1.0 - expo) * stick / (1.0 - expo * abs(stick))
+    return math.radians(m.PILOT_Y_RATE) * stick
+
+
+@kernel
+def pilot_heading_thrust(m: Any, lean_max: float, lean_limit: float, t: float) -> tuple[float, float]:
+    """Forward and right part of the thrust over its upward part that roll and pitch stick ask for.
+
+    Full sticks mean a lean of `lean_max`; both together lean no more than `lean_limit`, 10 degrees at least [rad].
+    """
+    if not _flies(m, t):
+        return 0.0, 0.0
+    most = min(lean_max, _LEAN_MAX)
+    forward = -math.tan(most * deflection(m, m.RCMAP_PITCH, t))
+    right = math.tan(most * deflection(m, m.RCMAP_ROLL, t))
+    longest = math.tan(clip(lean_limit, min(_LEAN_MIN, most), most))
+    length = math.sqrt(forward * forward + right * right)
+    if length > longest:
+        forward *= longest / length
+        right *= longest / length
+    return forward, right
+
+
+@kernel
+def pilot_tilt(m: Any, lean_max: float, lean_limit: float, t: float) -> tuple[float, float]:
+    """`pilot_heading_thrust` as north and east, by the heading of the attitude wanted."""
+    forward, right = pilot_heading_thrust(m, lean_max, lean_limit, t)
+    q = m.attitude_target
+    heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
+    c, s = math.cos(heading), math.sin(heading)
+    return forward * c - right * s, forward * s + right * c

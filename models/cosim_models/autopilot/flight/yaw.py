@@ -1,0 +1,214 @@
+"""Where the nose points when the vehicle flies by itself: held, along the path, to a heading, at a rate, by the pilot.
+
+Kernels over the autopilot's record `m`. Modes and commands choose; the pilot's yaw stick takes the nose over, unless
+an option forbids it, until the next choice. `lean` hands heading and acceleration to the attitude controller.
+
+Source: ArduPilot, ArduCopter autoyaw and mode (use_pilot_yaw).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import euler_from_quaternion
+from cosim.kernel import kernel
+from cosim_models.autopilot.control.attitude import follow_heading, follow_yaw_rate
+from cosim_models.autopilot.control.position import GRAVITY
+from cosim_models.autopilot.control.shaping import clip, wrap_pi
+from cosim_models.autopilot.record.modes import AUTO, BRAKE, DESCEND, FINAL, GUIDED, RTL
+
+__all__ = [
+    "circle_nose",
+    "default_nose",
+    "has_turned",
+    "hold_heading",
+    "keep_heading",
+    "lean",
+    "look_round",
+    "points_there",
+    "stop_turning",
+    "turn_as_armed",
+    "turn_at",
+    "turn_by",
+    "turn_to",
+]
+
+_HOLD, _ALONG_PATH, _FIXED, _TURN, _PILOT, _ROUND = range(6)
+_IGNORE_STICK = 4  # GUID_OPTIONS, AUTO_OPTIONS and RTL_OPTIONS
+_TURNED = math.radians(2.0)
+_RTL_COMMAND = 20  # MAV_CMD
+
+
+@kernel
+def _heading(q: Any) -> float:
+    return float(euler_from_quaternion((q[0], q[1], q[2], q[3]))[2])
+
+
+# ---- what modes and commands choose --------------------------------------------------------------------------------
+
+
+@kernel
+def default_nose(m: Any) -> None:
+    """WP_YAW_BEHAVIOR: 0 keeps the heading; 1, 2 and 3 look along the path (2 keeps it in RTL)."""
+    if m.WP_YAW_BEHAVIOR == 0 or (m.WP_YAW_BEHAVIOR == 2 and m.mode == RTL):
+        m.yaw_mode = _HOLD
+    elif m.yaw_mode != _ALONG_PATH:
+        m.yaw_mode = _ALONG_PATH
+        m.path_heading = _heading(m.attitude_target)
+        m.path_turn_rate = 0.0
+
+
+@kernel
+def hold_heading(m: Any) -> None:
+    """Keep the nose where it points."""
+    m.yaw_mode = _HOLD
+
+
+@kernel
+def turn_to(m: Any, heading: float) -> None:
+    """Point the nose at `heading` [rad]."""
+    m.yaw_mode = _FIXED
+    m.yaw_fixed = heading
+    m.yaw_left = 0.0
+
+
+@kernel
+def turn_at(m: Any, rate: float) -> None:
+    """Turn the nose at `rate` [rad/s]."""
+    m.yaw_mode = _TURN
+    m.yaw_rate = rate
+
+
+@kernel
+def stop_turning(m: Any) -> None:
+    """End what `turn_at` began."""
+    if m.yaw_mode == _TURN:
+        m.yaw_mode = _HOLD
+
+
+@kernel
+def turn_by(m: Any, angle: float, rate: float, direction: float, relative: bool) -> None:
+    """CONDITION_YAW: to `angle` [rad], or by it, at `rate` [rad/s] (ATC_SLEW_YAW where it is 0 or more).
+
+    Args:
+        m: the record.
+        angle: heading, or angle to turn by.
+        rate: how fast.
+        direction: positive clockwise, negative counter-clockwise; 0: the shorter way to a heading.
+        relative: by the angle, from the present heading.
+    """
+    slew = math.radians(0.01 * m.ATC_SLEW_YAW)
+    m.yaw_slew = min(slew, rate) if rate > 0.0 else slew
+    if m.yaw_mode == _ALONG_PATH:
+        m.yaw_fixed = m.path_heading
+    elif m.yaw_mode == _HOLD and relative:
+        m.yaw_fixed = _heading(m.q)
+    elif m.yaw_mode != _FIXED:
+        m.yaw_fixed = _heading(m.attitude_target)
+    if relative:
+        m.yaw_left = -angle if direction < 0.0 else angle
+    else:
+        left = wrap_pi(angle - m.yaw_fixed)
+        if direction < 0.0 and left > 0.0:
+            left -= 2.0 * math.pi
+        elif direction > 0.0 and left < 0.0:
+            left += 2.0 * math.pi
+        m.yaw_left = left
+    m.yaw_mode = _FIXED
+
+
+@kernel
+def keep_heading(m: Any) -> bool:
+    """Whether a heading that has been asked for outlasts the next waypoint: WP_YAW_BEHAVIOR is 0."""
+    return bool(m.WP_YAW_BEHAVIOR == 0 and m.yaw_mode == _FIXED)
+
+
+@kernel
+def has_turned(m: Any) -> bool:
+    """Whether the nose has come to where `turn_by` sends it; takes it back from the path, as ArduCopter does."""
+    m.yaw_mode = _FIXED
+    return bool(m.yaw_left == 0.0 and abs(wrap_pi(m.yaw_fixed - _heading(m.q))) <= _TURNED)
+
+
+@kernel
+def turn_as_armed(m: Any) -> None:
+    """Above home: as it pointed at arming, where WP_YAW_BEHAVIOR does not keep the heading in RTL."""
+    if m.WP_YAW_BEHAVIOR == 0 or m.WP_YAW_BEHAVIOR == 2:
+        hold_heading(m)
+    else:
+        turn_to(m, m.armed_heading)
+
+
+@kernel
+def points_there(m: Any) -> bool:
+    """Whether the nose is where `turn_to` wants it, if that is still wanted."""
+    return bool(m.yaw_mode != _FIXED or abs(wrap_pi(m.yaw_fixed - _heading(m.q))) <= _TURNED)
+
+
+@kernel
+def circle_nose(m: Any) -> None:
+    """Let the nose go round: `look_round` says where it points."""
+    m.yaw_mode = _ROUND
+    m.yaw_left = 0.0
+
+
+@kernel
+def look_round(m: Any, heading: float) -> None:
+    """Point the nose at `heading` [rad] if it goes round."""
+    if m.yaw_mode == _ROUND:
+        m.yaw_fixed = heading
+
+
+# ---- what is done --------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _is_returning_free(m: Any) -> bool:
+    """Whether the pilot may turn the nose in RTL."""
+    if (m.RTL_OPTIONS & _IGNORE_STICK) == 0 or m.rtl_stage == DESCEND:
+        return True
+    return bool(m.rtl_stage == FINAL and m.LAND_REPOSITION != 0)
+
+
+@kernel
+def _is_free(m: Any) -> bool:
+    """Whether the pilot may turn the nose."""
+    if m.mode == GUIDED:
+        return bool((m.GUID_OPTIONS & _IGNORE_STICK) == 0)
+    if m.mode == AUTO:
+        if (m.AUTO_OPTIONS & _IGNORE_STICK) == 0 or m.auto_landing:
+            return True
+        return bool(m.auto_command == _RTL_COMMAND and _is_returning_free(m))
+    if m.mode == RTL:
+        return _is_returning_free(m)
+    return bool(m.mode != BRAKE)
+
+
+@kernel
+def _follow_pilot(m: Any) -> None:
+    """The yaw stick takes the nose over."""
+    if m.pilot_flies and _is_free(m):
+        if m.pilot_turn != 0.0:
+            m.yaw_mode = _PILOT
+    elif m.yaw_mode == _PILOT:
+        m.yaw_mode = _HOLD
+
+
+@kernel
+def lean(m: Any, dt: float) -> None:
+    """Hand the wanted acceleration and heading to the attitude controller."""
+    if m.rc_known:
+        _follow_pilot(m)
+    an, ae = m.acceleration_target[0], m.acceleration_target[1]
+    if m.yaw_mode == _ALONG_PATH:
+        follow_heading(m, an, ae, -GRAVITY, m.path_heading, m.path_turn_rate, dt)
+    elif m.yaw_mode == _FIXED or m.yaw_mode == _ROUND:
+        if m.yaw_left != 0.0:
+            step = clip(m.yaw_left, -m.yaw_slew * dt, m.yaw_slew * dt)
+            m.yaw_left -= step
+            m.yaw_fixed = wrap_pi(m.yaw_fixed + step)
+        follow_heading(m, an, ae, -GRAVITY, m.yaw_fixed, 0.0, dt)
+    else:
+        rate = m.yaw_rate if m.yaw_mode == _TURN else m.pilot_turn if m.yaw_mode == _PILOT else 0.0
+        follow_yaw_rate(m, an, ae, -GRAVITY, rate, dt)

@@ -1,0 +1,1 @@
+"""Packets and texts on their links."""

@@ -1,0 +1,93 @@
+"""The autopilot's links and their send buffers: one packet more, and the times that messages carry.
+
+A link is a pair of packet ports, as a serial port is one of ArduPilot's: `mavlink` leads to what else is on board and
+to the swarm's radio, `telemetry` to the ground stations' radio, `serial` to a cable. Each has its own sequence, MAVLink
+version and streams. Packets go out by `m.link`, which is the one that is being heard or served.
+Kernels over the autopilot's record `m`. What the packets say is in `mavlink.messages` and `mavlink.status_messages`.
+
+Source: ArduPilot, GCS_MAVLINK (one for each channel).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim.packets import MAX_PACKET, pack
+
+__all__ = [
+    "LINKS",
+    "MAVLINK",
+    "SERIAL",
+    "TELEMETRY",
+    "can_answer",
+    "microseconds",
+    "milliseconds",
+    "send",
+    "send_to_all",
+]
+
+MAVLINK, TELEMETRY, SERIAL = (cast(int, np.int64(i)) for i in range(3))
+"""Links, in the order in which they are served."""
+LINKS = 3
+
+_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+
+
+@kernel
+def _append(m: Any, buffer: Any, used: int, message: int) -> int:
+    """Append m.payload to the `used` bytes of a buffer; how many are used then, negative if that is not possible."""
+    link = m.link
+    n = pack(buffer, used, m.payload, message, m.sequence[link], m.SYSID_THISMAV, _COMPONENT, m.link_version[link])
+    if n >= 0:
+        m.sequence[link] = (m.sequence[link] + 1) % 256
+    return n
+
+
+@kernel
+def send(m: Any, message: int) -> bool:
+    """Append m.payload as a packet; False if it does not fit or the version in use cannot carry it."""
+    if m.link == MAVLINK:
+        n = _append(m, m.mavlink_tx, m.mavlink_tx_len, message)
+        if n >= 0:
+            m.mavlink_tx_len = n
+    elif m.link == TELEMETRY:
+        n = _append(m, m.telemetry_tx, m.telemetry_tx_len, message)
+        if n >= 0:
+            m.telemetry_tx_len = n
+    else:
+        n = _append(m, m.serial_tx, m.serial_tx_len, message)
+        if n >= 0:
+            m.serial_tx_len = n
+    return bool(n >= 0)
+
+
+@kernel
+def send_to_all(m: Any, message: int) -> None:
+    """Append m.payload by every link that has room for an answer."""
+    here = m.link
+    for link in range(LINKS):
+        m.link = link
+        if can_answer(m):
+            send(m, message)
+    m.link = here
+
+
+@kernel
+def can_answer(m: Any) -> bool:
+    """Whether there is room for a packet that is no acknowledgement."""
+    used = m.mavlink_tx_len if m.link == MAVLINK else m.telemetry_tx_len if m.link == TELEMETRY else m.serial_tx_len
+    return bool(used + MAX_PACKET + m.ack_room <= m.mavlink_tx.shape[0])
+
+
+@kernel
+def milliseconds(t: float) -> int:
+    return int(np.int64(math.floor(t * 1e3 + 1e-6)))
+
+
+@kernel
+def microseconds(t: float) -> int:
+    return int(np.int64(math.floor(t * 1e6 + 0.5)))

@@ -1,0 +1,1 @@
+"""Messages: commands received, telemetry sent, parameters, files."""

@@ -1,0 +1,235 @@
+"""MAVLink's file transfer, read only: the parameters as the file @PARAM/param.pck, by which MAVProxy fetches them.
+
+The file is packed as ArduPilot packs it (names share their beginnings, values have their types' widths), as long as it
+is open with the values of the moment when a piece is read. Directories can be listed; other files are not there and
+nothing can be written. One session at a time: who opens the file has it. Kernels over the autopilot's record `m`.
+
+Sources: the MAVLink guide, "File Transfer Protocol (FTP)"; ArduPilot, GCS_FTP and AP_Filesystem_Param; a recorded
+transfer from ArduCopter 4.7-dev to MAVProxy.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim.messages import FILE_TRANSFER_PROTOCOL, FILE_TRANSFER_PROTOCOL_LENGTH, FILE_TRANSFER_PROTOCOL_PAYLOAD
+from cosim.packets import clear, get_u8, get_u16, get_u32, put_f32, put_i8, put_i16, put_i32, put_u8, put_u16, put_u32
+from cosim_models.autopilot.link.links import can_answer, send
+from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, PARAMETER_NAMES, parameter_type, parameter_value
+
+__all__ = ["answer_file_transfer", "continue_burst"]
+
+
+# Numpy integers: numba compiles a kernel anew for every Python integer that is passed as a constant.
+def _whole(value: int) -> int:
+    return cast(int, np.int64(value))
+
+
+# The protocol's header in the payload.
+_SEQUENCE = _whole(FILE_TRANSFER_PROTOCOL_PAYLOAD)
+_SESSION, _OPCODE, _SIZE, _REQUEST, _COMPLETE, _OFFSET, _DATA = (
+    _whole(FILE_TRANSFER_PROTOCOL_PAYLOAD + i) for i in (2, 3, 4, 5, 6, 8, 12)
+)
+_MOST = 239  # bytes of data
+_SYSTEM, _COMPONENT = (_whole(i) for i in (1, 2))  # of the message
+_TERMINATE, _RESET, _LIST, _OPEN, _READ, _BURST = (_whole(i) for i in (1, 2, 3, 4, 5, 15))
+_CREATE, _LAST_WRITING = 6, 13
+_ACK, _NAK = (_whole(i) for i in (128, 129))
+_INVALID_SESSION, _END, _UNKNOWN, _PROTECTED, _NOT_FOUND = (_whole(i) for i in (4, 6, 7, 9, 10))
+_NOTHING, _ONE, _FOUR = (_whole(i) for i in (0, 1, 4))
+_SHARE = 0.005  # s between two packets of a burst
+_FILE_TRANSFER = _whole(FILE_TRANSFER_PROTOCOL)
+_MESSAGE_LENGTH = _whole(FILE_TRANSFER_PROTOCOL_LENGTH)
+
+_MAGIC = 0x671B
+_INT8, _INT16, _INT32, _REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
+_PACKED_TYPE = {_INT8: 1, _INT16: 2, _INT32: 3, _REAL32: 4}
+_PACKED_SIZE = {_INT8: 1, _INT16: 2, _INT32: 4, _REAL32: 4}
+
+
+def _packed() -> tuple[bytes, list[int]]:
+    """The file with zeros for values, and where the values stand."""
+    data = bytearray(np.array((_MAGIC, PARAMETER_COUNT, PARAMETER_COUNT), dtype="<u2").tobytes())
+    places = []
+    before = ""
+    for i, name in enumerate(PARAMETER_NAMES):
+        shared = 0
+        while shared < min(len(before), len(name) - 1, 15) and before[shared] == name[shared]:
+            shared += 1
+        kind = int(parameter_type(i))
+        data += bytes((_PACKED_TYPE[kind], (len(name) - shared - 1) << 4 | shared)) + name[shared:].encode()
+        places.append(len(data))
+        data += bytes(_PACKED_SIZE[kind])
+        before = name
+    return bytes(data), places
+
+
+def _bytes(data: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    return np.frombuffer(data, dtype=np.uint8).copy()
+
+
+_CONTENT, _PLACES = _packed()
+_FILE = _bytes(_CONTENT)
+_LENGTH = _whole(len(_CONTENT))
+_VALUE_AT = np.array(_PLACES, dtype=np.int64)
+_WIDTH = np.array([_PACKED_SIZE[int(parameter_type(i))] for i in range(PARAMETER_COUNT)], dtype=np.int64)
+_NAME = _bytes(b"@PARAM/param.pck")
+_FOLDER = _bytes(b"@PARAM")
+_ROOT_LISTING = _bytes(b"D@PARAM\0")
+_LISTING = _bytes(b"Fparam.pck\t%d\0" % _LENGTH)
+_QUERY, _SLASH = 63, 47  # ? /
+
+
+# ---- the file ------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _put_piece(m: Any, at: int, count: int) -> None:
+    """Bytes [at, at + count) of the file into the answer."""
+    for i in range(count):
+        put_u8(m.payload, _DATA + i, _FILE[at + i])
+    for p in range(PARAMETER_COUNT):
+        first, width = _VALUE_AT[p], _WIDTH[p]
+        if first >= at + count or first + width <= at:
+            continue
+        value, kind = parameter_value(m, p), parameter_type(p)
+        if kind == _REAL32:
+            put_f32(m.received, _NOTHING, value)
+        elif kind == _INT32:
+            put_i32(m.received, _NOTHING, int(value))
+        elif kind == _INT16:
+            put_i16(m.received, _NOTHING, int(value))
+        else:
+            put_i8(m.received, _NOTHING, int(value))
+        for k in range(width):
+            if at <= first + k < at + count:
+                put_u8(m.payload, _DATA + first + k - at, get_u8(m.received, k))
+
+
+@kernel
+def _begin(m: Any, system: int, component: int, sequence: int, session: int, request: int, offset: int) -> None:
+    """An answer without data: acknowledged."""
+    clear(m.payload, _NOTHING, _MESSAGE_LENGTH)
+    put_u8(m.payload, _SYSTEM, system)
+    put_u8(m.payload, _COMPONENT, component)
+    put_u16(m.payload, _SEQUENCE, sequence % 65536)
+    put_u8(m.payload, _SESSION, session)
+    put_u8(m.payload, _OPCODE, _ACK)
+    put_u8(m.payload, _REQUEST, request)
+    put_u32(m.payload, _OFFSET, offset)
+
+
+@kernel
+def _refuse(m: Any, error: int) -> None:
+    put_u8(m.payload, _OPCODE, _NAK)
+    put_u8(m.payload, _SIZE, _ONE)
+    put_u8(m.payload, _DATA, error)
+
+
+@kernel
+def _fill(m: Any, at: int, count: int) -> None:
+    """A piece of the file into the answer, or that it has ended."""
+    count = min(count, _MOST, _LENGTH - at)
+    if count <= 0:
+        _refuse(m, _END)
+        return
+    put_u8(m.payload, _SIZE, count)
+    _put_piece(m, at, count)
+
+
+@kernel
+def _names(m: Any, size: int, name: Any, query: bool) -> bool:
+    """Whether the path received is `name`; with `query` something may follow a question mark."""
+    n = name.shape[0]
+    if size < n:
+        return False
+    for i in range(n):
+        if get_u8(m.received, _DATA + i) != np.int64(name[i]):
+            return False
+    following = get_u8(m.received, _DATA + n) if size > n else _NOTHING
+    return bool(following == 0 or (query and following == _QUERY))
+
+
+@kernel
+def _list(m: Any, size: int, offset: int) -> None:
+    """The listing of a folder: one entry, then the end."""
+    inside = _names(m, size, _FOLDER, False)
+    root = size == 0 or (get_u8(m.received, _DATA) == _SLASH and (size == 1 or get_u8(m.received, _DATA + 1) == 0))
+    if not inside and not root:
+        _refuse(m, _NOT_FOUND)
+    elif offset > 0:
+        _refuse(m, _END)
+    else:
+        listing = _LISTING if inside else _ROOT_LISTING
+        put_u8(m.payload, _SIZE, listing.shape[0])
+        for i in range(listing.shape[0]):
+            put_u8(m.payload, _DATA + i, listing[i])
+
+
+# ---- requests ------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
+    """Answer a FILE_TRANSFER_PROTOCOL that asks for something; what does not fit is asked for again."""
+    if not can_answer(m):
+        return
+    sequence, session = get_u16(m.received, _SEQUENCE), get_u8(m.received, _SESSION)
+    request, size, offset = get_u8(m.received, _OPCODE), get_u8(m.received, _SIZE), get_u32(m.received, _OFFSET)
+    if request == 0 or request >= _ACK:
+        return
+    size = min(size, _MOST)
+    known = m.file_open and session == m.file_session
+    _begin(m, system, component, sequence + 1, session, request, offset)
+    if request in (_TERMINATE, _RESET):
+        m.file_open = False
+        m.file_bursting = False
+    elif request == _OPEN:
+        if _names(m, size, _NAME, True):
+            m.file_open = True
+            m.file_bursting = False
+            m.file_session = session
+            put_u8(m.payload, _SIZE, _FOUR)
+            put_u32(m.payload, _DATA, _LENGTH)
+        else:
+            _refuse(m, _NOT_FOUND)
+    elif request == _LIST:
+        _list(m, size, offset)
+    elif request in (_READ, _BURST) and not known:
+        _refuse(m, _INVALID_SESSION)
+    elif request == _READ:
+        _fill(m, offset, size)
+    elif request == _BURST:
+        m.file_bursting = True
+        m.file_link = m.link
+        m.transferring = True
+        m.file_at = min(offset, _LENGTH)
+        m.file_piece = max(size, 1)
+        m.file_sequence = sequence + 1
+        m.file_system = system
+        m.file_component = component
+        m.file_due = t
+        return
+    else:
+        _refuse(m, _PROTECTED if _CREATE <= request <= _LAST_WRITING else _UNKNOWN)
+    send(m, _FILE_TRANSFER)
+
+
+@kernel
+def continue_burst(m: Any, t: float) -> None:
+    """The next piece of a burst, one every 5 ms where there is room; at the end of the file that it has ended."""
+    if t < m.file_due - 1e-9 or not can_answer(m):
+        return
+    left = _LENGTH - m.file_at
+    _begin(m, m.file_system, m.file_component, m.file_sequence, m.file_session, _BURST, m.file_at)
+    _fill(m, m.file_at, m.file_piece)
+    last = left <= m.file_piece
+    put_u8(m.payload, _COMPLETE, _ONE if last else _NOTHING)
+    if send(m, _FILE_TRANSFER):
+        m.file_at += min(left, m.file_piece)
+        m.file_sequence += 1
+        m.file_due = t + _SHARE
+        m.file_bursting = left > 0

@@ -1,0 +1,460 @@
+"""What the autopilot says: HEARTBEAT, streamed messages, texts and acknowledgements, as ArduCopter fills them.
+
+Kernels over the autopilot's record `m` that append one MAVLink packet to what goes out by `m.link`. A buffer cannot
+overflow: acknowledgements always fit, texts and answers leave room for those still to come, and what streams and does
+not fit waits. When something is said is in `telemetry` and `commands`.
+
+Start-up follows ArduCopter's order, its times scaled so that the position estimate is ready at
+`estimate_ready_time` (41.5 s there).
+
+Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; recorded
+conversations with ArduCopter 4.7-dev.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
+from cosim.kernel import kernel
+from cosim.messages import (
+    AHRS,
+    AHRS2,
+    ATTITUDE,
+    AUTOPILOT_VERSION,
+    BATTERY_STATUS,
+    COMMAND_ACK,
+    EKF_STATUS_REPORT,
+    EXTENDED_SYS_STATE,
+    FENCE_STATUS,
+    GLOBAL_POSITION_INT,
+    GPS_GLOBAL_ORIGIN,
+    GPS_RAW_INT,
+    HEARTBEAT,
+    HOME_POSITION,
+    LOCAL_POSITION_NED,
+    MEMINFO,
+    MESSAGE_INTERVAL,
+    MISSION_CURRENT,
+    NAV_CONTROLLER_OUTPUT,
+    POSITION_TARGET_GLOBAL_INT,
+    POSITION_TARGET_LOCAL_NED,
+    POWER_STATUS,
+    RAW_IMU,
+    RC_CHANNELS,
+    SCALED_IMU,
+    SCALED_PRESSURE,
+    SERVO_OUTPUT_RAW,
+    SERVO_OUTPUT_RAW_SERVO1_RAW,
+    SERVO_OUTPUT_RAW_TIME_USEC,
+    SIMSTATE,
+    SYS_STATUS,
+    SYSTEM_TIME,
+    TIMESYNC,
+    VFR_HUD,
+    VIBRATION,
+    encode_attitude,
+    encode_autopilot_version,
+    encode_command_ack,
+    encode_ekf_status_report,
+    encode_extended_sys_state,
+    encode_global_position_int,
+    encode_gps_global_origin,
+    encode_gps_raw_int,
+    encode_heartbeat,
+    encode_home_position,
+    encode_local_position_ned,
+    encode_message_interval,
+    encode_sys_status,
+    encode_system_time,
+    encode_timesync,
+    encode_vfr_hud,
+    put_home_position_q,
+)
+from cosim.packets import clear, put_u16, put_u32
+from cosim_models.autopilot.commander.battery import battery_remaining
+from cosim_models.autopilot.commander.readiness import (
+    AHRS_AT,
+    EKF_AT,
+    GPS_AT,
+    HEARD_AT,
+    attitude_ready,
+    home_ready,
+    prearm_ready,
+    reached,
+)
+from cosim_models.autopilot.control.motors import GROUND_IDLE
+from cosim_models.autopilot.control.shaping import clip
+from cosim_models.autopilot.flight.state import landed_state, position_ready
+from cosim_models.autopilot.link.links import microseconds, milliseconds, send
+from cosim_models.autopilot.mavlink.sensor_messages import (
+    send_ahrs,
+    send_ahrs2,
+    send_fence,
+    send_memory,
+    send_pressure,
+    send_scaled_imu,
+    send_vibration,
+)
+from cosim_models.autopilot.mavlink.status_messages import (
+    send_battery,
+    send_channels,
+    send_destination,
+    send_destination_ned,
+    send_imu,
+    send_navigation,
+    send_power,
+    send_simulated,
+)
+from cosim_models.autopilot.mission.missions import send_mission_current
+from cosim_models.autopilot.record.modes import AUTO, BRAKE, CIRCLE, GUIDED, LOITER, RTL
+from cosim_models.autopilot.record.streams import message_of
+
+__all__ = [
+    "acknowledge",
+    "answer_timesync",
+    "send_heartbeat",
+    "send_home",
+    "send_message",
+    "send_origin",
+    "tell_interval",
+]
+
+# numba compiles a kernel anew for every Python integer that is passed as a constant, but once for all numpy integers.
+_ATTITUDE = cast(int, np.int64(ATTITUDE))
+_AUTOPILOT_VERSION = cast(int, np.int64(AUTOPILOT_VERSION))
+_COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
+_EKF_STATUS_REPORT = cast(int, np.int64(EKF_STATUS_REPORT))
+_EXTENDED_SYS_STATE = cast(int, np.int64(EXTENDED_SYS_STATE))
+_GLOBAL_POSITION_INT = cast(int, np.int64(GLOBAL_POSITION_INT))
+_GPS_GLOBAL_ORIGIN = cast(int, np.int64(GPS_GLOBAL_ORIGIN))
+_GPS_RAW_INT = cast(int, np.int64(GPS_RAW_INT))
+_HEARTBEAT = cast(int, np.int64(HEARTBEAT))
+_HOME_POSITION = cast(int, np.int64(HOME_POSITION))
+_LOCAL_POSITION_NED = cast(int, np.int64(LOCAL_POSITION_NED))
+_SERVO_OUTPUT_RAW = cast(int, np.int64(SERVO_OUTPUT_RAW))
+_MESSAGE_INTERVAL = cast(int, np.int64(MESSAGE_INTERVAL))
+_TIMESYNC = cast(int, np.int64(TIMESYNC))
+_SYSTEM_TIME = cast(int, np.int64(SYSTEM_TIME))
+_SYS_STATUS = cast(int, np.int64(SYS_STATUS))
+_VFR_HUD = cast(int, np.int64(VFR_HUD))
+_MULTICOPTER = 3  # MAV_VTOL_STATE_MC
+
+_EKF_UNINITIALISED, _EKF_CONSTANT, _EKF_GOOD = 1024, 167, 831  # EKF_STATUS_FLAGS, as ArduCopter sets them
+_PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+_GPS_BIT = 0x20  # MAV_SYS_STATUS_SENSOR_GPS
+_AHRS_BIT = 0x200000  # MAV_SYS_STATUS_AHRS
+_PRESENT, _SENSORS, _HEALTHY = 0x5371FC0F, 0x52419C0F, 0x47519C0F  # as ArduCopter sets them, without GPS and AHRS
+_BATTERY_BIT = 0x2000000  # MAV_SYS_STATUS_SENSOR_BATTERY
+_POSITION_CONTROL = 0x6000  # altitude and position control: healthy, and enabled, when armed
+_ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
+# MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, file transfer, both
+# SET_POSITION_TARGETs, MAVLink 2, fences, rally points
+_CAPABILITIES = 1 + 2 + 4 + 8 + 32 + 128 + 256 + 8192 + 16384 + 32768
+_SOFTWARE = 0x04070000  # the ArduCopter whose ways these are: 4.7-dev
+
+
+# ---- answers and texts ---------------------------------------------------------------------------------------------
+
+
+@kernel
+def acknowledge(m: Any, command: int, result: int, system: int, component: int) -> None:
+    """COMMAND_ACK to the requester."""
+    encode_command_ack(m.payload, command, result, 0, 0, system, component)
+    send(m, _COMMAND_ACK)
+
+
+@kernel
+def answer_timesync(m: Any, sent: int, t: float) -> None:
+    """TIMESYNC: when it is here, for a request that was sent at `sent` [ns]."""
+    encode_timesync(m.payload, microseconds(t) * 1000, sent)
+    send(m, _TIMESYNC)
+
+
+@kernel
+def tell_interval(m: Any, message: int, row: int) -> None:
+    """MESSAGE_INTERVAL: microseconds between two of a message, -1 where it is not sent, 0 where it is not known."""
+    interval = 0
+    if row >= 0:
+        seconds = m.interval[m.link, row]
+        interval = int(seconds * 1e6 + 0.5) if seconds > 0.0 else -1
+    encode_message_interval(m.payload, message, interval)
+    send(m, _MESSAGE_INTERVAL)
+
+
+# ---- what can be streamed ------------------------------------------------------------------------------------------
+
+
+@kernel
+def send_heartbeat(m: Any, t: float) -> bool:
+    mode = m.mode
+    base_mode = 1 + 16 + 64
+    if mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE):
+        base_mode += 8
+    if m.armed:
+        base_mode += 128
+    state = (
+        5
+        if m.station_lost or m.radio_lost or m.fence_breach != 0 or m.battery_alarm != 0
+        else 4
+        if not m.on_ground
+        else 3
+        if reached(m, t, HEARD_AT)
+        else 1
+    )
+    kind = 2 if m.motor_count == 4 else 13 if m.motor_count == 6 else 14
+    encode_heartbeat(m.payload, kind, 3, base_mode, mode, state, 3)
+    return send(m, _HEARTBEAT)
+
+
+@kernel
+def _send_sys_status(m: Any, t: float) -> bool:
+    present = _PRESENT
+    more = 0
+    if reached(m, t, GPS_AT):
+        present += _GPS_BIT
+        more += _GPS_BIT
+    if reached(m, t, AHRS_AT):
+        more += _AHRS_BIT
+    enabled = _SENSORS + more
+    health = _HEALTHY + more
+    if m.armed:
+        enabled += _ENABLED_ARMED
+        health += _POSITION_CONTROL
+    if m.armed or prearm_ready(m, t):
+        health += _PREARM
+    if m.battery_alarm != 0:
+        health -= _BATTERY_BIT
+    encode_sys_status(
+        m.payload,
+        present,
+        enabled,
+        health,
+        0,
+        int(1000.0 * m.battery_voltage + 0.5),
+        int(100.0 * m.battery_current + 0.5),
+        battery_remaining(m),
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+    return send(m, _SYS_STATUS)
+
+
+@kernel
+def _place(m: Any) -> tuple[int, int, float]:
+    """Latitude and longitude in 1e-7 degrees, altitude AMSL in m."""
+    lat, lon, alt = geodetic_from_local(
+        m.pos[0], m.pos[1], -m.pos[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+    )
+    return deg_e7(lat), deg_e7(lon), alt
+
+
+@kernel
+def _send_gps_raw(m: Any, t: float) -> bool:
+    if not reached(m, t, GPS_AT):
+        encode_gps_raw_int(m.payload, 0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        return send(m, _GPS_RAW_INT)
+    lat, lon, alt = _place(m)
+    vn, ve = m.vel[0], m.vel[1]
+    course = math.degrees(math.atan2(ve, vn)) % 360.0
+    speed = math.sqrt(vn * vn + ve * ve)
+    micros = microseconds(t)
+    height = int(np.int64(math.floor(alt * 1e3 + 0.5)))
+    encode_gps_raw_int(
+        m.payload,
+        micros,
+        6,
+        lat,
+        lon,
+        height,
+        121,
+        200,
+        int(speed * 100.0),
+        int(course * 100.0) % 36000,
+        10,
+        height,
+        300,
+        300,
+        0,
+        0,
+        0,
+    )
+    return send(m, _GPS_RAW_INT)
+
+
+@kernel
+def _send_attitude(m: Any, t: float) -> bool:
+    roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
+    encode_attitude(m.payload, milliseconds(t), roll, pitch, yaw, m.gyro[0], m.gyro[1], m.gyro[2])
+    return send(m, _ATTITUDE)
+
+
+@kernel
+def _send_local_position(m: Any, t: float) -> bool:
+    if not position_ready(m, t):
+        return True
+    p, v = m.pos, m.vel
+    encode_local_position_ned(m.payload, milliseconds(t), p[0], p[1], -p[2], v[0], v[1], -v[2])
+    return send(m, _LOCAL_POSITION_NED)
+
+
+@kernel
+def _send_global_position(m: Any, t: float) -> bool:
+    lat, lon, alt = 0, 0, 0.0
+    if home_ready(m, t):
+        lat, lon, alt = _place(m)
+    heading = math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0
+    encode_global_position_int(
+        m.payload,
+        milliseconds(t),
+        lat,
+        lon,
+        int(np.int64(math.floor(alt * 1e3 + 0.5))),
+        int(np.int64(math.floor((m.pos[2] - m.home[2]) * 1e3 + 0.5))),
+        int(m.vel[0] * 100.0),
+        int(m.vel[1] * 100.0),
+        int(-m.vel[2] * 100.0),
+        int(heading * 100.0) % 36000,
+    )
+    return send(m, _GLOBAL_POSITION_INT)
+
+
+@kernel
+def _send_vfr_hud(m: Any) -> bool:
+    speed = math.sqrt(m.vel[0] * m.vel[0] + m.vel[1] * m.vel[1])
+    heading = int(math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0)
+    throttle = 0 if m.spool_state <= GROUND_IDLE else int(m.throttle_out * 100.0)
+    encode_vfr_hud(m.payload, speed, speed, heading, throttle, m.origin_altitude + m.pos[2], m.vel[2])
+    return send(m, _VFR_HUD)
+
+
+@kernel
+def _send_ekf_status(m: Any, t: float) -> bool:
+    flags = 0 if reached(m, t, EKF_AT) else _EKF_UNINITIALISED
+    if position_ready(m, t):
+        flags = _EKF_GOOD
+    elif attitude_ready(m, t):
+        flags = _EKF_CONSTANT
+    encode_ekf_status_report(m.payload, flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return send(m, _EKF_STATUS_REPORT)
+
+
+@kernel
+def send_home(m: Any, t: float) -> bool:
+    if not home_ready(m, t):
+        return True
+    lat, lon, alt = geodetic_from_local(
+        m.home[0], m.home[1], -m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+    )
+    micros = microseconds(t)
+    height = int(np.int64(math.floor(alt * 1e3 + 0.5)))
+    encode_home_position(
+        m.payload, deg_e7(lat), deg_e7(lon), height, m.home[0], m.home[1], -m.home[2], 0.0, 0.0, 0.0, micros
+    )
+    for i in range(4):
+        put_home_position_q(m.payload, i, math.nan)
+    return send(m, _HOME_POSITION)
+
+
+@kernel
+def send_origin(m: Any, t: float) -> bool:
+    if not home_ready(m, t):
+        return True
+    height = int(np.int64(math.floor(m.origin_altitude * 1e3 + 0.5)))
+    micros = microseconds(t)
+    encode_gps_global_origin(m.payload, deg_e7(m.origin_latitude), deg_e7(m.origin_longitude), height, micros)
+    return send(m, _GPS_GLOBAL_ORIGIN)
+
+
+@kernel
+def _send_version(m: Any) -> bool:
+    clear(m.payload, 0, 78)
+    encode_autopilot_version(m.payload, _CAPABILITIES, _SOFTWARE, 0, 0, 0, 0, 0, m.SYSID_THISMAV)
+    return send(m, _AUTOPILOT_VERSION)
+
+
+@kernel
+def _send_servos(m: Any, t: float) -> bool:
+    clear(m.payload, 0, 37)
+    put_u32(m.payload, SERVO_OUTPUT_RAW_TIME_USEC, microseconds(t) % 4294967296)
+    least, most = clip(m.MOT_PWM_MIN, 0.0, 65535.0), clip(m.MOT_PWM_MAX, 0.0, 65535.0)
+    for i in range(m.motor_count):
+        put_u16(m.payload, SERVO_OUTPUT_RAW_SERVO1_RAW + 2 * i, int(least + m.motor[i] * (most - least) + 0.5))
+    return send(m, _SERVO_OUTPUT_RAW)
+
+
+@kernel
+def send_message(m: Any, row: int, t: float) -> bool:
+    """Send the message of a row of STREAMS now; True if that was done, or there is nothing to say yet."""
+    message = message_of(row)
+    if message == GLOBAL_POSITION_INT:
+        return _send_global_position(m, t)
+    if message == ATTITUDE:
+        return _send_attitude(m, t)
+    if message == LOCAL_POSITION_NED:
+        return _send_local_position(m, t)
+    if message == SYS_STATUS:
+        return _send_sys_status(m, t)
+    if message == GPS_RAW_INT:
+        return _send_gps_raw(m, t)
+    if message == VFR_HUD:
+        return _send_vfr_hud(m)
+    if message == EKF_STATUS_REPORT:
+        return _send_ekf_status(m, t)
+    if message == SYSTEM_TIME:
+        encode_system_time(m.payload, 0, milliseconds(t))
+        return send(m, _SYSTEM_TIME)
+    if message == SERVO_OUTPUT_RAW:
+        return _send_servos(m, t)
+    if message == AHRS2:
+        return send_ahrs2(m)
+    if message == AHRS:
+        return send_ahrs(m)
+    if message == VIBRATION:
+        return send_vibration(m, t)
+    if message == MEMINFO:
+        return send_memory(m)
+    if message == SCALED_IMU:
+        return send_scaled_imu(m, t)
+    if message == SCALED_PRESSURE:
+        return send_pressure(m, t)
+    if message == FENCE_STATUS:
+        return send_fence(m)
+    if message == RC_CHANNELS:
+        return send_channels(m, t)
+    if message == EXTENDED_SYS_STATE:
+        encode_extended_sys_state(m.payload, _MULTICOPTER, landed_state(m))
+        return send(m, _EXTENDED_SYS_STATE)
+    if message == HOME_POSITION:
+        return send_home(m, t)
+    if message == GPS_GLOBAL_ORIGIN:
+        return send_origin(m, t)
+    if message == AUTOPILOT_VERSION:
+        return _send_version(m)
+    if message == POWER_STATUS:
+        return send_power(m)
+    if message == NAV_CONTROLLER_OUTPUT:
+        return send_navigation(m)
+    if message == POSITION_TARGET_GLOBAL_INT:
+        return send_destination(m, t)
+    if message == POSITION_TARGET_LOCAL_NED:
+        return send_destination_ned(m, t)
+    if message == BATTERY_STATUS:
+        return send_battery(m)
+    if message == RAW_IMU:
+        return send_imu(m, t)
+    if message == SIMSTATE:
+        return send_simulated(m)
+    if message == MISSION_CURRENT:
+        return send_mission_current(m)
+    return send_heartbeat(m, t)

@@ -1,0 +1,195 @@
+"""MAVLink's parameter protocol: list, read and set the autopilot's parameters by ArduPilot's names.
+
+Every parameter that is listed acts; parameters of ArduPilot for what this autopilot does not do are unknown here, and
+asking for them is answered as ArduCopter answers unknown names: not at all. A value that is set acts from the next
+step on. Values that the laws cannot work with are denied as ArduPilot denies writing what is read-only. Nothing is kept
+beyond a run. Kernels over the autopilot's record `m`, which is addressed by offset.
+
+Sources: the MAVLink guide, "Parameter Protocol"; ArduPilot, GCS_Param; answers recorded from ArduCopter 4.7-dev.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.kernel import get_real, get_whole, kernel, set_real, set_whole
+from cosim.messages import (
+    PARAM_REQUEST_READ_PARAM_ID,
+    PARAM_SET_PARAM_ID,
+    PARAM_VALUE,
+    PARAM_VALUE_PARAM_ID,
+    STATUSTEXT,
+    decode_param_request_read,
+    decode_param_set,
+    encode_param_value,
+    encode_statustext,
+    put_statustext_text,
+)
+from cosim.model import record_layout
+from cosim.packets import get_u8, put_u8
+from cosim_models.autopilot.link.links import can_answer, send, send_to_all
+from cosim_models.autopilot.link.statustext import WARNING
+from cosim_models.autopilot.record.parameter_types import INT8, INT16, INT32
+from cosim_models.autopilot.record.variables import VARIABLES
+
+__all__ = [
+    "PARAMETER_COUNT",
+    "PARAMETER_NAMES",
+    "list_parameters",
+    "parameter_type",
+    "parameter_value",
+    "read_parameter",
+    "send_list",
+    "set_parameter",
+]
+
+_ID_LENGTH = 16
+_INT8, _INT16, _INT32, _REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
+_SHARE = 0.005  # s between two values of a list
+_CHANGED = 65535  # index of a value that is told because it was set
+_NEARLY = 0.01  # that is added to an integer's value before its fraction is cut off
+_LARGEST = 1e6
+_DENIED = np.frombuffer(b"Param write denied ()", dtype=np.uint8).copy()
+
+_TABLE = sorted((v for v in VARIABLES if v.role == "parameter" and v.name.isupper()), key=lambda v: v.name)
+PARAMETER_NAMES = tuple(v.name for v in _TABLE)
+"""Names of all parameters, in the order of their index."""
+PARAMETER_COUNT = len(_TABLE)
+
+
+def _type(name: str) -> int:
+    if name in INT8:
+        return _INT8
+    if name in INT16:
+        return _INT16
+    return _INT32 if name in INT32 else _REAL32
+
+
+def _ids() -> np.ndarray[Any, np.dtype[np.uint8]]:
+    ids = np.zeros((PARAMETER_COUNT, _ID_LENGTH), dtype=np.uint8)
+    for i, name in enumerate(PARAMETER_NAMES):
+        assert len(name) <= _ID_LENGTH, name
+        ids[i, : len(name)] = np.frombuffer(name.encode(), dtype=np.uint8)
+    return ids
+
+
+_FIELDS = record_layout(VARIABLES)[0].fields
+assert _FIELDS is not None
+_IDS = _ids()
+_OFFSETS = np.array([_FIELDS[name][1] for name in PARAMETER_NAMES], dtype=np.int64)
+_IS_WHOLE = np.array([v.kind == "Integer" for v in _TABLE], dtype=np.uint8)
+_TYPES = np.array([_type(name) for name in PARAMETER_NAMES], dtype=np.int64)
+_LEAST = np.array([1.0 if v.name == "SYSID_THISMAV" else v.minimum or 0.0 for v in _TABLE])
+_SHARES = ("MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO", "MOT_THST_HOVER", "TKOFF_THR_MAX")
+_MAXIMA = {"SYSID_MYGCS": 255.0, "SYSID_THISMAV": 255.0, **dict.fromkeys(_SHARES, 1.0)}
+_MOST = np.array([v.maximum or _MAXIMA.get(v.name, _LARGEST) for v in _TABLE])
+_PARAM_VALUE = cast(int, np.int64(PARAM_VALUE))
+_STATUSTEXT = cast(int, np.int64(STATUSTEXT))
+
+
+@kernel
+def _find(m: Any, at: int) -> int:
+    """Index of the parameter whose name is at `at` in the payload received, -1 if there is none."""
+    for i in range(PARAMETER_COUNT):
+        same = True
+        for k in range(_ID_LENGTH):
+            byte = get_u8(m.received, at + k)
+            if byte != np.int64(_IDS[i, k]):
+                same = False
+                break
+            if byte == 0:
+                break
+        if same:
+            return i
+    return -1
+
+
+@kernel
+def parameter_type(i: int) -> int:
+    """MAV_PARAM_TYPE of the parameter of index i."""
+    return int(_TYPES[i])
+
+
+@kernel
+def parameter_value(m: Any, i: int) -> float:
+    """The parameter of index i."""
+    if _IS_WHOLE[i] != 0:
+        return float(get_whole(m, _OFFSETS[i]))
+    return get_real(m, _OFFSETS[i])
+
+
+@kernel
+def _fill(m: Any, i: int, index: int) -> None:
+    """PARAM_VALUE of parameter i, told as number `index`."""
+    encode_param_value(m.payload, parameter_value(m, i), _TYPES[i], PARAMETER_COUNT, index)
+    for k in range(_ID_LENGTH):
+        put_u8(m.payload, PARAM_VALUE_PARAM_ID + k, _IDS[i, k])
+
+
+@kernel
+def list_parameters(m: Any, t: float) -> None:
+    """PARAM_REQUEST_LIST: begin the list, anew if one is being sent."""
+    m.parameter_next[m.link] = 0
+    m.parameter_due[m.link] = t
+    m.transferring = True
+
+
+@kernel
+def send_list(m: Any, t: float) -> None:
+    """The next value of a list that is being sent, one every 5 ms where there is room."""
+    link = m.link
+    if t < m.parameter_due[link] - 1e-9 or not can_answer(m):
+        return
+    _fill(m, m.parameter_next[link], m.parameter_next[link])
+    if send(m, _PARAM_VALUE):
+        m.parameter_next[link] += 1
+        m.parameter_due[link] = t + _SHARE
+
+
+@kernel
+def read_parameter(m: Any) -> None:
+    """PARAM_REQUEST_READ, by index or by name."""
+    _, _, index = decode_param_request_read(m.received)
+    if index < 0:
+        index = _find(m, PARAM_REQUEST_READ_PARAM_ID)
+    if 0 <= index < PARAMETER_COUNT and can_answer(m):
+        _fill(m, index, index)
+        send(m, _PARAM_VALUE)
+
+
+@kernel
+def _deny(m: Any, i: int) -> None:
+    encode_statustext(m.payload, WARNING, 0, 0)
+    last = _DENIED.shape[0] - 1
+    for k in range(last):
+        put_statustext_text(m.payload, k, _DENIED[k])
+    for k in range(_ID_LENGTH):
+        if _IDS[i, k] == 0:
+            break
+        put_statustext_text(m.payload, last, _IDS[i, k])
+        last += 1
+    put_statustext_text(m.payload, last, _DENIED[_DENIED.shape[0] - 1])
+    send_to_all(m, _STATUSTEXT)
+
+
+@kernel
+def set_parameter(m: Any) -> None:
+    """PARAM_SET: the value that holds then is told to all; names not known, infinity and NaN are not answered."""
+    _, _, value, _ = decode_param_set(m.received)
+    i = _find(m, PARAM_SET_PARAM_ID)
+    if i < 0 or not math.isfinite(value):
+        return
+    if _TYPES[i] != _REAL32:
+        value = float(math.trunc(value + math.copysign(_NEARLY, value)))
+    if _LEAST[i] <= value <= _MOST[i]:
+        if _IS_WHOLE[i] != 0:
+            set_whole(m, _OFFSETS[i], int(value))
+        else:
+            set_real(m, _OFFSETS[i], value)
+    else:
+        _deny(m, i)
+    _fill(m, i, _CHANGED)
+    send_to_all(m, _PARAM_VALUE)

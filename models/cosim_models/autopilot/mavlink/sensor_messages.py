@@ -1,0 +1,150 @@
+"""Messages on attitude, sensors, memory and fences: the rest of the autopilot's telemetry.
+
+Kernels over the autopilot's record `m` that append one MAVLink packet each; see `messages` for the rest. There
+is no magnetometer: its fields are zero. VIBRATION is what one sample differs from the filtered ones, not a mean over
+some seconds as ArduPilot's. The pressure is the standard atmosphere's at the true height.
+
+Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common; ISO 2533 (standard atmosphere).
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.frames import conjugate, deg_e7, euler_from_quaternion, geodetic_from_local, rotate
+from cosim.kernel import kernel
+from cosim.messages import (
+    AHRS,
+    AHRS2,
+    FENCE_STATUS,
+    MEMINFO,
+    SCALED_IMU,
+    SCALED_PRESSURE,
+    VIBRATION,
+    encode_ahrs,
+    encode_ahrs2,
+    encode_fence_status,
+    encode_meminfo,
+    encode_scaled_imu,
+    encode_scaled_pressure,
+    encode_vibration,
+)
+from cosim_models.autopilot.control.position import GRAVITY
+from cosim_models.autopilot.link.links import microseconds, milliseconds, send
+from cosim_models.autopilot.mission.fences import CIRCLE, HIGHEST, LOWEST, POLYGON
+
+__all__ = [
+    "send_ahrs",
+    "send_ahrs2",
+    "send_fence",
+    "send_memory",
+    "send_pressure",
+    "send_scaled_imu",
+    "send_vibration",
+    "short",
+]
+
+_AHRS = cast(int, np.int64(AHRS))
+_AHRS2 = cast(int, np.int64(AHRS2))
+_FENCE_STATUS = cast(int, np.int64(FENCE_STATUS))
+_MEMINFO = cast(int, np.int64(MEMINFO))
+_SCALED_IMU = cast(int, np.int64(SCALED_IMU))
+_SCALED_PRESSURE = cast(int, np.int64(SCALED_PRESSURE))
+_VIBRATION = cast(int, np.int64(VIBRATION))
+
+_FREE_MEMORY = 524288  # bytes, as a simulated ArduCopter says
+_BELOW, _ABOVE, _OUTSIDE = 1, 2, 3  # FENCE_BREACH
+_SEA_LEVEL, _LAPSE, _TEMPERATURE, _EXPONENT = 1013.25, 0.0065, 288.15, 5.25588  # hPa, K/m, K
+_FREEZING = 273.15
+
+
+@kernel
+def short(value: float) -> int:
+    """`value` cut to an int16."""
+    return int(min(max(value, -32768.0), 32767.0))
+
+
+@kernel
+def send_ahrs(m: Any) -> bool:
+    """AHRS: no drift of gyros, no errors of an estimate."""
+    encode_ahrs(m.payload, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return send(m, _AHRS)
+
+
+@kernel
+def send_ahrs2(m: Any) -> bool:
+    """AHRS2: what a second estimator would say."""
+    roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
+    lat, lon, alt = geodetic_from_local(
+        m.pos[0], m.pos[1], -m.pos[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+    )
+    encode_ahrs2(m.payload, roll, pitch, yaw, alt, deg_e7(lat), deg_e7(lon))
+    return send(m, _AHRS2)
+
+
+@kernel
+def send_vibration(m: Any, t: float) -> bool:
+    """VIBRATION: how far the specific force is from its filtered value [m/s2, FRD]."""
+    back = conjugate((float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3])))
+    x, y, z = rotate(back, (float(m.acc[0]), float(m.acc[1]), -float(m.acc[2]) - GRAVITY))
+    f = m.specific_force
+    encode_vibration(m.payload, microseconds(t), abs(f[0] - x), abs(f[1] - y), abs(f[2] - z), 0, 0, 0)
+    return send(m, _VIBRATION)
+
+
+@kernel
+def send_memory(m: Any) -> bool:
+    """MEMINFO: memory is not short."""
+    encode_meminfo(m.payload, 0, 65535, _FREE_MEMORY)
+    return send(m, _MEMINFO)
+
+
+@kernel
+def send_scaled_imu(m: Any, t: float) -> bool:
+    """SCALED_IMU: specific force [mG] and angular velocity [mrad/s], FRD."""
+    f, w = m.specific_force, m.gyro
+    g = 1000.0 / GRAVITY
+    encode_scaled_imu(
+        m.payload,
+        milliseconds(t),
+        short(f[0] * g),
+        short(f[1] * g),
+        short(f[2] * g),
+        short(w[0] * 1000.0),
+        short(w[1] * 1000.0),
+        short(w[2] * 1000.0),
+        0,
+        0,
+        0,
+        0,
+    )
+    return send(m, _SCALED_IMU)
+
+
+@kernel
+def send_pressure(m: Any, t: float) -> bool:
+    """SCALED_PRESSURE: the standard atmosphere's pressure [hPa] and temperature."""
+    kelvin = _TEMPERATURE - _LAPSE * (m.origin_altitude + m.pos[2])
+    pressure = _SEA_LEVEL * (kelvin / _TEMPERATURE) ** _EXPONENT
+    encode_scaled_pressure(m.payload, milliseconds(t), pressure, 0.0, short(100.0 * (kelvin - _FREEZING)), 0)
+    return send(m, _SCALED_PRESSURE)
+
+
+@kernel
+def send_fence(m: Any) -> bool:
+    """FENCE_STATUS, where fences are watched."""
+    if m.FENCE_ENABLE == 0:
+        return True
+    kind = 0
+    if (m.fence_breach & LOWEST) != 0:
+        kind = _BELOW
+    elif (m.fence_breach & HIGHEST) != 0:
+        kind = _ABOVE
+    elif (m.fence_breach & (CIRCLE | POLYGON)) != 0:
+        kind = _OUTSIDE
+    encode_fence_status(
+        m.payload, 1 if m.fence_breach != 0 else 0, m.breach_count % 65536, kind, milliseconds(m.breach_time), 0
+    )
+    return send(m, _FENCE_STATUS)

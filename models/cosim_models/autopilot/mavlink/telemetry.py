@@ -1,0 +1,141 @@
+"""When the autopilot speaks: HEARTBEAT once a second and at every change, streams at the rates asked for.
+
+Kernels over the autopilot's record `m`. Every link has streams of its own, at the rates of its parameters (SR2_ on
+board and by the swarm's radio, SR1_ by the ground stations' radio, SR0_ by cable) until a REQUEST_DATA_STREAM or
+SET_MESSAGE_INTERVAL that comes by it changes them. What is said is in `messages`.
+
+Source: ArduPilot, GCS_Common and GCS_MAVLink_Copter (stream groups).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cosim.kernel import get_whole, kernel
+from cosim.model import record_layout
+from cosim_models.autopilot.commander.readiness import home_ready
+from cosim_models.autopilot.link.links import LINKS
+from cosim_models.autopilot.link.statustext import DISARMING, INFO, NO_NUMBER, say, send_texts
+from cosim_models.autopilot.mavlink.file_transfer import continue_burst
+from cosim_models.autopilot.mavlink.messages import send_heartbeat, send_home, send_message, send_origin
+from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, send_list
+from cosim_models.autopilot.mission.missions import continue_upload
+from cosim_models.autopilot.record.parameters import STREAM_RATES
+from cosim_models.autopilot.record.streams import HEARTBEAT_ROW, STREAM_COUNT, stream_group
+from cosim_models.autopilot.record.variables import VARIABLES
+
+__all__ = ["default_interval", "set_interval", "start_streams", "telemetry"]
+
+_SLACK = 1e-9  # s
+
+_FIELDS = record_layout(VARIABLES)[0].fields
+assert _FIELDS is not None
+_GROUPS = 13  # MAV_DATA_STREAMs
+_RATES = np.array(
+    [
+        [_FIELDS[STREAM_RATES[link, group]][1] if (link, group) in STREAM_RATES else 0 for group in range(_GROUPS)]
+        for link in range(LINKS)
+    ],
+    dtype=np.int64,
+)
+"""Offset of the parameter with the rate of a group by a link, 0 without one."""
+
+
+@kernel
+def default_interval(m: Any, row: int) -> float:
+    """Interval [s] that the parameters of m.link ask for; 0: not sent. HEARTBEAT: 1 s."""
+    if row == HEARTBEAT_ROW:
+        return 1.0
+    offset = _RATES[m.link, stream_group(row)]
+    rate = get_whole(m, offset) if offset != 0 else 0
+    return 1.0 / rate if rate > 0 else 0.0
+
+
+@kernel
+def start_streams(m: Any) -> None:
+    """All streams of all links at the rates of the parameters, the first HEARTBEAT at once; no list is being sent."""
+    for link in range(LINKS):
+        m.link = link
+        m.link_version[link] = 2
+        m.parameter_next[link] = PARAMETER_COUNT
+        for row in range(STREAM_COUNT):
+            m.interval[link, row] = default_interval(m, row)
+            m.due[link, row] = m.interval[link, row]
+        m.due[link, HEARTBEAT_ROW] = 0.0
+        m.next_due[link] = 0.0
+    m.soonest_due = 0.0
+
+
+@kernel
+def set_interval(m: Any, row: int, interval: float, t: float) -> None:
+    """Stream a row every `interval` s by m.link from now on, the first after one interval; 0 stops it."""
+    link = m.link
+    if interval != m.interval[link, row]:
+        m.interval[link, row] = interval
+        m.due[link, row] = t + interval
+    m.next_due[link] = min(m.next_due[link], m.due[link, row])
+    m.soonest_due = min(m.soonest_due, m.next_due[link])
+
+
+@kernel
+def _stream(m: Any, t: float) -> None:
+    """Send what is due by m.link at t."""
+    link = m.link
+    soonest = t + 1.0
+    for row in range(STREAM_COUNT):
+        interval = m.interval[link, row]
+        if interval <= 0.0:
+            continue
+        if t >= m.due[link, row] - _SLACK and send_message(m, row, t):
+            m.due[link, row] += interval
+            if m.due[link, row] <= t:  # late by more than an interval: do not catch up
+                m.due[link, row] = t + interval
+        soonest = min(soonest, m.due[link, row])
+    m.next_due[link] = soonest
+
+
+@kernel
+def _tell_home(m: Any, t: float) -> None:
+    """Home and origin by every link, when they have become known and at arming."""
+    if not m.armed:
+        for i in range(3):
+            m.home[i] = m.pos[i]
+    told = True
+    for link in range(LINKS):
+        m.link = link
+        told = send_origin(m, t) and send_home(m, t) and told
+    m.told_home = told
+
+
+@kernel
+def telemetry(m: Any, t: float) -> None:
+    """Send what is due at t."""
+    if m.told_armed and not m.armed:
+        say(m, INFO, DISARMING, NO_NUMBER)
+    if (home_ready(m, t) and not m.told_home) or (m.armed and not m.told_armed):
+        _tell_home(m, t)
+    if m.text_count > 0:
+        send_texts(m)
+    changed = m.armed != m.told_armed or m.mode != m.told_mode
+    m.told_armed = m.armed
+    m.told_mode = m.mode
+    if not (changed or m.transferring) and t < m.soonest_due - _SLACK:
+        return
+    m.soonest_due = t + 1.0
+    m.transferring = m.file_bursting or m.uploading
+    for link in range(LINKS):
+        m.link = link
+        if changed:
+            send_heartbeat(m, t)
+        if m.parameter_next[link] < PARAMETER_COUNT:
+            send_list(m, t)
+            m.transferring = True
+        if m.file_bursting and m.file_link == link:
+            continue_burst(m, t)
+        if m.uploading and m.upload_link == link:
+            continue_upload(m, t)
+        if t >= m.next_due[link] - _SLACK:
+            _stream(m, t)
+        m.soonest_due = min(m.soonest_due, m.next_due[link])

@@ -1,0 +1,174 @@
+"""Fences of polygons and circles: the items that the mission protocol uploads, and whether a place is within them.
+
+A vehicle is within if it is inside of every inclusion circle and, where there are inclusion polygons, of one of them,
+and outside of all exclusions. Kernels over the autopilot's record `m`; the protocol is in `missions`, what a breach
+does in `failsafes`.
+
+Sources: the MAVLink guide, "Mission Protocol" (geofences); ArduPilot, AC_PolyFence_loader.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.frames import local_from_geodetic, radians_from_deg_e7
+from cosim.kernel import kernel
+from cosim.messages import MISSION_ITEM, MISSION_ITEM_INT, encode_mission_item, encode_mission_item_int
+from cosim_models.autopilot.link.links import send
+
+__all__ = [
+    "CIRCLE",
+    "HIGHEST",
+    "LOWEST",
+    "POLYGON",
+    "FENCE_CAPACITY",
+    "FENCE_ITEM",
+    "check_fence_item",
+    "fence_is_whole",
+    "keep_fence_item",
+    "place_fence",
+    "send_fence_item",
+    "within_polygons",
+]
+
+HIGHEST, CIRCLE, POLYGON, LOWEST = 1, 2, 4, 8
+"""Bits of FENCE_TYPE."""
+
+FENCE_CAPACITY = 70
+_COMMAND, _SIZE, _LATITUDE, _LONGITUDE, _NORTH, _EAST = range(6)
+FENCE_ITEM = 6
+"""Columns of the table of fence items: as uploaded, places in 1e-7 degrees and, from the local origin, in m."""
+
+_RETURN, _INCLUSION, _EXCLUSION, _CIRCLE_INCLUSION, _CIRCLE_EXCLUSION = 5000, 5001, 5002, 5003, 5004  # MAV_CMD
+_ACCEPTED, _BAD_FRAME, _UNSUPPORTED, _BAD_SIZE, _BAD_LATITUDE, _BAD_LONGITUDE = 0, 2, 3, 6, 10, 11
+_LEAST_VERTICES = 3
+_MISSION_ITEM = cast(int, np.int64(MISSION_ITEM))
+_MISSION_ITEM_INT = cast(int, np.int64(MISSION_ITEM_INT))
+
+
+@kernel
+def check_fence_item(command: int, frame: int, size: float, latitude: float, longitude: float) -> int:
+    """MAV_MISSION_RESULT of an item; `size` is its param 1: vertices or radius [m]."""
+    if not _RETURN <= command <= _CIRCLE_EXCLUSION:
+        return _UNSUPPORTED
+    if frame not in (0, 2, 3, 5, 6):
+        return _BAD_FRAME
+    polygon = command in (_INCLUSION, _EXCLUSION)
+    circle = command in (_CIRCLE_INCLUSION, _CIRCLE_EXCLUSION)
+    if (polygon and not _LEAST_VERTICES <= size <= FENCE_CAPACITY) or (circle and not 0.0 < size < 1e7):
+        return _BAD_SIZE
+    if not abs(latitude) <= 9e8:
+        return _BAD_LATITUDE
+    return _ACCEPTED if abs(longitude) <= 1.8e9 else _BAD_LONGITUDE
+
+
+@kernel
+def keep_fence_item(m: Any, sequence: int, command: int, size: float, latitude: float, longitude: float) -> None:
+    """Put an item into the table."""
+    r = m.fence[sequence]
+    r[_COMMAND], r[_SIZE], r[_LATITUDE], r[_LONGITUDE] = float(command), size, latitude, longitude
+
+
+@kernel
+def fence_is_whole(m: Any, count: int) -> bool:
+    """Whether the vertices of every polygon follow each other, as many as they say."""
+    i = 0
+    while i < count:
+        command = m.fence[i, _COMMAND]
+        vertices = 1
+        if command in (_INCLUSION, _EXCLUSION):
+            vertices = int(m.fence[i, _SIZE])
+            if i + vertices > count:
+                return False
+            for k in range(i, i + vertices):
+                if m.fence[k, _COMMAND] != command or m.fence[k, _SIZE] != m.fence[i, _SIZE]:
+                    return False
+        i += vertices
+    return True
+
+
+@kernel
+def place_fence(m: Any, count: int) -> None:
+    """The fence is of `count` items from now on."""
+    for i in range(count):
+        r = m.fence[i]
+        r[_NORTH], r[_EAST], _ = local_from_geodetic(
+            radians_from_deg_e7(int(r[_LATITUDE])),
+            radians_from_deg_e7(int(r[_LONGITUDE])),
+            0.0,
+            m.origin_latitude,
+            m.origin_longitude,
+            0.0,
+        )
+    m.fence_count = count
+
+
+@kernel
+def send_fence_item(m: Any, sequence: int, system: int, component: int, whole: bool) -> None:
+    """Answer the request for an item, with `whole` degrees or as floats."""
+    r = m.fence[sequence]
+    command, size, lat, lon = int(r[_COMMAND]), r[_SIZE], int(r[_LATITUDE]), int(r[_LONGITUDE])
+    if whole:
+        encode_mission_item_int(
+            m.payload, system, component, sequence, 0, command, 0, 1, size, 0.0, 0.0, 0.0, lat, lon, 0.0, 1
+        )
+        send(m, _MISSION_ITEM_INT)
+    else:
+        encode_mission_item(
+            m.payload,
+            system,
+            component,
+            sequence,
+            0,
+            command,
+            0,
+            1,
+            r[_SIZE],
+            0.0,
+            0.0,
+            0.0,
+            lat * 1e-7,
+            lon * 1e-7,
+            0.0,
+            1,
+        )
+        send(m, _MISSION_ITEM)
+
+
+@kernel
+def _is_inside(m: Any, first: int, vertices: int, n: float, e: float) -> bool:
+    """Whether (n, e) is inside of a polygon: a ray to the east crosses it an odd number of times."""
+    inside = False
+    k = first + vertices - 1
+    for i in range(first, first + vertices):
+        ni, ei, nk, ek = m.fence[i, _NORTH], m.fence[i, _EAST], m.fence[k, _NORTH], m.fence[k, _EAST]
+        if (ni > n) != (nk > n) and e < (ek - ei) * (n - ni) / (nk - ni) + ei:
+            inside = not inside
+        k = i
+    return inside
+
+
+@kernel
+def within_polygons(m: Any, n: float, e: float) -> bool:
+    """Whether (n, e) [m] is where the uploaded fence allows."""
+    wanted = False  # there are inclusion polygons
+    found = False
+    i = 0
+    while i < m.fence_count:
+        command, size = int(m.fence[i, _COMMAND]), m.fence[i, _SIZE]
+        if command in (_INCLUSION, _EXCLUSION):
+            inside = _is_inside(m, i, int(size), n, e)
+            if command == _EXCLUSION and inside:
+                return False
+            wanted = wanted or command == _INCLUSION
+            found = found or (command == _INCLUSION and inside)
+            i += int(size)
+            continue
+        dn, de = n - m.fence[i, _NORTH], e - m.fence[i, _EAST]
+        near = dn * dn + de * de < size * size
+        if (command == _CIRCLE_INCLUSION and not near) or (command == _CIRCLE_EXCLUSION and near):
+            return False
+        i += 1
+    return found or not wanted

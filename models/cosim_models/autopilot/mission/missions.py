@@ -1,0 +1,430 @@
+"""MAVLink's mission protocol, and the list of mission items that it keeps.
+
+A ground station uploads items (asked for one by one, again every second, given up after eight), downloads them, clears
+them and sets the current one. Item 0 is home. Commands that this autopilot does not fly are refused at the upload.
+Fences and rally points are items of their own (`fences`, `rally`). While one system uploads, others are denied.
+Kernels over the autopilot's record `m`; `auto` flies the items, `commands` hears of guided targets.
+
+Sources: the MAVLink guide, "Mission Protocol"; ArduPilot, MissionItemProtocol and AP_Mission.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.frames import deg_e7, geodetic_from_local
+from cosim.kernel import kernel
+from cosim.messages import (
+    MISSION_ACK,
+    MISSION_COUNT,
+    MISSION_CURRENT,
+    MISSION_ITEM,
+    MISSION_ITEM_INT,
+    MISSION_ITEM_REACHED,
+    MISSION_REQUEST,
+    encode_mission_ack,
+    encode_mission_count,
+    encode_mission_current,
+    encode_mission_item,
+    encode_mission_item_int,
+    encode_mission_item_reached,
+    encode_mission_request,
+)
+from cosim_models.autopilot.link.links import can_answer, send, send_to_all
+from cosim_models.autopilot.mission.fences import (
+    FENCE_CAPACITY,
+    check_fence_item,
+    fence_is_whole,
+    keep_fence_item,
+    place_fence,
+    send_fence_item,
+)
+from cosim_models.autopilot.mission.rally import (
+    RALLY_CAPACITY,
+    RALLY_COMMAND,
+    RALLY_FRAME,
+    RALLY_PLACE,
+    check_rally_item,
+    keep_rally_item,
+)
+
+__all__ = [
+    "AUTOCONTINUE",
+    "COMMAND",
+    "DONE",
+    "FENCE",
+    "FRAME",
+    "ITEM",
+    "LATITUDE",
+    "MISSION_CAPACITY",
+    "P1",
+    "P2",
+    "P3",
+    "P4",
+    "RALLY",
+    "Z",
+    "ack_mission",
+    "begin_upload",
+    "clear_mission",
+    "continue_upload",
+    "forget_jumps",
+    "is_uploading",
+    "mission_count",
+    "receive_item",
+    "send_count",
+    "send_item",
+    "send_mission_current",
+    "send_reached",
+    "set_current",
+]
+
+MISSION_CAPACITY = 100
+FENCE, RALLY = cast(int, np.int64(1)), cast(int, np.int64(2))  # MAV_MISSION_TYPE; 0 is a mission
+COMMAND, FRAME, P1, P2, P3, P4, LATITUDE, LONGITUDE, Z, AUTOCONTINUE, DONE = range(11)
+ITEM = 11
+"""Columns of the table of items: as uploaded, places in 1e-7 degrees; DONE counts the jumps taken."""
+
+ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5  # MAV_MISSION_RESULT
+BAD_LATITUDE, BAD_LONGITUDE, BAD_SEQUENCE, DENIED, CANCELLED = 10, 11, 13, 14, 15
+_ASK_AGAIN, _GIVE_UP = 1.0, 8.0  # s
+
+_FLOWN = np.array((16, 17, 18, 19, 20, 21, 22, 93, 112, 115, 177, 178), dtype=np.int64)  # MAV_CMD
+_MISSION_ACK = cast(int, np.int64(MISSION_ACK))
+_MISSION_COUNT = cast(int, np.int64(MISSION_COUNT))
+_MISSION_CURRENT = cast(int, np.int64(MISSION_CURRENT))
+_MISSION_ITEM = cast(int, np.int64(MISSION_ITEM))
+_MISSION_ITEM_INT = cast(int, np.int64(MISSION_ITEM_INT))
+_MISSION_ITEM_REACHED = cast(int, np.int64(MISSION_ITEM_REACHED))
+_MISSION_REQUEST = cast(int, np.int64(MISSION_REQUEST))
+
+
+# ---- what is said --------------------------------------------------------------------------------------------------
+
+
+@kernel
+def ack_mission(m: Any, result: int, kind: int, system: int, component: int) -> None:
+    """MISSION_ACK to the ground station."""
+    encode_mission_ack(m.payload, system, component, result, kind)
+    send(m, _MISSION_ACK)
+
+
+@kernel
+def mission_count(m: Any) -> int:
+    """Items, home among them."""
+    return int(max(m.mission_count, 1))
+
+
+@kernel
+def send_count(m: Any, kind: int, system: int, component: int) -> None:
+    """Answer MISSION_REQUEST_LIST."""
+    if kind > RALLY or (m.uploading and kind == m.upload_kind):
+        ack_mission(m, UNSUPPORTED if kind > RALLY else DENIED, kind, system, component)
+        return
+    count = m.fence_count if kind == FENCE else m.rally_count if kind == RALLY else mission_count(m)
+    encode_mission_count(m.payload, system, component, count, kind)
+    send(m, _MISSION_COUNT)
+
+
+@kernel
+def send_item(m: Any, sequence: int, kind: int, system: int, component: int, whole: bool) -> None:
+    """Answer MISSION_REQUEST or, with `whole` degrees, MISSION_REQUEST_INT."""
+    if kind == FENCE and sequence < m.fence_count:
+        send_fence_item(m, sequence, system, component, whole)
+        return
+    if kind == RALLY and sequence < m.rally_count:
+        _send_rally_item(m, sequence, system, component, whole)
+        return
+    if kind != 0 or sequence >= mission_count(m):
+        ack_mission(m, UNSUPPORTED if kind > RALLY else BAD_SEQUENCE, kind, system, component)
+        return
+    r = m.mission[sequence]
+    command, frame, carry_on = int(r[COMMAND]), int(r[FRAME]), int(r[AUTOCONTINUE])
+    lat, lon, z = int(r[LATITUDE]), int(r[LONGITUDE]), float(r[Z])
+    if sequence == 0:
+        phi, psi, z = geodetic_from_local(
+            m.home[0], m.home[1], -m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+        )
+        command, frame, carry_on, lat, lon = 16, 0, 1, deg_e7(phi), deg_e7(psi)
+    current = 1 if sequence == m.mission_current else 0
+    p, place = (r[P1], r[P2], r[P3], r[P4]), (lat, lon, z)
+    _send_item(m, system, component, sequence, frame, command, current, carry_on, p, place, 0, whole)
+
+
+@kernel
+def _send_rally_item(m: Any, sequence: int, system: int, component: int, whole: bool) -> None:
+    r = m.rally[sequence]
+    frame, place = int(r[RALLY_FRAME]), (int(r[RALLY_PLACE]), int(r[RALLY_PLACE + 1]), float(r[RALLY_PLACE + 2]))
+    none = (0.0, 0.0, 0.0, 0.0)
+    _send_item(m, system, component, sequence, frame, RALLY_COMMAND, 0, 0, none, place, RALLY, whole)
+
+
+@kernel
+def _send_item(
+    m: Any,
+    system: int,
+    component: int,
+    sequence: int,
+    frame: int,
+    command: int,
+    current: int,
+    carry_on: int,
+    p: tuple[float, float, float, float],
+    place: tuple[int, int, float],
+    kind: int,
+    whole: bool,
+) -> None:
+    """MISSION_ITEM_INT or, not with `whole` degrees, MISSION_ITEM."""
+    lat, lon, z = place
+    if whole:
+        encode_mission_item_int(
+            m.payload,
+            system,
+            component,
+            sequence,
+            frame,
+            command,
+            current,
+            carry_on,
+            p[0],
+            p[1],
+            p[2],
+            p[3],
+            lat,
+            lon,
+            z,
+            kind,
+        )
+        send(m, _MISSION_ITEM_INT)
+    else:
+        encode_mission_item(
+            m.payload,
+            system,
+            component,
+            sequence,
+            frame,
+            command,
+            current,
+            carry_on,
+            p[0],
+            p[1],
+            p[2],
+            p[3],
+            lat * 1e-7,
+            lon * 1e-7,
+            z,
+            kind,
+        )
+        send(m, _MISSION_ITEM)
+
+
+@kernel
+def send_mission_current(m: Any) -> bool:
+    """MISSION_CURRENT: which item is flown, and whether that goes on."""
+    total = mission_count(m) - 1
+    state = 1 if total == 0 else 5 if m.mission_complete else 3 if m.mode == 3 else 2
+    encode_mission_current(m.payload, m.mission_current, total, state, 1 if m.mode == 3 else 0)
+    return send(m, _MISSION_CURRENT)
+
+
+@kernel
+def send_reached(m: Any, sequence: int) -> None:
+    """MISSION_ITEM_REACHED, to all that listen."""
+    encode_mission_item_reached(m.payload, sequence)
+    send_to_all(m, _MISSION_ITEM_REACHED)
+
+
+# ---- uploads -------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
+    """MISSION_CLEAR_ALL of one kind; ArduCopter knows no "all kinds" (255)."""
+    if kind > RALLY:
+        ack_mission(m, UNSUPPORTED, kind, system, component)
+        return
+    if m.uploading and not is_uploading(m, system, component):
+        ack_mission(m, DENIED, kind, system, component)
+        return
+    if kind == 0:
+        m.mission_count = 1
+        m.mission_current = 0
+    if kind == FENCE:
+        m.fence_count = 0
+    if kind == RALLY:
+        m.rally_count = 0
+    m.uploading = False
+    ack_mission(m, ACCEPTED, kind, system, component)
+
+
+@kernel
+def is_uploading(m: Any, system: int, component: int) -> bool:
+    """Whether an upload is going on and is that of this system and component."""
+    return bool(m.uploading and system == m.upload_system and component == m.upload_component)
+
+
+@kernel
+def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: float) -> None:
+    """MISSION_COUNT: forget the items of this kind and ask for the first one."""
+    if kind > RALLY:
+        ack_mission(m, UNSUPPORTED, kind, system, component)
+        return
+    if m.uploading and not is_uploading(m, system, component):
+        ack_mission(m, DENIED, kind, system, component)
+        return
+    if count > (FENCE_CAPACITY if kind == FENCE else RALLY_CAPACITY if kind == RALLY else MISSION_CAPACITY):
+        ack_mission(m, NO_SPACE, kind, system, component)
+        return
+    if kind == FENCE:
+        m.fence_count = 0
+    elif kind == RALLY:
+        m.rally_count = 0
+    else:
+        m.mission_count = 1
+        m.mission_current = 0
+        m.mission_complete = False
+    m.uploading = count > 0
+    m.transferring = True
+    if count == 0:
+        ack_mission(m, ACCEPTED, kind, system, component)
+        return
+    m.upload_link = m.link
+    m.upload_kind = kind
+    m.upload_count = count
+    m.upload_next = 0
+    m.upload_system = system
+    m.upload_component = component
+    m.upload_heard = t
+    m.upload_asked = t - _ASK_AGAIN
+
+
+@kernel
+def continue_upload(m: Any, t: float) -> None:
+    """Ask for the next item when it is time to, or give the upload up."""
+    if t - m.upload_heard >= _GIVE_UP:
+        m.uploading = False
+        ack_mission(m, CANCELLED, m.upload_kind, m.upload_system, m.upload_component)
+    elif t - m.upload_asked >= _ASK_AGAIN - 1e-9 and can_answer(m):
+        encode_mission_request(m.payload, m.upload_system, m.upload_component, m.upload_next, m.upload_kind)
+        if send(m, _MISSION_REQUEST):
+            m.upload_asked = t
+
+
+@kernel
+def _check_item(command: int, frame: int, values: Any, latitude: float, longitude: float, z: float) -> int:
+    """MAV_MISSION_RESULT of an item."""
+    known = False
+    for i in range(_FLOWN.shape[0]):
+        known = known or command == _FLOWN[i]
+    if not known:
+        return UNSUPPORTED
+    if command < 90 and frame not in (0, 2, 3, 5, 6):
+        return BAD_FRAME
+    if not math.isfinite(values[0] + values[1] + values[2]) or not math.isfinite(z):
+        return INVALID
+    if command < 90 and not abs(latitude) <= 9e8:
+        return BAD_LATITUDE
+    if command < 90 and not abs(longitude) <= 1.8e9:
+        return BAD_LONGITUDE
+    return ACCEPTED
+
+
+@kernel
+def receive_item(
+    m: Any,
+    sequence: int,
+    frame: int,
+    command: int,
+    carry_on: int,
+    values: tuple[float, float, float, float],
+    latitude: float,
+    longitude: float,
+    z: float,
+    t: float,
+) -> None:
+    """The next item of an upload (latitude and longitude in 1e-7 degrees); the last one is acknowledged."""
+    if not m.uploading:
+        return
+    kind = m.upload_kind
+    m.upload_heard = t
+    if sequence != m.upload_next:
+        ack_mission(m, BAD_SEQUENCE, kind, m.upload_system, m.upload_component)
+        return
+    result = ACCEPTED
+    if kind == FENCE:
+        result = check_fence_item(command, frame, values[0], latitude, longitude)
+    elif kind == RALLY:
+        result = check_rally_item(command, frame, latitude, longitude, z)
+    elif sequence > 0:
+        result = _check_item(command, frame, values, latitude, longitude, z)
+    if result != ACCEPTED:
+        m.uploading = False
+        ack_mission(m, result, kind, m.upload_system, m.upload_component)
+        return
+    if kind == FENCE:
+        keep_fence_item(m, sequence, command, values[0], latitude, longitude)
+    elif kind == RALLY:
+        keep_rally_item(m, sequence, frame, latitude, longitude, z)
+    else:
+        _keep_item(m, sequence, frame, command, carry_on, values, latitude, longitude, z)
+    m.upload_next = sequence + 1
+    m.upload_asked = t - _ASK_AGAIN
+    if m.upload_next == m.upload_count:
+        _finish_upload(m)
+
+
+@kernel
+def _finish_upload(m: Any) -> None:
+    """All items are there."""
+    m.uploading = False
+    result = ACCEPTED
+    if m.upload_kind == 0:
+        m.mission_count = m.upload_count
+    elif m.upload_kind == RALLY:
+        m.rally_count = m.upload_count
+    elif fence_is_whole(m, m.upload_count):
+        place_fence(m, m.upload_count)
+    else:
+        result = ERROR
+    ack_mission(m, result, m.upload_kind, m.upload_system, m.upload_component)
+
+
+@kernel
+def _keep_item(
+    m: Any,
+    sequence: int,
+    frame: int,
+    command: int,
+    carry_on: int,
+    values: tuple[float, float, float, float],
+    latitude: float,
+    longitude: float,
+    z: float,
+) -> None:
+    r = m.mission[sequence]
+    r[COMMAND], r[FRAME], r[AUTOCONTINUE], r[DONE] = float(command), float(frame), float(carry_on), 0.0
+    for i in range(4):
+        r[P1 + i] = values[i]
+    r[LATITUDE], r[LONGITUDE], r[Z] = latitude, longitude, z
+
+
+@kernel
+def forget_jumps(m: Any) -> None:
+    """No jump has been taken yet."""
+    for row in range(mission_count(m)):
+        m.mission[row, DONE] = 0.0
+
+
+@kernel
+def set_current(m: Any, sequence: int) -> bool:
+    """Make an item the current one; False if there is none of that number."""
+    if not 0 <= sequence < mission_count(m):
+        return False
+    if sequence == 0 or m.mission_complete:
+        forget_jumps(m)
+    m.mission_current = sequence
+    m.mission_changed = True
+    m.mission_complete = False
+    return True

@@ -1,0 +1,109 @@
+"""Rally points: places besides home to return to, and which of them, or home, RTL flies to.
+
+It is the nearest one, unless home is nearer (RALLY_INCL_HOME) or all are beyond RALLY_LIMIT_KM; points outside of the
+fences do not count. Kernels over the autopilot's record `m`; the protocol is in `missions`.
+
+Sources: the MAVLink guide, "Mission Protocol" (rally points); ArduPilot, AP_Rally, MissionItemProtocol_Rally and
+AC_Fence (check_destination_within_fence).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import local_from_geodetic, radians_from_deg_e7
+from cosim.kernel import kernel
+from cosim_models.autopilot.mission.fences import CIRCLE, HIGHEST, LOWEST, POLYGON, within_polygons
+
+__all__ = [
+    "RALLY_CAPACITY",
+    "RALLY_COMMAND",
+    "RALLY_ITEM",
+    "RALLY_FRAME",
+    "RALLY_PLACE",
+    "best_return",
+    "check_rally_item",
+    "keep_rally_item",
+]
+
+RALLY_CAPACITY = 20
+_FRAME, _LATITUDE, _LONGITUDE, _Z, _NORTH, _EAST = range(6)
+RALLY_FRAME, RALLY_PLACE = _FRAME, _LATITUDE
+RALLY_ITEM = 6
+"""Columns of the table of rally points: MAV_FRAME (0 or 3), place in 1e-7 degrees, altitude in whole m, place in m."""
+
+RALLY_COMMAND = 5100  # MAV_CMD_NAV_RALLY_POINT
+_ACCEPTED, _BAD_FRAME, _UNSUPPORTED, _BAD_LATITUDE, _BAD_LONGITUDE, _BAD_ALTITUDE = 0, 2, 3, 10, 11, 12
+_MOST = 32767.0  # m
+
+
+@kernel
+def check_rally_item(command: int, frame: int, latitude: float, longitude: float, z: float) -> int:
+    """MAV_MISSION_RESULT of an item."""
+    if command != RALLY_COMMAND:
+        return _UNSUPPORTED
+    if not abs(latitude) <= 9e8:
+        return _BAD_LATITUDE
+    if not abs(longitude) <= 1.8e9:
+        return _BAD_LONGITUDE
+    if not -_MOST - 1.0 <= z <= _MOST:
+        return _BAD_ALTITUDE
+    return _ACCEPTED if frame in (0, 3, 5, 6) else _BAD_FRAME
+
+
+@kernel
+def keep_rally_item(m: Any, sequence: int, frame: int, latitude: float, longitude: float, z: float) -> None:
+    """Put a point into the table; heights are kept in whole metres, as ArduPilot keeps them."""
+    r = m.rally[sequence]
+    r[_FRAME] = 0.0 if frame == 0 or frame == 5 else 3.0
+    r[_LATITUDE], r[_LONGITUDE], r[_Z] = latitude, longitude, float(math.trunc(z))
+    r[_NORTH], r[_EAST], _ = local_from_geodetic(
+        radians_from_deg_e7(int(latitude)),
+        radians_from_deg_e7(int(longitude)),
+        0.0,
+        m.origin_latitude,
+        m.origin_longitude,
+        0.0,
+    )
+
+
+@kernel
+def _is_allowed(m: Any, n: float, e: float, height: float) -> bool:
+    """Whether a place at a height [m above home] is within the fences that are watched."""
+    if m.FENCE_ENABLE == 0:
+        return True
+    if (m.FENCE_TYPE & HIGHEST) != 0 and height > m.FENCE_ALT_MAX:
+        return False
+    if (m.FENCE_TYPE & LOWEST) != 0 and height < m.FENCE_ALT_MIN:
+        return False
+    hn, he = n - m.home[0], e - m.home[1]
+    if (m.FENCE_TYPE & CIRCLE) != 0 and math.sqrt(hn * hn + he * he) > m.FENCE_RADIUS:
+        return False
+    return (m.FENCE_TYPE & POLYGON) == 0 or m.fence_count == 0 or within_polygons(m, n, e)
+
+
+@kernel
+def best_return(m: Any) -> tuple[float, float, float]:
+    """North and east of where to return to, and its height [m] above home: 0 of home."""
+    best, nearest = -1, math.inf
+    for i in range(m.rally_count):
+        r = m.rally[i]
+        if r[_LATITUDE] == 0.0 and r[_LONGITUDE] == 0.0:
+            continue
+        dn, de = r[_NORTH] - m.pos[0], r[_EAST] - m.pos[1]
+        distance = math.sqrt(dn * dn + de * de)
+        if distance < nearest and _is_allowed(m, r[_NORTH], r[_EAST], _height(m, i)):
+            best, nearest = i, distance
+    hn, he = m.home[0] - m.pos[0], m.home[1] - m.pos[1]
+    beyond = m.RALLY_LIMIT_KM > 0.0 and nearest > 1000.0 * m.RALLY_LIMIT_KM
+    if best < 0 or beyond or (m.RALLY_INCL_HOME != 0 and nearest >= math.sqrt(hn * hn + he * he)):
+        return m.home[0], m.home[1], 0.0
+    return m.rally[best, _NORTH], m.rally[best, _EAST], _height(m, best)
+
+
+@kernel
+def _height(m: Any, i: int) -> float:
+    """Height [m] of a point above home."""
+    z = m.rally[i, _Z]
+    return float(z if m.rally[i, _FRAME] == 3.0 else z - m.origin_altitude - m.home[2])

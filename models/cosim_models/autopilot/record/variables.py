@@ -1,0 +1,237 @@
+"""What `Autopilot` declares: its ports, its parameters (`parameters`) and what its record remembers.
+
+Nothing is computed here.
+"""
+
+from __future__ import annotations
+
+from cosim import Memory, Output, PacketInput, PacketOutput
+from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS
+from cosim.verdict import Role
+from cosim_models.autopilot.control.pid import PID_STATE, PLANE_STATE
+from cosim_models.autopilot.link.links import LINKS
+from cosim_models.autopilot.mission.fences import FENCE_CAPACITY, FENCE_ITEM
+from cosim_models.autopilot.mission.missions import ITEM, MISSION_CAPACITY
+from cosim_models.autopilot.mission.rally import RALLY_CAPACITY, RALLY_ITEM
+from cosim_models.autopilot.record.modes import Mode
+from cosim_models.autopilot.record.parameters import PARAMETERS
+from cosim_models.autopilot.record.streams import STREAM_COUNT
+
+__all__ = ["CHANNELS", "VARIABLES"]
+
+CHANNELS = 16
+"""Channels of the remote control."""
+
+MEMORY = (
+    # what is sensed: north, east, up and FRD
+    Memory("pos", shape=3),
+    Memory("vel", shape=3),
+    Memory("acc", shape=3),  # without gravity
+    Memory("gyro", shape=3),
+    Memory("q", shape=4),
+    Memory("filter_dt"),
+    Memory("gyro_filter", shape=3),
+    Memory("accel_filter", shape=3),
+    Memory("gyro_delay", shape=(3, 2)),
+    Memory("accel_delay", shape=(3, 2)),
+    # attitude control
+    Memory("attitude_target", shape=4),
+    Memory("rate_target", shape=3),  # of the target attitude, in its own axes
+    Memory("rate_wanted", shape=3),  # of the body
+    Memory("rate_pid", shape=(3, PID_STATE)),
+    Memory("torque", shape=3),
+    Memory("thrust_error"),  # angle of the thrust from the target's
+    # position control: north, east, up
+    Memory("speed_max"),
+    Memory("speed_up"),
+    Memory("speed_down"),
+    Memory("accel_max"),
+    Memory("accel_up"),
+    Memory("jerk_max"),
+    Memory("jerk_up"),
+    Memory("position_desired", shape=3),
+    Memory("velocity_desired", shape=3),
+    Memory("acceleration_desired", shape=3),
+    Memory("position_error", shape=3),
+    Memory("velocity_target", shape=3),
+    Memory("acceleration_target", shape=3),
+    Memory("velocity_pid", shape=PLANE_STATE),
+    Memory("climb_pid", shape=PID_STATE),
+    Memory("accel_pid", shape=PID_STATE),
+    Memory("limit", shape=3),  # direction in which the actuators are saturated
+    Memory("path_heading"),
+    Memory("path_turn_rate"),
+    Memory("lean_max"),  # that keeps height
+    # motors
+    Memory("motor_count", dtype="i4"),
+    Memory("factors", shape=(MAX_MOTORS, 3)),
+    Memory("thrust", shape=MAX_MOTORS),
+    Memory("air_density"),  # over that at sea level
+    Memory("spool_state", dtype="i4"),
+    Memory("spool_wanted", dtype="i4"),
+    Memory("spin_up"),
+    Memory("thrust_max"),
+    Memory("throttle_in"),
+    Memory("throttle_command"),
+    Memory("throttle_cutoff"),
+    Memory("throttle_filtered"),
+    Memory("throttle_average_max"),
+    Memory("throttle_out"),
+    Memory("throttle_hover"),
+    Memory("throttle_mix"),
+    Memory("limit_roll_pitch", dtype="?"),
+    Memory("limit_yaw", dtype="?"),
+    Memory("limit_throttle_lower", dtype="?"),
+    Memory("limit_throttle_upper", dtype="?"),
+    # modes
+    Memory("home", shape=3),
+    Memory("armed_at"),
+    Memory("armed_heading", rare=True),
+    Memory("idle_since"),
+    Memory("arming_delay", dtype="?"),
+    Memory("auto_armed", dtype="?"),
+    Memory("touched", dtype="?"),
+    Memory("land_time"),
+    Memory("land_accel", shape=3),
+    Memory("submode", dtype="i4"),
+    Memory("guided_position", shape=3),
+    Memory("guided_velocity", shape=3),
+    Memory("guided_acceleration", shape=3),
+    Memory("guided_time"),
+    Memory("takeoff_from"),
+    Memory("takeoff_to"),
+    Memory("takeoff_done", dtype="?"),
+    Memory("yaw_mode", dtype="i4"),
+    Memory("yaw_fixed"),
+    Memory("yaw_rate"),
+    Memory("yaw_left", rare=True),  # angle still to turn to yaw_fixed, and the rate of doing it
+    Memory("yaw_slew", rare=True),
+    Memory("loiter_brake"),
+    Memory("loiter_since"),
+    Memory("rtl_stage", dtype="i4"),
+    Memory("rtl_place", shape=2, rare=True),
+    # link
+    Memory("payload", dtype="u1", shape=255),
+    Memory("received", dtype="u1", shape=255),
+    Memory("link", dtype="i4"),  # that is heard or served
+    Memory("sequence", dtype="i4", shape=LINKS, rare=True),
+    Memory("text_queue", dtype="i8", shape=(8, 5), rare=True),  # severity, text, number, hundredths, bits of links
+    Memory("text_count", dtype="i4"),
+    Memory("ack_room", dtype="i4"),  # bytes to keep for acknowledgements of what was received
+    Memory("link_version", dtype="i4", shape=LINKS, rare=True),
+    Memory("interval", shape=(LINKS, STREAM_COUNT), rare=True),
+    Memory("due", shape=(LINKS, STREAM_COUNT), rare=True),
+    Memory("next_due", shape=LINKS, rare=True),
+    Memory("soonest_due"),  # of all links
+    Memory("transferring", dtype="?"),  # a list or a file goes out, or items come in
+    Memory("told_armed", dtype="?"),
+    Memory("told_mode", dtype="i4"),
+    Memory("told_home", dtype="?"),
+    Memory("parameter_next", dtype="i4", shape=LINKS, rare=True),  # of the list being sent
+    Memory("parameter_due", shape=LINKS, rare=True),
+    # pilot
+    Memory("rc_known", dtype="?"),  # an override has been heard
+    Memory("rc_until"),  # the last override lapses
+    Memory("throttle_open_at"),  # when the throttle stick was last open
+    Memory("pilot_flies", dtype="?", rare=True),  # what sticks ask of modes that fly by themselves
+    Memory("pilot_turn", rare=True),
+    Memory("pilot_stick", shape=2, rare=True),  # forward and right, -1 to 1
+    Memory("pilot_takeoff", dtype="?"),
+    Memory("radio_lost", dtype="?"),
+    Memory("radio_heard", rare=True),
+    Memory("rc_override", dtype="i4", shape=CHANNELS, rare=True),  # us, 0: none
+    Memory("rc_time", shape=CHANNELS, rare=True),
+    Memory("switch_position", dtype="i4", rare=True),  # of the mode switch, 1 to 6
+    Memory("switch_seen", dtype="i4", rare=True),
+    Memory("switch_since", rare=True),
+    Memory("rudder_count", dtype="i4", rare=True),
+    Memory("loiter_tilt", shape=2, rare=True),  # roll and pitch as they will follow the sticks
+    Memory("loiter_tilt_rate", shape=2, rare=True),
+    Memory("circle_centre", shape=2, rare=True),
+    Memory("circle_radius", rare=True),
+    Memory("circle_rate", rare=True),
+    Memory("circle_asked", shape=2, rare=True),  # CIRCLE_RADIUS and CIRCLE_RATE when last looked at
+    Memory("circle_angle", rare=True),
+    Memory("circle_turning", rare=True),
+    Memory("circle_total", rare=True),  # angle flown
+    Memory("circle_told", dtype="i4", rare=True),  # rounds
+    Memory("file_bursting", dtype="?", rare=True),
+    Memory("file_link", dtype="i4", rare=True),
+    Memory("file_open", dtype="?", rare=True),
+    Memory("file_session", dtype="i4", rare=True),
+    Memory("file_sequence", dtype="i4", rare=True),
+    Memory("file_at", dtype="i4", rare=True),
+    Memory("file_piece", dtype="i4", rare=True),
+    Memory("file_system", dtype="i4", rare=True),
+    Memory("file_component", dtype="i4", rare=True),
+    Memory("file_due", rare=True),
+    # fail-safes
+    Memory("next_watch"),
+    Memory("station_heard", rare=True),
+    Memory("station_known", dtype="?", rare=True),
+    Memory("station_lost", dtype="?"),
+    Memory("battery_voltage", rare=True),
+    Memory("battery_current", rare=True),
+    Memory("battery_used", rare=True),  # mAh
+    Memory("battery_energy", rare=True),  # J
+    Memory("battery_since", shape=2, rare=True),  # low, and critical; -1: it is not
+    Memory("battery_alarm", dtype="i4", rare=True),
+    Memory("fence_breach", dtype="i4"),  # bits of FENCE_TYPE
+    Memory("fence_low_armed", dtype="?", rare=True),
+    # mission
+    Memory("mission_count", dtype="i4"),  # items, home among them
+    Memory("mission_current", dtype="i4"),
+    Memory("mission_complete", dtype="?"),
+    Memory("mission_changed", dtype="?"),  # the current item is to be begun
+    Memory("auto_command", dtype="i4"),  # MAV_CMD that is flown
+    Memory("auto_stage", dtype="i4", rare=True),
+    Memory("auto_since", rare=True),
+    Memory("auto_speed", shape=3, rare=True),  # along, up, down, that the mission asked for, 0: WPNAV_SPEED
+    Memory("auto_do", dtype="i4", rare=True),  # row of the command beside the flight, 0: none
+    Memory("auto_doing", dtype="?", rare=True),  # it is not done
+    Memory("auto_do_since", rare=True),
+    Memory("auto_landing", dtype="?"),
+    Memory("fence", shape=(FENCE_CAPACITY, FENCE_ITEM)),
+    Memory("fence_count", dtype="i4", rare=True),
+    Memory("breach_count", dtype="i4", rare=True),
+    Memory("breach_time", rare=True),
+    Memory("rally", shape=(RALLY_CAPACITY, RALLY_ITEM), rare=True),
+    Memory("rally_count", dtype="i4", rare=True),
+    Memory("upload_kind", dtype="i4", rare=True),
+    Memory("uploading", dtype="?", rare=True),
+    Memory("upload_link", dtype="i4", rare=True),
+    Memory("upload_count", dtype="i4", rare=True),
+    Memory("upload_next", dtype="i4", rare=True),
+    Memory("upload_system", dtype="i4", rare=True),
+    Memory("upload_component", dtype="i4", rare=True),
+    Memory("upload_heard", rare=True),
+    Memory("upload_asked", rare=True),
+    Memory("mission", shape=(MISSION_CAPACITY, ITEM)),
+)
+
+VARIABLES = (
+    *MOTION_INPUTS,
+    PacketInput("mavlink_rx", capacity=2048, description="packets received on board and from the swarm's radio"),
+    PacketInput("telemetry_rx", capacity=2048, description="packets received from ground stations by radio"),
+    PacketInput("serial_rx", capacity=2048, description="packets received by a cable"),
+    *PARAMETERS,
+    Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
+    Output("armed", type=bool, start=False, verdict=Role.ARMED, description="whether the motors may turn"),
+    Output("mode", type=Mode, start=Mode.STABILIZE, description="flight mode, by ArduCopter's number"),
+    Output("on_ground", type=bool, start=True, description="whether the vehicle is taken to be on the ground"),
+    Output("target", shape=3, unit="m", start=0.0, description="position it flies to, NED from the local origin"),
+    Output(
+        "desired_position",
+        shape=3,
+        unit="m",
+        start=0.0,
+        verdict=Role.DESIRED_POSITION,
+        description="of the shaped path, NED",
+    ),
+    Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="of the shaped path, NED"),
+    PacketOutput("mavlink_tx", capacity=4096, description="packets sent on board and by the swarm's radio"),
+    PacketOutput("telemetry_tx", capacity=4096, description="packets sent to ground stations by radio"),
+    PacketOutput("serial_tx", capacity=4096, description="packets sent by a cable"),
+    *MEMORY,
+)
+"""All that an Autopilot declares."""

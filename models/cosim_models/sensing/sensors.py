@@ -1,0 +1,125 @@
+"""Sensors of a vehicle: what an IMU, a GPS receiver, a barometer and a magnetometer say of its true motion.
+
+Each has a rate and white noise, the IMU constant biases, GPS and barometer errors that wander (Gauss-Markov), the GPS a
+lag. Noise is a function of seed, identity, sensor and number of the sample (`random_numbers`). Kernels over the record
+`m` of an `Estimator`; NED, FRD, SI.
+
+Not here: failures, temperature, vibration, magnetic disturbances, levers between sensor and centre of mass.
+
+Source: P. D. Groves, Principles of GNSS, inertial and multisensor integrated navigation systems, chapters 4 and 14.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from cosim.frames import rotate_inverse
+from cosim.kernel import kernel
+from cosim_models.sensing.random_numbers import normal_pair
+
+__all__ = [
+    "ACCEL",
+    "BARO",
+    "GPS",
+    "GYRO",
+    "MAG",
+    "begin_sensors",
+    "sense_barometer",
+    "sense_gps",
+    "sense_imu",
+    "sense_magnetometer",
+]
+
+GYRO, ACCEL, GPS, GPS_VELOCITY, BARO, MAG = range(6)
+"""Streams of random numbers, four triples each."""
+
+_IMU_STEP = 1e-5
+"""Shortest time between samples of the IMU, s: over shorter steps it holds the last one. The noise of a sample grows as
+one over the root of the time since the one before, without end for steps of 1e-13 s, which some engines make."""
+_WANDER = 100  # added to the stream: the biases' own numbers
+_START = 200  # ... and those they begin with
+
+
+@kernel
+def _triple(m: Any, stream: int, number: int, out: Any) -> None:
+    """Three standard normal numbers: the `number`th of a stream."""
+    out[0], out[1] = normal_pair(m.seed, m.identity, 2 * number, stream)
+    out[2], _ = normal_pair(m.seed, m.identity, 2 * number + 1, stream)
+
+
+@kernel
+def _wander(m: Any, stream: int, number: int, bias: Any, size: float, time: float, dt: float) -> None:
+    """Move a bias on by dt: a Gauss-Markov process of standard deviation `size` and correlation time `time`."""
+    if size <= 0.0:
+        return
+    keep = math.exp(-dt / time)
+    fresh = size * math.sqrt(1.0 - keep * keep)
+    _triple(m, stream + _WANDER, number, m.normal)
+    for i in range(3):
+        bias[i] = keep * bias[i] + fresh * m.normal[i]
+
+
+@kernel
+def begin_sensors(m: Any) -> None:
+    """Biases as they are when the vehicle is switched on."""
+    for stream in range(6):
+        _triple(m, stream + _START, 0, m.normal)
+        size = m.gyro_bias if stream == GYRO else m.accel_bias if stream == ACCEL else 0.0
+        size = m.gps_drift if stream == GPS else m.barometer_drift if stream == BARO else size
+        for i in range(3):
+            m.bias[stream, i] = size * m.normal[i]
+
+
+@kernel
+def sense_imu(m: Any, number: int, dt: float) -> None:
+    """m.gyro [rad/s] and m.force [m/s2]: the `number`th sample of the IMU, dt after the one before.
+
+    A step shorter than any sampling keeps the sample that there is.
+    """
+    if dt < _IMU_STEP and number > 0:
+        return
+    scale = 1.0 / math.sqrt(max(dt, _IMU_STEP))
+    _triple(m, GYRO, number, m.normal)
+    for i in range(3):
+        m.gyro[i] = m.true_angular_velocity[i] + m.bias[GYRO, i] + m.gyro_noise * scale * m.normal[i]
+    _triple(m, ACCEL, number, m.normal)
+    for i in range(3):
+        m.force[i] = m.true_specific_force[i] + m.bias[ACCEL, i] + m.accel_noise * scale * m.normal[i]
+
+
+@kernel
+def sense_gps(m: Any, number: int, dt: float, out: Any) -> None:
+    """out[0:3] position [m], out[3:6] velocity [m/s]: the `number`th fix."""
+    _wander(m, GPS, number, m.bias[GPS], m.gps_drift, m.gps_drift_time, dt)
+    _triple(m, GPS, number, m.normal)
+    for i in range(3):
+        out[i] = m.true_position[i] + m.bias[GPS, i] + m.gps_position_noise * m.normal[i]
+    _triple(m, GPS_VELOCITY, number, m.normal)
+    for i in range(3):
+        out[3 + i] = m.true_velocity[i] + m.gps_velocity_noise * m.normal[i]
+
+
+@kernel
+def sense_barometer(m: Any, number: int, dt: float) -> float:
+    """Height over the local origin [m]."""
+    _wander(m, BARO, number, m.bias[BARO], m.barometer_drift, m.barometer_drift_time, dt)
+    _triple(m, BARO, number, m.normal)
+    return float(-m.true_position[2] + m.bias[BARO, 0] + m.barometer_noise * m.normal[0])
+
+
+@kernel
+def sense_magnetometer(m: Any, number: int, out: Any) -> None:
+    """out[0:3]: direction of the field [FRD], as long as 1 but for noise."""
+    q = m.true_attitude
+    c = math.cos(m.field_inclination)
+    field = (
+        c * math.cos(m.field_declination),
+        c * math.sin(m.field_declination),
+        math.sin(m.field_inclination),
+    )
+    x, y, z = rotate_inverse((float(q[0]), float(q[1]), float(q[2]), float(q[3])), field)
+    _triple(m, MAG, number, m.normal)
+    out[0] = x + m.magnetometer_noise * m.normal[0]
+    out[1] = y + m.magnetometer_noise * m.normal[1]
+    out[2] = z + m.magnetometer_noise * m.normal[2]

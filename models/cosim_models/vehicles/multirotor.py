@@ -1,0 +1,177 @@
+"""A multirotor as a rigid body: the variables that every multirotor FMU has, and its kernels.
+
+Six degrees of freedom with a quaternion, up to eight rotors with lag, body drag, wind and flat ground. There are no
+sensors, no battery, no ground effect and no contact with other vehicles. The equations are in `multirotor_dynamics`,
+`rigid_body`, `rotor` and `ground`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cosim import Memory, Output, Parameter, Variable
+from cosim.vehicle import MAX_MOTORS, VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
+from cosim.verdict import Role
+from cosim_models.vehicles.multirotor_dynamics import CONTACTS, ERRORS, advance, start
+from cosim_models.vehicles.rigid_body import Vector
+from cosim_models.vehicles.rotor import MotorCurve
+
+__all__ = ["ERRORS", "KERNELS", "STEP_SIZE", "multirotor_variables"]
+
+STEP_SIZE = 0.0025
+"""Communication step for which the vehicles are made [s]: ArduCopter's 400 Hz."""
+
+KERNELS = (start, advance)
+
+
+def multirotor_variables(
+    *,
+    airframe: Airframe,
+    mass: float,
+    inertia: Vector,
+    rotor_x: Sequence[float],
+    rotor_y: Sequence[float],
+    rotor_z: Sequence[float],
+    rotor_direction: Sequence[float],
+    speed_min: float,
+    speed_max: float,
+    thrust_constant: float,
+    moment_constant: float,
+    time_constant_up: float,
+    time_constant_down: float,
+    axial_speed_limit: float,
+    rotor_drag: float,
+    rolling_moment: float,
+) -> tuple[Variable, ...]:
+    """The variables of a multirotor FMU; the arguments are the start values of the parameters of the same names.
+
+    All multirotors have the same variables, so that one can replace another; only the numbers differ. Rotors are
+    numbered as ArduPilot numbers them for `airframe`, arms in FRD [m] from the centre of mass.
+    """
+    count = len(rotor_x)
+    spare = (0.0,) * (MAX_MOTORS - count)
+    return (
+        *VEHICLE_INPUTS,
+        Parameter("mass", unit="kg", start=mass, minimum=1e-3, description="all of the vehicle"),
+        Parameter(
+            "inertia",
+            shape=3,
+            unit="kg.m2",
+            start=inertia,
+            minimum=1e-9,
+            description="principal moments about the centre of mass: roll, pitch, yaw",
+        ),
+        Parameter("position_start", shape=3, unit="m", start=0.0, description="initial position, NED"),
+        Parameter("yaw_start", unit="rad", start=0.0, description="initial heading, clockwise from north"),
+        Parameter("rotor_count", type=int, start=count, minimum=1, maximum=MAX_MOTORS, description="rotors in use"),
+        Parameter("rotor_x", shape=MAX_MOTORS, unit="m", start=(*rotor_x, *spare), description="hubs, forward"),
+        Parameter("rotor_y", shape=MAX_MOTORS, unit="m", start=(*rotor_y, *spare), description="hubs, right"),
+        Parameter("rotor_z", shape=MAX_MOTORS, unit="m", start=(*rotor_z, *spare), description="hubs, down"),
+        Parameter(
+            "rotor_direction",
+            shape=MAX_MOTORS,
+            unit="1",
+            start=(*rotor_direction, *spare),
+            description="+1 turns counter-clockwise seen from above, -1 clockwise",
+        ),
+        *_rotor_parameters(
+            speed_min=speed_min,
+            speed_max=speed_max,
+            thrust_constant=thrust_constant,
+            moment_constant=moment_constant,
+            time_constant_up=time_constant_up,
+            time_constant_down=time_constant_down,
+            axial_speed_limit=axial_speed_limit,
+            rotor_drag=rotor_drag,
+            rolling_moment=rolling_moment,
+        ),
+        *_BODY_PARAMETERS,
+        *(replace(v, start=airframe) if v.name == "airframe" else v for v in VEHICLE_OUTPUTS),
+        Output("rotor_speed", shape=MAX_MOTORS, unit="rad/s", start=0.0, description="speed of each rotor"),
+        Output(
+            "on_ground",
+            type=bool,
+            start=False,
+            verdict=Role.ON_GROUND,
+            description="whether the ground carries some of the weight",
+        ),
+        *_MEMORY,
+    )
+
+
+def _rotor_parameters(**start: float) -> tuple[Variable, ...]:
+    """Parameters that all rotors of a vehicle share."""
+
+    def parameter(name: str, unit: str, description: str) -> Variable:
+        return Parameter(name, unit=unit, start=start[name], minimum=0.0, description=description)
+
+    return (
+        Parameter(
+            "motor_curve",
+            type=MotorCurve,
+            start=MotorCurve.speed,
+            description="speed: speed linear in the command, lag on speed; thrust: see thrust_expo, lag on thrust",
+        ),
+        Parameter("command_min", unit="1", start=0.0, description="command up to which a rotor stands"),
+        Parameter("command_max", unit="1", start=1.0, description="command of full speed"),
+        parameter("speed_min", "rad/s", "curve speed: rotor speed just above command_min"),
+        parameter("speed_max", "rad/s", "rotor speed at command_max"),
+        Parameter(
+            "thrust_expo",
+            unit="1",
+            start=0.65,
+            description="curve thrust: thrust / greatest = (1 - thrust_expo) c + thrust_expo c^2",
+        ),
+        parameter("thrust_constant", "N.s2/rad2", "thrust over speed squared"),
+        parameter("moment_constant", "m", "drag torque over thrust"),
+        parameter("time_constant_up", "s", "lag while speeding up"),
+        parameter("time_constant_down", "s", "lag while slowing down"),
+        parameter("axial_speed_limit", "m/s", "axial air speed at which thrust vanishes, falling linearly; 0: no loss"),
+        parameter("rotor_drag", "N.s2/(rad.m)", "force against air flow across the axis, over rotor and air speed"),
+        parameter("rolling_moment", "N.s2/rad", "moment against air flow across the axis, over rotor and air speed"),
+        Parameter(
+            "rotor_inertia",
+            unit="kg.m2",
+            start=0.0,
+            minimum=0.0,
+            description="of one rotor about its axis, for gyroscopic and spin-up torque; 0: none",
+        ),
+    )
+
+
+_BODY_PARAMETERS = (
+    Parameter("linear_drag", unit="N.s/m", start=0.0, minimum=0.0, description="body drag over air speed"),
+    Parameter("quadratic_drag", unit="N.s2/m2", start=0.0, minimum=0.0, description="body drag over air speed squared"),
+    Parameter(
+        "rotational_damping",
+        shape=3,
+        unit="N.m.s/rad",
+        start=0.0,
+        minimum=0.0,
+        description="torque against angular velocity: roll, pitch, yaw",
+    ),
+    Parameter("ground_height", unit="m", start=0.0, description="down coordinate at which the vehicle stands"),
+    Parameter("ground_deflection", unit="m", start=0.005, minimum=1e-6, description="of the feet under the weight"),
+    Parameter("ground_damping", unit="1", start=0.7, minimum=0.0, description="damping ratio of standing on the feet"),
+    Parameter("ground_friction", unit="1", start=0.6, minimum=0.0, description="Coulomb friction coefficient"),
+    Parameter("foot_radius", unit="m", start=0.2, minimum=0.0, description="four feet, this far from the down axis"),
+    Parameter("foot_height", unit="m", start=0.1, minimum=0.0, description="of the centre of mass above the feet"),
+    Parameter("substep", unit="s", start=STEP_SIZE, minimum=1e-6, description="longest integration step"),
+)
+
+_MEMORY = (
+    Memory("stage_speed", shape=(3, MAX_MOTORS)),  # rad/s at the begin, middle and end of a sub-step
+    Memory("stage_slew", shape=(3, MAX_MOTORS)),  # its derivative, rad/s2
+    Memory("target", shape=MAX_MOTORS),  # what the lag runs towards: rad/s, or rad2/s2 for the thrust curve
+    Memory("decay_step"),  # sub-step for which the next two hold, s
+    Memory("decay_up"),
+    Memory("decay_down"),
+    Memory("contact", shape=(CONTACTS, 3)),  # feet, then hubs, FRD, m
+    Memory("anchor", shape=(CONTACTS, 2)),  # where friction holds them, north and east, m
+    Memory("reach"),  # longest distance of a contact from the centre of mass, m
+    Memory("ground_stiffness"),  # of one contact, N/m
+    Memory("ground_damper"),  # of one contact, N s/m
+    Memory("surface"),  # down coordinate of the ground, m
+    Memory("vanishing"),  # 1 / axial_speed_limit, s/m
+)
