@@ -14,7 +14,8 @@ from __future__ import annotations
 import sys
 
 from cosim_master.cli.terminal.console import err, out
-from cosim_master.cli.terminal.registry import app, build, compare, editing, pack, results, run, systems  # noqa: F401 (their verbs)
+from cosim_master.cli.terminal.registry import app
+from cosim_master.cli.verbs import build, compare, editing, pack, results, run, systems  # noqa: F401
 
 __all__ = ["app", "err", "main", "out"]
 

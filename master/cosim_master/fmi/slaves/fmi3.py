@@ -8,7 +8,8 @@
 Event Mode is used where the FMU has it, and early return with it, if the rest of the step may then be done; see
 `execution.events`. Intermediate update is not used: fmi3InstantiateCoSimulation gets no callback, and no required
 intermediate variables, which would be undefined behaviour without one (FMI 3.0.2, section 2.3.1). A Binary is
-hexadecimal text here, as in the files of SSP. An array is set as a whole: elements that are not given keep what they were set to last.
+hexadecimal text here, as in the files of SSP. An array is set as a whole: elements that are not given keep their last
+values.
 
 After fmi3Error only `free` is legal, after fmi3Fatal nothing is, for any instance of that FMU.
 """
