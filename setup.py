@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import find_packages, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 
@@ -51,4 +51,6 @@ class WheelOfPlatform(bdist_wheel):
         return (python, abi, platform) if self.root_is_pure else ("py3", "none", platform)
 
 
-setup(cmdclass={"build_py": BuildWithSystems, "bdist_wheel": WheelOfPlatform})
+PACKAGES = [p for folder in (".", "models", "master") for p in find_packages(str(ROOT / folder), include=["cosim*"])]
+
+setup(packages=PACKAGES, cmdclass={"build_py": BuildWithSystems, "bdist_wheel": WheelOfPlatform})
