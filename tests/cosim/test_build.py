@@ -274,7 +274,8 @@ def test_an_interpreted_fmu_without_a_binary_is_an_error(resources_of_an_fmu: Pa
     code = (
         f"import sys; sys.path.insert(0, {str(resources_of_an_fmu)!r}); import pythonfmu; del sys.path[0]\n"
         "from pathlib import Path\nfrom cosim.build import build, load_models\n"
-        f"build(load_models('cosim_models.vehicles.hexarotor')[0], Path({str(tmp_path / 'fmus')!r}), interpreted=True)\n"
+        "model = load_models('cosim_models.vehicles.hexarotor')[0]\n"
+        f"build(model, Path({str(tmp_path / 'fmus')!r}), interpreted=True)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     found = resources_of_an_fmu / "pythonfmu"
