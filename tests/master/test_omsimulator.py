@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from cosim_master.diagnostics.errors import Finding, SystemDescriptionError
+from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import read_system
@@ -68,3 +70,107 @@ def test_a_solver_is_taken_over(annotated: Any) -> None:
     checked = annotated('<oms:VariableStepSolver description="cvode" relativeTolerance="1e-7"/>')
     assert any("the solver cvode, relative tolerance 1e-07 is taken over" in note for note in checked.notes)
     assert [one.solver for one in checked.instances] == [None, None]
+
+
+def named(name: str, method: str = "", **more: object) -> str:
+    """An annotation as OMSimulator 3 writes it: a named solver of a system, or which one is a component's."""
+    about = "".join(f' {key}="{value}"' for key, value in (("method", method), *more.items()) if value)
+    return f'<oms:Annotations xmlns:oms="{OMS}"><oms:SimulationInformation name="{name}"{about}/></oms:Annotations>'
+
+
+@pytest.fixture
+def ball(dynamics: Any, workshop: Any) -> Any:
+    """A system of one ball: an FMU that falls by g = -9.81 from h = 1, and names no step."""
+
+    def make(defined: str, used: str = "", kinds: str = "ME CS", tool: str = "", bindings: str = "") -> CheckedSystem:
+        dynamics.fmu("BALL", 2, kinds, name="ball.fmu")
+        own = workshop.annotation("org.openmodelica", named(used)) if used else ""
+        inner = workshop.system(workshop.component("ball", "ball.fmu", after=own, bindings=bindings), name="inner")
+        around = workshop.annotation("org.openmodelica", defined) if defined else ""
+        path: Path = workshop.ssd("s.ssd", workshop.system(inner, after=around))
+        path.write_text(path.read_text().replace(' name="test"', f' name="test" generationTool="{tool}"'))
+        return check(read_system(path))
+
+    return make
+
+
+def test_a_component_that_names_a_solver_is_integrated_by_it(ball: Any) -> None:
+    checked = ball(named("fine", "cvode", relativeTolerance="1e-7"), "fine")
+    (instance,) = checked.instances
+    assert instance.fmu.model_exchange is not None
+    assert instance.solver == Choice("cvode", tolerance=1e-7)
+    notes = "\n".join(checked.notes)
+    assert '"fine" (cvode, relative tolerance 1e-07) is taken over from OMSimulator\'s annotation' in notes
+    assert "ignored" not in notes
+
+
+def test_euler_has_a_step(ball: Any) -> None:
+    (instance,) = ball(named("coarse", "euler", fixedStepSize="0.25"), "coarse").instances
+    assert instance.solver == Choice("euler", step=0.25)
+
+
+@pytest.mark.parametrize(("method", "used"), [("oms_ma", "it"), ("cvode", "another"), ("cvode", "")])
+def test_without_a_solver_of_its_own_it_is_co_simulated(ball: Any, method: str, used: str) -> None:
+    (instance,) = ball(named("it", method), used).instances
+    assert instance.fmu.model_exchange is None and instance.solver is None
+
+
+def test_a_master_with_a_name_gives_the_step_of_its_components(ball: Any) -> None:
+    assert steps(ball(named("it", "oms_ma", fixedStepSize="0.02"), "it")) == [0.02]
+
+
+def test_an_fmu_that_has_no_model_exchange_cannot_have_its_solver(ball: Any) -> None:
+    with pytest.raises(SystemDescriptionError, match="ModelExchange"):
+        ball(named("it", "cvode"), "it", kinds="CS")
+
+
+@pytest.mark.parametrize(("defined", "tool"), [(named("it", "oms_ma"), ""), ("", "OMSimulator v3.0.0")])
+def test_a_system_of_omsimulator_without_a_step_has_its_default(ball: Any, defined: str, tool: str) -> None:
+    checked = ball(defined, tool=tool)
+    assert steps(checked) == [0.001]
+    text = "inner.ball: neither system nor FMU names a step size: 0.001 s are taken, as in OMSimulator"
+    assert any(note.endswith(text) for note in checked.notes)
+
+
+def test_other_systems_without_a_step_have_none(ball: Any) -> None:
+    assert steps(ball("", tool="Another")) == [None]
+
+
+def mapped(workshop: Any, target: str, version: str = "") -> str:
+    """A binding with a mapping, inline, as OMSimulator writes it."""
+    space = 'xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping"'
+    entry = f'<ssm:MappingEntry source="p" target="{target}"/>'
+    mapping = f"<ssd:ParameterMapping><ssm:ParameterMapping {space}{version}>{entry}</ssm:ParameterMapping>"
+    text: str = workshop.bindings({"p": 3.0})
+    return text.replace("</ssd:ParameterBinding>", f"{mapping}</ssd:ParameterMapping></ssd:ParameterBinding>")
+
+
+def test_inline_mappings_without_a_version_have_that_of_the_file(ball: Any, workshop: Any) -> None:
+    checked = ball("", tool="OMSimulator", bindings=mapped(workshop, "g"))
+    assert checked.instances[0].start_values == {"g": 3.0}
+    (finding,) = [note for note in checked.notes if isinstance(note, Finding)]
+    assert "<ParameterMapping> has no version: read as 1.0, that of the file" in finding
+
+
+def test_names_in_a_binding_of_a_component_may_begin_with_the_component(ball: Any, workshop: Any) -> None:
+    """SSP 2.0, 5.2.3: they are relative to the component; OMSimulator writes them relative to the system around it."""
+    checked = ball("", tool="OMSimulator", bindings=mapped(workshop, "ball.g", ' version="1.0"'))
+    assert checked.instances[0].start_values == {"g": 3.0}
+    (finding,) = [note for note in checked.notes if isinstance(note, Finding)]
+    assert '"ball.g" in a binding of "ball" itself is read as "g"' in finding
+
+
+def test_names_in_a_binding_of_a_component_that_match_nothing_stay_so(ball: Any, workshop: Any) -> None:
+    checked = ball("", tool="OMSimulator", bindings=mapped(workshop, "ball.x", ' version="1.0"'))
+    assert checked.instances[0].start_values == {}
+    assert [one.name for one in checked.unmatched] == ["inner.ball.ball.x"]
+
+
+def test_a_set_may_repeat_names_that_match_nothing(ball: Any, workshop: Any) -> None:
+    """So do the files of the aircraft that OMSimulator is tested with."""
+    twice = workshop.bindings({"length": 1.0, "g": 2.0}).replace("</ssv:Parameters>", "{}</ssv:Parameters>")
+    again = '<ssv:Parameter name="{}"><ssv:Real value="5"/></ssv:Parameter>'
+    checked = ball("", tool="OMSimulator", bindings=twice.format(again.format("length")))
+    assert checked.instances[0].start_values == {"g": 2.0}
+    with pytest.raises(SystemDescriptionError, match=r'parameter "g" is already in this set, at .*s\.ssd:\d+'):
+        ball("", tool="OMSimulator", bindings=twice.format(again.format("g")))

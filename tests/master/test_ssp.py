@@ -291,7 +291,6 @@ WRONG = [
     ('<Integer value="-3"/>', '<Binary value="0g"/>', "it must be bytes in hexadecimal (xs:hexBinary)"),
     ('<Integer value="-3"/>', "", 'parameter "plant.count" has no value'),
     ('<Boolean value="true"/>', '<Boolean value="True"/>', 'it must be "true" or "false"'),
-    ('name="plant.count"', 'name="plant.mass"', 'parameter "plant.mass" is already in this set'),
     ('<ParameterSet version="1.0"', '<ParameterSet version="9"', 'version "9" of SSP'),
     ("<c:BaseUnit kg", "<c:BaseUnit mol='x' kg", "it must be an integer of 32 bits"),
     ('<c:BaseUnit kg="1"/>', "", "<Unit> needs a <BaseUnit>"),

@@ -180,6 +180,7 @@ class Parameter:
         elements: the values of an array, last index fastest; `value` is its first then.
         transformation: what a parameter mapping does with the value, after unit conversion.
         suppress_unit_conversion: the value is taken as it is, whatever the units say.
+        first: where the same set has this name before; an error as soon as the name matches something.
     """
 
     name: str
@@ -191,6 +192,7 @@ class Parameter:
     elements: tuple[Value, ...] = ()
     transformation: Transformation | None = None
     suppress_unit_conversion: bool = False
+    first: Where | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,6 +319,7 @@ class SystemStructure:
             `check` raises these together with its own.
         notes: what was assumed or left out, for the user.
         archives: unpacked archives that must live as long as the structure is used.
+        generation_tool: what wrote it, as it says.
     """
 
     name: str
@@ -333,6 +336,7 @@ class SystemStructure:
     problems: tuple[Problem, ...] = ()
     notes: tuple[str, ...] = ()
     archives: tuple[ExtractedArchive, ...] = ()
+    generation_tool: str = ""
 
     def close(self) -> None:
         """Remove the unpacked archives; the paths inside them are no longer valid."""

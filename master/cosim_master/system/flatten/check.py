@@ -26,7 +26,7 @@ from cosim_master.system.flatten.init_order import Stage, exchange_order
 from cosim_master.system.flatten.parameters import Bindings
 from cosim_master.system.flatten.sizes import check_sizes
 from cosim_master.system.flatten.wiring import Wiring
-from cosim_master.system.reading.omsimulator import OMSIMULATOR
+from cosim_master.system.reading.omsimulator import DEFAULT_STEP, OMSIMULATOR, Named
 from cosim_master.system.reading.omsimulator import settings as settings_of_omsimulator
 from cosim_master.system.reading.overrides import apart, hidden
 from cosim_master.system.reading.ssp.ssd import FMU_TYPE, TABLE_TYPES
@@ -178,6 +178,7 @@ class _Check:
                         tables.setdefault(element.source, []).append(element)
                         continue
                     self._implementations.add(element.implementation)
+                    self._implementations |= {one.type for one in element.annotations if one.type == OMSIMULATOR}
                     if element.source not in found:
                         found[element.source] = self._describe(element, element.source)
 
@@ -229,6 +230,8 @@ class _Check:
             integers = [v for v in variables if v.causality == "structuralParameter" and v.type == "Integer"]
             sizes = {v.name: int(given[v.name]) for v in integers if given.get(v.name, v.start) != v.start}
             wanted = getattr(part.element, "implementation", "any")
+            if wanted == "any" and (solver := self._named_by_omsimulator(part)) is not None and solver.solver:
+                wanted = "ModelExchange"
             if not sizes and wanted in ("any", _interface(part.fmu)):
                 continue
             key = (part.fmu.path, tuple(sorted(sizes.items())), wanted)
@@ -359,13 +362,35 @@ class _Check:
         annotation = self._nearest(part, STEPPING)
         if annotation is not None:
             return self._stepping(annotation)
+        if (solver := self._named_by_omsimulator(part)) is not None and not solver.solver and solver.step is not None:
+            return solver.step
         annotation = self._nearest(part, OMSIMULATOR, lambda one: settings_of_omsimulator(one).step is not None)
-        return None if annotation is None else settings_of_omsimulator(annotation).step
+        if annotation is not None:
+            return settings_of_omsimulator(annotation).step
+        theirs = (
+            self.structure.generation_tool.startswith("OMSimulator") or self._nearest(part, OMSIMULATOR) is not None
+        )
+        if theirs and part.fmu is not None and part.fmu.step_size is None:
+            text = f"neither system nor FMU names a step size: {DEFAULT_STEP:g} s are taken, as in OMSimulator"
+            self.notes.append(f"{part.element.where}: {part.name}: {text}")
+            return DEFAULT_STEP
+        return None
+
+    def _named_by_omsimulator(self, part: Part) -> Named | None:
+        """The solver that OMSimulator's annotation of a component names, as a system around it has it."""
+        own = (one for one in part.element.annotations if one.type == OMSIMULATOR)
+        names = [settings_of_omsimulator(one).uses for one in own]
+        if not names or (name := names[0]) is None:
+            return None
+        annotation = self._nearest(part, OMSIMULATOR, lambda one: name in settings_of_omsimulator(one).named)
+        return None if annotation is None else settings_of_omsimulator(annotation).named[name]
 
     def _solver(self, part: Part) -> Choice | None:
         """The solver the system gives an FMU for Model Exchange."""
         annotation = self._nearest(part, SOLVER)
         if annotation is None:
+            if (named := self._named_by_omsimulator(part)) is not None and named.solver is not None:
+                return Choice(named.solver, step=named.step, tolerance=named.tolerance)
             annotation = self._nearest(part, OMSIMULATOR, lambda one: settings_of_omsimulator(one).solver is not None)
             found = None if annotation is None else settings_of_omsimulator(annotation)
             if found is None or found.solver is None:

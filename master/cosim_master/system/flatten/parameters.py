@@ -232,12 +232,26 @@ class Bindings:
         if parameter.shape:
             self._set_array(part, name, parameter)
             return
-        matches = list(_matches(part, name))
+        matches = list(_matches(part, name)) or self._named_from_outside(part, name, parameter)
+        if matches and parameter.first is not None:
+            text = f'parameter "{parameter.name}" is already in this set, at {parameter.first}'
+            self._problems.append(Problem(parameter.where, text))
         for owner, target in matches:
             if target is not None:
                 self._assign(owner, target, parameter)
         if not matches:
             self._unmatched(part, name, parameter, _hint(part, name))
+
+    def _named_from_outside(
+        self, part: Part, name: str, parameter: Parameter
+    ) -> list[tuple[Part, Variable | Port | None]]:
+        """What a name of a binding at a component means to OMSimulator, which writes them as from the system around."""
+        head = f"{part.element.name}."
+        matches = list(_matches(part, name.removeprefix(head))) if name.startswith(head) else []
+        if matches:
+            text = f'"{name}" in a binding of "{part.element.name}" itself is read as "{name.removeprefix(head)}"'
+            self._notes.append(Finding(parameter.where, text, "names in bindings of components"))
+        return matches
 
     def _unmatched(self, part: Part, name: str, parameter: Parameter, hint: str) -> None:
         full = f"{part.name}.{name}" if part.name else name

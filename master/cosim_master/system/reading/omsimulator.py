@@ -6,14 +6,20 @@
       <oms:VariableStepSolver description="cvode" relativeTolerance=... .../>  taken over for FMUs for Model Exchange
       <oms:FixedStepSolver description="euler" stepSize=... .../>              the same
 
-Names count, namespaces do not: they differ between its versions.
+Since OMSimulator 3, a system names solvers, and components say which of them is theirs:
+
+    <oms:SimulationInformation name="solver" method="cvode" relativeTolerance="1e-6"/>    of a system
+    <oms:SimulationInformation name="solver"/>                                            of a component
+
+`cvode` and `euler` integrate an FMU that has both interfaces by its Model Exchange; `oms_ma` with a `fixedStepSize`
+is the step of its FMUs. Names count, namespaces do not: they differ between its versions.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from lxml import etree
 
@@ -21,11 +27,26 @@ from cosim_master.diagnostics.limitations import OMS_IGNORED, OMS_MASTER
 from cosim_master.files.xml import local_name
 from cosim_master.system.structure import Annotation
 
-__all__ = ["OMSIMULATOR", "Settings", "settings"]
+__all__ = ["DEFAULT_STEP", "OMSIMULATOR", "Named", "Settings", "settings"]
 
 OMSIMULATOR = "org.openmodelica"
+DEFAULT_STEP = 1e-3
+"""The step of its master where a system names none, s."""
+
 _MASTERS = ("FixedStepMaster", "VariableStepMaster")
 _SOLVERS = ("FixedStepSolver", "VariableStepSolver")
+
+
+_NAMED = {"name", "method", "tolerance", "relativeTolerance", "fixedStepSize"}
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A solver with a name: `solver` is "cvode" or "euler", None for a master of co-simulation; `step` in s."""
+
+    solver: str | None
+    step: float | None
+    tolerance: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +54,8 @@ class Settings:
     """The settings of one annotation.
 
     Attributes:
+        named: the solvers of a system, by name.
+        uses: the name of a component's solver.
         step: of the master, s; None if it names none of one size.
         solver: "cvode" or "euler", with its `solver_step` (s) or `tolerance` (relative); None if it names none.
         notes: what is taken over, and what is not.
@@ -43,26 +66,38 @@ class Settings:
     solver_step: float | None
     tolerance: float | None
     notes: tuple[str, ...]
+    named: Mapping[str, Named] = field(default_factory=dict)
+    uses: str | None = None
 
 
 def settings(annotation: Annotation) -> Settings:
     """The settings that OMSimulator has written into an annotation."""
-    found = {
-        local_name(item): {str(name): str(text) for name, text in item.attrib.items()}
-        for item in _elements(annotation.element)
-    }
-    fixed = found.get("FixedStepMaster", {})
-    step = _positive(fixed.get("stepSize"))
+    found: dict[str, dict[str, str]] = {}
+    named: dict[str, Named] = {}
+    uses: str | None = None
     notes: list[str] = []
     ignored: list[str] = []
+    for item in _elements(annotation.element):
+        given = {str(name): str(text) for name, text in item.attrib.items()}
+        if local_name(item) != "SimulationInformation" or "name" not in given:
+            found[local_name(item)] = given
+        elif "method" not in given:
+            uses = given["name"]
+        else:
+            named[given["name"]], said = _named(given)
+            notes.append(f"{annotation.where}: {said}")
+            ignored += [f"{name} of {given['name']}" for name in given if name not in _NAMED and given[name] != "None"]
+    fixed = found.get("FixedStepMaster", {})
+    step = _positive(fixed.get("stepSize"))
     if step is not None:
         notes.append(f"{annotation.where}: the step of {step:g} s is taken over from OMSimulator's annotation")
     if (varying := found.get("VariableStepMaster")) is not None:
         notes.append(f"{annotation.where}: {OMS_MASTER.text(_shown(varying))}")
     solver, solver_step, tolerance = None, None, None
     for name in _SOLVERS:
-        if (given := found.get(name)) is None:
+        if name not in found:
             continue
+        given = found[name]
         solver = "cvode" if given.get("description", "").lower() == "cvode" else "euler"
         solver_step = _positive(given.get("stepSize", given.get("initialStepSize"))) if solver == "euler" else None
         tolerance = _positive(given.get("relativeTolerance")) if solver == "cvode" else None
@@ -73,7 +108,20 @@ def settings(annotation: Annotation) -> Settings:
     ignored += [f"{name} of FixedStepMaster" for name in fixed if name not in ("description", "stepSize")]
     if ignored:
         notes.append(f"{annotation.where}: {OMS_IGNORED.text(', '.join(ignored))}")
-    return Settings(step, solver, solver_step, tolerance, tuple(notes))
+    return Settings(step, solver, solver_step, tolerance, tuple(notes), named, uses)
+
+
+def _named(given: Mapping[str, str]) -> tuple[Named, str]:
+    """A solver with a name, and the note on it."""
+    name, method = given["name"], given["method"]
+    solver = method if method in ("cvode", "euler") else None
+    step = _positive(given.get("fixedStepSize")) if method in ("oms_ma", "euler") else None
+    tolerance = _positive(given.get("relativeTolerance", given.get("tolerance"))) if method == "cvode" else None
+    more = f", step {step:g} s" if step is not None else ""
+    more += f", relative tolerance {tolerance:g}" if tolerance is not None else ""
+    if solver is None and step is None:
+        return Named(None, None, None), f'"{name}" ({method}) of OMSimulator\'s annotation says no step'
+    return Named(solver, step, tolerance), f'"{name}" ({method}{more}) is taken over from OMSimulator\'s annotation'
 
 
 def _elements(element: etree._Element) -> Iterator[etree._Element]:

@@ -163,4 +163,5 @@ def _structure(given: Path, file: File, files: Files) -> SystemStructure:
         problems=tuple(dict.fromkeys(files.problems)),
         notes=tuple(dict.fromkeys(files.notes)),
         archives=tuple(files.archives),
+        generation_tool=root.get("generationTool", ""),
     )

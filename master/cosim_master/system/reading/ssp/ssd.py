@@ -440,6 +440,7 @@ class Document:
             )
             return None
         if uri is None:
+            self._versioned(inline[0])
             return read(self.reader, inline[0])
         file = self._file(element, uri, component)
         if file is None:
@@ -455,6 +456,14 @@ class Document:
             return found
 
         return self.files.once((file.path.resolve(), file.member, tag), load, None)
+
+    def _versioned(self, element: etree._Element) -> None:
+        """Give an inline element without a version that of the file, as OMSimulator means it."""
+        version = self.root.get("version", "")
+        if element.get("version") is None and version:
+            text = f"<{local_name(element)}> has no version: read as {version}, that of the file"
+            self.files.notes.append(Finding(self.reader.where(element), text, "inline elements without version"))
+            element.set("version", version)
 
     def _file(self, element: etree._Element, uri: str, component: File | None) -> File | None:
         """The file that `source` of a binding, mapping or dictionary names, by its `sourceBase`."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from lxml import etree
 
@@ -47,9 +48,8 @@ def read_parameter_set(reader: Reader, root: etree._Element, outer: Definitions 
             parameter = _parameter(reader, element, defined)
             if parameter is None:
                 continue
-            if parameter.name in parameters:
-                first = parameters[parameter.name].where
-                reader.problem(element, f'parameter "{parameter.name}" is already in this set, at {first}')
+            if (before := parameters.get(parameter.name)) is not None:
+                parameter = replace(parameter, first=before.first or before.where)
             parameters[parameter.name] = parameter
     return tuple(parameters.values())
 
