@@ -1,7 +1,7 @@
 /* An FMI 3.0 co-simulation FMU whose arrays are sized by structural parameters, for tests.
 
    n and m (UInt64, fixed and tunable): u[n] -> y[n] = 2u, at the end of a step; p[n][m] (Int32 parameters) -> sums[n], over rows;
-   s[n] (String) -> t[n]. doubled (Boolean, a structural parameter, too): y is 4u. It counts from zero again when it is resized: all values are 0 then.
+   s[n] (String) -> t[n]. A size of 0 is one for m, and for n if the FMU is instantiated as "empty...". doubled (Boolean, a structural parameter, too): y is 4u. It counts from zero again when it is resized: all values are 0 then.
    What is not allowed is written to the file that STRICT3_LOG names. */
 
 #include "fmi3_fmu.h"
@@ -77,13 +77,15 @@ static uint64_t size_of(const Sized *z, uint32_t vr) { return vr <= M ? 1 : vr =
 #define SIZED(function)                                                                                                \
     size_t total = 0;                                                                                                  \
     for (size_t i = 0; i < n; i++) total += size_of(z, vr[i]);                                                         \
+    if (total == 0) return complain(z, "%s: of arrays without elements", function);                                    \
     if (total != n_values) return complain(z, "%s: %d values, arrays have %d", function, (int)n_values, (int)total)
 
 EXPORT int fmi3SetUInt64(Sized *z, const uint32_t vr[], size_t n, const uint64_t value[], size_t n_values) {
     ALLOWED(z, "fmi3SetUInt64", CONFIGURATION);
     SIZED("fmi3SetUInt64");
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] > M || value[i] < 1 || value[i] > MOST) return complain(z, "fmi3SetUInt64 of %d", (int)vr[i]);
+        bool least = vr[i] == N && strncmp(z->name, "empty", 5);
+        if (vr[i] > M || value[i] < least || value[i] > MOST) return complain(z, "fmi3SetUInt64 of %d", (int)vr[i]);
         *(vr[i] == N ? &z->n : &z->m) = value[i];
     }
     return OK;

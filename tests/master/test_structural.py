@@ -120,6 +120,52 @@ def test_start_values_for_another_size_are_not_used(stricts3: Any, sized: Path, 
     assert ran(stricts3, system, tmp_path / "out")["a.sums[1]"] == [0, 0]
 
 
+def changed(sized: Path, name: str, *pairs: tuple[str, str]) -> Path:
+    """The FMU with another description, beside it."""
+    text = DESCRIPTION
+    for old, new in pairs:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path = sized.with_name(name)
+    with zipfile.ZipFile(sized) as archive, zipfile.ZipFile(path, "w") as other:
+        for member in archive.namelist():
+            other.writestr(member, text if member == "modelDescription.xml" else archive.read(member))
+    return path
+
+
+def test_arrays_without_elements(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    """min="0" allows it (FMI 3.0.2, 2.4.7); such arrays are connected, and nobody sets or gets them."""
+    empty = changed(sized, "empty.fmu", ('start="2" max="16"', 'min="0" start="2" max="16"'))
+    fmu = describe(empty, {"n": 0})
+    assert fmu.shapes == {"u": (0,), "y": (0,), "p": (0, 1), "sums": (0,), "s": (0,), "t": (0,)}
+    assert not {name for name in fmu.variables if "[" in name}
+    ports = "u:input y:output s:input t:output"
+    parts = stricts3.component("empty1", "empty.fmu", ports=ports, n=0)
+    parts += stricts3.component("empty2", "empty.fmu", ports=ports, n=0)
+    parts += stricts3.component("c", "empty.fmu", **{"u[2]": 4.0})
+    system = stricts3.ssd(parts, "empty1/y empty2/u", "empty2/t empty1/s", stop=1.0)
+    got = ran(stricts3, system, tmp_path / "out")
+    assert {name.split(".")[0] for name in got} == {"time", "c"}
+    assert got["c.y[2]"] == [8.0] * 3
+
+
+def test_a_matrix_without_columns(stricts3: Any, sized: Path, tmp_path: Path) -> None:
+    """p[n][m] has no elements, the sums over its rows are 0."""
+    changed(sized, "flat.fmu", ('variability="tunable" start="1"', 'variability="tunable" min="0" start="1"'))
+    system = stricts3.ssd(stricts3.component("a", "flat.fmu", ports="sums:output", m=0, **{"u[1]": 1.0}), stop=0.5)
+    got = ran(stricts3, system, tmp_path / "out")
+    assert got["a.sums[1]"] == got["a.sums[2]"] == [0, 0]
+    assert got["a.y[1]"] == [2.0, 2.0]
+
+
+def test_a_size_of_the_fmu_itself_is_positive(sized: Path) -> None:
+    """Only a system may make it 0; the start of what sizes arrays must not be (FMI 3.0.2, 2.4.7)."""
+    path = changed(sized, "none.fmu", ('start="2" max="16"', 'min="0" start="0" max="16"'))
+    with pytest.raises(SystemDescriptionError) as caught:
+        describe(path)
+    assert 'a dimension of "u" has the size 0; it must be positive' in str(caught.value)
+
+
 def refused(system: Path, **options: Any) -> str:
     with pytest.raises(SystemDescriptionError) as caught:
         simulate(system, **options)
@@ -127,7 +173,7 @@ def refused(system: Path, **options: Any) -> str:
 
 
 @pytest.mark.parametrize(("value", "message"), [
-    (0, 'a: with n = 0, a dimension of "u" has the size 0; it must be positive (in sized.fmu)'),
+    (0, "a: with n = 0, a dimension of \"u\" has the size 0; it must be positive, since \"n\" does not say min"),
     (17, "outside of its range; valid: -inf to 16"),
     (-1, "does not fit into UInt64"),
 ])  # fmt: skip

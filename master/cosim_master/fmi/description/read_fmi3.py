@@ -66,11 +66,14 @@ class Reading3:
         self.notes: list[str] = []
         self._units, self._elements, self._problem = units, elements, problem
         structural: dict[int, tuple[str, int | None]] = {}
+        self._may_be_empty: set[str] = set()
         for v in model.modelVariables:
             # One that is no whole number sizes nothing.
             if v.causality == "structuralParameter" and FMI3_TYPES.get(v.type) == "Integer":
                 own = str(v.start).strip()
                 structural[int(v.valueReference)] = (v.name, sizes.get(v.name, int(own) if own.isdecimal() else None))
+                if self._attributes(v).get("min") == "0" and own != "0":
+                    self._may_be_empty.add(v.name)
         self._resized = {*sizes}
         for read in model.modelVariables:
             if not read.name:
@@ -89,7 +92,7 @@ class Reading3:
     def _add(self, read: Any, structural: Mapping[int, tuple[str, int | None]]) -> None:
         shape, resized = [], False
         for dimension in read.dimensions or ():
-            size = dimension.start
+            size, name = dimension.start, ""
             if size is None:
                 reference = -1 if dimension.valueReference is None else int(dimension.valueReference)
                 name, size = structural.get(reference, ("", None))
@@ -97,8 +100,9 @@ class Reading3:
                     self._problem(f'a dimension of "{read.name}" has neither a size nor a structural parameter')
                     return
                 resized |= name in self._resized
-            if int(size) < 1:
-                self._problem(f'a dimension of "{read.name}" has the size {size}; it must be positive')
+            if int(size) < (0 if name in self._may_be_empty else 1):
+                reason = f', since "{name}" does not say min="0"' if name in self._resized else ""
+                self._problem(f'a dimension of "{read.name}" has the size {size}; it must be positive{reason}')
                 return
             shape.append(int(size))
         if math.prod(shape) > _MAX_ELEMENTS:
@@ -243,7 +247,7 @@ class Reading3:
             given = [] if element is None else [start.get("value", "") for start in element.iterfind("Start")]
         else:
             given = str(read.start).split()
-        if len(given) == 1 and is_array:
+        if (len(given) == 1 and is_array) or not count:
             given = list(given) * count
         if len(given) != count and resized:
             self.notes.append(f'the start values of "{read.name}" are for another size: they are not used')

@@ -252,7 +252,7 @@ class _Assembly:
         if any(dimension.size is None for dimension in connector.dimensions):
             part.open[connector.name] = connector, port
             return
-        sizes = [dimension.size or 1 for dimension in connector.dimensions]
+        sizes = [1 if dimension.size is None else dimension.size for dimension in connector.dimensions]
         part.shapes[connector.name] = tuple(sizes)
         for indices in indices_of(tuple(sizes)):
             name = element_name(connector.name, indices)
