@@ -2,7 +2,8 @@
 
 Precedence (SSP 2.0, section 5.2.3): a higher level of the hierarchy wins over a lower one, at one level the later
 binding wins; a component that is an .ssd counts as its root system with its own bindings after the system's. A name
-applies to everything it matches, and is ignored, with a note, if it matches nothing. Under a parameter mapping only
+applies to everything it matches, and is ignored, with a note, if it matches nothing. In one set of parameters, where
+the standard is silent, a connector of a system wins over what it leads to, as the connection itself does. Under a parameter mapping only
 what it names is applied, by the names it gives.
 """
 
@@ -18,7 +19,7 @@ from cosim_master.diagnostics.names import is_pattern, matching, near, near_patt
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.fmi.description.variables import INTEGER_RANGES
-from cosim_master.system.flatten.components import Part, Port, element_name, indices_of
+from cosim_master.system.flatten.components import MAX_DEPTH, Part, Port, element_name, indices_of
 from cosim_master.system.flatten.wiring import SENDING, Route, Wiring
 from cosim_master.system.reading.ssp.grammar import SAME_TYPE
 from cosim_master.system.structure import (
@@ -81,6 +82,7 @@ class Bindings:
         self.unmatched: list[Unmatched] = []
         self.history: dict[tuple[str, str], list[Assignment]] = {}
         self._applied: tuple[Part, str, Parameter] | None = None
+        self._one_set: dict[tuple[str, str], tuple[str, Value]] | None = None
         self._wiring = wiring
         self._problems = problems
         self._notes = notes
@@ -96,8 +98,11 @@ class Bindings:
             if isinstance(part.element, SignalDictionaryReference):
                 self._notes.append(f"{binding.where}: a reference to a signal dictionary has no parameters to bind")
                 continue
-            for name, parameter in self._mapped(part, binding):
+            # A set of parameters has no order: what connections bring counts, whatever stands where in it.
+            self._one_set = {}
+            for name, parameter in sorted(self._mapped(part, binding), key=lambda item: _place(part, item[0])):
                 self._set(part, name, parameter)
+            self._one_set = None
 
     def _mapped(self, part: Part, binding: ParameterBinding) -> Iterator[tuple[str, Parameter]]:
         """What a binding applies: names, and parameters with what its mapping does with their values."""
@@ -383,8 +388,19 @@ class Bindings:
         self.values.setdefault(part.name, {})[variable.name] = value
         if self._applied is not None:
             owner, name, given = self._applied
+            self._look_at_set(part, variable, name, value, given.where)
             made = Assignment(given.where, owner.name, name, _shown(parameter), value)
             self.history.setdefault((part.name, variable.name), []).append(made)
+
+    def _look_at_set(self, part: Part, variable: Variable, name: str, value: Value, where: Where) -> None:
+        """Note that a set of parameters gives one variable two values, under two names."""
+        if self._one_set is None:
+            return
+        before, first = self._one_set.setdefault((part.name, variable.name), (name, value))
+        if before != name and first != value:
+            text = f'"{before}" and "{name}" set one variable, {part.name}.{variable.name}, in one set of parameters'
+            self._notes.append(f'{where}: {text}: "{name}" counts, since connections decide, not the order in the set')
+        self._one_set[part.name, variable.name] = (name, value)
 
 
 def _shown(parameter: Parameter) -> str:
@@ -401,6 +417,18 @@ def _owners(part: Part, name: str) -> Iterator[tuple[Part, str]]:
         if (child := part.children.get(name[:dot])) is not None:
             yield from _owners(child, name[dot + 1 :])
         dot = name.find(".", dot + 1)
+
+
+def _place(part: Part, name: str) -> int:
+    """Where a name stands in the flow of values: what is driven first, then what drives it, outer systems last."""
+    for owner, rest in _owners(part, name):
+        port = owner.ports.get(rest) or owner.ports.get(element_name(rest, (1,) * len(owner.shapes.get(rest, ()))))
+        if owner.fmu is None and port is not None:
+            depth, above = MAX_DEPTH + 1, owner.parent
+            while above is not None:
+                depth, above = depth - 1, above.parent
+            return -depth if port.kind in SENDING else depth
+    return 0
 
 
 def _matches(part: Part, name: str) -> Iterator[tuple[Part, Variable | Port | None]]:
