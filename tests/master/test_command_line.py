@@ -153,7 +153,10 @@ def test_json_of_runs(call: Any, system: Path, tmp_path: Path) -> None:
         5,
         {"name": "time", "type": "double", "unit": "s"},
     )
-    assert call("export", "export", "out/s", "-o", "r.csv") == {"files": ["r.csv"], "left_out": ["a.r", "b.r"]}
+    assert call("export", "export", "out/s", "-o", "r.csv", "--numbers") == {
+        "files": ["r.csv"],
+        "left_out": ["a.r", "b.r"],
+    }
     assert call("compare", "compare", "out/s", "out/s")["equal"] is True
     consensus_run(tmp_path / "flown", last_step=1)
     files = call("plot", "plot", "flown")["files"]

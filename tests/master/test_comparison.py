@@ -22,6 +22,7 @@ from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.comparison import SignalComparison, _compare_values, compare
+from cosim_master.results.export import export_csv
 
 MANIFEST: dict[str, Any] = {
     "outcome": "done",
@@ -163,6 +164,19 @@ def test_signals_packets_units_and_causes_that_differ(record: Any) -> None:
     assert compare(one, record("third", {"time": TIME, "y": [1.0] * 4}), signals=["y"]).equal
 
 
+def test_a_run_and_its_own_export(record: Any, tmp_path: Path) -> None:
+    """Text included: digits, nothing at all and several lines are text on both sides."""
+    texts = {"a.hex": ["01", "1e5", "3", ""], "a.none": [""] * 4, "a.lines": ["one\ntwo", ",", '"', "é"]}
+    run = record("one", {**COLUMNS, **texts})
+    export_csv(run, tmp_path / "one.csv")
+    for pair in ((run, tmp_path / "one.csv"), (tmp_path / "one.csv", run)):
+        found = compare(*pair)
+        assert found.equal and {one.name for one in found.signals} >= {*texts}
+    (tmp_path / "one.csv").write_text((tmp_path / "one.csv").read_text().replace('"1e5"', '"100000"'))
+    (differing,) = (one for one in compare(run, tmp_path / "one.csv").signals if not one.equal)
+    assert (differing.name, differing.differing) == ("a.hex", 1)
+
+
 def test_a_csv_file_of_fmpy_as_one_side(record: Any, tmp_path: Path) -> None:
     one = record("one", COLUMNS)
     rows = [(t, x, n, on) for t, x, n, on in zip(*(COLUMNS[k] for k in ("time", "a.x", "a.n", "a.on")), strict=True)]
@@ -173,7 +187,7 @@ def test_a_csv_file_of_fmpy_as_one_side(record: Any, tmp_path: Path) -> None:
         found = compare(*pair)
         assert found.equal and len(found.signals) == 3
         assert found.notes == (
-            "1 signals are text, which CSV has no place for: not compared",
+            "1 signals are text, which the CSV file does not have: not compared",
             "a CSV file tells of no packets, parameters and versions: not compared",
         )
     result["a.x"][2] += 1e-9

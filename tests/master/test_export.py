@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import os
 from pathlib import Path
@@ -38,14 +39,37 @@ def small_run(run: Path) -> Path:
 
 
 def test_the_file_is_literally_this(tmp_path: Path) -> None:
-    left_out = export_csv(small_run(tmp_path / "run"), tmp_path / "new" / "folder" / "out.csv")
-    assert left_out == ("drone1.autopilot.text",)
+    texts = export_csv(small_run(tmp_path / "run"), tmp_path / "new" / "folder" / "out.csv")
+    assert texts == ("drone1.autopilot.text",)
     assert (tmp_path / "new" / "folder" / "out.csv").read_bytes() == (
-        b'"time","drone1.vehicle.position[1]","drone1.agent.step","drone1.autopilot.armed"\n'
-        b"0.0,-0.0,0,0\n"
-        b"0.0125,1e-300,1,1\n"
-        b"0.30000000000000004,0.3333333333333333,-2147483648,1\n"
+        b'"time","drone1.vehicle.position[1]","drone1.agent.step","drone1.autopilot.text","drone1.autopilot.armed"\n'
+        b'0.0,-0.0,0,"a,b",0\n'
+        b'0.0125,1e-300,1,"""",1\n'
+        b'0.30000000000000004,0.3333333333333333,-2147483648,"",1\n'
     )
+
+
+def test_text_is_left_out_for_readers_of_numbers(tmp_path: Path) -> None:
+    """FMPy's results have no Strings, and its reader refuses them."""
+    run = small_run(tmp_path / "run")
+    assert export_csv(run, tmp_path / "out.csv", numbers_only=True) == ("drone1.autopilot.text",)
+    names = ("time", "drone1.vehicle.position[1]", "drone1.agent.step", "drone1.autopilot.armed")
+    read = read_csv(tmp_path / "out.csv")
+    assert read.dtype.names == names
+    assert read["drone1.autopilot.armed"].tolist() == [0.0, 1.0, 1.0]
+    export_csv(run, tmp_path / "all.csv")
+    with pytest.raises(ValueError, match="could not convert string to float"):
+        read_csv(tmp_path / "all.csv")
+
+
+def test_other_readers_take_text(tmp_path: Path) -> None:
+    """Python's own reader, with quotes, commas and lines in text."""
+    texts = ["a,b", '"', "", "two\nlines", "ü"]
+    columns = {"time": pa.array([0.0, 1.0, 2.0, 3.0, 4.0]), "x.s": pa.array(texts)}
+    export_csv(write_signals(tmp_path / "run", columns), tmp_path / "out.csv")
+    with (tmp_path / "out.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows == [["time", "x.s"], *([str(float(i)), text] for i, text in enumerate(texts))]
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

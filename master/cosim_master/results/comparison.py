@@ -1,6 +1,6 @@
 """Compares two runs signal by signal: recorded numbers within tolerances, packets by outcome, and what they came from.
 
-Either may be a CSV file as FMPy writes them, which has numbers and nothing else. Values are compared at the times that
+Either may be a CSV file as FMPy and `export` write them. Values are compared at the times that
 both have; a coarser recording of the same run is equal to a finer one. Two runs are equal if they have the same
 signals, which agree, if they begin and end at the same times, and if their packets met the same ends. What else is in
 their manifests (parameters, settings, versions) tells why they differ, and decides nothing.
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -111,7 +111,7 @@ class _Recording:
         self._file: Any = None
         try:
             if self.is_csv:
-                self._table = pa_csv.read_csv(path)
+                self._table = self._read_csv()
                 schema = self._table.schema
             else:
                 self._file = open_signals(path)
@@ -126,6 +126,19 @@ class _Recording:
         self.time = self.read(["time"])["time"].astype(np.float64)
         if not len(self.time):
             raise _refusal(path, "holds no recorded instant")
+
+    def _read_csv(self, texts: Iterable[str] = ()) -> Any:
+        options = pa_csv.ConvertOptions(column_types=dict.fromkeys(texts, pa.string()))
+        return pa_csv.read_csv(
+            self.path, parse_options=pa_csv.ParseOptions(newlines_in_values=True), convert_options=options
+        )
+
+    def take_as_text(self, other: _Recording) -> None:
+        """Read what is text of the other as text here, too: a CSV file does not say what "01" is."""
+        texts = [name for name in self.fields if name in other.fields and other.is_text(name)]
+        if self.is_csv and texts and not other.is_csv:
+            self._table = self._read_csv(texts)
+            self.fields |= {name: self._table.schema.field(name) for name in texts}
 
     def close(self) -> None:
         if self._file is not None:
@@ -179,6 +192,8 @@ def compare(
     try:
         other = _Recording(second)
         try:
+            one.take_as_text(other)
+            other.take_as_text(one)
             return _compared(one, other, atol, rtol, signals)
         finally:
             other.close()
@@ -192,7 +207,7 @@ def _compared(one: _Recording, other: _Recording, atol: float, rtol: float, patt
     notes = []
     texts = {name for name in names if one.is_csv != other.is_csv and _is_text_only(name, one, other)}
     if texts:
-        notes.append(f"{len(texts)} signals are text, which CSV has no place for: not compared")
+        notes.append(f"{len(texts)} signals are text, which the CSV file does not have: not compared")
     both = [name for name in names if name in one.fields and name in other.fields and name not in texts]
     compared: list[SignalComparison] = []
     time = one.time[rows[0]]

@@ -1,6 +1,6 @@
 """Recorded signals for other tools: as the CSV files that FMPy and the FMI cross-check exchange results in.
 
-A run's own file is Parquet (see `recorder`), which keeps units, types and text; CSV keeps names and numbers only.
+A run's own file is Parquet (see `recorder`), which keeps units and types; CSV keeps names and values only.
 """
 
 from __future__ import annotations
@@ -38,36 +38,38 @@ def open_signals(run: Path) -> Any:
     return signals
 
 
-def export_csv(run: Path, file: Path | TextIO) -> tuple[str, ...]:
-    """Write all recorded numbers of a run as CSV, as FMPy writes and reads results.
+def export_csv(run: Path, file: Path | TextIO, *, numbers_only: bool = False) -> tuple[str, ...]:
+    """Write all recorded signals of a run as CSV; numbers as FMPy writes and reads results.
 
     One row per recorded instant below a row of quoted names, `"time","component.variable",...`. Floating-point numbers
-    are written so that reading them gives the same number, Integers and enumerations as integers, Booleans as 0 and 1.
-    The format has no text: String variables are left out.
+    are written so that reading them gives the same number, Integers and enumerations as integers, Booleans as 0 and 1,
+    text in quotes (RFC 4180), Binaries in hexadecimal digits.
 
     Args:
         run: folder of the run.
         file: where to write; its folder is made if need be. An open file is written to and left open.
+        numbers_only: leave out text, which readers of numbers (FMPy's `read_csv`) refuse.
 
     Returns:
-        The names of the String variables that were left out, in the order of recording.
+        The names of the columns of text, written or left out, in the order of recording.
 
     Raises:
         CosimError: the run has no complete signals, or `file` cannot be written.
     """
     with open_signals(run) as signals:
         fields = list(signals.schema_arrow)
-        numbers = [field.name for field in fields if not pa.types.is_string(field.type)]
+        texts = tuple(field.name for field in fields if pa.types.is_string(field.type))
+        names = [field.name for field in fields if not (numbers_only and field.name in texts)]
         if isinstance(file, Path):
             try:
                 file.parent.mkdir(parents=True, exist_ok=True)
                 with file.open("w", encoding="utf-8", newline="\n") as out:
-                    _write(out, signals, numbers)
+                    _write(out, signals, names)
             except OSError as error:
                 raise CosimError(f"{file}: cannot be written: {error.strerror or error}") from error
         else:
-            _write(file, signals, numbers)
-    return tuple(field.name for field in fields if pa.types.is_string(field.type))
+            _write(file, signals, names)
+    return texts
 
 
 def _write(out: TextIO, signals: Any, names: list[str]) -> None:
@@ -81,11 +83,11 @@ def _quoted(name: str) -> str:
 
 
 def _rows(batch: Any) -> Iterator[str]:
-    columns = [map(repr, _python_numbers(column)) for column in batch.columns]
+    columns = [map(_quoted if pa.types.is_string(c.type) else repr, _python_values(c)) for c in batch.columns]
     return (",".join(row) + "\n" for row in zip(*columns, strict=True))
 
 
-def _python_numbers(column: Any) -> list[Any]:
-    """Python's floats and integers: their repr is the shortest text that reads back as the same number."""
+def _python_values(column: Any) -> list[Any]:
+    """Python's texts, floats and integers: their repr is the shortest text that reads back as the same number."""
     values: list[Any] = column.to_pylist()
     return [int(value) for value in values] if pa.types.is_boolean(column.type) else values

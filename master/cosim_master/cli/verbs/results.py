@@ -99,6 +99,10 @@ def export(
             help="CSV file to write, as FMPy writes its results; - is standard output.",
         ),
     ],
+    numbers: Annotated[
+        bool,
+        typer.Option("--numbers", help="Leave out text, which readers of numbers (FMPy) refuse.", show_default=False),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Write the signals of a run in another format."""
@@ -113,10 +117,12 @@ def export(
             doing.stage(f"writing {csv}")
         else:
             doing.end()
-        left_out = export_csv(run, sys.stdout if to_stdout else csv)
+        texts = export_csv(run, sys.stdout if to_stdout else csv, numbers_only=numbers)
         doing.end()
-        notes(f"{name} is text, which this format has no place for: left out" for name in left_out)
+        if texts and not numbers:
+            some = ", ".join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
+            notes([f"written as text in quotes: {some}; FMPy reads numbers only, which --numbers writes"])
         if as_json:
-            print_json({"files": [str(csv)], "left_out": list(left_out)})
+            print_json({"files": [str(csv)], "left_out": list(texts) if numbers else []})
         elif not to_stdout:
             say(str(csv))

@@ -3,8 +3,8 @@
 Precedence (SSP 2.0, section 5.2.3): a higher level of the hierarchy wins over a lower one, at one level the later
 binding wins; a component that is an .ssd counts as its root system with its own bindings after the system's. A name
 applies to everything it matches, and is ignored, with a note, if it matches nothing. In one set of parameters, where
-the standard is silent, a connector of a system wins over what it leads to, as the connection itself does. Under a parameter mapping only
-what it names is applied, by the names it gives.
+the standard is silent, a connector of a system wins over what it leads to, as the connection itself does. Under a
+parameter mapping only what it names is applied, by the names it gives.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from cosim_master.diagnostics.names import is_pattern, matching, near, near_patt
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.fmi.description.variables import INTEGER_RANGES
-from cosim_master.system.flatten.components import MAX_DEPTH, Part, Port, element_name, indices_of
+from cosim_master.system.flatten.components import Part, Port, element_name, indices_of
 from cosim_master.system.flatten.wiring import SENDING, Route, Wiring
 from cosim_master.system.reading.ssp.grammar import SAME_TYPE
 from cosim_master.system.structure import (
+    MAX_DEPTH,
     Connection,
     LinearTransformation,
     Parameter,
