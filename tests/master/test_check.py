@@ -476,6 +476,9 @@ class TestParameters:
         assert [item.name for item in checked.unmatched] == ["one.pp", "three.p"]
         assert any('"one.pp" matches nothing and is ignored; did you mean "one.p"?' in note for note in checked.notes)
         assert any('"three.p" matches nothing and is ignored; ' in note for note in checked.notes)
+        assert [note.kind for note in checked.notes if isinstance(note, Finding)] == [
+            "parameters that match nothing"
+        ] * 2
 
     def test_a_parameter_without_a_connector_can_be_set(self, two: Any, workshop: Any) -> None:
         assert values_of(two(bindings=workshop.bindings({"one.x0": 1.0})), "one") == {"x0": 1.0}

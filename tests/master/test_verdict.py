@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -118,6 +119,17 @@ def test_angles_that_can_only_be_degrees(workshop: Workshop) -> None:
         "--set: x.d is 360 rad, more than a full turn; did you mean 6.28319 (= 360 degrees)?",
     ]
     assert {one.kind for one in found} == {"degrees for radians"}
+
+
+def test_misspelt_parameter_is_a_warning(workshop: Workshop) -> None:
+    """One of a component that is not there may belong to another system that shares the parameter set."""
+    workshop.fmu("a.fmu", variable("mass", "parameter"), step=0.1)
+    given = workshop.bindings({"x.mas": 2.0, "drone7.engine.power": 1.0})
+    path = workshop.ssd("s.ssd", workshop.system(workshop.component("x", "a.fmu"), bindings=given))
+    (found,) = before(path)
+    assert (found.kind, found.severity, found.who) == ("sets nothing", "warning", ("x.mas",))
+    assert found.text.endswith('parameter "x.mas" sets nothing; did you mean "x.mass"?')
+    assert re.match(r".*s\.ssd:\d+: ", found.text)
 
 
 def test_own_start_value_out_of_range_is_a_note(workshop: Workshop) -> None:

@@ -38,6 +38,7 @@ def known_before(
     set_later = {(instance, variable.name) for instance, variable, _ in changed}
     return [
         *_open_inputs(checked, set_later),
+        *_misspelt(checked),
         *_different_ids(checked, network),
         *_double_ids(checked, network),
         *_out_of_range(checked),
@@ -137,6 +138,14 @@ def same_id(system_id: int, nodes: tuple[str, ...], listener: str, time: float |
     else:
         text = f"{listener} hears {_names(others)}, all with system id {system_id}; give each an id of its own"
     return Finding(DOUBLE_ID, "warning", nodes, text, time, {"system id": system_id})
+
+
+def _misspelt(checked: CheckedSystem) -> Iterator[Finding]:
+    """Values that set nothing, and whose name is nearly that of a variable."""
+    for item in checked.unmatched:
+        if item.hint.startswith("did you mean"):
+            text = f'{item.where}: parameter "{item.name}" sets nothing; {item.hint}'
+            yield Finding("sets nothing", "warning", (item.name,), text)
 
 
 # ---- values --------------------------------------------------------------------------------------------------------

@@ -493,7 +493,8 @@ class _Check:
             if fmu is not None:
                 self.notes += [note if isinstance(note, Finding) else f"{fmu.path.name}: {note}" for note in fmu.notes]
         for item in bindings.unmatched:
-            self.notes.append(f'{item.where}: parameter "{item.name}" matches nothing and is ignored; {item.hint}')
+            text = f'parameter "{item.name}" matches nothing and is ignored; {item.hint}'
+            self.notes.append(Finding(item.where, text, "parameters that match nothing"))
         self.notes += wiring.findings
         if wiring.unit_gaps:
             where = wiring.unit_gaps[0].where
