@@ -430,6 +430,33 @@ def test_a_python_slave_that_forgets_to_return_true(tmp_path: Path, probes: Any)
     )
 
 
+LOGGING = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+from pythonfmu.enums import Fmi2Status
+
+class Logging(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.y = 0.0
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+
+    def do_step(self, t, h):
+        self.log("so far, so good", Fmi2Status.error)
+        raise KeyError("no such gain")
+"""
+
+
+def test_the_exception_of_a_python_slave_that_has_logged(tmp_path: Path, probes: Any) -> None:
+    """pythonfmu's wrapper logs while the exception is pending, which the logger must neither lose nor fail with."""
+    slave(tmp_path, "logging_slave.py", LOGGING)
+    message = failed(probes.ssd(probes.workshop.component("a", "Logging.fmu", "y:output")), step=0.5)
+    first, *said = message.splitlines()
+    assert first == "a: fmi2DoStep failed at t = 0 s: fmi2Fatal"
+    assert said[0] == "    so far, so good"
+    if sys.version_info >= (3, 13):  # before, the wrapper has lost the exception by then
+        assert said == ["    so far, so good", "    KeyError: 'no such gain'"]
+
+
 # ---- what can be settled before anything is loaded --------------------------------------------
 
 

@@ -28,7 +28,7 @@ from typing import Any
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import FmuDescription, Variable
 
-__all__ = ["CALLBACK_TYPES", "STATUS", "Instance", "Library", "SharedHandle", "set_kind"]
+__all__ = ["CALLBACK_TYPES", "STATUS", "Instance", "Library", "SharedHandle", "pending_exception", "set_kind"]
 
 log = logging.getLogger(__name__)
 
@@ -64,6 +64,22 @@ class _Callbacks(ctypes.Structure):
 def set_kind(variable: Variable) -> str:
     """Which of fmi2SetReal, -Integer, -Boolean, -String a variable is set with."""
     return "Integer" if variable.type == "Enumeration" else variable.type
+
+
+_raised: Any = ctypes.pythonapi.PyErr_Occurred
+_raised.restype = ctypes.c_void_p
+
+
+def pending_exception() -> BaseException | None:
+    """Takes the exception that a Python FMU has raised when it calls back, as pythonfmu's wrapper does to log.
+
+    Python runs with it until it makes some call, which then fails. ctypes raises it behind any call into Python's API.
+    """
+    try:
+        _raised()
+    except BaseException as raised:
+        return raised
+    return None
 
 
 class SharedHandle(FmuError):
@@ -177,8 +193,11 @@ class Instance:
         return self.library.address("fmi2DoStep")
 
     def _log(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
+        raised = pending_exception()
         text = (message or b"").decode("utf-8", "replace").replace("%%", "%").rstrip()
         self.lines.extend(text.splitlines())
+        if raised is not None and str(raised) not in text:
+            self.lines.append(f"{type(raised).__name__}: {raised}")
         word = STATUS[status] if 0 <= status < len(STATUS) else str(status)
         log.debug("%s: %s: %s", self.name, word, text)
 

@@ -27,7 +27,7 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import FmuDescription, Variable
-from cosim_master.fmi.slaves.fmi2 import Library
+from cosim_master.fmi.slaves.fmi2 import Library, pending_exception
 
 __all__ = ["INTERVAL_CHANGED", "INTERVAL_NOT_YET_KNOWN", "STATUS3", "Instance3", "whole_nanoseconds"]
 
@@ -130,8 +130,11 @@ class Instance3:
         return handle
 
     def _log(self, _environment: Any, status: int, _category: bytes, message: bytes) -> None:
+        raised = pending_exception()
         text = (message or b"").decode("utf-8", "replace").rstrip()
         self.lines.extend(text.splitlines())
+        if raised is not None and str(raised) not in text:
+            self.lines.append(f"{type(raised).__name__}: {raised}")
         word = STATUS3[status] if 0 <= status < len(STATUS3) else str(status)
         log.debug("%s: %s: %s", self.name, word, text)
 
