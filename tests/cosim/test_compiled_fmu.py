@@ -7,9 +7,7 @@ import importlib
 import importlib.util
 import os
 import pkgutil
-import platform
 import re
-import shutil
 import struct
 import subprocess
 import sys
@@ -28,7 +26,7 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
 from cosim import Model
 from cosim.build import build, models_of_package
-from cosim.model import flat_variables, record_layout
+from cosim.model import record_layout
 
 MODELS = {model.__name__: model for model in models_of_package("cosim_models") if model.kernels is not None}
 every_model = pytest.mark.parametrize("name", sorted(MODELS))
@@ -362,43 +360,3 @@ def pe_exports(data: bytes, pe: int) -> set[str]:
         at = offset(struct.unpack_from("<I", data, names + 4 * i)[0])
         found.add(data[at : data.index(0, at)].decode())
     return found
-
-
-# -- other masters --------------------------------------------------------------------------------------------------
-
-
-def reference(model: type[Model], fmu: FMU2Slave, steps: int) -> list[list[float]]:
-    """All real outputs after every step with the declared inputs, by FMPy."""
-    vrs = [i for i, one in enumerate(flat_variables(model.variables)) if is_real_output(one)]
-    rows = []
-    for step in range(steps):
-        fmu.doStep(step * model.step_size, model.step_size)
-        rows.append(list(fmu.getReal(vrs)))
-    return rows
-
-
-def is_real_output(one: Any) -> bool:
-    return one.variable.kind == "Real" and one.variable.role == "output"
-
-
-def observed(tool: str, file: Path, model: type[Model], steps: int) -> list[list[float]]:
-    names = [one.name for one in flat_variables(model.variables) if is_real_output(one)]
-    script = Path(__file__).with_name("other_masters.py")
-    command = [sys.executable, str(script), tool, str(file), repr(model.step_size), str(steps), *names]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr
-    rows = [line.removeprefix("ROW ") for line in done.stdout.splitlines() if line.startswith("ROW ")]
-    return [[float(number) for number in row.split()] for row in rows]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("tool", ["libcosimpy", "ecospy"])
-@every_model
-def test_other_masters_give_the_same(tool: str, name: str, fmus: Path, tmp_path: Path) -> None:
-    if sys.platform != "linux" or platform.machine() != "x86_64":
-        pytest.skip(f"{tool} has no wheel for this platform")
-    model = MODELS[name]
-    file = Path(shutil.copy(fmus / f"{name}.fmu", tmp_path))
-    expected = reference(model, Factory(file, tmp_path / "x")(), 50)
-    # libcosim's steps are differences of its times, which rounding makes a little longer or shorter than ours
-    np.testing.assert_allclose(observed(tool, file, model, 50), expected, rtol=1e-9, atol=1e-12)

@@ -16,7 +16,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 
-MASTERS = Path(__file__).parents[1] / "cosim" / "other_masters.py"
+MASTERS = Path(__file__).parents[1] / "scenarios" / "other_engines.py"
 
 
 def columns(out: Path) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""Steps one FMU in another master and prints its real outputs after every step.
+"""Steps one FMU in another engine and prints its real outputs after every step.
 
-``python other_masters.py libcosimpy|ecospy FMU STEP_SIZE STEPS VARIABLE...``
+``python other_engines.py libcosimpy|ecospy FMU STEP_SIZE STEPS VARIABLE...``
 """
 
 from __future__ import annotations
