@@ -64,7 +64,17 @@ def test_an_fmu_without_a_step_gets_one(dynamics: Any) -> None:
 
 @pytest.mark.parametrize(
     ("span", "step"),
-    [(1.0, 0.002), (10.0, 0.02), (7.0, 0.01), (3.3, 0.005), (1e-6, 2e-9), (12.345, 0.005), (86400.0, 100.0)],
+    [
+        (1.0, 0.002),
+        (10.0, 0.02),
+        (7.0, 0.01),
+        (3.3, 0.005),
+        (1e-6, 2e-9),
+        (12.345, 0.005),
+        (86400.0, 100.0),
+        (1e8 - 1e-5, 199999.99999998),
+        (1e-7, 1e-9),
+    ],
 )
 def test_the_step_of_an_fmu_that_proposes_none(span: float, step: float) -> None:
     assert output_interval(span) == step

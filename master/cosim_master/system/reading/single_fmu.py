@@ -61,12 +61,21 @@ def read_fmu(path: Path) -> SystemStructure:
     )
 
 
+_MOST_STEPS = 50_000
+
+
 def output_interval(span: float) -> float:
-    """A step for an FMU that proposes none, s: 1, 2 or 5 times a power of ten, 500 or more of which make `span` s."""
+    """A step for an FMU that proposes none, s: 1, 2 or 5 times a power of ten, 500 or more of which make `span` s.
+
+    Where that takes far more (from 1e-5 to 1e8 s), the span is divided into equal steps, 500 or a few more.
+    """
     ticks = round(span * 1e9)
+    if ticks < 500:
+        return 1e-9
     candidates = (factor * 10**power for power in range(18, -1, -1) for factor in (5, 2, 1))
-    fitting = (tick for tick in candidates if ticks >= 500 * tick and ticks % tick == 0)
-    return next(fitting, max(ticks // 500, 1)) / 1e9
+    fitting = (tick for tick in candidates if 500 * tick <= ticks <= _MOST_STEPS * tick and ticks % tick == 0)
+    equal = (ticks // number for number in range(500, _MOST_STEPS) if ticks % number == 0)
+    return next(fitting, next(equal, 1)) / 1e9
 
 
 def as_model_exchange(structure: SystemStructure) -> SystemStructure:
