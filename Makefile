@@ -2,13 +2,14 @@
 # make test   set up, build the FMUs, then lint, types, import contracts and all tests
 # make fmus   build the FMUs that changed into fmus/
 # make wheel  a wheel for this platform into dist/, with systems and FMUs
+# make sdist  all sources into dist/, from which the others work
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 COSIM := $(BIN)/uav-cosim
 
-.PHONY: demo test fmus lint wheel clean
+.PHONY: demo test fmus lint wheel sdist clean
 
 demo: fmus
 	$(COSIM) run master/systems/line5 -o out/line5
@@ -45,6 +46,10 @@ wheel: $(VENV)/installed
 	$(BIN)/python -m cosim_master.stepping.warming build/compiled
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w dist .
 	rm -rf build
+
+sdist: $(VENV)/tested
+	mkdir -p dist
+	$(BIN)/python -c 'from setuptools import build_meta; build_meta.build_sdist("dist")' > /dev/null
 
 clean:
 	rm -rf out build dist fmus/*.fmu
