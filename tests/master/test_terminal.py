@@ -130,7 +130,23 @@ def test_swap(system: Path, probes: Any, tmp_path: Path, columns: int) -> None:
     probes.fmu("other.fmu", guid="other")
     with Terminal("swap", "s.ssd", "b", "other.fmu", "-o", "new.ssd", folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
+    assert terminal.ever(r"checking s\.ssd +\d:\d\d")
     assert terminal.lines == ["new.ssd: b is now other.fmu"]
+
+
+@WIDTHS
+def test_pack_and_compare(system: Path, tmp_path: Path, columns: int) -> None:
+    with Terminal("pack", "s.ssd", "-o", "s.ssp", folder=tmp_path, columns=columns) as terminal:
+        assert terminal.finish() == 0
+    assert terminal.ever(r"packing s\.ssd +\d:\d\d")
+    assert re.fullmatch(r"s\.ssp: 2 files, \d\.\d MB; uav-cosim run s\.ssp", terminal.text)
+    for folder in ("one", "two"):
+        consensus_run(tmp_path / folder, last_step=1)
+    with Terminal("compare", "one", "two", folder=tmp_path, columns=columns) as terminal:
+        assert terminal.finish() == 0
+    assert terminal.ever(r"comparing one and two +\d:\d\d")
+    assert terminal.lines[-1].startswith("equal: ")
+    assert not terminal.cursor_hidden
 
 
 @WIDTHS
@@ -138,6 +154,7 @@ def test_new(fmus: Path, tmp_path: Path, columns: int) -> None:
     made = ("new", "line", "--drones", "3", "-o", "swarm")
     with Terminal(*made, "--fmus", str(fmus), folder=tmp_path, columns=columns) as terminal:
         assert terminal.finish() == 0
+    assert terminal.ever(r"writing swarm +\d:\d\d")
     assert terminal.text.startswith("note: drones start 10 m apart, ")
     assert terminal.lines[-1] == "swarm: line of 3 drones; uav-cosim run swarm"
     with Terminal(*made[:-1], "other", "--fmus", "nowhere", folder=tmp_path, columns=columns) as terminal:

@@ -11,6 +11,7 @@ import typer
 
 from cosim_master.cli.terminal.console import errors, notes, print_json, print_tables, usage
 from cosim_master.cli.terminal.options import Json
+from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ def compare(
 
     if not math.isfinite(atol + rtol):
         raise usage("compare: --atol and --rtol are finite numbers")
-    with errors(as_json=as_json):
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"comparing {first} and {second}")
         found = compared(first, second, atol=atol, rtol=rtol, signals=signals or ())
     if as_json:
         print_json(_document(found))

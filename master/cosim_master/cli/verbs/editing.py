@@ -9,6 +9,7 @@ import typer
 
 from cosim_master.cli.terminal.console import errors, note, print_json, say, usage
 from cosim_master.cli.terminal.options import Json, System, positive
+from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 
 NewFolder = Annotated[
@@ -52,11 +53,13 @@ def new(
     from cosim_master.system import shipped
     from cosim_master.system.authoring.new import MODELS, new_system
 
-    with errors(as_json=as_json):
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"writing {folder}")
         if fmus is None:
             own = all(Path("fmus", f"{model}.fmu").is_file() for model in MODELS.values())
             fmus = Path("fmus") if own else shipped.fmus()
         written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until, note=note)
+        doing.end()
         if as_json:
             print_json({"files": [str(written)]})
         else:
@@ -89,8 +92,10 @@ def convert(
 
     if engine is not None and engine not in ENGINES:
         raise usage(f"--for {engine}: valid: {', '.join(ENGINES)}")
-    with errors(as_json=as_json):
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"converting {system}")
         written = convert_system(system, folder, engine)
+        doing.end()
         if as_json:
             print_json({"files": [str(written.file)], "notes": list(written.notes)})
             return
@@ -120,8 +125,10 @@ def swap(
 
     if (new is None) != in_place:
         raise usage("swap: give either -o SYSTEM for a new system, or --in-place to change this one")
-    with errors(as_json=as_json):
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"checking {system}")
         written = swap_component(system, component, fmu, new)
+        doing.end()
         if as_json:
             print_json({"files": [str(written)]})
         else:

@@ -9,6 +9,7 @@ import typer
 
 from cosim_master.cli.terminal.console import errors, print_json, say
 from cosim_master.cli.terminal.options import Json, System, Variant
+from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 
 
@@ -25,7 +26,8 @@ def pack(
     """Write a system and all that it refers to as one .ssp, which runs anywhere."""
     from cosim_master.system.authoring.pack import pack as packed
 
-    with errors(as_json=as_json):
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"packing {system}")
         found = packed(system, out, variant=variant, overwrite=force)
     if as_json:
         print_json({"files": [str(found.path)], "members": list(found.members), "variants": list(found.variants)})

@@ -168,10 +168,12 @@ def explain(
     from cosim_master.system.reading.read import read_system
     from cosim_master.system.reading.single_fmu import full_names
 
-    with errors(as_json=as_json), read_system(system, variant) as structure:
+    with errors(as_json=as_json), activity() as doing, read_system(system, variant) as structure:
+        doing.stage(f"checking {system}")
         lines = explained(
             check_system(structure, full_names(structure, overrides(settings))), *full_names(structure, {name: name})
         )
+        doing.end()
         if as_json:
             print_json({"variable": name, "explanation": [line.strip() for line in lines]})
             return
