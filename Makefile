@@ -19,7 +19,7 @@ fmus: $(VENV)/installed
 	$(COSIM) build -o fmus
 
 test: $(VENV)/tested fmus lint
-	$(BIN)/python -m pytest -m 'not alone' -n auto --dist loadfile
+	$(BIN)/python -m pytest -m 'not alone' -n auto --dist loadfile --no-loadscope-reorder
 	$(BIN)/python -m pytest -m alone
 
 lint: $(VENV)/tested

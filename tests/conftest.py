@@ -22,6 +22,26 @@ settings.load_profile("project")
 """No example may fail for the time it takes: kernels are compiled when they are first called."""
 
 
+LONGEST = (
+    "scenarios/test_builds_agree.py",
+    "test_readme.py",
+    "models/test_autopilot_mavlink.py",
+    "test_benchmarks.py",
+    "cosim/test_fmi3_build.py",
+    "models/test_autopilot_builds.py",
+    "master/test_ssp_fuzz.py",
+    "scenarios/test_pymavlink_flies.py",
+    "models/test_client_replays.py",
+)
+"""Files that take longest, in order: where tests run side by side, one of them that began last would run alone."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first; `--no-loadscope-reorder` keeps this order for xdist."""
+    order = {ROOT / "tests" / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path, len(order)))
+
+
 def _folder_of_all(tmp_path_factory: pytest.TempPathFactory, worker_id: str, fmi: int) -> Path:
     shared = tmp_path_factory.getbasetemp()
     if worker_id != "master":

@@ -652,7 +652,7 @@ def test_it_is_true(one: Limitation, request: pytest.FixtureRequest) -> None:
 
 def test_the_code_uses_every_one() -> None:
     used: set[str] = set()
-    for file in Path(cosim_master.__file__).parent.glob("*.py"):
+    for file in Path(cosim_master.__file__).parent.rglob("*.py"):
         if file.name != "limitations.py":
             tree = ast.parse(file.read_text(encoding="utf-8"))
             used |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}

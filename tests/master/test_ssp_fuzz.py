@@ -33,7 +33,7 @@ def test_a_slice_of_the_fuzzing() -> None:
 
 
 @pytest.mark.parametrize("kind", ROOTS)
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=75, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_trees_of_known_words_in_any_order(kind: str, data: st.DataObject) -> None:
     """Readers of parameter sets, mappings and dictionaries take any tree of the standard's words, and only report."""

@@ -16,7 +16,7 @@ from cosim_models.vehicles.rotor import MotorCurve
 G = 9.80665
 PRESETS = {
     file.name.removesuffix(".ssv"): file
-    for file in (resources.files("cosim_models") / "presets").iterdir()
+    for file in (resources.files("cosim_models.vehicles") / "presets").iterdir()
     if file.name.endswith(".ssv")
 }
 NOT_OF_THE_VEHICLE = ("position_start", "yaw_start", "ground_", "foot_", "substep")

@@ -37,7 +37,7 @@ def worst(a: Flight, b: Flight) -> dict[str, float]:
 @pytest.mark.slow
 def test_interpreted_and_compiled_agree(compiled: Flight, interpreted_fmus: Path, tmp_path: Path) -> None:
     """For as long as plain Python, a thousand times slower, has time for."""
-    flight = fly(copy_of("line5", tmp_path, interpreted_fmus), tmp_path / "out", until=1.0)
+    flight = fly(copy_of("line5", tmp_path, interpreted_fmus), tmp_path / "out", until=0.5)
     apart = worst(flight, compiled)
     assert len(apart) > 200
     assert max(apart.values()) < 1e-9, sorted(apart.items(), key=lambda item: -item[1])[:5]
@@ -70,7 +70,7 @@ def test_builds_mix(compiled: Flight, fmus: Path, interpreted_fmus: Path, tmp_pa
     for file in fmus.glob("*.fmu"):
         source = interpreted_fmus if file.stem == "Autopilot" else fmus
         (mixed / file.name).symlink_to(source / file.name)
-    flight = fly(copy_of("line5", tmp_path / "system", mixed), tmp_path / "out", until=1.0)
+    flight = fly(copy_of("line5", tmp_path / "system", mixed), tmp_path / "out", until=0.5)
     assert max(worst(flight, compiled).values()) < 1e-9
 
 
