@@ -1,4 +1,4 @@
-"""Steps that an FMU discards are repeated as several shorter ones: the copies that takes, and the finer grid of time.
+"""Steps that an FMU discards are repeated as several shorter ones: what failures mean, and the finer grid of time.
 
 fmi2Discard from fmi2DoStep says: not this step, maybe a shorter one (FMI 2.0.5, section 4.2.2). All instances then go
 back to the communication point where the step began, and take shorter steps with exchange between them until all are
@@ -7,34 +7,42 @@ do. So a copy is made now and then; after a discard the run goes back to it and 
 everything that was recorded since must be the same again, bit for bit. An FMU that says it can restore its state and
 does not is found out that way.
 
-Nothing here steps or decides; see `execution`.
+Nothing here steps; see `fixed_step`.
 """
 
 from __future__ import annotations
 
-import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.execution.run.state import RunState
 from cosim_master.execution.startup.rollback_test import STATE_FUNCTIONS
+from cosim_master.fmi.slaves.fmi2 import STATUS
 from cosim_master.fmi.slaves.slave import Living
-from cosim_master.network.radio.router import Radio
-from cosim_master.stepping.kernels.tables import BASE, EVERY, FAULTS, FINER, LAST, PER_NS, K, Plan
+from cosim_master.stepping.failures import DISCARD, RunFailed, RunTerminated, discard_failure
+from cosim_master.stepping.kernels.macro_step import end_here
+from cosim_master.stepping.kernels.tables import BASE, ENDED, EVERY, FINER, LAST, PER_NS, START, K, Plan
 
-__all__ = ["FINEST", "Grid", "Snapshot", "cannot_be_repeated"]
+__all__ = ["FINEST", "Discarded", "Grid", "cannot_be_repeated", "judge_failures"]
 
 FINEST = 1000
 """A step is divided into at most so many. An FMU that discards even those will never do it."""
 
-_UNCHANGED = {"real_block", "int_block", "ticks", "shared", "scratch", "calls", "feeds", "runs", "sources", "wires"}
-"""Arrays of the plan that a run does not change, or that are empty when a snapshot is made."""
+_FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 
 
-def cannot_be_repeated(living: Sequence[Living]) -> str:
-    """Why discarded steps of a system cannot be repeated; empty if they can."""
+def cannot_be_repeated(state: RunState) -> str:
+    """Why discarded steps of a run cannot be repeated; empty if they can."""
+    return _incapable(state.living) or (
+        "what has passed a gateway cannot be taken back" if state.network.gateways else ""
+    )
+
+
+def _incapable(living: Sequence[Living]) -> str:
     lacking, remedies = {}, {}
     for one in living:
         flags = one.fmu.capabilities
@@ -49,51 +57,77 @@ def cannot_be_repeated(living: Sequence[Living]) -> str:
     return ", ".join(named) + (f", and of {len(lacking) - 3} more" if len(lacking) > 3 else "")
 
 
-class Snapshot:
-    """A copy of everything that the future of a run depends on: FMU states, the plan's arrays, the radio's.
+class Discarded(Exception):
+    """Steps were discarded, and can be repeated at least `shrink` times shorter.
 
-    Rows and packet logs must have been written out before `save`: they are not part of it. `close` frees the FMU
-    states; call it before the instances are freed.
+    Args:
+        failures: makes the errors, given the reason for which they are not repeated.
     """
 
-    def __init__(self, living: Sequence[Living]) -> None:
-        self._living = living
-        self._states = [ctypes.c_void_p() for _ in living]
-        self._arrays: dict[str, np.ndarray[Any, Any]] = {}
-        self._radio: Radio | None = None
-
-    def save(self, plan: Plan, radio: Radio) -> None:
-        """Take a copy, in place of an earlier one.
-
-        Raises:
-            FmuError: an FMU cannot save its state after all.
-        """
-        for one, state in zip(self._living, self._states, strict=True):
-            one.save_state(state)
-        self._arrays = {name: getattr(plan, name).copy() for name in plan._fields if name not in _UNCHANGED}
-        self._radio = _copy(radio)
-
-    def restore(self, plan: Plan) -> Radio:
-        """Go back to the copy; returns the radio as it was.
-
-        Raises:
-            FmuError: an FMU cannot restore its state after all.
-        """
-        assert self._radio is not None
-        for one, state in zip(self._living, self._states, strict=True):
-            one.restore_state(state)
-        for name, array in self._arrays.items():
-            getattr(plan, name)[...] = array
-        plan.shared[FAULTS] = 0
-        return _copy(self._radio)
-
-    def close(self) -> None:
-        for one, state in zip(self._living, self._states, strict=True):
-            one.free_state(state)
+    def __init__(self, failures: Callable[[str], list[FmuError]], shrink: float) -> None:
+        self.failures, self.shrink = failures, shrink
 
 
-def _copy(radio: Radio) -> Radio:
-    return radio._replace(**{n: getattr(radio, n).copy() for n in radio._fields if n not in ("events", "log")})
+def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = True) -> None:
+    """Raises what it means that instances failed only by discarding their steps or by ending the run.
+
+    Returns where an instance failed otherwise: that is for others to raise.
+
+    Args:
+        unrepeatable: why discarded steps are not repeated; empty if they can be.
+        can_end_here: whether the present macro step may be the last one.
+
+    Raises:
+        RunTerminated: instances want the run to end.
+        RunFailed: steps were discarded and cannot be repeated.
+        Discarded: they can.
+    """
+    rows, living, time = state.plan.instances, state.living, state.time
+    failed = [int(i) for i in np.flatnonzero(rows["failed"][:, 0])]
+    ended = [i for i in failed if rows["failed"][i][1] == ENDED]
+    discarded = [i for i in failed if tuple(rows["failed"][i][:2]) == DISCARD]
+    if len(ended) + len(discarded) < len(failed):
+        return
+    waiting: list[tuple[int, float | None]] = []
+    shrink = 2.0
+    ends = [(i, time + float(rows["h"][i])) for i in ended]
+    for i in discarded:
+        h = float(rows["h"][i])
+        living[i].time = time
+        last = living[i].last_successful_time()
+        if living[i].ended():
+            ends.append((i, time if last is None else last))
+            continue
+        if last is not None and last > time:
+            shrink = max(shrink, h / (last - time))
+        waiting.append((i, last))
+
+    def failures(reason: str) -> list[FmuError]:
+        for i, _ in waiting:
+            living[i].time = state.time
+        return [discard_failure(state.plan, living[i], i, last, reason) for i, last in waiting]
+
+    if ends:
+        _terminate(state, sorted(ends), can_end_here=can_end_here and len(ends) == len(failed))
+    if unrepeatable:
+        raise RunFailed(failures(unrepeatable))
+    raise Discarded(failures, shrink)
+
+
+def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_here: bool) -> None:
+    """Instances (number, until when) want the run to end. If they did this step, it is the last one."""
+    living, rows, clock = state.living, state.plan.instances, state.plan.clock
+    first = living[ends[0][0]]
+    said = "terminateSimulation" if first.fmi == 3 else "fmi2Terminated"
+    python = any(living[i].library.python for i, _ in ends)
+    if python and clock[K] == 0:
+        text = f"fmi2Discard: it wants the run to end in its first step {_FORGETFUL}"
+        raise RunFailed([first.failure("fmi2DoStep", STATUS.index("fmi2Discard"), text)])
+    end = (clock[START] + (clock[K] + 1) * clock[BASE]) / (1e9 * clock[PER_NS])
+    stepped = all(rows[i]["length"] == 1 and time >= end - 1e-9 for i, time in ends)
+    if can_end_here and stepped and not state.texts and clock[K] + 1 <= clock[LAST]:
+        end_here(state.plan, np.array([i for i, _ in ends]))
+    raise RunTerminated(first.name, min(time for _, time in ends), said=said, hint=_FORGETFUL if python else "")
 
 
 class Grid:

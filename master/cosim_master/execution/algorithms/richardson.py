@@ -1,34 +1,60 @@
 """Steps of a size that the error decides: one of H against two of H/2 from the same state (Richardson extrapolation).
 
-    control = Richardson(plan, places, coupling, clock)
-    control.to(target, world)       steps until then; the last one ends there exactly
+    control = StepControl(plan, places, coupling, clock)
+    control.to(t, target, world)    steps until then; the last one ends there exactly
 
 Exchange is Jacobi's, of order 1: the result of two half steps is off by about as much as it differs from that of the
 whole one. A step is accepted if that is no more than the tolerance times its duration in s, so that the error grows by
 no more than the tolerance in a second. Times are whole nanoseconds.
 
-Steps and copies nothing itself: the world does. The next step size is in `Plan.kept`, where checkpoints find it.
+The control steps and copies nothing itself: the world does. `Richardson` is the algorithm, with the run as the world.
+The next step size is in `Plan.kept`, where checkpoints find it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.stepping.kernels.tables import Plan
+from cosim_master.execution.algorithms.discarded_steps import Discarded, cannot_be_repeated, judge_failures
+from cosim_master.execution.run.driver import Driver
+from cosim_master.execution.run.snapshot import Snapshot
+from cosim_master.execution.run.state import RunState
+from cosim_master.execution.run.writing import Writing
+from cosim_master.execution.stimuli import Agenda
+from cosim_master.network.radio.build import grown
+from cosim_master.network.radio.router import USED_EVENTS, USED_LOG
+from cosim_master.stepping.failures import raise_failures
+from cosim_master.stepping.kernels.macro_step import places_needed, record, run
+from cosim_master.stepping.kernels.tables import (
+    BASE,
+    DELIVER,
+    DONE,
+    EVENTS_DUE,
+    EVERY,
+    LAST,
+    NEED_LOG,
+    NEED_PLACES,
+    PHASE,
+    ROWS,
+    START,
+    K,
+    Plan,
+)
 from cosim_master.stepping.layout import Layout, shows_error
 from cosim_master.system.settings.master import Coupling
 from cosim_master.system.settings.time_grid import Timing
 
-__all__ = ["Rejected", "Richardson", "StepTooSmall", "World"]
+__all__ = ["Rejected", "Richardson", "StepControl", "StepTooSmall", "World"]
 
 _SAFETY, _SMALLEST_CHANGE, _LARGEST_CHANGE = 0.8, 0.1, 2.0
 _SHOWN = 5
+_NEVER = 1 << 60
 
 
 class Rejected(Exception):
@@ -72,7 +98,7 @@ class World(Protocol):
         """Time of the next event that an FMU has announced, s."""
 
 
-class Richardson:
+class StepControl:
     """The step control of one run.
 
     Attributes:
@@ -169,3 +195,124 @@ class Richardson:
         parts = self._plan.real_out[self._watched]
         error: NDArray[np.float64] = np.abs(parts - whole) / np.maximum(1.0, np.abs(parts))
         return error
+
+
+class Richardson:
+    """An `Algorithm`: steps end at rows, changes and the end of the run.
+
+    Args:
+        every: rows every so many base steps.
+        agenda: values to be set while the run goes on.
+        change: sets those that are due at a base step.
+    """
+
+    def __init__(
+        self,
+        state: RunState,
+        writing: Writing,
+        coupling: Coupling,
+        agenda: Agenda,
+        change: Callable[[int], bool],
+        every: int,
+    ) -> None:
+        self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
+        self._every = every
+        self._control = StepControl(state.plan, state.places, coupling, state.clock)
+        self._trial = _Trial(state, writing)
+
+    @property
+    def k(self) -> int:
+        state = self._state
+        if state.plan.clock[K] < 0:
+            return int(state.plan.clock[K])
+        return (state.now - state.clock.start) // state.clock.base
+
+    def prepare(self) -> None:
+        pass
+
+    def advance(self, k_stop: int) -> None:
+        state, writing, clock = self._state, self._writing, self._state.clock
+        if state.plan.clock[K] < 0:
+            Driver(state, writing, self._trial.on_failure).to(0)
+        while (k := self.k) < k_stop:
+            self._change(k)
+            target = min((k // self._every + 1) * self._every, clock.steps, int(min(self._agenda.next, 2**62)))
+            self._control.to(state.now, clock.start + target * clock.base, self._trial)
+            if target % self._every == 0 or target == clock.steps:
+                record(state.plan)
+                if state.texts:
+                    writing.read_texts(recorded=True)
+                if state.plan.clock[ROWS] == state.plan.ticks.size:
+                    writing.rows()
+
+    def settle(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self._trial.close()
+
+
+class _Trial:
+    """A run as a `World`."""
+
+    def __init__(self, state: RunState, writing: Writing) -> None:
+        self._state, self._writing = state, writing
+        self._snapshot = Snapshot(state)
+        self._unrepeatable = cannot_be_repeated(state)
+
+    def on_failure(self) -> None:
+        """Raises what it means that instances discard their steps."""
+        judge_failures(self._state, self._unrepeatable)
+
+    def save(self) -> None:
+        state = self._state
+        if state.texts:
+            state.plan.instances["period"] = 1
+            state.plan.clock[START], state.plan.clock[K] = state.now, 0
+            state.texts.set_inputs(state.plan)
+        counters, radio = state.radio.counters, state.radio
+        if 2 * counters[USED_EVENTS] > radio.events.size or 2 * counters[USED_LOG] > radio.log.size:
+            self._writing.packets()
+        self._snapshot.save()
+
+    def restore(self) -> None:
+        self._snapshot.restore()
+
+    def next_event(self) -> float:
+        return self._state.event_mode.next_event()
+
+    def step(self, t: int, h: int) -> None:
+        """A macro step from `t`, `h` long, ns.
+
+        Raises:
+            Rejected: an FMU discards it, or an event ends it earlier.
+            RunFailed, RunTerminated: as `Algorithm.advance`.
+        """
+        state = self._state
+        clock, rows = state.plan.clock, state.plan.instances
+        for place, value in ((START, t), (K, 0), (BASE, h), (LAST, 2), (EVERY, _NEVER), (PHASE, DELIVER)):
+            clock[place] = value
+        rows["period"] = rows["length"] = 1
+        rows["h"] = h / 1e9
+        while (reason := run(state.plan, state.radio, 1)) != DONE:
+            if reason == NEED_PLACES:
+                state.radio = grown(state.radio, int(places_needed(state.plan, state.radio)))
+            elif reason == NEED_LOG:
+                events, log = np.zeros(2 * state.radio.events.size, state.radio.events.dtype), state.radio.log
+                events[: state.radio.events.size] = state.radio.events
+                state.radio = state.radio._replace(events=events, log=np.concatenate([log, np.zeros_like(log)]))
+            elif reason == EVENTS_DUE:
+                first = state.event_mode.returned_early()
+                if first < (t + h - 1) / 1e9:
+                    raise Rejected(max(t + 1, math.ceil(first * 1e9)))
+                state.event_mode.handle()
+            else:
+                try:
+                    self.on_failure()
+                except Discarded:
+                    raise Rejected from None
+                raise_failures(state.plan, state.places, state.living)
+
+    def close(self) -> None:
+        """Frees the copies of FMU states."""
+        self._snapshot.close()

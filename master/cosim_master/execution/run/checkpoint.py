@@ -22,20 +22,16 @@ from typing import Any
 import numpy as np
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.execution.run.state import RunState, changing
 from cosim_master.fmi.slaves.fmi3 import Instance3
 from cosim_master.fmi.slaves.slave import Living
-from cosim_master.network.radio.router import Radio
+from cosim_master.network.radio.router import ROLES as RADIO_ROLES
+from cosim_master.network.roles import STATE
 from cosim_master.results.checkpoint_folder import FORMAT, Checkpoint, Position
-from cosim_master.stepping.kernels.tables import PHASE, K, Plan
+from cosim_master.stepping.kernels.tables import PHASE, ROLES, K
 
 __all__ = ["cannot_be_serialised", "restore", "save"]
 
-_VALUES = ("real_in", "real_out", "int_in", "int_out", "text", "tx", "kept")
-_PORT_FIELDS = ("filled", "sent", "rx_size")
-_INSTANCE_FIELDS = ("length", "h")
-_SLOPE_FIELDS = ("before", "at", "known")
-"""What of the tables is no address and changes in a run."""
-_RADIO = ("endpoints", "places", "data", "order", "along", "counters")
 _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
 
 
@@ -51,14 +47,9 @@ def cannot_be_serialised(living: Sequence[Living]) -> str:
 
 def save(
     folder: Path,
-    *,
-    time: float,
+    state: RunState,
     k: int,
-    plan: Plan,
-    radio: Radio,
-    living: Sequence[Living],
-    texts: Mapping[tuple[int, str], str],
-    events: Any,
+    *,
     position: Position,
     segments: Sequence[Path],
     about: Mapping[str, Any],
@@ -66,33 +57,31 @@ def save(
     """Write a checkpoint into `folder`; returns its own folder. Rows and packets must have been written out.
 
     Args:
-        events: `Events.as_json`.
+        k: the base step that has been reached, of the system's own grid.
         segments: files with what was recorded since the last checkpoint; they become part of this one.
 
     Raises:
         FmuError: an FMU cannot save its state after all.
     """
-    arrays: dict[str, np.ndarray[Any, Any]] = {name: getattr(plan, name) for name in _VALUES}
-    arrays |= {f"ports.{name}": plan.ports[name] for name in _PORT_FIELDS}
-    arrays |= {f"instances.{name}": plan.instances[name] for name in _INSTANCE_FIELDS}
-    arrays |= {f"slopes.{name}": plan.slopes[name] for name in _SLOPE_FIELDS}
-    arrays |= {f"radio.{name}": getattr(radio, name) for name in _RADIO}
+    plan, radio, living = state.plan, state.radio, state.living
+    arrays = changing(plan, ROLES, (STATE,))
+    arrays |= {f"radio.{name}": array for name, array in changing(radio, RADIO_ROLES, (STATE,)).items()}
     three = [one if isinstance(one, Instance3) else None for one in living]
     arrays["next_events"] = np.array([np.inf if one is None else one.next_event for one in three])
     arrays["pending"] = np.array([0 if one is None else one.pending for one in three], dtype=np.int64)
     sizes, states = [], []
     for one in living:
-        state = ctypes.c_void_p()
-        one.save_state(state)
+        fmu_state = ctypes.c_void_p()
+        one.save_state(fmu_state)
         try:
-            states.append(one.serialise(state))
+            states.append(one.serialise(fmu_state))
         finally:
-            one.free_state(state)
+            one.free_state(fmu_state)
         sizes.append(len(states[-1]))
     arrays["state_sizes"] = np.array(sizes, dtype=np.int64)
     arrays["states"] = np.frombuffer(b"".join(states), dtype=np.uint8)
     arrays["blocks"] = np.array([radio.events.size, radio.log.size], dtype=np.int64)
-    own = folder / f"{time:.9g}"
+    own = folder / f"{state.time:.9g}"
     part = own.with_name(own.name + ".part")
     shutil.rmtree(part, ignore_errors=True)
     shutil.rmtree(own, ignore_errors=True)
@@ -101,12 +90,12 @@ def save(
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     content = {
         "format": FORMAT,
-        "time": time,
+        "time": state.time,
         "k": k,
         "phase": int(plan.clock[PHASE]),
         **about,
-        "events": events,
-        "texts": {f"{living[i].name}.{name}": text for (i, name), text in texts.items()},
+        "events": state.event_mode.events.as_json(),
+        "texts": {f"{living[i].name}.{name}": text for (i, name), text in state.texts.outputs.items()},
         "position": asdict(position),
     }
     (part / "checkpoint.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
@@ -116,34 +105,26 @@ def save(
     return own
 
 
-def restore(
-    checkpoint: Checkpoint, plan: Plan, radio: Radio, living: Sequence[Living], texts: dict[tuple[int, str], str]
-) -> Radio:
-    """Put everything back as it was; returns the radio.
+def restore(checkpoint: Checkpoint, state: RunState) -> None:
+    """Put everything back as it was.
 
     Raises:
         SystemDescriptionError: the files are damaged.
         FmuError: an FMU does not take its state back.
     """
+    plan, radio, living = state.plan, state.radio, state.living
     try:
         with np.load(checkpoint.folder / "state.npz") as file:
             arrays = {name: file[name] for name in file.files}
-        for name in _VALUES:
-            getattr(plan, name)[...] = arrays[name]
-        for table, prefix, fields in (
-            (plan.ports, "ports", _PORT_FIELDS),
-            (plan.instances, "instances", _INSTANCE_FIELDS),
-            (plan.slopes, "slopes", _SLOPE_FIELDS),
-        ):
-            for name in fields:
-                table[name] = arrays[f"{prefix}.{name}"]
+        for name, array in changing(plan, ROLES, (STATE,)).items():
+            array[...] = arrays[name]
         ends = np.cumsum(arrays["state_sizes"])
         states = [
             arrays["states"][end - size : end].tobytes() for end, size in zip(ends, arrays["state_sizes"], strict=True)
         ]
         events, log = (int(size) for size in arrays["blocks"])
-        radio = radio._replace(
-            **{name: arrays[f"radio.{name}"] for name in _RADIO},
+        state.radio = radio._replace(
+            **{name: arrays[f"radio.{name}"] for name in changing(radio, RADIO_ROLES, (STATE,))},
             events=np.zeros(events, dtype=radio.events.dtype),
             log=np.zeros(log, dtype=np.uint8),
         )
@@ -158,11 +139,11 @@ def restore(
         one.time = checkpoint.time
         if isinstance(one, Instance3):
             one.next_event, one.pending = float(next_event), int(pending)
-        state = one.deserialise(bytes_)
+        fmu_state = one.deserialise(bytes_)
         try:
-            one.restore_state(state)
+            one.restore_state(fmu_state)
         finally:
-            one.free_state(state)
-    for i, name in texts:
-        texts[i, name] = checkpoint.texts[f"{living[i].name}.{name}"]
-    return radio
+            one.free_state(fmu_state)
+    for i, name in state.texts.outputs:
+        state.texts.outputs[i, name] = checkpoint.texts[f"{living[i].name}.{name}"]
+    state.event_mode.events.from_json(checkpoint.events)

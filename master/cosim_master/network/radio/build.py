@@ -12,15 +12,23 @@ from cosim.kernel import table
 from cosim.packets import MAX_PACKET
 from cosim_master.network.radio import router as radio_kernels
 from cosim_master.network.radio.router import (
+    BY_RADIO,
     CHANNEL,
     COUNTERS,
+    DEFERRED,
     DEFINITION,
+    DELIVERED,
     ENDPOINT,
     EVENT,
     FREE_PLACE,
     FREE_PLACES,
     GATEWAY,
+    LOST_CHANNEL,
+    MALFORMED,
+    NO_ROUTE,
     NODE,
+    ON_BOARD,
+    OUTCOMES,
     PLACE,
     SETTINGS,
     Radio,
@@ -30,7 +38,7 @@ from cosim_master.system.settings.network import TELEMETRY, Endpoint, Network, N
 if TYPE_CHECKING:
     from cosim.build.messages import Message
 
-__all__ = ["GATEWAY_BYTES", "grown", "make_radio"]
+__all__ = ["GATEWAY_BYTES", "grown", "make_radio", "packet_counts"]
 
 _NANO = 1_000_000_000
 GATEWAY_BYTES = 1 << 16
@@ -188,3 +196,20 @@ def grown(radio: Radio, need: int) -> Radio:
     radio.counters[FREE_PLACE] = old
     radio.counters[FREE_PLACES] += new - old
     return radio._replace(places=table(places), data=data)
+
+
+def packet_counts(radio: Radio) -> dict[str, int]:
+    """Packets by radio, one for each node a packet was for: sent = delivered + lost + in flight. On board apart."""
+    count = radio.counters
+    lost = {OUTCOMES[i].removeprefix("lost: "): int(count[i]) for i in range(LOST_CHANNEL, NO_ROUTE + 1)}
+    by_radio, delivered = int(count[BY_RADIO]), int(count[DELIVERED])
+    return {
+        "sent": by_radio + sum(lost.values()),
+        "delivered": delivered,
+        "lost": sum(lost.values()),
+        "in flight": by_radio - delivered,
+        **{f"lost: {cause}": n for cause, n in lost.items()},
+        "malformed": int(count[MALFORMED]),
+        "on board": int(count[ON_BOARD]),
+        "deferred": int(count[DEFERRED]),
+    }

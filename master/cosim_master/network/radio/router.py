@@ -41,6 +41,7 @@ from cosim.packets import (
     system,
     target,
 )
+from cosim_master.network.roles import declared
 
 __all__ = [
     "BROADCAST",
@@ -63,6 +64,7 @@ __all__ = [
     "NODE",
     "ON_AIR",
     "OUTCOMES",
+    "ROLES",
     "PLACE",
     "SETTINGS",
     "SWARM",
@@ -202,6 +204,14 @@ class Radio(NamedTuple):
     events: NDArray[Any]  # EVENT
     log: NDArray[np.uint8]
 
+
+ROLES = declared(
+    CONSTANT="settings nodes links channels outages dialect",
+    STATE="endpoints places data order along counters",
+    PASSING="gateways",  # a run with gateways has no checkpoints
+    BUFFER="hearers events log",
+)
+"""Of each array of `Radio`, tables as a whole."""
 
 DELIVERED, DEFERRED, FREE_PLACE, FREE_PLACES, IN_FLIGHT, USED_EVENTS, USED_LOG = range(len(OUTCOMES), len(OUTCOMES) + 7)
 """Places in `Radio.counters`: packets delivered; put off since a port was full; first free place and how many there

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim_master.network.roles import declared
 from cosim_master.stepping.kernels.fmi3_types import WIDTHS
 
 __all__ = [
@@ -61,6 +62,7 @@ __all__ = [
     "QUIT",
     "REALS_IN",
     "REALS_OUT",
+    "ROLES",
     "ROWS",
     "SEND",
     "SET_STRING",
@@ -265,3 +267,22 @@ class Plan(NamedTuple):
     free: NDArray[np.int64]  # instances that any thread may step
     shared: NDArray[np.int64]
     native: NDArray[np.uint8]  # of FMI 3: value references, buffers and answers that `calls` and `instances` point to
+
+
+ROLES = declared(
+    CONSTANT="""
+        instances.handle instances.do_step instances.answers instances.library instances.endpoint
+        instances.first_set instances.first_set_value instances.first_get instances.last_get
+        calls feeds runs sources wires in_reference out_reference mirrors mapped real_recorded int_recorded grids delays
+        slopes.input slopes.instance slopes.place confined free
+        ports.instance ports.has_rx ports.has_tx ports.text ports.rx ports.tx ports.binary ports.get ports.further
+    """,
+    STATE="""
+        instances.h instances.length real_in int_in real_out int_out text tx kept
+        slopes.before slopes.at slopes.known ports.filled ports.sent ports.rx_size
+    """,
+    # Of the clock, checkpoints hold K and PHASE in words; of `native`, the answers of FMI 3 instances, by instance.
+    PASSING="instances.period instances.failed ports.got ports.got_size clock native",
+    BUFFER="scratch real_block int_block ticks shared",
+)
+"""Of each array of `Plan`, and of each column of its tables where they differ."""

@@ -1,0 +1,39 @@
+"""The algorithm that a system asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from cosim_master.execution.algorithms.algorithm import Algorithm, verify_rollback
+from cosim_master.execution.algorithms.fixed_step import FixedStep
+from cosim_master.execution.algorithms.iteration import Iteration
+from cosim_master.execution.algorithms.richardson import Richardson
+from cosim_master.execution.run.state import RunState
+from cosim_master.execution.run.writing import Writing
+from cosim_master.execution.stimuli import Agenda
+from cosim_master.system.settings.master import Coupling
+
+__all__ = ["algorithm_for"]
+
+
+def algorithm_for(
+    coupling: Coupling,
+    state: RunState,
+    writing: Writing,
+    agenda: Agenda,
+    change: Callable[[int], bool],
+    every: int,
+) -> Algorithm:
+    """Makes the algorithm of a run, once the instances that it takes back have proved that they allow it.
+
+    Raises:
+        RunFailed: one does not.
+    """
+    iteration = None
+    if coupling.loops:
+        verify_rollback(state, [i for loop in coupling.loops for i in loop], coupling.algorithm)
+        iteration = Iteration(state.plan, state.places, state.living, coupling)
+    if coupling.variable:
+        verify_rollback(state, range(len(state.living)), coupling.algorithm)
+        return Richardson(state, writing, coupling, agenda, change, every)
+    return FixedStep(state, writing, agenda, change, iteration)

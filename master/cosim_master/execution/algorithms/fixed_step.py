@@ -1,0 +1,140 @@
+"""Macro steps of fixed size: Jacobi and Gauss-Seidel in the compiled loop, iteration through `Steps`.
+
+Where FMUs may discard steps, it keeps a snapshot, goes back to it, and divides the steps: see `discarded_steps`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.execution.algorithms.discarded_steps import Discarded, Grid, cannot_be_repeated, judge_failures
+from cosim_master.execution.algorithms.iteration import Iteration
+from cosim_master.execution.run.driver import Driver
+from cosim_master.execution.run.snapshot import Snapshot
+from cosim_master.execution.run.state import RunState
+from cosim_master.execution.run.writing import Writing
+from cosim_master.execution.stimuli import Agenda
+from cosim_master.stepping.failures import RunFailed, RunTerminated
+from cosim_master.stepping.kernels.tables import K
+
+__all__ = ["FixedStep"]
+
+_SNAPSHOT_EVERY = 0.2
+"""Wall-clock seconds."""
+
+
+class FixedStep:
+    """An `Algorithm`.
+
+    Args:
+        agenda: values to be set while the run goes on.
+        change: sets those that are due at a base step of the system's own grid; returns whether there were any.
+        iteration: makes the steps where outputs depend on each other within one.
+    """
+
+    def __init__(
+        self,
+        state: RunState,
+        writing: Writing,
+        agenda: Agenda,
+        change: Callable[[int], bool],
+        iteration: Iteration | None = None,
+    ) -> None:
+        self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
+        self._iteration = iteration
+        self._driver = Driver(state, writing, self._on_failure, iteration)
+        self._grid = Grid(state.plan, state.clock.periods)
+        self._unrepeatable = cannot_be_repeated(state)
+        self._snapshot: Snapshot | None = None
+        self._saved_at = -math.inf
+
+    @property
+    def k(self) -> int:
+        return int(self._state.plan.clock[K]) // self._grid.factor
+
+    def prepare(self) -> None:
+        # What this project compiled never discards a step, so that swarms of it need no copies of their states.
+        if not self._unrepeatable and not all(one.library.thread_safe for one in self._state.living):
+            self._snapshot = Snapshot(self._state)
+            self._driver.on_room = self._save
+            self._save()
+
+    def advance(self, k_stop: int) -> None:
+        if self._snapshot is not None and time.perf_counter() - self._saved_at > _SNAPSHOT_EVERY:
+            self._save()
+        grid = self._grid
+        while self.k < k_stop:
+            if int(self._state.plan.clock[K]) % grid.factor == 0 and self._change(self.k):
+                self._save()
+            target = int(min(k_stop, self._agenda.next))
+            if grid.until:
+                target = min(target, grid.until)
+            try:
+                self._driver.to(target * grid.factor)
+            except Discarded as discarded:
+                self._repeat(discarded)
+            if grid.until and self.k >= grid.until:
+                grid.coarsen()
+                self._save()
+
+    def settle(self) -> None:
+        while self._grid.until:
+            self.advance(self._grid.until)
+
+    def close(self) -> None:
+        if self._snapshot is not None:
+            self._snapshot.close()
+            self._snapshot = None
+        if self._iteration is not None:
+            self._iteration.close()
+
+    def _on_failure(self) -> None:
+        reason = self._unrepeatable or ("it cannot be repeated" if self._snapshot is None else "")
+        judge_failures(self._state, reason, can_end_here=self._grid.factor == 1)
+
+    def _save(self) -> None:
+        if self._snapshot is None:
+            return
+        self._writing.rows()
+        self._writing.make_room_for_a_step()
+        self._snapshot.save()
+        self._saved_at = time.perf_counter()
+
+    def _repeat(self, discarded: Discarded) -> None:
+        """Goes back to where the discarded step began, and divides the steps that begin there."""
+        assert self._snapshot is not None
+        state, writing = self._state, self._writing
+        rows, reached = writing.by_signal(), int(state.plan.clock[K])
+        done = writing.recorded()
+        step = float(np.max(state.plan.instances["h"]))
+        try:
+            self._snapshot.restore()
+            writing.take_back()
+            self._driver.to(reached)
+        except (FmuError, RunFailed, RunTerminated, Discarded) as error:
+            writing.put_back(done)
+            reason = "to repeat it, the run went back to a copy of its state and did not come again to this step"
+            raise RunFailed([*discarded.failures(reason), *_failures_of(error)]) from None
+        again = writing.by_signal()
+        if changed := [name for name in rows if not np.array_equal(rows[name], again[name], equal_nan=True)]:
+            writing.put_back(done)
+            text = f"the step cannot be repeated: after fmi2SetFMUstate, {', '.join(changed[:3])} went another way"
+            owner = next(one.name for one in reversed(state.living) if changed[0].startswith(f"{one.name}."))
+            reason = "to repeat it, the run went back to a copy of its state"
+            raise RunFailed([*discarded.failures(reason), FmuError(owner, "fmi2SetFMUstate", text, state.time)])
+        if self._grid.refine(discarded.shrink) == 0:
+            tried = f"shorter steps down to {step:.9g} s did not help"
+            raise RunFailed(discarded.failures(tried if self._grid.factor > 1 else f"{step:.9g} s cannot be divided"))
+        self._save()
+
+
+def _failures_of(error: Exception) -> list[FmuError]:
+    """What went wrong in a repetition, where it is more than another discarded step."""
+    if isinstance(error, FmuError):
+        return [error]
+    return list(error.failures) if isinstance(error, RunFailed) else []

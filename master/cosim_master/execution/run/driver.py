@@ -1,0 +1,129 @@
+"""Runs the compiled loop, and serves the reasons for which it returns to Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.execution.run.state import RunState
+from cosim_master.execution.run.writing import Writing
+from cosim_master.network.radio.build import grown
+from cosim_master.stepping.failures import RunFailed, RunTerminated, raise_failures
+from cosim_master.stepping.kernels.macro_step import next_point, places_needed, run
+from cosim_master.stepping.kernels.tables import (
+    BLOCK_FULL,
+    DONE,
+    EVENTS_DUE,
+    FAILED,
+    FAILURES,
+    NEED_LOG,
+    NEED_PLACES,
+    PHASE,
+    ROWS,
+    SEND,
+    STEPS_DUE,
+    K,
+)
+
+__all__ = ["Driver", "Steps"]
+
+
+class Steps(Protocol):
+    """Makes the steps of a macro step in place of the compiled loop."""
+
+    def step(self, time: float) -> None:
+        """Exchanges and steps all instances, from `time` [s] on; failures are in the plan.
+
+        Raises:
+            FmuError: an FMU cannot save or restore its state after all.
+        """
+
+
+class Driver:
+    """Macro steps of fixed size.
+
+    Args:
+        on_failure: is called when instances have failed, before it is raised: it may raise something else.
+        steps: makes the steps where the loop does not.
+    """
+
+    def __init__(
+        self, state: RunState, writing: Writing, on_failure: Callable[[], None], steps: Steps | None = None
+    ) -> None:
+        self._state, self._writing, self._on_failure, self._steps = state, writing, on_failure, steps
+        self.on_room: Callable[[], None] = lambda: None
+        """Is called after the blocks have been written out: nothing recorded before that can be taken back."""
+        self._served = {
+            BLOCK_FULL: self._block_full,
+            NEED_PLACES: self._need_places,
+            NEED_LOG: writing.make_room_for_a_step,
+            FAILED: self._failed,
+        }
+
+    def to(self, stop: int) -> None:
+        """Macro steps until base step `stop` of the plan's grid.
+
+        Raises:
+            RunFailed, RunTerminated, or what `on_failure` raises.
+        """
+        state = self._state
+        if not state.texts:
+            self._run(stop)
+            return
+        # Strings that are not packets are rare and slow to exchange: Python does it, one macro step at a time.
+        while state.plan.clock[K] < stop:
+            state.texts.set_inputs(state.plan)
+            self._run(int(next_point(state.plan, stop)))
+
+    def _run(self, stop: int) -> None:
+        state = self._state
+        clock = state.plan.clock
+        rows = int(clock[ROWS])
+        while (reason := run(state.plan, state.radio, stop)) != DONE:
+            if reason == EVENTS_DUE:
+                self._handle_events()
+            elif reason == STEPS_DUE:
+                self._step()
+            else:
+                self._served[reason]()
+                self.on_room()
+                rows = int(clock[ROWS])
+        if state.texts:
+            self._writing.read_texts(recorded=int(clock[ROWS]) != rows)
+
+    def _block_full(self) -> None:
+        if self._state.texts:
+            self._writing.read_texts(recorded=True)
+        self._writing.rows()
+
+    def _need_places(self) -> None:
+        state = self._state
+        state.radio = grown(state.radio, int(places_needed(state.plan, state.radio)))
+
+    def _failed(self) -> None:
+        self._on_failure()
+        raise_failures(self._state.plan, self._state.places, self._state.living)
+
+    def _handle_events(self) -> None:
+        state = self._state
+        rows = int(state.plan.clock[ROWS])
+        try:
+            state.event_mode.handle()
+        except RunTerminated:
+            if state.texts and state.plan.clock[ROWS] > rows:
+                self._writing.read_texts(recorded=True)
+            raise
+
+    def _step(self) -> None:
+        state, clock = self._state, self._state.plan.clock
+        assert self._steps is not None
+        try:
+            self._steps.step(state.time)
+        except FmuError as error:
+            raise RunFailed([error]) from None
+        if clock[FAILURES] > 0:
+            self._failed()
+        clock[PHASE] = SEND
+        if state.event_mode.pending:
+            state.event_mode.handle()

@@ -1,0 +1,60 @@
+"""Where packets of gateways enter and leave a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.packets import MAX_PACKET
+from cosim_master.execution.run.state import RunState
+from cosim_master.execution.run.writing import Writing
+from cosim_master.network.radio.build import GATEWAY_BYTES, grown
+from cosim_master.network.radio.router import FREE_PLACES, IN_FLIGHT, admit, arrived, deliver
+
+__all__ = ["GatewayPort"]
+
+_AT_ONCE = 64
+"""Packets that are admitted together."""
+
+
+class GatewayPort:
+    """The `Air` that gateways exchange packets with."""
+
+    def __init__(self, state: RunState, writing: Writing) -> None:
+        self._state, self._writing = state, writing
+        self._crossing = np.zeros(GATEWAY_BYTES, dtype=np.uint8)
+
+    def compile(self) -> None:
+        """Compiles the kernels now: later, a real program would wait for it."""
+        radio, now = self._state.radio, self._state.now
+        admit(radio, now, 0, np.frombuffer(b"-", dtype=np.uint8), 0)
+        e = int(radio.gateways[0]["endpoint"])
+        arrived(radio.endpoints, radio.places, now, e)
+        deliver(radio, now, e, self._crossing)
+
+    def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
+        """Brings packets into the network by a gateway, at the present time: complete ones whose CRC is not wrong."""
+        state = self._state
+        for first in range(0, len(packets), _AT_ONCE):
+            some = packets[first : first + _AT_ONCE]
+            block = np.frombuffer(b"".join(some), dtype=np.uint8)
+            need = len(some) * (state.radio.endpoints.size + 1)
+            if need > state.radio.counters[FREE_PLACES]:
+                state.radio = grown(state.radio, need)
+            self._writing.make_room(need, 2 * block.size + 64 * len(some))
+            admit(state.radio, state.now, gateway, block, block.size)
+
+    def take(self, gateway: int) -> bytes:
+        """Returns the packets that have arrived at a gateway by now."""
+        state = self._state
+        e = int(state.radio.gateways[gateway]["endpoint"])
+        taken = []
+        while arrived(state.radio.endpoints, state.radio.places, state.now, e):
+            self._writing.make_room(0, int(state.radio.counters[IN_FLIGHT]) * (MAX_PACKET + 16))
+            taken.append(self._crossing[: deliver(state.radio, state.now, e, self._crossing)].tobytes())
+        return b"".join(taken)
+
+    def waiting(self, gateway: int) -> int:
+        """Returns how many packets from a gateway have not been read yet, one for each reader."""
+        return int(self._state.radio.gateways[gateway]["waiting"])

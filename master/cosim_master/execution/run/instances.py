@@ -1,0 +1,49 @@
+"""The FMU instances of a run, from their creation to their end."""
+
+from __future__ import annotations
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.execution.startup.initialize import instantiate
+from cosim_master.fmi.slaves.libraries import Libraries, check_sources
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.system.flatten.flat import CheckedSystem
+
+__all__ = ["Instances"]
+
+
+class Instances:
+    """Owns the instances and the libraries that they are of.
+
+    Attributes:
+        living: in the order of the system's instances.
+    """
+
+    def __init__(self) -> None:
+        self.living: list[Living] = []
+        self._libraries = Libraries()
+
+    def make(self, checked: CheckedSystem) -> None:
+        """Instantiates all instances of a system.
+
+        Raises:
+            SystemDescriptionError: interpreted FMUs that do not fit together.
+            FmuError: an FMU refuses; `end` frees the others.
+        """
+        check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
+        instantiate(checked, self._libraries, self.living)
+
+    def end(self) -> list[FmuError]:
+        """Terminates and frees all instances, each once, whatever the others do; returns how that failed."""
+        failures = []
+        for one in self.living:
+            try:
+                one.terminate()
+            except FmuError as error:
+                failures.append(error)
+        for one in self.living:
+            try:
+                one.free()
+            except FmuError as error:
+                failures.append(error)
+        self._libraries.__exit__(None, None, None)
+        return failures

@@ -1,0 +1,76 @@
+"""From a checked system to a run at its start: instances initialized, plan and radio made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any
+
+from cosim_master.execution.events.event_mode import EventMode
+from cosim_master.execution.run.instances import Instances
+from cosim_master.execution.run.state import RunState
+from cosim_master.execution.run.workers import threads_for
+from cosim_master.execution.startup.initialize import initialize
+from cosim_master.network.radio.build import make_radio
+from cosim_master.stepping.layout import Layout
+from cosim_master.stepping.plan import make_plan
+from cosim_master.stepping.strings import Texts
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.time_grid import Timing
+
+__all__ = ["open_run"]
+
+
+def open_run(
+    instances: Instances,
+    checked: CheckedSystem,
+    clock: Timing,
+    places: Layout,
+    network: Network,
+    coupling: Coupling,
+    *,
+    every: int,
+    keep_packets: bool,
+    grid: bool,
+    threads: int | None,
+    phase: Callable[[str], AbstractContextManager[Any]],
+    tell: Callable[[str], None],
+) -> tuple[RunState, int]:
+    """Loads and initializes all FMU instances; returns the run at its start, and how many threads step it.
+
+    Args:
+        instances: takes the instances, and ends them whatever happens here.
+        every, keep_packets, grid, threads: as for `Execution`.
+        phase: measures where the time goes.
+        tell: is told, in words, what is done next.
+
+    Raises:
+        SystemDescriptionError: interpreted FMUs that do not fit together.
+        FmuError: an FMU refuses.
+        LoopError: outputs depend on each other at the start, and no values were found that fit.
+    """
+    tell(f"loading {len(checked.instances)} FMU instances")
+    with phase("load and instantiate"):
+        instances.make(checked)
+    living = instances.living
+    tell(f"initializing {len(checked.instances)} FMU instances")
+    with phase("initialize"):
+        event_mode = EventMode(checked, places, living, clock.start_ns, coupling.delays)
+        initialize(checked, living, clock.time(0), clock.time(clock.steps), event_mode.events)
+    free = [i for i, one in enumerate(living) if one.library.thread_safe and not coupling.sequence]
+    used = threads_for(len(free), threads)
+    plan = make_plan(
+        places,
+        clock,
+        network,
+        living,
+        every,
+        free=free,
+        threads=used,
+        coupling=coupling,
+        grid=grid or coupling.variable,
+    )
+    radio = make_radio(network, places.ports["Real"].index, keep=keep_packets)
+    return RunState(checked, clock, places, network, living, plan, radio, event_mode, Texts(places, living)), used

@@ -1,0 +1,83 @@
+"""A copy in memory of everything that the future of a run depends on."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.execution.run.state import RunState, changing
+from cosim_master.network.radio.router import ROLES as RADIO_ROLES
+from cosim_master.network.radio.router import Radio
+from cosim_master.network.roles import PASSING, STATE
+from cosim_master.stepping.failures import RunFailed
+from cosim_master.stepping.kernels.tables import FAULTS, ROLES
+
+__all__ = ["Snapshot"]
+
+
+class Snapshot:
+    """FMU states, the arrays that change, Strings and events.
+
+    Rows and packet logs must have been written out before `save`: they are not part of it. `close` frees the FMU
+    states; call it before the instances are freed.
+    """
+
+    def __init__(self, state: RunState) -> None:
+        self._state = state
+        self._fmu_states = [ctypes.c_void_p() for _ in state.living]
+        self._arrays: dict[str, np.ndarray[Any, Any]] = {}
+        self._radio: Radio | None = None
+        self._texts: dict[tuple[int, str], str] = {}
+        self._events: Any = None
+
+    def save(self) -> None:
+        """Takes a copy, in place of an earlier one.
+
+        Raises:
+            RunFailed: an FMU cannot save its state after all.
+        """
+        state = self._state
+        try:
+            for one, fmu_state in zip(state.living, self._fmu_states, strict=True):
+                one.time = state.time
+                one.save_state(fmu_state)
+        except FmuError as error:
+            raise RunFailed([error]) from None
+        self._arrays = {name: view.copy() for name, view in changing(state.plan, ROLES, (STATE, PASSING)).items()}
+        self._radio = _copy(state.radio)
+        self._texts, self._events = dict(state.texts.outputs), state.event_mode.events.saved()
+
+    def restore(self) -> None:
+        """Goes back to the copy.
+
+        Raises:
+            RunFailed: an FMU cannot restore its state after all.
+        """
+        assert self._radio is not None
+        state = self._state
+        try:
+            for one, fmu_state in zip(state.living, self._fmu_states, strict=True):
+                one.time = state.time
+                one.restore_state(fmu_state)
+        except FmuError as error:
+            raise RunFailed([error]) from None
+        for name, view in changing(state.plan, ROLES, (STATE, PASSING)).items():
+            view[...] = self._arrays[name]
+        state.plan.shared[FAULTS] = 0
+        state.radio = _copy(self._radio)
+        state.texts.outputs |= self._texts
+        state.event_mode.events.restore(self._events)
+
+    def close(self) -> None:
+        """Frees the FMU states."""
+        for one, fmu_state in zip(self._state.living, self._fmu_states, strict=True):
+            one.free_state(fmu_state)
+
+
+def _copy(radio: Radio) -> Radio:
+    """Returns the radio with copies of the arrays that change (whole tables: they are small)."""
+    names = {name.partition(".")[0] for name in changing(radio, RADIO_ROLES, (STATE, PASSING))}
+    return radio._replace(**{name: getattr(radio, name).copy() for name in names})

@@ -1,0 +1,83 @@
+"""Everything that a run consists of while it goes on, in one place: instances, the plan's arrays, the radio's, Strings.
+
+Its future depends on nothing else. Which arrays change is declared beside them (`tables.ROLES`, `router.ROLES`); from
+that follows what a snapshot in memory and a checkpoint in files hold (`changing`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim_master.execution.events.event_mode import EventMode
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.network.radio.router import Radio
+from cosim_master.stepping.failures import reached
+from cosim_master.stepping.kernels.tables import BASE, PER_NS, START, K, Plan
+from cosim_master.stepping.layout import Layout
+from cosim_master.stepping.strings import Texts
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.time_grid import Timing
+
+__all__ = ["RunState", "changing"]
+
+
+@dataclass(slots=True)
+class RunState:
+    """A run between two steps.
+
+    Attributes:
+        checked, clock, places, network: what is run; they do not change.
+        living: the FMU instances, in the order of `places.instances`.
+        plan: arrays of the compiled loop.
+        radio: arrays of the radio; replaced by larger ones where they are too small.
+        event_mode: events and Clocks of FMI 3.
+        texts: Strings that are not packets.
+    """
+
+    checked: CheckedSystem
+    clock: Timing
+    places: Layout
+    network: Network
+    living: list[Living]
+    plan: Plan
+    radio: Radio
+    event_mode: EventMode
+    texts: Texts
+
+    @property
+    def time(self) -> float:
+        """Simulation time of the present communication point, s."""
+        return reached(self.plan)
+
+    @property
+    def now(self) -> int:
+        """The same, ns."""
+        clock = self.plan.clock
+        ticks, per_ns = int(clock[START] + max(clock[K], 0) * clock[BASE]), int(clock[PER_NS])
+        return (ticks + per_ns // 2) // per_ns
+
+
+def changing(
+    arrays: Plan | Radio, roles: Mapping[str, str], wanted: Collection[str]
+) -> dict[str, np.ndarray[Any, Any]]:
+    """Returns views of the arrays, and of the columns of tables ("ports.filled"), that have one of the wanted roles.
+
+    Raises:
+        KeyError: an array, or a column of a table, whose role is not declared.
+    """
+    found: dict[str, np.ndarray[Any, Any]] = {}
+    for name in arrays._fields:
+        array = getattr(arrays, name)
+        if array.dtype.names is None or name in roles:
+            if roles[name] in wanted:
+                found[name] = array
+            continue
+        for column in array.dtype.names:
+            if roles[f"{name}.{column}"] in wanted:
+                found[f"{name}.{column}"] = array[column]
+    return found

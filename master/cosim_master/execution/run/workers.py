@@ -1,0 +1,45 @@
+"""Threads that step instances beside the main one."""
+
+from __future__ import annotations
+
+import os
+import threading
+
+from cosim_master.stepping.kernels.macro_step import work
+from cosim_master.stepping.kernels.tables import QUIT, Plan
+
+__all__ = ["Workers", "threads_for"]
+
+_WORTH_THREADS = 64
+"""Free instances from which on several threads step by default."""
+
+
+def threads_for(free: int, wanted: int | None) -> int:
+    """How many threads step: for few instances, handing them over costs more than it gains."""
+    if wanted is None:
+        wanted = (os.cpu_count() or 1) if free >= _WORTH_THREADS else 1
+    return max(1, min(wanted, free))
+
+
+class Workers:
+    """All threads of a run but the main one."""
+
+    def __init__(self) -> None:
+        self._plan: Plan | None = None
+        self._threads: list[threading.Thread] = []
+
+    def start(self, plan: Plan, threads: int) -> None:
+        """Starts all but the first of `threads` threads; they wait for steps."""
+        self._plan = plan
+        for thread in range(1, threads):
+            worker = threading.Thread(target=work, args=(plan, thread), name=f"uav-cosim-{thread}", daemon=True)
+            worker.start()
+            self._threads.append(worker)
+
+    def stop(self) -> None:
+        """Ends them, once they have finished a step."""
+        if self._threads and self._plan is not None:
+            self._plan.shared[QUIT] = 1
+            for worker in self._threads:
+                worker.join()
+            self._threads.clear()

@@ -1,0 +1,23 @@
+"""Roles of the arrays of a run, declared beside the arrays: they decide what snapshots and checkpoints hold.
+
+CONSTANT   the same from the first step to the last (or made anew from the same system)
+STATE      the future depends on it: in snapshots, and in the files of checkpoints
+PASSING    changes, but is made anew where a run goes on from files: in snapshots only
+BUFFER     empty, or of no meaning, whenever a snapshot is made
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+__all__ = ["BUFFER", "CONSTANT", "PASSING", "STATE", "declared"]
+
+CONSTANT, STATE, PASSING, BUFFER = "constant", "state", "passing", "buffer"
+
+
+def declared(**names: str) -> Mapping[str, str]:
+    """Returns the role of each array, given the names of those that have a role: ``STATE="real_in ports.filled"``."""
+    known = {"CONSTANT": CONSTANT, "STATE": STATE, "PASSING": PASSING, "BUFFER": BUFFER}
+    roles = [(name, known[role]) for role, text in names.items() for name in text.split()]
+    assert len({name for name, _ in roles}) == len(roles), "a role is declared twice"
+    return dict(roles)
