@@ -298,7 +298,8 @@ EXPORT int fmi2CompletedIntegratorStep(Dynamic *p, int no_set, int *enter_event,
     *enter_event = MODEL == DRIVE && floor(p->r[0]) > p->step_events;
     return p->mode == CONTINUOUS ? OK : ERROR;
 }
-EXPORT int fmi2SetTime(Dynamic *p, double t) { return p->mode & (EVENT | CONTINUOUS) ? (p->time = t, OK) : ERROR; }
+/* As FMUs of Dymola: in Continuous-Time Mode only. */
+EXPORT int fmi2SetTime(Dynamic *p, double t) { return p->mode == CONTINUOUS ? (p->time = t, OK) : ERROR; }
 EXPORT int fmi2SetContinuousStates(Dynamic *p, const double *x, size_t n) {
     if (n != NX || p->mode != CONTINUOUS) return ERROR;
     for (size_t i = 0; i < n; i++) p->r[i] = x[i];

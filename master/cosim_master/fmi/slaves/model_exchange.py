@@ -133,6 +133,7 @@ class _Exchanged:
         self._ends_at: float | None = None
         self._next_events: dict[int, float] = {}
         self._before: Any = None
+        self._told = -math.inf
 
     # What differs between the versions.
 
@@ -169,6 +170,7 @@ class _Exchanged:
             text = "it wants the run to end before its first step (terminateSimulation)"
             raise FmuError(self.name, self._update_function, text, self.time, self.lines) from None
         self._equations = _Equations(self, self.fmu.model_exchange)
+        self._told = -math.inf if self.time is None else self.time
         variables = self.fmu.variables.values()
         given = [v for v in variables if v.causality == "input" or (v.causality, v.variability) == _TUNABLE]
         self._watched = [[v for v in given if set_kind(v) == kind] for kind in dict.fromkeys(map(set_kind, given))]
@@ -218,7 +220,7 @@ class _Exchanged:
         assert solver is not None and exchange is not None
         self.time, stop, slack = t, t + h, 1e-12 * max(1.0, abs(t + h))
         solver.time = t
-        self.ask("SetTime", ctypes.c_double(max(t, self._next_event) if self._next_event <= t + slack else t))
+        self._tell(max(t, self._next_event) if self._next_event <= t + slack else t, slack)
         timed = self._next_event <= t + slack
         self._iterate()
         now = self._situation(solver.x)
@@ -235,6 +237,7 @@ class _Exchanged:
             if target > begin:
                 found = solver.advance(target)
                 self._equations.leave(solver.time, solver.x.ctypes.data)
+                self._told = solver.time
             needed = ends = False
             if exchange.completed_step:
                 needed, ends = self._completed()
@@ -246,14 +249,29 @@ class _Exchanged:
                 text = f"{_CHATTER} events at t = {solver.time:.9g} s, and it does not go on"
                 raise FmuError(self.name, f"solver {self._choice.name}", text, self.time, self.lines)
             if found or needed or timed:
-                self.ask("EnterEventMode")
                 if timed and self._next_event > solver.time:
                     self.ask("SetTime", ctypes.c_double(self._next_event))
+                    self._told = self._next_event
+                self.ask("EnterEventMode")
                 self._iterate()
                 self._continue(solver, solver.time, h)
         if not self._choice.can_go_back:
             self._before = self._situation(solver.x)
         self.ask("EnterEventMode")
+
+    def _tell(self, time: float, slack: float) -> None:
+        """Give the FMU the time while it is in Event Mode.
+
+        FMUs of Dymola take it in Continuous-Time Mode only; so FMUs of FMI 2 are told what differs by more than
+        rounding, by way of that mode. The solver tells them the rest.
+        """
+        if self.fmi != 2:
+            self.ask("SetTime", ctypes.c_double(time))
+        elif abs(time - self._told) > slack or self._told < time == self._next_event:
+            self.ask("EnterContinuousTimeMode")
+            self.ask("SetTime", ctypes.c_double(time))
+            self.ask("EnterEventMode")
+            self._told = time
 
     def _situation(self, x: Any) -> Any:
         """What the solver's next step depends on, without the solver's memory; None for solvers that have none."""

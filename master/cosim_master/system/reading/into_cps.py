@@ -272,11 +272,11 @@ class _Reading:
             self._problem(file, "fixedPointIteration", "fixedPointIteration: must be a positive whole number")
         if not wanted:
             return
-        if any(value <= 0.0 for value in given):
-            self._problem(file, names[0], "stabilisation: tolerances must be positive")
+        if any(value < 0.0 for value in given) or (given and not any(given)):
+            self._problem(file, names[0], "stabilisation: of the two tolerances one must be positive, none negative")
             return
         where = file.where(file.spelled.get("stabalizationEnabled", "stabalizationEnabled"))
-        self._tolerance = (min(given, default=_TOLERANCE), where)
+        self._tolerance = (min(filter(None, given), default=_TOLERANCE), where)
         self.notes.append(STABILISATION.text(where, f"{self._tolerance[0]:g}", f"{tries or _ITERATIONS:g}"))
 
     def _algorithm(self, file: _Json, algorithm: Any) -> None:
