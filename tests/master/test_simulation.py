@@ -277,6 +277,24 @@ def test_an_fmu_that_aborts_when_freed(probes: Any, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "done"
 
 
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize(("mode", "number"), [(14, signal.SIGABRT), (15, signal.SIGSEGV)])
+def test_an_fmu_that_crashes_in_a_step(probes: Any, tmp_path: Path, mode: int, number: signal.Signals) -> None:
+    """It takes the process with it; who it was is said, and the rows up to there and the manifest are on disk."""
+    probes.fmu()
+    probes.fmu("other.fmu", guid="other")
+    parts = probes.component("a") + probes.component("b", "other.fmu", mode=mode, when=1.0)
+    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(probes.ssd(parts))]
+    environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
+    done = subprocess.run([*command, "-o", "out"], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == -number
+    text = f"b: fmi2DoStep failed at t = 1 s: other.fmu crashed ({number.name}) and takes the process with it"
+    assert f"error: {text}" in done.stderr
+    assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0]
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert (manifest["outcome"], manifest["error"], manifest["simulated_s"]) == ("failed", text, 1.0)
+
+
 # ---- Ctrl-C -----------------------------------------------------------------------------------
 
 

@@ -21,6 +21,7 @@ from cosim_master.diagnostics.errors import CosimError, Finding, FmuError, Probl
 from cosim_master.diagnostics.limitations import RECORDING_INTERVAL
 from cosim_master.execution.execution import Execution, RunFailed, RunTerminated
 from cosim_master.execution.fingerprint import fingerprint_of
+from cosim_master.execution.run.crashes import reported
 from cosim_master.execution.stimuli import Stimuli, read_stimuli
 from cosim_master.fmi.description.read import Start
 from cosim_master.fmi.slaves.solvers import Choice
@@ -366,7 +367,17 @@ def simulate(
             except CosimError as error:
                 return RunResult("failed", error, 0.0, 0.0, 0.0, {}, ready.notes)
             start_up = time.perf_counter() - began
-            with execution, _interrupts() as interrupted:
+
+            complete = threading.Event()
+
+            def rescue(error: FmuError) -> None:
+                if complete.is_set():
+                    return
+                simulated, counts = execution.time - ready.clock.time(0), execution.packet_counts()
+                crashed = RunResult("failed", error, simulated, 0.0, 0.0, counts, ready.notes)
+                execution.finish(lambda: _manifest(ready, crashed, start_up, execution.parameters, fingerprint))
+
+            with execution, reported(execution.living, lambda: execution.time, rescue), _interrupts() as interrupted:
                 if checkpoint_every is not None:
                     execution.refuse_checkpoints()
                 gateways.start()
@@ -396,6 +407,7 @@ def simulate(
                 result = replace(result, folder=out)
                 about = (start_up, execution.parameters, fingerprint)
                 execution.finish(lambda: _manifest(ready, result, *about))
+                complete.set()
                 # An FMU that takes the process with it when it ends leaves a complete recording, and its manifest.
                 failures = execution.end(lambda errors: _manifest(ready, _failing(result, errors), *about))
             return _failing(result, failures)

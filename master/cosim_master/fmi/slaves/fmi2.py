@@ -92,6 +92,7 @@ class Library:
     def __init__(self, fmu: FmuDescription, library: Path, resources: Path) -> None:
         self.fmu = fmu
         self.resources = resources
+        self.file = str(library)
         self.handles: dict[int, str] = {}
         self.corrupted = False
         # pythonfmu keeps even errors to itself unless logging is on; others need not be asked, and some say too much.

@@ -37,7 +37,7 @@ class TableLibrary(Library):
 
     def __init__(self, fmu: FmuDescription, folder: Path) -> None:
         assert fmu.table is not None
-        self.fmu, self.resources, self.table = fmu, folder, fmu.table
+        self.fmu, self.resources, self.table, self.file = fmu, folder, fmu.table, ""
         self.handles: dict[int, str] = {}
         self.corrupted = self.python = self.thread_safe = False
         self.times: dict[int, float] = {}

@@ -1,0 +1,106 @@
+"""What can be saved when an FMU takes the process with it: it calls abort(), or writes where it must not.
+
+    with reported(living, now, rescue): ...    steps; on a crash rescue(error) is called, and the process then dies
+
+The signal comes in the FMU's own code, in the thread that stepped it. A Python function may run there, but nothing can
+go on behind it: it finds on the stack which FMU it was, says so, lets the recording be completed, and the signal ends
+the process as it would have done. Best effort: what a crash has left of the heap may not bear that, so it has seconds.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.slaves.slave import Living
+
+__all__ = ["reported"]
+
+_SIGNALS = ("SIGABRT", "SIGSEGV", "SIGFPE", "SIGILL", "SIGBUS")
+_SECONDS = 10
+_FRAMES = 512
+_HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int)
+
+
+class _Symbol(ctypes.Structure):
+    """Dl_info of dladdr."""
+
+    _fields_ = (
+        ("file", ctypes.c_char_p),
+        ("base", ctypes.c_void_p),
+        ("name", ctypes.c_char_p),
+        ("address", ctypes.c_void_p),
+    )
+
+
+@contextmanager
+def reported(living: Sequence[Living], now: Callable[[], float], rescue: Callable[[FmuError], None]) -> Iterator[None]:
+    """Reports crashes of FMUs in the main thread and completes what they would leave incomplete.
+
+    Args:
+        living: the instances; looked at when one crashes.
+        now: the time that all have reached, s.
+        rescue: called with the error; the process ends behind it.
+    """
+    if sys.platform == "win32" or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    libc = ctypes.CDLL(None)
+    libc.signal.restype, libc.signal.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
+    numbers = [int(getattr(signal, name)) for name in _SIGNALS]
+
+    def crashed(number: int) -> None:
+        for other in numbers:
+            libc.signal(other, None)  # SIG_DFL: a second crash, in here, ends the process
+        libc.alarm(_SECONDS)
+        with suppress(BaseException):
+            error = _error(libc, living, number, now())
+            os.write(2, f"error: {error}\n".encode())
+            rescue(error)
+        os.kill(os.getpid(), number)
+
+    handler = _HANDLER(crashed)
+    libc.backtrace((ctypes.c_void_p * 2)(), 2)  # loads what it needs now, not in the handler
+    before = {number: libc.signal(number, ctypes.cast(handler, ctypes.c_void_p)) for number in numbers}
+    for number, was in before.items():
+        if was:  # somebody else's handler, such as faulthandler's, stays
+            libc.signal(number, was)
+    try:
+        yield
+    finally:
+        own = ctypes.cast(handler, ctypes.c_void_p).value
+        for number, was in before.items():
+            if (now_there := libc.signal(number, was)) != own:
+                libc.signal(number, now_there)  # an FMU has brought its own meanwhile
+
+
+def _error(libc: Any, living: Sequence[Living], number: int, time: float) -> FmuError:
+    """Who crashed, by the libraries on the stack; and in which of FMI's functions."""
+    files = {os.path.realpath(one.library.file): one.library for one in living if one.library.file}
+    frames = (ctypes.c_void_p * _FRAMES)()
+    library, function = None, ""
+    for at in frames[: libc.backtrace(frames, _FRAMES)]:
+        symbol = _Symbol()
+        # An address to return to may lie behind the function that called abort() at its very end.
+        if not libc.dladdr(ctypes.c_void_p((at or 1) - 1), ctypes.byref(symbol)) or not symbol.file:
+            continue
+        found = files.get(os.path.realpath(os.fsdecode(symbol.file)))
+        if library is None:
+            library = found
+        name = (symbol.name or b"").decode("ascii", "replace")
+        if found is not None and found is library and "fmi" in name:
+            function = name
+            break
+    ours = [one for one in living if library is None or one.library is library]
+    names = [one.name for one in ours]
+    who = names[0] if len(names) == 1 else f"one of {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}"
+    what = "it crashed" if library is None else f"{library.fmu.path.name} crashed"
+    text = f"{what} ({signal.Signals(number).name}) and takes the process with it"
+    return FmuError(who, function or "a function of the FMU", text, time)
