@@ -136,6 +136,19 @@ def test_functions_as_in_libcosim(place: Path, tmp_path: Path) -> None:
     assert rows[-1][2] == pytest.approx(sum(0.25 * 0.3 * (2.5 * y[k] - 1.0) for k in range(12)), rel=1e-12)
 
 
+def test_ends_come_in_any_order_and_there_may_be_no_connection(place: Path) -> None:
+    """The schema has both so, and libcosim's own systems are written so."""
+    functions = '<LinearTransformation name="lt" factor="2"/>'
+    out = '<SignalConnection><Signal function="lt" name="out"/><Variable simulator="b" name="u"/></SignalConnection>'
+    parts = simulator("a") + simulator("b")
+    for wires in (signal("a.y", "lt", "in") + out, out + signal("a.y", "lt", "in")):
+        (link,) = check(read_system(written(place, parts, wires, functions))).links
+        assert (link.source, link.target, link.factor) == (("a", "y"), ("b", "u"), 2.0)
+    file = written(place, parts, "\n")
+    assert "<Connections>" in file.read_text()
+    assert check(read_system(file)).links == ()
+
+
 @needs_libcosim
 def test_groups_as_in_libcosim(place: Path, tmp_path: Path) -> None:
     """Groups of groups, each variable to its counterpart, whichever drives; and a vector sum of groups."""

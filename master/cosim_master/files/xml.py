@@ -73,7 +73,8 @@ class Form:
         children: legal child elements, as "{namespace}name", in the standard's order.
         repeated: those of `children` that may come more than once.
         mandatory: those of `children` that must be there.
-        filled: at least one child must be there, and they come in any order.
+        filled: at least one child must be there, and those that are repeated come in any order.
+        unordered: all children come in any order.
         choices: sets of `children` of which at most one element may be there.
         later: attributes and children that only version 2 of the standard has.
         opaque: the children belong to somebody else and are not looked at.
@@ -86,6 +87,7 @@ class Form:
     repeated: frozenset[str] = frozenset()
     mandatory: tuple[str, ...] = ()
     filled: bool = False
+    unordered: bool = False
     choices: tuple[frozenset[str], ...] = ()
     later: frozenset[str] = frozenset()
     opaque: bool = False
@@ -173,6 +175,8 @@ class Reader:
 
     @staticmethod
     def _rank(tag: str, form: Form) -> int:
+        if form.unordered:
+            return 0
         for choice in form.choices:
             if tag in choice:
                 return min(form.children.index(member) for member in choice)

@@ -73,8 +73,10 @@ GRAMMAR: Grammar = {
         _OSP + name: Form(optional=("powerBond",), children=(_OSP + ends,), repeated=frozenset([_OSP + ends]))
         for name, ends in (("VariableConnection", "Variable"), ("VariableGroupConnection", "VariableGroup"))
     },
-    _OSP + "SignalConnection": Form(children=(_OSP + "Variable", _OSP + "Signal"), filled=True),
-    _OSP + "SignalGroupConnection": Form(children=(_OSP + "SignalGroup", _OSP + "VariableGroup"), filled=True),
+    _OSP + "SignalConnection": Form(children=(_OSP + "Variable", _OSP + "Signal"), filled=True, unordered=True),
+    _OSP + "SignalGroupConnection": Form(
+        children=(_OSP + "SignalGroup", _OSP + "VariableGroup"), filled=True, unordered=True
+    ),
     **{_OSP + name: _form(required=_ENDS, optional="causality") for name in ("Variable", "VariableGroup")},
     **{_OSP + name: _form(required="function name") for name in ("Signal", "SignalGroup")},
 }
@@ -83,7 +85,7 @@ _CONNECTIONS = Form(
         _OSP + name
         for name in ("VariableConnection", "SignalConnection", "VariableGroupConnection", "SignalGroupConnection")
     ),
-    filled=True,
+    unordered=True,
     repeated=frozenset(
         _OSP + name
         for name in ("VariableConnection", "SignalConnection", "VariableGroupConnection", "SignalGroupConnection")
