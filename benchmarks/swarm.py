@@ -29,7 +29,8 @@ from report import machine, show, write
 
 from cosim.kernel import kernel
 from cosim_master.execution.execution import Execution
-from cosim_master.execution.simulate import Progress, simulate
+from cosim_master.execution.result import Progress
+from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import grown
 from cosim_master.network.radio.router import Radio
 from cosim_master.results.recorder import Recorder

@@ -1,4 +1,81 @@
 """The master: reads a system of FMUs, checks it, steps it, carries its packets, records it.
 
-Nothing is imported here, so that each command loads only what it needs.
+    from cosim_master import simulate
+
+    result = simulate("line5", until=60.0, out=Path("out"))
+    result.outcome                                     # Outcome.DONE
+    signals(result.folder)["drone3.vehicle.position[2]"]
+
+`__all__` is what other programs may rely on. Each name is imported when it is first used, so that a program, like
+each verb of the command, loads only the parts that it needs.
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cosim_master.diagnostics.errors import CosimError as CosimError
+    from cosim_master.diagnostics.errors import FmuError as FmuError
+    from cosim_master.diagnostics.errors import LoopError as LoopError
+    from cosim_master.diagnostics.errors import NotConverged as NotConverged
+    from cosim_master.diagnostics.errors import RunFailed as RunFailed
+    from cosim_master.diagnostics.errors import RunTerminated as RunTerminated
+    from cosim_master.diagnostics.errors import StepTooSmall as StepTooSmall
+    from cosim_master.diagnostics.errors import SystemDescriptionError as SystemDescriptionError
+    from cosim_master.execution.prepare import Prepared as Prepared
+    from cosim_master.execution.result import Outcome as Outcome
+    from cosim_master.execution.result import Progress as Progress
+    from cosim_master.execution.result import RunResult as RunResult
+    from cosim_master.execution.simulate import simulate as simulate
+    from cosim_master.results.comparison import compare as compare
+    from cosim_master.results.read import packets as packets
+    from cosim_master.results.read import signals as signals
+    from cosim_master.system.authoring.convert import convert as convert
+    from cosim_master.system.authoring.new import new_system as new_system
+    from cosim_master.system.authoring.pack import pack as pack
+    from cosim_master.system.authoring.save import save as save
+    from cosim_master.system.authoring.swap import swap as swap
+    from cosim_master.system.flatten.check import check as check
+    from cosim_master.system.flatten.flat import CheckedSystem as CheckedSystem
+    from cosim_master.system.reading.read import read_system as read_system
+
+_WHERE = {
+    "CheckedSystem": "system.flatten.flat",
+    "CosimError": "diagnostics.errors",
+    "FmuError": "diagnostics.errors",
+    "LoopError": "diagnostics.errors",
+    "NotConverged": "diagnostics.errors",
+    "Outcome": "execution.result",
+    "Prepared": "execution.prepare",
+    "Progress": "execution.result",
+    "RunFailed": "diagnostics.errors",
+    "RunResult": "execution.result",
+    "RunTerminated": "diagnostics.errors",
+    "StepTooSmall": "diagnostics.errors",
+    "SystemDescriptionError": "diagnostics.errors",
+    "check": "system.flatten.check",
+    "compare": "results.comparison",
+    "convert": "system.authoring.convert",
+    "new_system": "system.authoring.new",
+    "pack": "system.authoring.pack",
+    "packets": "results.read",
+    "read_system": "system.reading.read",
+    "save": "system.authoring.save",
+    "signals": "results.read",
+    "simulate": "execution.simulate",
+    "swap": "system.authoring.swap",
+}
+
+__all__ = [*_WHERE]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, *globals()]

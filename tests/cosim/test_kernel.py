@@ -16,10 +16,13 @@ FOR = "from numba.core.registry import cpu_target; print(cpu_target.target_conte
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="others are compiled for what they are")
-@pytest.mark.parametrize("module", [f"cosim_master.{name}" for name in ("calls", "profiling", "simulation")])
+@pytest.mark.parametrize(
+    "module",
+    ["stepping.kernels.fmi_calls", "stepping.profiling", "execution.simulate"],
+)
 def test_all_is_compiled_for_one_processor_whatever_is_imported_first(module: str) -> None:
     """numba looks once, when it makes its first function; a cache of one processor is of no use for another."""
-    imports = f"import {module}, cosim_master.execution.execution, cosim.packets; "
+    imports = f"import cosim_master.{module}, cosim_master.execution.execution, cosim.packets; "
     done = subprocess.run([sys.executable, "-c", imports + FOR], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("'x86-64-v2', '')")
 
@@ -63,5 +66,5 @@ def test_kernels_are_compiled_anew_where_a_callee_in_another_file_changes_and_on
 
 def test_the_loop_does_not_depend_on_the_command_line() -> None:
     names = {file.name for file in imported_sources(Path(cosim_master.stepping.kernels.macro_step.__file__))}
-    assert {"stepping.py", "calls.py", "radio.py", "tables.py", "packets.py", "kernel.py"} <= names
-    assert not names & {"console.py", "simulation.py", "figures.py", "check.py"}
+    assert {"macro_step.py", "fmi_calls.py", "router.py", "tables.py", "packets.py", "kernel.py"} <= names
+    assert not names & {"console.py", "simulate.py", "figures.py", "check.py"}

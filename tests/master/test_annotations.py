@@ -11,12 +11,13 @@ from typing import Any
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.simulate import Prepared, Recording, prepare
+from cosim_master.execution.prepare import Prepared, prepare
 from cosim_master.system.flatten.check import ANNOTATION_TYPES, check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.annotation import NAMESPACE
 from cosim_master.system.settings.master import Coupling
 from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.recording import Recording
 from cosim_master.verdict.limits import Limits
 from tests.master.test_network import PACKETS
 

@@ -13,7 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.execution.result import RunResult
+from cosim_master.execution.simulate import simulate
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from tests.master.clocked import clocked

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.algorithms.richardson import StepTooSmall
+from cosim_master.diagnostics.errors import StepTooSmall, SystemDescriptionError
 from cosim_master.execution.simulate import simulate
 from tests.master.clocked import clocked
 from tests.master.linear import BALL_PORTS, ball, exact, impacts, signals

@@ -13,7 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.execution.result import RunResult
+from cosim_master.execution.simulate import simulate
 from tests.master.strict3 import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")

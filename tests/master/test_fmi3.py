@@ -13,7 +13,8 @@ import pytest
 
 from cosim_master.diagnostics.errors import FmuError, SystemDescriptionError
 from cosim_master.execution.execution import Execution
-from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.execution.result import RunResult
+from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 from cosim_master.fmi.slaves.fmi3 import Instance3
 from cosim_master.fmi.slaves.libraries import Libraries

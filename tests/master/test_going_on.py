@@ -15,7 +15,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.simulate import Progress, simulate
+from cosim_master.execution.result import Progress
+from cosim_master.execution.simulate import simulate
 from tests.master.clocked import clocked
 from tests.master.linear import BALL_PORTS, ball
 from tests.master.strict3 import ABLE

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.algorithms.iteration import NotConverged
+from cosim_master.diagnostics.errors import NotConverged, SystemDescriptionError
 from cosim_master.execution.simulate import simulate
 from tests.master.linear import exact, signals
 

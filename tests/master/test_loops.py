@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
+from cosim_master.diagnostics.errors import LoopError
 from cosim_master.execution.simulate import simulate
-from cosim_master.execution.startup.loops import TOLERANCE, LoopError, settle
+from cosim_master.execution.startup.loops import TOLERANCE, settle
 
 
 def settled(function: Any, first: list[Any]) -> list[Any]:

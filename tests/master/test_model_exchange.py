@@ -13,7 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.execution.result import RunResult
+from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 from cosim_master.fmi.slaves.solvers import Choice
 

@@ -17,7 +17,8 @@ import pytest
 from lxml import etree
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.simulate import prepare, simulate
+from cosim_master.execution.prepare import prepare
+from cosim_master.execution.simulate import simulate
 from cosim_master.stepping.layout import layout
 from cosim_master.system.authoring.new import new_system
 from cosim_master.system.flatten.check import check

@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
-from cosim_master.execution.simulate import RunResult, simulate
+from cosim_master.execution.result import RunResult
+from cosim_master.execution.simulate import simulate
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

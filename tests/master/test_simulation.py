@@ -17,8 +17,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution import simulate as simulation
-from cosim_master.execution.simulate import Prepared, Progress, RunResult, simulate
+from cosim_master.execution import pacing
+from cosim_master.execution.prepare import Prepared
+from cosim_master.execution.result import Progress, RunResult
+from cosim_master.execution.simulate import simulate
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.system.settings.time_grid import Timing
 from tests.master.probe import model, slave
@@ -588,7 +590,7 @@ class Clock:
 def paced(monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None) -> tuple[Clock, RunResult, list[int]]:
     """Ten seconds of an execution with base step 10 ms, each of which costs `cost` s."""
     clock = Clock(cost)
-    monkeypatch.setattr(simulation, "time", clock)
+    monkeypatch.setattr(pacing, "time", clock)
     reached: list[int] = []
 
     class Execution:
@@ -609,7 +611,7 @@ def paced(monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None) -> t
 
     ready: Any = SimpleNamespace(clock=Timing(0, 10_000_000, 1000, (1,)), notes=())
     execution: Any = Execution()
-    return clock, simulation._run(execution, ready, pace, None, lambda: False, Gateways([], lambda _: None)), reached
+    return clock, pacing.run(execution, ready, pace, None, lambda: False, Gateways([], lambda _: None)), reached
 
 
 @pytest.mark.parametrize("pace", [0.5, 1.0, 4.0])

@@ -24,7 +24,8 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from cosim_master.execution.execution import Execution, RunFailed, RunTerminated
+from cosim_master.diagnostics.errors import RunFailed, RunTerminated
+from cosim_master.execution.execution import Execution
 from cosim_master.fmi.slaves.fmi2 import Instance
 from cosim_master.stepping.layout import layout
 from cosim_master.system.flatten.check import check

@@ -14,7 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.simulate import Progress, simulate
+from cosim_master.execution.result import Progress
+from cosim_master.execution.simulate import simulate
 from tests.scenarios.flights import SYSTEMS, copy_of, fly
 from tests.scenarios.test_radio_is_bad import with_radio
 

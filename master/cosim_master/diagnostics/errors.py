@@ -2,18 +2,39 @@
 
     CosimError
     ├── SystemDescriptionError   the description of a system or an FMU is wrong; nothing has been loaded yet
-    └── FmuError                 an FMU refused or failed a call while it was alive
+    ├── FmuError                 an FMU refused or failed a call while it was alive
+    ├── RunFailed                FMUs failed in one macro step: an FmuError for each
+    ├── RunTerminated            an FMU wants the simulation to end
+    ├── LoopError                outputs depend on each other at the start, and no values fit
+    ├── NotConverged             outputs depend on each other within a step, and do not settle
+    └── StepTooSmall             the tolerance cannot be met by steps of the minimum size
 
 How a run ended is a value, not an error; misuse of an API is a `ValueError` or `TypeError`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
-__all__ = ["CosimError", "Finding", "FmuError", "Problem", "SystemDescriptionError", "Where", "within_bounds"]
+from cosim_master.diagnostics.limitations import INITIAL_LOOP
+
+__all__ = [
+    "CosimError",
+    "Finding",
+    "FmuError",
+    "LoopError",
+    "NotConverged",
+    "Problem",
+    "RunFailed",
+    "RunTerminated",
+    "StepTooSmall",
+    "SystemDescriptionError",
+    "Where",
+    "within_bounds",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +134,99 @@ class FmuError(CosimError):
         said = [line for line in self.log if not line.startswith(_WRAPPER)] or self.log
         lines = [f"{instance}: {function} failed{at}: {status}", *(f"    {line}" for line in _together(said))]
         super().__init__("\n".join(lines))
+
+
+class RunFailed(CosimError):
+    """One or more instances failed in the same macro step.
+
+    Attributes:
+        failures: an FmuError for each of them.
+    """
+
+    def __init__(self, failures: Sequence[FmuError]) -> None:
+        self.failures = tuple(failures)
+        super().__init__("\n".join(str(failure) for failure in failures))
+
+
+class RunTerminated(CosimError):
+    """An FMU wants the simulation to end; that is no failure.
+
+    Attributes:
+        instance: which.
+        time: until when it has something to simulate, s.
+    """
+
+    def __init__(self, instance: str, time: float, *, said: str = "fmi2Terminated", hint: str = "") -> None:
+        self.instance, self.time = instance, time
+        more = f" {hint}" if hint else ""
+        super().__init__(f"{instance}: it wants the run to end at t = {time:.9g} s ({said}){more}")
+
+
+class NotConverged(CosimError):
+    """Outputs that depend on each other within a step, and do not settle.
+
+    Attributes:
+        residuals: name of each output -> by how much it still changes.
+        time: at which the step begins, s.
+    """
+
+    def __init__(self, algorithm: str, time: float, iterations: int, rows: Sequence[tuple[str, float, float]]) -> None:
+        self.time = time
+        self.residuals = {name: residual for name, _, residual in rows}
+        worst = sorted(rows, key=lambda row: -abs(row[2]))
+        lines = [f"    {name} = {value:.9g}, residual {residual:.3g}" for name, value, residual in worst[:_SHOWN]]
+        more = f"\n    and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
+        head = f"{algorithm}: in the step from t = {time:.9g} s these outputs depend on each other, and do not settle"
+        super().__init__("\n".join([f"{head} in {iterations} iterations:", *lines]) + more)
+
+
+class StepTooSmall(CosimError):
+    """The tolerance cannot be met by steps of the minimum size.
+
+    Attributes:
+        time: s.
+        errors: name of each output that is off by too much -> by how much.
+    """
+
+    def __init__(self, time: float, h: float, errors: Sequence[tuple[str, float]], tolerance: float) -> None:
+        self.time, self.errors = time, dict(errors)
+        worst = ", ".join(f"{name} by {error:.3g}" for name, error in errors[:5]) or "an FMU has discarded it"
+        more = f" and {len(errors) - 5} more" if len(errors) > 5 else ""
+        super().__init__(
+            f"richardson: a step from t = {time:.9g} s of the minimum, {h:.9g} s, is off by more than {tolerance:g} "
+            f"per second: {worst}{more}"
+        )
+
+
+class LoopError(CosimError):
+    """A loop of connections whose values do not settle.
+
+    Attributes:
+        residuals: name of each output in the loop -> how much its value still changes.
+        rounds: how often values were exchanged.
+    """
+
+    def __init__(self, names: Sequence[str], values: Sequence[Any], new: Sequence[Any], rounds: int) -> None:
+        self.residuals = {
+            name: after - before if isinstance(before, float) else float(after != before)
+            for name, before, after in zip(names, values, new, strict=True)
+        }
+        self.rounds = rounds
+        lines = [
+            f"    {name} = {_shown(value)}, residual {self.residuals[name]:.3g}"
+            for name, value in zip(names, values, strict=True)
+        ]
+        more = f"\n    and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
+        head = INITIAL_LOOP.text(rounds)
+        super().__init__("\n".join([head, *lines[:_SHOWN]]) + more)
+
+
+_SHOWN = 20
+"""Outputs of a loop that an error shows."""
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else repr(value)
 
 
 _WRAPPER = ("Fatal py exception encountered: ", "unknown error")

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from cosim_master.diagnostics.errors import FmuError, Problem, SystemDescriptionError
+from cosim_master.diagnostics.errors import FmuError, Problem, RunFailed, SystemDescriptionError
 from cosim_master.diagnostics.limitations import CHECKPOINT
 from cosim_master.execution.algorithms.algorithm import Algorithm
 from cosim_master.execution.algorithms.choice import algorithm_for
@@ -32,7 +32,7 @@ from cosim_master.network.radio.build import packet_counts
 from cosim_master.network.radio.router import Radio
 from cosim_master.results.checkpoint_folder import Checkpoint
 from cosim_master.results.recorder import Recorder
-from cosim_master.stepping.failures import RunFailed, RunTerminated, raise_failures
+from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.macro_step import collect_all
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.profiling import Profiler
@@ -43,7 +43,7 @@ from cosim_master.system.settings.master import Coupling
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import Timing
 
-__all__ = ["Execution", "RunFailed", "RunTerminated"]
+__all__ = ["Execution"]
 
 
 class Execution:

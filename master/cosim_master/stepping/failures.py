@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cosim_master.diagnostics.errors import CosimError, FmuError
+from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.diagnostics.limitations import DISCARDED, PENDING, WIDE_INTEGER
 from cosim_master.diagnostics.limitations import NOT_A_NUMBER as NAN
 from cosim_master.fmi.slaves.fmi2 import STATUS, set_kind
@@ -30,7 +30,7 @@ from cosim_master.stepping.kernels.tables import (
 )
 from cosim_master.stepping.layout import KINDS, Layout
 
-__all__ = ["DISCARD", "RunFailed", "RunTerminated", "discard_failure", "raise_failures"]
+__all__ = ["DISCARD", "discard_failure", "raise_failures"]
 
 _OF_FMI3 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2GetString": "fmi3GetBinary"}
 """What the loop's own numbers of functions mean for an FMI 3 instance."""
@@ -41,32 +41,6 @@ DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
 _FAILED = (STATUS.index("fmi2Error"), STATUS.index("fmi2Fatal"))
 _MOST_INPUTS = 8
 """More are not told with a failure."""
-
-
-class RunFailed(CosimError):
-    """One or more instances failed in the same macro step.
-
-    Attributes:
-        failures: an FmuError for each of them.
-    """
-
-    def __init__(self, failures: Sequence[FmuError]) -> None:
-        self.failures = tuple(failures)
-        super().__init__("\n".join(str(failure) for failure in failures))
-
-
-class RunTerminated(CosimError):
-    """An FMU wants the simulation to end; that is no failure.
-
-    Attributes:
-        instance: which.
-        time: until when it has something to simulate, s.
-    """
-
-    def __init__(self, instance: str, time: float, *, said: str = "fmi2Terminated", hint: str = "") -> None:
-        self.instance, self.time = instance, time
-        more = f" {hint}" if hint else ""
-        super().__init__(f"{instance}: it wants the run to end at t = {time:.9g} s ({said}){more}")
 
 
 def reached(plan: Plan) -> float:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 
-from cosim_master.diagnostics.errors import FmuError
+from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.fmi.slaves.slave import Living
-from cosim_master.stepping.failures import RunFailed, reached
+from cosim_master.stepping.failures import reached
 from cosim_master.stepping.kernels.tables import LAST, K, Plan
 from cosim_master.stepping.layout import Layout
 

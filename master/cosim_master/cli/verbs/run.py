@@ -26,7 +26,7 @@ from cosim_master.cli.terminal.registry import verb
 from cosim_master.cli.terminal.verdict import show_findings, summary
 
 if TYPE_CHECKING:
-    from cosim_master.execution.simulate import RunResult
+    from cosim_master.execution.result import RunResult
 
 
 @verb(

@@ -50,8 +50,8 @@ def check(
     """Read a system and its FMUs and report every problem, without running anything."""
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
+        from cosim_master.execution.prepare import prepare
         from cosim_master.execution.reference_results import against_reference
-        from cosim_master.execution.simulate import prepare
         from cosim_master.stepping.layout import layout
         from cosim_master.system.flatten.check import check as check_system
         from cosim_master.system.reading.read import read_system

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from cosim_master.diagnostics.errors import RunFailed
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.startup.rollback_test import self_test
 from cosim_master.fmi.slaves.fmi3 import Instance3
-from cosim_master.stepping.failures import RunFailed
 from cosim_master.stepping.kernels.tables import FINAL
 
 __all__ = ["Algorithm", "verify_rollback"]

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.diagnostics.errors import FmuError
+from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.startup.rollback_test import STATE_FUNCTIONS
 from cosim_master.fmi.slaves.fmi2 import STATUS
 from cosim_master.fmi.slaves.slave import Living
-from cosim_master.stepping.failures import DISCARD, RunFailed, RunTerminated, discard_failure
+from cosim_master.stepping.failures import DISCARD, discard_failure
 from cosim_master.stepping.kernels.macro_step import end_here
 from cosim_master.stepping.kernels.tables import BASE, ENDED, EVERY, FINER, LAST, PER_NS, START, K, Plan
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cosim_master.diagnostics.errors import FmuError
+from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.algorithms.discarded_steps import Discarded, Grid, cannot_be_repeated, judge_failures
 from cosim_master.execution.algorithms.iteration import Iteration
 from cosim_master.execution.run.driver import Driver
@@ -19,7 +19,6 @@ from cosim_master.execution.run.snapshot import Snapshot
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
 from cosim_master.execution.stimuli import Agenda
-from cosim_master.stepping.failures import RunFailed, RunTerminated
 from cosim_master.stepping.kernels.tables import K
 
 __all__ = ["FixedStep"]

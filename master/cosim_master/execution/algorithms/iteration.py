@@ -29,34 +29,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import NotConverged
 from cosim_master.fmi.slaves.slave import Living
 from cosim_master.stepping.kernels.macro_step import step_each, step_together
 from cosim_master.stepping.kernels.tables import FAILURES, Plan
 from cosim_master.stepping.layout import KINDS, Layout
 from cosim_master.system.settings.master import Coupling
 
-__all__ = ["Iteration", "NotConverged"]
-
-_SHOWN = 20
-
-
-class NotConverged(CosimError):
-    """Outputs that depend on each other within a step, and do not settle.
-
-    Attributes:
-        residuals: name of each output -> by how much it still changes.
-        time: at which the step begins, s.
-    """
-
-    def __init__(self, algorithm: str, time: float, iterations: int, rows: Sequence[tuple[str, float, float]]) -> None:
-        self.time = time
-        self.residuals = {name: residual for name, _, residual in rows}
-        worst = sorted(rows, key=lambda row: -abs(row[2]))
-        lines = [f"    {name} = {value:.9g}, residual {residual:.3g}" for name, value, residual in worst[:_SHOWN]]
-        more = f"\n    and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
-        head = f"{algorithm}: in the step from t = {time:.9g} s these outputs depend on each other, and do not settle"
-        super().__init__("\n".join([f"{head} in {iterations} iterations:", *lines]) + more)
+__all__ = ["Iteration"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim_master.diagnostics.errors import CosimError
+from cosim_master.diagnostics.errors import StepTooSmall
 from cosim_master.execution.algorithms.discarded_steps import Discarded, cannot_be_repeated, judge_failures
 from cosim_master.execution.run.driver import Driver
 from cosim_master.execution.run.snapshot import Snapshot
@@ -50,10 +50,9 @@ from cosim_master.stepping.layout import Layout, shows_error
 from cosim_master.system.settings.master import Coupling
 from cosim_master.system.settings.time_grid import Timing
 
-__all__ = ["Rejected", "Richardson", "StepControl", "StepTooSmall", "World"]
+__all__ = ["Rejected", "Richardson", "StepControl", "World"]
 
 _SAFETY, _SMALLEST_CHANGE, _LARGEST_CHANGE = 0.8, 0.1, 2.0
-_SHOWN = 5
 _NEVER = 1 << 60
 
 
@@ -62,24 +61,6 @@ class Rejected(Exception):
 
     def __init__(self, end: int | None = None) -> None:
         self.end = end
-
-
-class StepTooSmall(CosimError):
-    """The tolerance cannot be met by steps of the minimum size.
-
-    Attributes:
-        time: s.
-        errors: name of each output that is off by too much -> by how much.
-    """
-
-    def __init__(self, time: float, h: float, errors: Sequence[tuple[str, float]], tolerance: float) -> None:
-        self.time, self.errors = time, dict(errors)
-        worst = ", ".join(f"{name} by {error:.3g}" for name, error in errors[:_SHOWN]) or "an FMU has discarded it"
-        more = f" and {len(errors) - _SHOWN} more" if len(errors) > _SHOWN else ""
-        super().__init__(
-            f"richardson: a step from t = {time:.9g} s of the minimum, {h:.9g} s, is off by more than {tolerance:g} "
-            f"per second: {worst}{more}"
-        )
 
 
 class World(Protocol):

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.diagnostics.errors import FmuError
+from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.events.super_dense import EndedByEvent, Events
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.slaves.fmi3 import Instance3
 from cosim_master.fmi.slaves.slave import Living
-from cosim_master.stepping.failures import RunFailed, RunTerminated, raise_failures, reached
+from cosim_master.stepping.failures import raise_failures, reached
 from cosim_master.stepping.kernels.macro_step import collect_again, end_here
 from cosim_master.stepping.kernels.tables import BASE, BEGIN, END, FINER, PER_NS, SHOW, START, K, Plan
 from cosim_master.stepping.layout import KINDS, Layout, halves_of

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from cosim_master.diagnostics.errors import FmuError
+from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
 from cosim_master.network.radio.build import grown
-from cosim_master.stepping.failures import RunFailed, RunTerminated, raise_failures
+from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.macro_step import next_point, places_needed, run
 from cosim_master.stepping.kernels.tables import (
     BLOCK_FULL,

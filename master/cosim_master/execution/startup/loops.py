@@ -15,10 +15,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim_master.diagnostics.errors import CosimError
-from cosim_master.diagnostics.limitations import INITIAL_LOOP
+from cosim_master.diagnostics.errors import LoopError
 
-__all__ = ["TOLERANCE", "LoopError", "settle"]
+__all__ = ["TOLERANCE", "settle"]
 
 TOLERANCE = 1e-10
 """A real is settled if it changes by no more than this, relative to 1 or the size it begins with."""
@@ -27,33 +26,6 @@ _LARGEST_JACOBIAN = 400
 _DIFFERENCE = 1e-6
 
 _Values: TypeAlias = list[Any]
-
-
-class LoopError(CosimError):
-    """A loop of connections whose values do not settle.
-
-    Attributes:
-        residuals: name of each output in the loop -> how much its value still changes.
-        rounds: how often values were exchanged.
-    """
-
-    def __init__(self, names: Sequence[str], values: Sequence[Any], new: Sequence[Any], rounds: int) -> None:
-        self.residuals = {
-            name: after - before if isinstance(before, float) else float(after != before)
-            for name, before, after in zip(names, values, new, strict=True)
-        }
-        self.rounds = rounds
-        lines = [
-            f"    {name} = {_shown(value)}, residual {self.residuals[name]:.3g}"
-            for name, value in zip(names, values, strict=True)
-        ]
-        more = f"\n    and {len(lines) - 20} more" if len(lines) > 20 else ""
-        head = INITIAL_LOOP.text(rounds)
-        super().__init__("\n".join([head, *lines[:20]]) + more)
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.9g}" if isinstance(value, float) else repr(value)
 
 
 def settle(go_round: Callable[[_Values], _Values], first: Sequence[Any], names: Sequence[str]) -> int:

@@ -1,0 +1,151 @@
+"""manifest.json: what was run, with what, and how it ended."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from cosim_master.execution.prepare import Prepared
+from cosim_master.execution.result import RunResult
+from cosim_master.fmi.description.read import Start
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.network import Channel
+from cosim_master.system.structure import Component, System
+
+__all__ = ["digest_of_system", "manifest"]
+
+
+def manifest(
+    ready: Prepared,
+    result: RunResult,
+    start_up: float,
+    parameters: Mapping[str, Mapping[str, Start]],
+    fingerprint: Mapping[str, str],
+) -> dict[str, Any]:
+    """Returns the manifest of a run, as JSON.
+
+    Args:
+        start_up: wall-clock time before the first step, s.
+        parameters: of each instance, as its FMU answered.
+        fingerprint: digests of everything that the recording depends on.
+    """
+    checked = ready.checked
+    network = {
+        f.name: getattr(ready.network, f.name)
+        for f in fields(ready.network)
+        if f.name not in ("nodes", "gateways", "dialect", "notes")
+    }
+    if math.isinf(ready.network.range):
+        network["range"] = "INF"
+    network["channels"] = [_channel_in_json(channel) for channel in ready.network.channels]
+    network["dialect"] = [message.name for message in ready.network.dialect]
+    network["links"] = sorted(map(list, ready.network.links))
+    network["outages"] = [[n, a, b if math.isfinite(b) else "INF"] for n, a, b in ready.network.outages]
+    fmus = {str(i.fmu.path): i.fmu for i in checked.instances}
+    return {
+        "outcome": result.outcome,
+        "error": None if result.error is None else str(result.error),
+        "verdict": None if result.verdict is None else result.verdict.as_json(),
+        "simulated_s": result.simulated_s,
+        "wall_s": result.wall_s,
+        "start_up_s": start_up,
+        "real_time_factor": result.real_time_factor,
+        "system": {
+            "name": checked.structure.name,
+            "path": str(checked.structure.path),
+            "sha256": digest_of_system(checked),
+        },
+        **(
+            {}
+            if ready.stimuli is None
+            else {"input": {"path": str(ready.stimuli.path), "sha256": ready.stimuli.digest}}
+        ),
+        "fingerprint": dict(fingerprint),
+        "start_time": ready.clock.time(0),
+        "base_step": ready.clock.seconds(1),
+        "changes": [
+            {
+                "time": ready.clock.time(change.k),
+                "variable": f"{checked.instances[change.instance].name}.{change.variable.name}",
+                "value": _in_json(change.value),
+            }
+            for change in ready.changes
+        ],
+        "master": {
+            "algorithm": ready.coupling.algorithm,
+            "extrapolated": sorted(".".join(target) for target in ready.coupling.extrapolated),
+            "tolerance": ready.coupling.tolerance,
+            "iterations": ready.coupling.iterations,
+            "relaxation": ready.coupling.relaxation,
+            "minimum_step": ready.coupling.minimum_step / 1e9,
+            "maximum_step": ready.coupling.maximum_step / 1e9,
+            "delays": {".".join(target): delay.ns / 1e9 for target, delay in ready.coupling.delays.items()},
+        },
+        "seed": ready.network.seed,
+        "settings": {tag: dict(given) for tag, given in checked.settings.items()},
+        "network": network,
+        "recording": asdict(ready.recording),
+        "packets": dict(result.packets),
+        "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
+        "instances": {
+            instance.name: {
+                "fmu": str(instance.fmu.path),
+                "step": ready.clock.seconds(period),
+                "step_by": source,
+                **({} if instance.solver is None else {"solver": asdict(instance.solver)}),
+                "parameters": {name: _in_json(value) for name, value in parameters[instance.name].items()},
+            }
+            for instance, period, source in zip(
+                checked.instances, ready.clock.periods, ready.clock.sources, strict=True
+            )
+        },
+        "fmus": {
+            path: {"sha256": fmu.digest, "guid": fmu.guid, "model": fmu.model_name}
+            for path, fmu in sorted(fmus.items())
+        },
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("uav-cosim", "numba", "numpy", "pyarrow", "fmpy")},
+        },
+        "notes": list(result.notes),
+        **({} if result.profile is None else {"profile": asdict(result.profile)}),
+    }
+
+
+def _channel_in_json(channel: Channel) -> dict[str, Any]:
+    numbers = {name: getattr(channel, name) for name in ("latency", "jitter", "loss")}
+    given = {name: value for name, value in numbers.items() if value is not None}
+    return {"from": channel.source, "to": channel.target, **given}
+
+
+def _in_json(value: Start) -> Start:
+    """JSON has no infinity: it is written as XML Schema does."""
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
+
+
+def digest_of_system(checked: CheckedSystem) -> str:
+    """Of the root document and every document below it, in the order of their paths."""
+    documents: set[Path] = {checked.structure.document}
+
+    def visit(system: System) -> None:
+        documents.add(system.document)
+        for element in system.elements:
+            if isinstance(element, Component):
+                if element.content is not None:
+                    visit(element.content)
+            elif isinstance(element, System):
+                visit(element)
+
+    visit(checked.structure.system)
+    digest = hashlib.sha256()
+    for document in sorted(documents):
+        digest.update(document.read_bytes())
+    return digest.hexdigest()

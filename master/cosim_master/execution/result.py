@@ -1,0 +1,80 @@
+"""How far a run is, and how it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from pathlib import Path
+
+from cosim_master.diagnostics.errors import (
+    CosimError,
+    FmuError,
+    RunFailed,
+)
+from cosim_master.stepping.profiling import Profile
+from cosim_master.verdict.findings import Judgement
+
+__all__ = ["Outcome", "Progress", "RunResult", "failing"]
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    DONE = "done"
+    INTERRUPTED = "interrupted"
+    """Ctrl-C."""
+    TERMINATED = "terminated"
+    """An FMU wants the simulation to end."""
+    FAILED = "failed"
+    """An FMU failed, perhaps only when it was to be terminated, after all had been simulated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is: simulated time and wall-clock time since the first step, s; packets sent by radio."""
+
+    time: float
+    start: float
+    stop: float
+    wall: float
+    packets: int
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How a run ended.
+
+    Attributes:
+        outcome: equal to its word ("done").
+        error: what failed, or who ended the run; None otherwise.
+        simulated_s, wall_s, real_time_factor: of the stepping alone.
+        packets: see `Execution.packet_counts`.
+        notes: what was assumed.
+        overruns: paced runs: how often and by how much (s, at worst) the pace could not be held.
+        gateways: see `Gateways.counts`.
+        profile: where the time went, if that was asked for.
+        folder: of the results; None if nothing was recorded.
+        verdict: how the swarm did; None if the run did not begin.
+    """
+
+    outcome: Outcome
+    error: CosimError | None
+    simulated_s: float
+    wall_s: float
+    real_time_factor: float
+    packets: Mapping[str, int]
+    notes: tuple[str, ...]
+    overruns: tuple[int, float] = (0, 0.0)
+    gateways: Mapping[str, Mapping[str, int | str]] = field(default_factory=dict)
+    profile: Profile | None = None
+    folder: Path | None = None
+    verdict: Judgement | None = None
+
+
+def failing(result: RunResult, failures: Sequence[FmuError]) -> RunResult:
+    """The result of a run whose recording is complete, with FMUs that could not be terminated: it has failed."""
+    if not failures:
+        return result
+    before = result.error.failures if isinstance(result.error, RunFailed) else ()
+    return replace(result, outcome=Outcome.FAILED, error=RunFailed([*before, *failures]))

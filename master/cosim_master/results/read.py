@@ -1,0 +1,49 @@
+"""A recorded run as tables, for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.export import open_signals
+
+__all__ = ["packets", "signals"]
+
+
+def signals(run: Path | str, names: list[str] | None = None) -> pa.Table:
+    """Returns the recorded signals of a run: column ``time`` [s], then one for each ``component.variable``.
+
+    Units and descriptions are in the metadata of the fields. ``.to_pandas()`` and ``polars.from_arrow`` make data
+    frames of it.
+
+    Args:
+        run: folder of the run.
+        names: of the columns that are wanted; None reads all.
+
+    Raises:
+        CosimError: the folder has no complete signals, or not these.
+    """
+    with open_signals(Path(run)) as file:
+        if names is not None and (lacking := sorted({*names} - {*file.schema_arrow.names})):
+            raise CosimError(f"{run}: nothing was recorded of {', '.join(lacking[:5])}")
+        return file.read(columns=names)
+
+
+def packets(run: Path | str) -> pa.Table:
+    """Returns the packets of a run, one row for each packet and each node that it was for; times in s.
+
+    Raises:
+        CosimError: the run has no record of packets, or not a complete one.
+    """
+    file = Path(run) / "packets.parquet"
+    if not file.is_file():
+        raise CosimError(f"{run}: no packets were recorded (there is no packets.parquet)")
+    try:
+        return pq.read_table(file)
+    except pa.ArrowInvalid as error:
+        raise CosimError(
+            f"{file}: not a complete Parquet file; the run that wrote it was cut short ({error})"
+        ) from None

@@ -1,0 +1,93 @@
+"""What `import cosim_master` exports."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+import cosim_master
+from cosim_master.diagnostics import errors
+
+
+def test_these_names_and_no_others() -> None:
+    assert sorted(cosim_master.__all__) == [
+        "CheckedSystem",
+        "CosimError",
+        "FmuError",
+        "LoopError",
+        "NotConverged",
+        "Outcome",
+        "Prepared",
+        "Progress",
+        "RunFailed",
+        "RunResult",
+        "RunTerminated",
+        "StepTooSmall",
+        "SystemDescriptionError",
+        "check",
+        "compare",
+        "convert",
+        "new_system",
+        "pack",
+        "packets",
+        "read_system",
+        "save",
+        "signals",
+        "simulate",
+        "swap",
+    ]
+
+
+@pytest.mark.parametrize("name", cosim_master.__all__)
+def test_each_has_a_docstring_and_says_where_it_is(name: str) -> None:
+    found: Any = getattr(cosim_master, name)
+    assert found.__doc__
+    assert found.__name__ == name
+    assert name in dir(cosim_master)
+
+
+def test_every_error_is_among_them() -> None:
+    raised = {name for name, one in vars(errors).items() if isinstance(one, type) and issubclass(one, Exception)}
+    assert raised <= {*cosim_master.__all__}
+
+
+def test_another_name_is_an_error() -> None:
+    with pytest.raises(AttributeError, match="module 'cosim_master' has no attribute 'nothing'"):
+        _ = cosim_master.nothing
+
+
+def test_nothing_heavy_is_imported_before_it_is_used() -> None:
+    code = "import sys, cosim_master; print(*({'numba', 'numpy', 'pyarrow', 'lxml'} & {*sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+def test_a_run_from_python(probes: Any, tmp_path: Path) -> None:
+    probes.fmu()
+    system = probes.ssd(probes.workshop.component("a", "probe.fmu"), stop=0.5)
+    result = cosim_master.simulate(system, until=0.5, out=tmp_path / "out")
+    assert result.outcome is cosim_master.Outcome.DONE
+    assert result.outcome == "done"
+    table = cosim_master.signals(tmp_path / "out")
+    assert table.column_names[0] == "time"
+    assert table["time"][-1].as_py() == 0.5
+    assert cosim_master.signals(tmp_path / "out", ["time"]).column_names == ["time"]
+    with pytest.raises(cosim_master.CosimError, match=r"nothing was recorded of b\.x"):
+        cosim_master.signals(tmp_path / "out", ["b.x"])
+    with pytest.raises(cosim_master.CosimError, match="no packets were recorded"):
+        cosim_master.packets(tmp_path / "out")
+
+
+def test_packets_of_a_run(fmus: Path, tmp_path: Path) -> None:
+    cosim_master.simulate("line5", until=0.5, out=tmp_path / "out")
+    found = cosim_master.packets(tmp_path / "out")
+    assert isinstance(found, pa.Table)
+    assert {"sent", "source", "target", "outcome"} <= {*found.column_names}
+    (tmp_path / "out" / "packets.parquet").write_bytes(b"PAR1 cut short")
+    with pytest.raises(cosim_master.CosimError, match="not a complete Parquet file"):
+        cosim_master.packets(tmp_path / "out")
