@@ -364,6 +364,16 @@ class TestParameters:
         assert values_of(two(bindings=values), "one") == {"u": 2000.0}
         assert values_of(two(bindings=workshop.bindings({"one.u": 2.0}, unit="m")), "one") == {"u": 2.0}
 
+    def test_the_unit_of_a_connector_where_the_fmu_has_none(self, workshop: Any, variable: Any) -> None:
+        """A value is converted to it, as a connection's is; the FMU's own unit, if there is one, goes before."""
+        workshop.fmu("plain.fmu", variable("u"), variable("p", "parameter"))
+        values = workshop.bindings({"u": 3.0, "p": 3.0}, unit="km")
+        values = values.replace("</ssv:Parameters>", "</ssv:Parameters><ssv:Units><ssc:Unit name='km'>"
+                                "<ssc:BaseUnit m='1' factor='1000'/></ssc:Unit></ssv:Units>")  # fmt: skip
+        component = workshop.component("one", "plain.fmu", "u:input:Real:m p:parameter", values)
+        checked = check(read_system(workshop.ssd("s.ssd", workshop.system(component), workshop.units("m"))))
+        assert values_of(checked, "one") == {"u": 3000.0, "p": 3.0}
+
     def test_later_wins_and_higher_wins(self, workshop: Any) -> None:
         own = workshop.bindings({"p": 1.0, "u": 1.0, "w": 1.0, "v": 1.0}, {"u": 2.0})
         component = workshop.component("unit", "unit.fmu", bindings=own)

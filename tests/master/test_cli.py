@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from cosim.build import models_of_package
 from cosim_master.cli import app, err, out
 from cosim_master.cli.terminal import progress
 from tests.master.probe import model
@@ -342,6 +343,23 @@ def test_build(run: Any, tmp_path: Path) -> None:
     assert code == 2 and "error: no model called Nonexistent: there are " in stderr
     code, _, stderr = run("build", "nowhere.py", "-o", "fmus")
     assert code == 2 and "nowhere.py: no such file" in stderr
+
+
+def test_build_of_all_models_leaves_out_those_that_fmi_3_cannot_have(
+    run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of a package, of which one has no kernels: it is named, the others are built."""
+    known = {model.__name__: model for model in models_of_package("cosim_models")}
+    two = [known["ArduPilotSITL"], known["LineAgent"]]
+    monkeypatch.setattr("cosim.build.models_of_package", lambda package: two)
+    code, stdout, stderr = run("build", "--fmi", "3", "-o", "fmus")
+    assert code == 0, stderr
+    assert stdout.splitlines()[0] == (
+        "ArduPilotSITL: not built: it has no kernels, and interpreted FMUs are FMI 2 only"
+    )
+    assert [file.name for file in (tmp_path / "fmus").iterdir()] == ["LineAgent.fmi3.fmu"]
+    code, _, stderr = run("build", "ArduPilotSITL", "--fmi", "3", "-o", "fmus")
+    assert code == 2 and "error: ArduPilotSITL has no kernels" in stderr
 
 
 def test_as_a_process(system: Path, tmp_path: Path) -> None:
