@@ -221,7 +221,9 @@ DISCARDED = Limitation(
     "failure",
     "fmi{}Discard: it could not step from {} s to {} s{}; {}",
 )
-TOLERANCE = Limitation("FMI", "of co-simulation: tolerances, derivatives of outputs, directional derivatives", "silent", "")
+TOLERANCE = Limitation(
+    "FMI", "tolerances, derivatives of outputs and directional derivatives in co-simulation", "silent", ""
+)
 
 # ---- FMI 2.0 ---------------------------------------------------------------------------------------------------------
 
