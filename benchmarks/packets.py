@@ -33,7 +33,9 @@ from cosim.kernel import kernel
 from cosim.messages import GLOBAL_POSITION_INT, decode_global_position_int, encode_global_position_int
 from cosim.packets import GOOD, find, pack, unpack
 from cosim_master.network.radio.build import grown, make_radio
-from cosim_master.network.radio.router import DELIVERED, Radio, deliver, send
+from cosim_master.network.radio.queues import deliver
+from cosim_master.network.radio.router import send
+from cosim_master.network.radio.tables import DELIVERED, Radio
 from cosim_master.stepping.layout import layout
 from cosim_master.system.authoring.new import new_system
 from cosim_master.system.flatten.check import check

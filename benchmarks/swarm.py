@@ -32,7 +32,7 @@ from cosim_master.execution.execution import Execution
 from cosim_master.execution.result import Progress
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import grown
-from cosim_master.network.radio.router import Radio
+from cosim_master.network.radio.tables import Radio
 from cosim_master.results.recorder import Recorder
 from cosim_master.stepping.kernels import macro_step as stepping
 from cosim_master.stepping.kernels import tables
@@ -127,7 +127,7 @@ def _timed_steps(
         _lap(stamp)
         stepping._deliver_all(p, r, k)
         spent[1] += _lap(stamp)
-        stepping._exchange(
+        stepping.exchange(
             p.instances,
             p.runs,
             p.sources,
@@ -143,7 +143,7 @@ def _timed_steps(
         spent[0] += _lap(stamp)
         first = 0
         for n in range(ends.size):
-            failed = stepping._step_some(
+            failed = stepping.step_some(
                 p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, grouped[first : ends[n]]
             )
             if failed > 0:

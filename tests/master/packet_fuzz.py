@@ -20,7 +20,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from cosim_master.network.gateways.gateways import Parser
 from cosim_master.network.gateways.signing import Signing
 from cosim_master.network.radio.build import grown, make_radio
-from cosim_master.network.radio.router import IN_FLIGHT, MALFORMED, USED_EVENTS, USED_LOG, Radio, admit, deliver, send
+from cosim_master.network.radio.queues import deliver
+from cosim_master.network.radio.router import admit, send
+from cosim_master.network.radio.tables import IN_FLIGHT, MALFORMED, USED_EVENTS, USED_LOG, Radio
 from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node
 from tests.master.scripted import variable
 

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import make_radio
-from cosim_master.stepping.kernels.macro_step import collect_all, run
+from cosim_master.stepping.kernels.instances import collect_all
+from cosim_master.stepping.kernels.macro_step import run
 from cosim_master.stepping.kernels.tables import DONE
 from cosim_master.stepping.layout import layout
 from cosim_master.stepping.plan import make_plan

@@ -23,19 +23,10 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.network.gateways.gateways import Address, Gateways, Parser, gateways_of
 from cosim_master.network.gateways.sockets import Report, Socket, TcpServer, Udp, open_socket
 from cosim_master.network.radio.build import grown, make_radio
-from cosim_master.network.radio.router import (
-    DELIVERED,
-    EVENT,
-    IN_FLIGHT,
-    OUTCOMES,
-    USED_EVENTS,
-    USED_LOG,
-    Radio,
-    admit,
-    copies,
-    deliver,
-    send,
-)
+from cosim_master.network.radio.queues import deliver
+from cosim_master.network.radio.router import admit, send
+from cosim_master.network.radio.tables import DELIVERED, EVENT, IN_FLIGHT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
+from cosim_master.network.radio.topology import copies
 from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node
 from tests.master.scripted import variable
 

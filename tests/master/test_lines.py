@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from cosim_master.network.gateways.gateways import gateways_of
-from cosim_master.network.radio.router import admit, deliver
+from cosim_master.network.radio.queues import deliver
+from cosim_master.network.radio.router import admit
 from cosim_master.stepping.kernels.tables import DONE, FAILED, NOT_BASE64
 from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node, network_of, with_gateways
 from tests.master.scripted import Scripted, system_of, variable

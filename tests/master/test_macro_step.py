@@ -11,8 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.network.radio.build import grown, make_radio
-from cosim_master.network.radio.router import FREE_PLACES, IN_FLIGHT
-from cosim_master.stepping.kernels.macro_step import collect_all, places_needed, run
+from cosim_master.network.radio.tables import FREE_PLACES, IN_FLIGHT
+from cosim_master.stepping.kernels.instances import collect_all
+from cosim_master.stepping.kernels.macro_step import places_needed, run
 from cosim_master.stepping.kernels.tables import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K
 from cosim_master.stepping.layout import layout
 from cosim_master.stepping.plan import make_plan

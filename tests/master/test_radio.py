@@ -17,7 +17,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.fmi.description.read import Variable
 from cosim_master.network.radio.build import _hash, grown, make_radio
-from cosim_master.network.radio.router import (
+from cosim_master.network.radio.channel import _mix, chance
+from cosim_master.network.radio.queues import deliver
+from cosim_master.network.radio.router import send
+from cosim_master.network.radio.tables import (
     DEFERRED,
     DELIVERED,
     FREE_PLACES,
@@ -27,13 +30,8 @@ from cosim_master.network.radio.router import (
     USED_EVENTS,
     USED_LOG,
     Radio,
-    _mix,
-    chance,
-    copies,
-    deliver,
-    send,
-    sort_along,
 )
+from cosim_master.network.radio.topology import copies, sort_along
 from cosim_master.system.settings.network import Channel, Endpoint, Network, Node
 from tests.master.scripted import variable
 

@@ -52,7 +52,7 @@ def test_the_command_writes_what_a_package_brings(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-m", "cosim_master.stepping.warming", str(tmp_path)], check=True)
     files = {file.name.partition("-")[0]: file for file in tmp_path.glob("*/*.kernel")}
     assert set(files) >= {*EVERY_RUN, "work", "record", "end_here", "step_each", "step_together", "admit", "deliver"}
-    assert files["run"].parent.name == files["work"].parent.name
+    assert files["run"].parent.name == files["places_needed"].parent.name
     done = subprocess.run(
         [sys.executable, "-m", "cosim_master.stepping.warming"], capture_output=True, text=True, check=False
     )

@@ -23,7 +23,9 @@ from benchmarks.fuzz import Fuzz as Maker
 from benchmarks.fuzz import deliver as step_with
 from cosim_master.network.gateways.gateways import Parser
 from cosim_master.network.radio.build import grown, make_radio
-from cosim_master.network.radio.router import MALFORMED, USED_EVENTS, USED_LOG, Radio, admit, deliver, send
+from cosim_master.network.radio.queues import deliver
+from cosim_master.network.radio.router import admit, send
+from cosim_master.network.radio.tables import MALFORMED, USED_EVENTS, USED_LOG, Radio
 from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node
 from cosim_models.agents.line_agent import LineAgent
 from cosim_models.autopilot.autopilot import Autopilot

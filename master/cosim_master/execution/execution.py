@@ -29,11 +29,11 @@ from cosim_master.execution.run.writing import Writing
 from cosim_master.execution.startup.initialize import answers
 from cosim_master.execution.stimuli import Agenda, Stimuli
 from cosim_master.network.radio.build import packet_counts
-from cosim_master.network.radio.router import Radio
+from cosim_master.network.radio.tables import Radio
 from cosim_master.results.checkpoint_folder import Checkpoint
 from cosim_master.results.recorder import Recorder
 from cosim_master.stepping.failures import raise_failures
-from cosim_master.stepping.kernels.macro_step import collect_all
+from cosim_master.stepping.kernels.instances import collect_all
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.profiling import Profiler
 from cosim_master.stepping.strings import failing

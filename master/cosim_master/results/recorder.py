@@ -28,7 +28,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
-from cosim_master.network.radio.router import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
+from cosim_master.network.radio.tables import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
 from cosim_master.results.checkpoint_folder import Checkpoint, Position, segments
 from cosim_master.results.run_folder import clear
 from cosim_master.stepping.kernels.tables import PER_NS, ROWS, Plan

@@ -19,10 +19,10 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 
 from cosim.kernel import PLAIN
-from cosim_master.network.radio import router as radio
-from cosim_master.network.radio.router import Radio
-from cosim_master.stepping.kernels import macro_step as stepping
-from cosim_master.stepping.kernels import tables
+from cosim_master.network.radio import queues, router
+from cosim_master.network.radio import tables as radio
+from cosim_master.network.radio.tables import Radio
+from cosim_master.stepping.kernels import instances, macro_step, tables, threads
 from cosim_master.stepping.kernels.tables import Plan
 
 __all__ = ["EVERY_RUN", "compile_loop", "types_of"]
@@ -88,19 +88,19 @@ def compile_loop(names: Sequence[str] | None = None) -> None:
     endpoints, places = (air[Radio._fields.index(name)] for name in ("endpoints", "places"))
     received = numba.types.Array(numba.uint8, 1, "C", readonly=True)
     kernels: dict[str, tuple[Any, tuple[Any, ...]]] = {
-        "run": (stepping.run, (plan, air, whole)),
-        "collect_all": (stepping.collect_all, (plan,)),
-        "places_needed": (stepping.places_needed, (plan, air)),
-        "sent_bytes": (stepping.sent_bytes, (plan,)),
-        "work": (stepping.work, (plan, whole)),
-        "record": (stepping.record, (plan,)),
-        "end_here": (stepping.end_here, (plan, chosen)),
-        "step_each": (stepping.step_each, (plan, chosen)),
-        "step_together": (stepping.step_together, (plan, chosen)),
-        "collect_again": (stepping.collect_again, (plan, chosen)),
-        "admit": (radio.admit, (air, whole, whole, received, whole)),
-        "arrived": (radio.arrived, (endpoints, places, whole, whole)),
-        "deliver": (radio.deliver, (air, whole, whole, port)),
+        "run": (macro_step.run, (plan, air, whole)),
+        "collect_all": (instances.collect_all, (plan,)),
+        "places_needed": (macro_step.places_needed, (plan, air)),
+        "sent_bytes": (macro_step.sent_bytes, (plan,)),
+        "work": (threads.work, (plan, whole)),
+        "record": (macro_step.record, (plan,)),
+        "end_here": (macro_step.end_here, (plan, chosen)),
+        "step_each": (instances.step_each, (plan, chosen)),
+        "step_together": (instances.step_together, (plan, chosen)),
+        "collect_again": (instances.collect_again, (plan, chosen)),
+        "admit": (router.admit, (air, whole, whole, received, whole)),
+        "arrived": (queues.arrived, (endpoints, places, whole, whole)),
+        "deliver": (queues.deliver, (air, whole, whole, port)),
     }
     for name in names or kernels:
         kernel, types = kernels[name]

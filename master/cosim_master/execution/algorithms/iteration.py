@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import NotConverged
 from cosim_master.fmi.slaves.slave import Living
-from cosim_master.stepping.kernels.macro_step import step_each, step_together
+from cosim_master.stepping.kernels.instances import step_each, step_together
 from cosim_master.stepping.kernels.tables import FAILURES, Plan
 from cosim_master.stepping.layout import KINDS, Layout
 from cosim_master.system.settings.master import Coupling

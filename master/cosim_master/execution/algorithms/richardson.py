@@ -28,7 +28,7 @@ from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
 from cosim_master.execution.stimuli import Agenda
 from cosim_master.network.radio.build import grown
-from cosim_master.network.radio.router import USED_EVENTS, USED_LOG
+from cosim_master.network.radio.tables import USED_EVENTS, USED_LOG
 from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.macro_step import places_needed, record, run
 from cosim_master.stepping.kernels.tables import (

@@ -18,7 +18,8 @@ from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.slaves.fmi3 import Instance3
 from cosim_master.fmi.slaves.slave import Living
 from cosim_master.stepping.failures import raise_failures, reached
-from cosim_master.stepping.kernels.macro_step import collect_again, end_here
+from cosim_master.stepping.kernels.instances import collect_again
+from cosim_master.stepping.kernels.macro_step import end_here
 from cosim_master.stepping.kernels.tables import BASE, BEGIN, END, FINER, PER_NS, SHOW, START, K, Plan
 from cosim_master.stepping.layout import KINDS, Layout, halves_of
 from cosim_master.stepping.strings import Texts

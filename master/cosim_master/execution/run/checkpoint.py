@@ -25,7 +25,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.execution.run.state import RunState, changing
 from cosim_master.fmi.slaves.fmi3 import Instance3
 from cosim_master.fmi.slaves.slave import Living
-from cosim_master.network.radio.router import ROLES as RADIO_ROLES
+from cosim_master.network.radio.tables import ROLES as RADIO_ROLES
 from cosim_master.network.roles import STATE
 from cosim_master.results.checkpoint_folder import FORMAT, Checkpoint, Position
 from cosim_master.stepping.kernels.tables import PHASE, ROLES, K

@@ -10,7 +10,9 @@ from cosim.packets import MAX_PACKET
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
 from cosim_master.network.radio.build import GATEWAY_BYTES, grown
-from cosim_master.network.radio.router import FREE_PLACES, IN_FLIGHT, admit, arrived, deliver
+from cosim_master.network.radio.queues import arrived, deliver
+from cosim_master.network.radio.router import admit
+from cosim_master.network.radio.tables import FREE_PLACES, IN_FLIGHT
 
 __all__ = ["GatewayPort"]
 

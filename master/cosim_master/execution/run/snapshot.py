@@ -9,8 +9,8 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.execution.run.state import RunState, changing
-from cosim_master.network.radio.router import ROLES as RADIO_ROLES
-from cosim_master.network.radio.router import Radio
+from cosim_master.network.radio.tables import ROLES as RADIO_ROLES
+from cosim_master.network.radio.tables import Radio
 from cosim_master.network.roles import PASSING, STATE
 from cosim_master.stepping.kernels.tables import FAULTS, ROLES
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim_master.execution.events.event_mode import EventMode
 from cosim_master.fmi.slaves.slave import Living
-from cosim_master.network.radio.router import Radio
+from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.failures import reached
 from cosim_master.stepping.kernels.tables import BASE, PER_NS, START, K, Plan
 from cosim_master.stepping.layout import Layout

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import threading
 
-from cosim_master.stepping.kernels.macro_step import work
 from cosim_master.stepping.kernels.tables import QUIT, Plan
+from cosim_master.stepping.kernels.threads import work
 
 __all__ = ["Workers", "threads_for"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from cosim.packets import MAX_PACKET
 from cosim_master.diagnostics.errors import RunFailed
 from cosim_master.execution.run.state import RunState
-from cosim_master.network.radio.router import IN_FLIGHT, USED_EVENTS, USED_LOG, Radio
+from cosim_master.network.radio.tables import IN_FLIGHT, USED_EVENTS, USED_LOG, Radio
 from cosim_master.results.checkpoint_folder import Position
 from cosim_master.results.recorder import Recorder
 from cosim_master.stepping.kernels.macro_step import places_needed, sent_bytes

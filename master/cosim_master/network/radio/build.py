@@ -10,8 +10,8 @@ import numpy as np
 
 from cosim.kernel import table
 from cosim.packets import MAX_PACKET
-from cosim_master.network.radio import router as radio_kernels
-from cosim_master.network.radio.router import (
+from cosim_master.network.radio import tables
+from cosim_master.network.radio.tables import (
     BY_RADIO,
     CHANNEL,
     COUNTERS,
@@ -55,8 +55,8 @@ def _hash(name: str) -> int:
 
 def _topology(network: Network) -> int:
     if network.topology == "nearest":
-        return radio_kernels.NEAREST if network.axis is None else radio_kernels.NEAREST_ON_AXIS
-    return radio_kernels.LISTED if network.topology == "listed" else radio_kernels.BROADCAST
+        return tables.NEAREST if network.axis is None else tables.NEAREST_ON_AXIS
+    return tables.LISTED if network.topology == "listed" else tables.BROADCAST
 
 
 def _nanoseconds(seconds: float) -> int:
@@ -66,9 +66,9 @@ def _nanoseconds(seconds: float) -> int:
 def _reach(endpoint: Endpoint, node: Node) -> int:
     """Whom an endpoint hears and reaches."""
     if endpoint.line:
-        return radio_kernels.GROUND if endpoint.line == TELEMETRY else radio_kernels.CABLE
+        return tables.GROUND if endpoint.line == TELEMETRY else tables.CABLE
     apart = any(e.instance == endpoint.instance and e.line == TELEMETRY for e in node.endpoints)
-    return radio_kernels.SWARM if apart else radio_kernels.ON_AIR
+    return tables.SWARM if apart else tables.ON_AIR
 
 
 def _gateways(network: Network) -> np.ndarray[Any, Any]:
@@ -159,7 +159,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
     for g, gateway in enumerate(network.gateways):
         behind = int(members[-1]) + g
         node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0, 0, 0, 0)
-        endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1, radio_kernels.ON_AIR)
+        endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1, tables.ON_AIR)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
         settings=table(settings),

@@ -1,0 +1,137 @@
+"""Packets in flight and their record: queued at their receivers, delivered, logged."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.kernel import kernel
+from cosim.packets import component, message_id, sequence, system
+from cosim_master.network.radio.tables import (
+    COUNTED,
+    DEFERRED,
+    DELIVERED,
+    FREE_PLACE,
+    FREE_PLACES,
+    IN_FLIGHT,
+    MALFORMED,
+    SWARM,
+    USED_EVENTS,
+    USED_LOG,
+    Radio,
+)
+
+__all__ = ["record_event", "log_packet", "put", "arrived", "deliver"]
+
+LOG_HEAD = 16
+"""Bytes before a packet in the log block: time in ns (8), 2*node + 1 if the node sent it (4), length (4). What goes to
+a gateway by a line of its own is in no vehicle's log: its node is one more than there are."""
+
+
+@kernel
+def put(
+    r: Radio, endpoint: int, arrival: int, buf: NDArray[np.uint8], start: int, stop: int, logged: int, gateway: int
+) -> None:
+    """Into the queue of `endpoint`, behind everything that arrives no later."""
+    place = r.counters[FREE_PLACE]
+    r.counters[FREE_PLACE] = r.places[place].following
+    r.counters[FREE_PLACES] -= 1
+    r.counters[IN_FLIGHT] += 1
+    for i in range(start, stop):
+        r.data[place, i - start] = buf[i]
+    r.places[place].length = stop - start
+    r.places[place].arrival = arrival
+    r.places[place].logged = logged
+    r.places[place].gateway = gateway
+    last = r.endpoints[endpoint].last
+    if last >= 0 and r.places[last].arrival <= arrival:
+        r.places[place].following = -1
+        r.places[last].following = place
+        r.endpoints[endpoint].last = place
+        return
+    before, after = -1, r.endpoints[endpoint].first
+    while after >= 0 and r.places[after].arrival <= arrival:
+        before, after = after, r.places[after].following
+    r.places[place].following = after
+    if before < 0:
+        r.endpoints[endpoint].first = place
+    else:
+        r.places[before].following = place
+    if after < 0:
+        r.endpoints[endpoint].last = place
+
+
+@kernel
+def log_packet(r: Radio, t: int, n: int, sent: int, buf: NDArray[np.uint8], start: int, stop: int) -> None:
+    if r.settings[0].keep == 0:
+        return
+    p = r.counters[USED_LOG]
+    entry = 2 * n + sent
+    for i in range(8):
+        r.log[p + i] = (t >> 8 * i) & 0xFF
+    for i in range(4):
+        r.log[p + 8 + i] = (entry >> 8 * i) & 0xFF
+        r.log[p + 12 + i] = ((stop - start) >> 8 * i) & 0xFF
+    for i in range(start, stop):
+        r.log[p + LOG_HEAD + i - start] = buf[i]
+    r.counters[USED_LOG] = p + LOG_HEAD + stop - start
+
+
+@kernel
+def record_event(
+    r: Radio, t: int, arrival: int, e: int, n: int, buf: NDArray[np.uint8], start: int, stop: int, outcome: int
+) -> None:
+    r.counters[outcome] += 1
+    if r.settings[0].keep == 0:
+        return
+    row = r.events[r.counters[USED_EVENTS]]
+    row["sent"] = t
+    row["arrival"] = arrival
+    row["source"] = e
+    row["target"] = n
+    row["message"] = -1 if outcome == MALFORMED else message_id(buf, start)
+    row["system"] = 0 if outcome == MALFORMED else system(buf, start)
+    row["component"] = 0 if outcome == MALFORMED else component(buf, start)
+    row["sequence"] = 0 if outcome == MALFORMED else sequence(buf, start)
+    row["length"] = stop - start
+    row["outcome"] = outcome
+    r.counters[USED_EVENTS] += 1
+
+
+@kernel
+def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
+    """Take what has reached endpoint `e` by time t [ns] into `buf`; returns the bytes. What does not fit waits."""
+    n = 0
+    while r.endpoints[e].first >= 0 and r.places[r.endpoints[e].first].arrival <= t:
+        place = r.endpoints[e].first
+        length = r.places[place].length
+        if n + length > r.endpoints[e].capacity:
+            r.counters[DEFERRED] += 1
+            break
+        for i in range(length):
+            buf[n + i] = r.data[place, i]
+        if r.places[place].logged != 0:
+            if r.endpoints[e].reach <= SWARM:
+                log_packet(r, t, r.endpoints[e].node, 0, buf, n, n + length)
+            if r.places[place].logged == COUNTED:
+                r.counters[DELIVERED] += 1
+        if r.places[place].gateway >= 0:
+            r.gateways[r.places[place].gateway].waiting -= 1
+        n += length
+        r.endpoints[e].first = r.places[place].following
+        if r.endpoints[e].first < 0:
+            r.endpoints[e].last = -1
+        r.places[place].following = r.counters[FREE_PLACE]
+        r.counters[FREE_PLACE] = place
+        r.counters[FREE_PLACES] += 1
+        r.counters[IN_FLIGHT] -= 1
+    return n
+
+
+@kernel
+def arrived(endpoints: NDArray[Any], places: NDArray[Any], t: int, e: int) -> bool:
+    """Whether something has reached endpoint `e` by time t [ns]. Asked of every endpoint in every step."""
+    first = endpoints[e].first
+    return bool(first >= 0 and places[first].arrival <= t)

@@ -1,0 +1,208 @@
+"""The radio's memory: a few flat arrays, their rows, and the numbers that have a meaning in them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim_master.network.roles import declared
+
+__all__ = [
+    "BROADCAST",
+    "BY_RADIO",
+    "CABLE",
+    "CHANNEL",
+    "COUNTED",
+    "COUNTERS",
+    "DEFERRED",
+    "DEFINITION",
+    "DELIVERED",
+    "ENDPOINT",
+    "EVENT",
+    "FREE_PLACE",
+    "FREE_PLACES",
+    "GATEWAY",
+    "GROUND",
+    "IN_FLIGHT",
+    "LISTED",
+    "LOGGED",
+    "LOST_CHANNEL",
+    "LOST_OUTAGE",
+    "LOST_RANGE",
+    "MALFORMED",
+    "NEAREST",
+    "NEAREST_ON_AXIS",
+    "NODE",
+    "NO_ROUTE",
+    "ON_AIR",
+    "ON_BOARD",
+    "OUTCOMES",
+    "PLACE",
+    "ROLES",
+    "Radio",
+    "SETTINGS",
+    "SWARM",
+    "USED_EVENTS",
+    "USED_LOG",
+]
+
+BROADCAST, NEAREST, NEAREST_ON_AXIS, LISTED = 0, 1, 2, 3
+"""Topologies."""
+
+
+OUTCOMES = ("on board", "radio", "lost: channel", "lost: range", "lost: outage", "lost: no route", "malformed")
+
+
+ON_BOARD, BY_RADIO, LOST_CHANNEL, LOST_RANGE, LOST_OUTAGE, NO_ROUTE, MALFORMED = range(7)
+
+
+EVENT = np.dtype(
+    [
+        ("sent", "i8"),
+        ("arrival", "i8"),
+        ("source", "i4"),
+        ("target", "i4"),
+        ("message", "i4"),
+        ("system", "i4"),
+        ("component", "i4"),
+        ("sequence", "i4"),
+        ("length", "i4"),
+        ("outcome", "i4"),
+    ]
+)
+"""One packet on its way to one node: times in ns (arrival -1 where it is lost), endpoint, node, header, outcome."""
+
+
+ENDPOINT = np.dtype(
+    [
+        ("node", "i8"),
+        ("identity", "u8"),  # hash of its instance's name
+        ("number", "i8"),  # packets it has sent by radio
+        ("capacity", "i8"),  # bytes its rx port holds, 0: it has none
+        ("heard", "i8"),  # system id of its last packet, 0 before
+        ("first", "i8"),  # first and last place in flight to it, -1
+        ("last", "i8"),
+        ("reach", "i8"),  # ON_AIR, SWARM, GROUND or CABLE
+    ]
+)
+
+
+ON_AIR, SWARM, GROUND, CABLE = range(4)
+"""Whom an endpoint hears and reaches: bus, other nodes and gateways on the air; the same without gateways; gateways on
+the air alone; the gateway that is wired to it alone."""
+
+
+NODE = np.dtype(
+    [
+        ("place", "i8", (3,)),  # indices of its position among the real outputs, -1 without one
+        ("identity", "u8"),  # hash of its name
+        ("first", "i8"),  # its endpoints are first to last - 1
+        ("last", "i8"),
+        ("listed", "i8"),  # topology LISTED: it sends to the nodes links[listed:unlisted]
+        ("unlisted", "i8"),
+        ("kind", "i8"),  # as a hearer; nodes of one kind are heard by the same channels
+        ("channel", "i8"),  # it sends by channels[channel:unchannelled], and by SETTINGS to hearers of other kinds
+        ("unchannelled", "i8"),
+    ]
+)
+
+
+SETTINGS = np.dtype(
+    [
+        ("topology", "i8"),
+        ("per_side", "i8"),  # how many nearest nodes (on each side of an axis)
+        ("axis", "f8", (3,)),
+        ("latency", "i8"),
+        ("jitter", "i8"),
+        ("loss", "f8"),
+        ("range", "f8"),
+        ("seed", "u8"),
+        ("keep", "i8"),  # write events and logs
+    ]
+)
+
+
+CHANNEL = np.dtype(
+    [
+        ("kind", "i8"),  # of its hearers
+        ("latency", "i8"),  # as in SETTINGS
+        ("jitter", "i8"),
+        ("loss", "f8"),
+    ]
+)
+"""What happens to packets on their way from nodes of one kind to nodes of another, where it is not as in SETTINGS."""
+
+
+PLACE = np.dtype(
+    [
+        ("arrival", "i8"),
+        ("length", "i8"),
+        ("logged", "i8"),  # this copy goes into the receiving node's log; COUNTED: and is the one that is counted
+        ("following", "i8"),  # linked lists: the next place
+        ("gateway", "i8"),  # by which it came in, -1: by none
+    ]
+)
+"""One packet in flight; its bytes are the same row of `Radio.data`."""
+
+
+COUNTED, LOGGED = 1, 2
+"""Values of PLACE.logged besides 0: a packet by radio counts as delivered, one by wire is logged only."""
+
+
+DEFINITION = np.dtype([("message", "i8"), ("crc_extra", "i8"), ("target_system", "i8")])
+"""What routing a message of the system's own dialect needs; offset of its target_system in the payload, -1."""
+
+
+GATEWAY = np.dtype(
+    [
+        ("endpoint", "i8"),  # its own
+        ("wired", "i8"),  # the endpoint it is wired to, -1: it is on the air and reaches every node
+        ("latency", "i8"),  # of its link, as in SETTINGS
+        ("jitter", "i8"),
+        ("loss", "f8"),
+        ("number", "i8"),  # packets that have gone by its link, either way
+        ("waiting", "i8"),  # places in flight that came in by it
+        ("systems", "u1", (256,)),  # 1: this system has been heard behind it
+    ]
+)
+"""A node behind which real programs are."""
+
+
+class Radio(NamedTuple):
+    """All of the radio's memory, in few arrays: numba's time to compile grows with their number. Times in ns."""
+
+    settings: NDArray[Any]  # SETTINGS, one row
+    endpoints: NDArray[Any]  # ENDPOINT, node by node
+    nodes: NDArray[Any]  # NODE
+    links: NDArray[np.int64]
+    channels: NDArray[Any]  # CHANNEL, by kind of sender, then sorted by kind of hearer
+    outages: NDArray[np.int64]  # rows (node, from, until)
+    places: NDArray[Any]  # PLACE
+    data: NDArray[np.uint8]  # (places, MAX_PACKET)
+    order: NDArray[np.int64]  # nodes along the axis, kept sorted
+    along: NDArray[np.float64]
+    hearers: NDArray[np.int64]  # scratch
+    gateways: NDArray[Any]  # GATEWAY
+    dialect: NDArray[Any]  # DEFINITION, of the messages that only this system knows
+    counters: NDArray[np.int64]  # per outcome, then as named below
+    events: NDArray[Any]  # EVENT
+    log: NDArray[np.uint8]
+
+
+ROLES = declared(
+    CONSTANT="settings nodes links channels outages dialect",
+    STATE="endpoints places data order along counters",
+    PASSING="gateways",  # a run with gateways has no checkpoints
+    BUFFER="hearers events log",
+)
+"""Of each array of `Radio`, tables as a whole."""
+
+
+DELIVERED, DEFERRED, FREE_PLACE, FREE_PLACES, IN_FLIGHT, USED_EVENTS, USED_LOG = range(len(OUTCOMES), len(OUTCOMES) + 7)
+"""Places in `Radio.counters`: packets delivered; put off since a port was full; first free place and how many there
+are; places in use; rows of events and bytes of log in use."""
+
+
+COUNTERS = len(OUTCOMES) + 7

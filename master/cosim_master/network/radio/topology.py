@@ -1,0 +1,96 @@
+"""Who hears whom by radio."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.kernel import kernel
+from cosim_master.network.radio.channel import distance2
+from cosim_master.network.radio.tables import LISTED, NEAREST, NEAREST_ON_AXIS, Radio
+
+__all__ = ["find_hearers", "copies", "sort_along"]
+
+
+@kernel
+def sort_along(r: Radio, reals: NDArray[np.float64]) -> None:
+    """Sort `order` by position along the axis; nearly sorted from the last time, ties by node number."""
+    for n in range(r.along.size):
+        s = 0.0
+        for i in range(3):
+            s += r.settings[0].axis[i] * reals[r.nodes[n].place[i]]
+        r.along[n] = s
+    for i in range(1, r.order.size):
+        n = r.order[i]
+        j = i - 1
+        while j >= 0 and (r.along[r.order[j]] > r.along[n] or (r.along[r.order[j]] == r.along[n] and r.order[j] > n)):
+            r.order[j + 1] = r.order[j]
+            j -= 1
+        r.order[j + 1] = n
+
+
+@kernel
+def _nearest(r: Radio, reals: NDArray[np.float64], n: int) -> int:
+    """The nodes nearest to `n` into `hearers`, nearest first, ties by node number; returns how many."""
+    per_side = r.settings[0].per_side
+    found = 0
+    for other in range(r.along.size):
+        if other == n:
+            continue
+        d = distance2(r, reals, n, other)
+        j = found
+        while j > 0 and r.along[r.hearers[j - 1]] > d:
+            if j < per_side:
+                r.hearers[j] = r.hearers[j - 1]
+            j -= 1
+        if j < per_side:
+            r.hearers[j] = other
+            r.along[other] = d
+            found = min(found + 1, per_side)
+    return found
+
+
+@kernel
+def find_hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
+    """Nodes that the topology lets hear node `n`, into `hearers`; returns how many."""
+    topology, per_side = r.settings[0].topology, r.settings[0].per_side
+    found = 0
+    if topology == LISTED:
+        for j in range(r.nodes[n].listed, r.nodes[n].unlisted):
+            r.hearers[found] = r.links[j]
+            found += 1
+    elif topology == NEAREST:
+        found = _nearest(r, reals, n)
+    elif topology == NEAREST_ON_AXIS:
+        at = 0
+        while r.order[at] != n:
+            at += 1
+        for j in range(max(0, at - per_side), min(r.order.size, at + per_side + 1)):
+            if j != at:
+                r.hearers[found] = r.order[j]
+                found += 1
+    else:
+        for other in range(r.along.size):
+            if other != n:
+                r.hearers[found] = other
+                found += 1
+    return found
+
+
+@kernel
+def copies(r: Radio) -> int:
+    """No packet takes more places in flight than this, or makes more events together with the garbage before it."""
+    topology, per_side = r.settings[0].topology, r.settings[0].per_side
+    reach = r.along.size
+    if topology == NEAREST:
+        reach = min(reach, per_side)
+    elif topology == NEAREST_ON_AXIS:
+        reach = min(reach, 2 * per_side)
+    elif topology == LISTED:
+        reach = 0
+        for n in range(r.along.size):
+            reach = max(reach, r.nodes[n].unlisted - r.nodes[n].listed)
+    widest = 1
+    for n in range(r.nodes.size):
+        widest = max(widest, r.nodes[n].last - r.nodes[n].first)
+    return int((max(reach, 1) + 1) * widest + r.gateways.size)

@@ -1,0 +1,123 @@
+"""Values on their way from outputs to inputs: the only place where they move."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.kernel import kernel
+from cosim_master.stepping.kernels.tables import BASE, COPY, FINER, PER_NS, SIGN, START, Plan
+
+__all__ = ["delay", "exchange", "extrapolate", "feed", "point_in_time", "inlined"]
+
+inlined = functools.partial(kernel, inline=True)
+
+
+@inlined
+def point_in_time(clock: NDArray[np.int64], k: int) -> int:
+    """Communication point t_k, ns: what lies between two is rounded."""
+    ticks, per_ns = clock[START] + k * clock[BASE], clock[PER_NS]
+    return int(ticks if per_ns == 1 else (ticks + per_ns // 2) // per_ns)
+
+
+@inlined
+def exchange(
+    instances: NDArray[Any],
+    feeds: NDArray[Any],
+    sources: NDArray[np.uint32],
+    wires: NDArray[Any],
+    mirrors: NDArray[np.int64],
+    mapped: NDArray[np.int64],
+    real_out: NDArray[np.float64],
+    int_out: NDArray[np.int32],
+    real_in: NDArray[np.float64],
+    int_in: NDArray[np.int32],
+    k: int,
+) -> None:
+    """Inputs of the instances of `feeds` that are due from the outputs they are connected to: all data flows here."""
+    reals = np.uintp(real_in.size)
+    for j in range(mapped.shape[0]):
+        source, place, key = mapped[j, 0], mapped[j, 1], mapped[j, 2]
+        if source < 0:
+            low, high = np.int64(int_out[-1 - source]) & 0xFFFFFFFF, np.int64(int_out[-source])
+            if high * 4294967296 + low == key:
+                wide = mapped[j, 3]
+                low = wide & 0xFFFFFFFF
+                int_out[place] = low - 4294967296 if low > 2147483647 else low
+                int_out[place + 1] = wide >> 32
+            continue
+        value = int_out[source]
+        if key == COPY:
+            int_out[place] = value
+        elif key == SIGN:
+            int_out[place] = -1 if value < 0 else 0
+        elif key == value:
+            int_out[place] = mapped[j, 3]
+    for j in range(mirrors.shape[0]):
+        source = mirrors[j, 0]
+        if source < 0:
+            real_out[mirrors[j, 1]] = np.int64(int_out[-1 - source]) & 0xFFFFFFFF
+        else:
+            real_out[mirrors[j, 1]] = int_out[source]
+    for i in range(feeds.size):
+        feed = feeds[i]
+        period = instances[np.uintp(feed.instance)].period
+        if period > 1 and k % period != 0:
+            continue
+        if feed.plain != 0:
+            for j in range(np.uintp(feed.first_in[0]), np.uintp(feed.last_in[0])):
+                real_in[j] = real_out[sources[j]]
+        else:
+            for j in range(np.uintp(feed.first_in[0]), np.uintp(feed.last_in[0])):
+                real_in[j] = wires[j].factor * real_out[sources[j]] + wires[j].offset
+        for kind in range(1, 3):
+            for j in range(np.uintp(feed.first_in[kind]), np.uintp(feed.last_in[kind])):
+                int_in[j - reals] = int_out[sources[j]]
+
+
+@kernel
+def feed(p: Plan, k: int, feeds: NDArray[Any]) -> None:
+    """`exchange` for some instances; what all of them share is done for none, too."""
+    exchange(p.instances, feeds, p.sources, p.wires, p.mirrors, p.mapped, p.real_out, p.int_out, p.real_in, p.int_in, k)
+
+
+@kernel
+def delay(p: Plan, k: int) -> None:
+    """Outputs of now into delayed connections, and earlier ones out of them."""
+    if k % p.clock[FINER] != 0:
+        return
+    feed(p, k, p.feeds[:0])
+    step = k // p.clock[FINER]
+    for j in range(p.delays.size):
+        d = p.delays[j]
+        value = d.factor * p.real_out[d.source] + d.offset if d.whole == 0 else float(p.int_out[d.source])
+        if d.length > 0:
+            at = d.first + step % d.length
+            new, value = value, p.kept[at]
+            p.kept[at] = new
+        elif d.length < 0:
+            value += p.real_out[d.place]
+        if d.whole == 0:
+            p.real_out[d.place] = value
+        else:
+            p.int_out[d.place] = np.int32(value)
+
+
+@kernel
+def extrapolate(p: Plan, k: int, first: int, last: int) -> None:
+    """Derivatives of the extrapolated inputs of the instances first to last - 1, if they begin a step."""
+    t = p.clock[START] + k * p.clock[BASE]
+    for j in range(p.slopes.size):
+        s = p.slopes[j]
+        if s.instance < first or s.instance >= last or k % p.instances[s.instance].period != 0:
+            continue
+        value = p.real_in[s.input]
+        p.kept[s.place] = (
+            (value - s.before) / ((t - s.at) / (1e9 * p.clock[PER_NS])) if s.known != 0 and t > s.at else 0.0
+        )
+        s.before = value
+        s.at = t
+        s.known = 1

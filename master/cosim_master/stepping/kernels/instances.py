@@ -1,0 +1,343 @@
+"""Steps of instances: inputs set, doStep, outputs got, and who failed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.kernel import kernel
+from cosim.packets import decode_base64
+from cosim_master.stepping.kernels.exchange import exchange, extrapolate, feed, inlined
+from cosim_master.stepping.kernels.fmi3_types import PACKED, call3
+from cosim_master.stepping.kernels.fmi_calls import (
+    byte_at,
+    do_step2,
+    do_step3,
+    get_or_set,
+    get_or_set3,
+    load_f8,
+    load_i4,
+    load_u1,
+    store_i1,
+)
+from cosim_master.stepping.kernels.tables import (
+    BASE,
+    BEGIN,
+    DO_STEP,
+    EARLY,
+    END,
+    ENDED,
+    FAILURES,
+    FATAL,
+    FINAL,
+    GET_REAL,
+    GET_STRING,
+    LAST,
+    LEFT,
+    NAN_ALLOWED,
+    NO_EVENT,
+    NOT_A_NUMBER,
+    NOT_BASE64,
+    NOT_CALLED,
+    PER_NS,
+    START,
+    TOO_LONG,
+    K,
+    Plan,
+)
+
+__all__ = [
+    "any_pending",
+    "_blame",
+    "_call",
+    "step_in_order",
+    "step_some",
+    "collect_again",
+    "collect_all",
+    "step_each",
+    "step_together",
+]
+
+
+@kernel
+def fail(instances: NDArray[Any], i: int, function: int, status: int, detail: int) -> None:
+    m = instances[i]
+    if m.failed[0] == 0:
+        m.failed[0] = function
+        m.failed[1] = status
+        m.failed[2] = detail
+
+
+@inlined
+def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int) -> bool:
+    """Make calls of instance `i`, until one fails; returns whether none did."""
+    for c in range(np.uintp(first), np.uintp(last)):
+        call = calls[c]
+        if call.width == 0:
+            status = get_or_set(call.function, call.handle, call.references, np.uintp(call.n), call.values)
+        elif call.width == PACKED:
+            n, n_values = np.uintp(call.n & np.uint32(0xFFFF)), np.uintp(call.n >> np.uint32(16))
+            status = get_or_set3(call.function, call.handle, call.references, n, call.values, n_values)
+        else:
+            status = call3(call)
+        if status > 1 or status < 0:
+            fail(instances, i, call.number, status, 0)
+            return False
+    return True
+
+
+@kernel
+def _blame(
+    instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64], clock: NDArray[np.int64]
+) -> int:
+    """Fail every instance with an output that is NaN, unless that is allowed; returns how many.
+
+    The first loop is all there is to do as long as there is none, and takes several outputs at a time.
+    """
+    if clock[NAN_ALLOWED] != 0:
+        return 0
+    found = 0
+    for j in range(real_out.size):
+        found += real_out[j] != real_out[j]
+    if found == 0:
+        return 0
+    blamed = 0
+    for i in range(instances.size):
+        m = instances[i]
+        for j in range(np.uintp(feeds[i].first_out[0]), np.uintp(feeds[i].last_out[0])):
+            if real_out[j] != real_out[j] and m.failed[0] == 0:
+                fail(instances, i, GET_REAL, NOT_A_NUMBER, int(j))
+                blamed += 1
+    return blamed
+
+
+@kernel
+def _collect_packets(
+    instances: NDArray[Any],
+    calls: NDArray[Any],
+    ports: NDArray[Any],
+    i: int,
+    scratch: NDArray[np.uint8],
+    tx: NDArray[np.uint8],
+) -> None:
+    """Packets that instance `i` has sent by all its endpoints; those of the first have been got."""
+    first = instances[i].endpoint
+    collect(instances, ports, i, first, scratch, tx)
+    for e in range(first + 1, first + 1 + np.int64(ports[first].further)):
+        if _call(instances, calls, i, ports[e].get, ports[e].get + np.uint32(1)):
+            collect(instances, ports, i, e, scratch, tx)
+
+
+@kernel
+def collect(
+    instances: NDArray[Any], ports: NDArray[Any], i: int, e: int, scratch: NDArray[np.uint8], tx: NDArray[np.uint8]
+) -> None:
+    """Packets of endpoint `e` of instance `i`, from base64 into its row of `tx`; until they are read none."""
+    port = ports[e]
+    port.sent = 0
+    if port.has_tx == 0 or port.got == np.uintp(0):
+        return
+    n = 0
+    if port.binary != 0:
+        if port.got_size > np.uintp(tx.shape[1]):
+            fail(instances, i, GET_STRING, TOO_LONG, 0)
+            return
+        for j in range(np.int64(port.got_size)):
+            tx[e, j] = byte_at(np.uintp(port.got + np.uintp(j)))
+        port.sent = np.int64(port.got_size)
+        return
+    character = byte_at(port.got)
+    while character != 0 and n < scratch.size:
+        scratch[n] = character
+        n += 1
+        character = byte_at(np.uintp(port.got + np.uintp(n)))
+    if n == 0:
+        return
+    length = TOO_LONG if character != 0 else decode_base64(scratch, n, tx[e])
+    if length == TOO_LONG:
+        fail(instances, i, GET_STRING, TOO_LONG, 0)
+    elif length < 0:
+        fail(instances, i, GET_STRING, NOT_BASE64, 0)
+    else:
+        port.sent = length
+
+
+@kernel
+def _corrupted(instances: NDArray[Any], library: int) -> bool:
+    """Whether an instance of this FMU has answered fmi2Fatal: no other may be called any more."""
+    for i in range(instances.size):
+        m = instances[i]
+        if m.library == library and m.failed[0] != 0 and m.failed[1] == FATAL:
+            return True
+    return False
+
+
+@kernel
+def _do_step3(m: Any, t: float, h: float, final: int, near: float) -> Any:
+    """fmi3DoStep: a status, ENDED or EARLY; LEFT for a step with an event in it, `near` s before its end or earlier."""
+    has_events = load_u1(np.uintp(m.answers + np.uintp(24))) != 0
+    if not has_events:
+        status = do_step3(m.do_step, m.handle, t, h, final, m.answers)
+        # Where it has got to may lie a little before t + h all the same: that is its affair (FMI 3.0.2, section 4.2.1).
+        if status > 1 or load_i4(m.answers) & NO_EVENT == 0:
+            return status
+        return ENDED if load_u1(np.uintp(m.answers + np.uintp(1))) != 0 else EARLY
+    slack = max(1e-9 * max(h, abs(t) * 1e-3), near)
+    following = load_f8(np.uintp(m.answers + np.uintp(16)))
+    if following < t + h - slack:
+        store_i1(np.uintp(m.answers + np.uintp(25)), BEGIN)
+        return LEFT
+    status = do_step3(m.do_step, m.handle, t, h, final, m.answers)
+    if status > 1:
+        return status
+    if load_u1(np.uintp(m.answers + np.uintp(1))) != 0:
+        return ENDED
+    early = load_u1(np.uintp(m.answers + np.uintp(2))) != 0
+    if early or load_u1(m.answers) != 0 or following <= t + h + slack:
+        store_i1(np.uintp(m.answers + np.uintp(25)), END)
+        return LEFT
+    return status
+
+
+@inlined
+def step_some(
+    instances: NDArray[Any],
+    calls: NDArray[Any],
+    ports: NDArray[Any],
+    scratch: NDArray[np.uint8],
+    tx: NDArray[np.uint8],
+    clock: NDArray[np.int64],
+    chosen: NDArray[np.int64],
+) -> int:
+    """The present base step of the instances `chosen`: each begins a step, or ends one, or both, or neither.
+
+    Returns how many have failed.
+    """
+    k, base = clock[K], clock[BASE]
+    left = clock[LAST] - k
+    final = clock[FINAL]
+    per_second = 1e9 * clock[PER_NS]
+    t = (clock[START] + k * base) / per_second
+    failed = 0
+    for chosen_one in chosen:
+        i: Any = np.uintp(chosen_one)  # an index that can be negative costs a comparison each time it is used
+        m = instances[i]
+        well, later = True, False
+        since = 0 if m.period == 1 else k % m.period
+        if failed > 0 and _corrupted(instances, m.library):
+            fail(instances, i, DO_STEP, NOT_CALLED, 0)
+            well = False
+        elif since == 0:
+            packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
+            well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get)
+            if well:
+                if m.length != min(m.period, left):
+                    m.length = min(m.period, left)
+                    m.h = m.length * base / per_second
+                if m.answers == np.uintp(0):
+                    status = do_step2(m.do_step, m.handle, t, m.h, final)
+                else:
+                    # Events have whole nanoseconds.
+                    status = _do_step3(m, t, m.h, final, 0.0 if clock[PER_NS] == 1 else 6e-10)
+                later = status == LEFT
+                if not later and (status > 1 or status < 0):
+                    fail(instances, i, DO_STEP, status, 0)
+                    well = False
+        if since + 1 == m.length and well and not later:
+            well = _call(instances, calls, i, m.first_get, m.last_get)
+            if m.endpoint >= 0 and well:
+                _collect_packets(instances, calls, ports, i, scratch, tx)
+                well = m.failed[0] == 0
+        if not well:
+            failed += 1
+    return failed
+
+
+@kernel
+def step_chosen(p: Plan, chosen: NDArray[np.int64]) -> int:
+    return step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, p.clock, chosen)
+
+
+@kernel
+def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
+    """Gauss-Seidel: exchange and step, one instance after the other; returns how many have failed."""
+    failed = 0
+    for j in range(chosen.size):
+        i = chosen[j]
+        if failed > 0 and _corrupted(p.instances, p.instances[i].library):
+            fail(p.instances, i, DO_STEP, NOT_CALLED, 0)
+            failed += 1
+            continue
+        # Inlined: to pass the plan on takes longer than a step.
+        exchange(
+            p.instances,
+            p.feeds[i : i + 1],
+            p.sources,
+            p.wires,
+            p.mirrors,
+            p.mapped,
+            p.real_out,
+            p.int_out,
+            p.real_in,
+            p.int_in,
+            k,
+        )
+        if p.slopes.size > 0:
+            extrapolate(p, k, i, i + 1)
+        failed += step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, p.clock, chosen[j : j + 1])
+    return failed
+
+
+@kernel
+def step_each(p: Plan, chosen: NDArray[np.int64]) -> None:
+    """Exchange and step the instances `chosen`, one after the other."""
+    p.clock[FAILURES] += step_in_order(p, p.clock[K], chosen)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
+
+
+@kernel
+def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
+    """Exchange for all instances `chosen`, then step them."""
+    for i in chosen:
+        feed(p, p.clock[K], p.feeds[i : i + 1])
+    p.clock[FAILURES] += step_chosen(p, chosen)
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
+
+
+@kernel
+def collect_all(p: Plan) -> None:
+    """Outputs of every instance, after initialization."""
+    for i in range(p.instances.size):
+        m = p.instances[i]
+        if p.clock[FAILURES] > 0 and _corrupted(p.instances, m.library):
+            continue
+        _call(p.instances, p.calls, i, m.first_get, m.last_get)
+        if m.endpoint >= 0 and m.failed[0] == 0:
+            _collect_packets(p.instances, p.calls, p.ports, i, p.scratch[0], p.tx)
+        if m.failed[0] != 0:
+            p.clock[FAILURES] += 1
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
+
+
+@kernel
+def any_pending(instances: NDArray[Any]) -> bool:
+    pending = 0
+    for i in range(instances.size):
+        if instances[i].answers != np.uintp(0):
+            pending += load_u1(np.uintp(instances[i].answers + np.uintp(25)))
+    return bool(pending > 0)
+
+
+@kernel
+def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
+    """Outputs of the instances `chosen`, at the end of their steps, after their events."""
+    for i in chosen:
+        m = p.instances[i]
+        _call(p.instances, p.calls, i, m.first_get, m.last_get)
+        if m.endpoint >= 0 and m.failed[0] == 0:
+            _collect_packets(p.instances, p.calls, p.ports, i, p.scratch[0], p.tx)
+        if m.failed[0] != 0:
+            p.clock[FAILURES] += 1
+    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)

@@ -1,0 +1,68 @@
+"""Instances stepped by several threads: blocks handed out, taken and joined."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim_master.stepping.kernels.fmi_calls import atomic_add, atomic_load, exchange_if, rest
+from cosim_master.stepping.kernels.instances import step_some
+from cosim_master.stepping.kernels.tables import BLOCK, COMPLETED, FAULTS, LIMIT, QUIT, TICKET, Plan
+
+__all__ = ["hand_out", "join_in", "work"]
+
+
+@kernel
+def take_blocks(p: Plan, thread: int) -> int:
+    """Step blocks of instances until none of this step is left; returns how many."""
+    at = p.shared.ctypes.data
+    size = p.clock[BLOCK]
+    per_step = (p.free.size + size - 1) // size
+    taken = 0
+    while True:
+        ticket = atomic_load(np.uintp(at + 8 * TICKET))
+        if ticket >= atomic_load(np.uintp(at + 8 * LIMIT)):
+            return taken
+        if not exchange_if(np.uintp(at + 8 * TICKET), ticket, ticket + 1):
+            continue
+        first = ticket % per_step * size
+        faults = step_some(
+            p.instances, p.calls, p.ports, p.scratch[thread], p.tx, p.clock, p.free[first : first + size]
+        )
+        if faults > 0:
+            atomic_add(np.uintp(at + 8 * FAULTS), faults)
+        atomic_add(np.uintp(at + 8 * COMPLETED), 1)
+        taken += 1
+
+
+@kernel
+def work(p: Plan, thread: int) -> int:
+    """What a thread besides the main one does until QUIT is set; returns the number of blocks it has stepped."""
+    at = p.shared.ctypes.data
+    spins = 0
+    total = 0
+    while atomic_load(np.uintp(at + 8 * QUIT)) == 0:
+        taken = take_blocks(p, thread)
+        total += taken
+        spins = 0 if taken > 0 else spins + 1
+        rest(spins)
+    return total
+
+
+@kernel
+def hand_out(p: Plan) -> None:
+    """Let other threads begin with the free instances."""
+    size = p.clock[BLOCK]
+    atomic_add(np.uintp(p.shared.ctypes.data + 8 * LIMIT), (p.free.size + size - 1) // size)
+
+
+@kernel
+def join_in(p: Plan) -> int:
+    """Step free instances together with the other threads until all are done; returns how many have failed."""
+    at = p.shared.ctypes.data
+    take_blocks(p, 0)
+    spins = 0
+    while atomic_load(np.uintp(at + 8 * COMPLETED)) < atomic_load(np.uintp(at + 8 * LIMIT)):
+        spins += 1
+        rest(min(spins, 10000))
+    return int(atomic_load(np.uintp(at + 8 * FAULTS)))
