@@ -1,4 +1,4 @@
-"""Living instances: which FMI functions are called, with what, and which are not called any more after a failure."""
+"""Slave instances: which FMI functions are called, with what, and which are not called any more after a failure."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from cosim_master.execution.startup.initialize import answers, initialize, insta
 from cosim_master.fmi.description.read import describe
 from cosim_master.fmi.slaves.fmi2 import set_kind
 from cosim_master.fmi.slaves.libraries import Libraries
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from tests.master.conftest import Workshop
@@ -94,7 +94,7 @@ def test_fmus_compiled_here_answer_the_parameters_that_were_set(workshop: Worksh
     system = workshop.ssd("own.ssd", workshop.system(component), '<ssd:DefaultExperiment stopTime="1"/>')
     with read_system(system) as structure, Libraries() as libraries:
         checked = check(structure)
-        living: list[Living] = []
+        living: list[Slave] = []
         try:
             instantiate(checked, libraries, living)
             initialize(checked, living, 0.0, 1.0)

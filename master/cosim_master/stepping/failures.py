@@ -10,7 +10,7 @@ from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.diagnostics.limitations import DISCARDED, PENDING, WIDE_INTEGER
 from cosim_master.diagnostics.limitations import NOT_A_NUMBER as NAN
 from cosim_master.fmi.slaves.fmi2 import STATUS, set_kind
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.fmi3_types import OUT_OF_RANGE
 from cosim_master.stepping.kernels.tables import (
     BASE,
@@ -32,9 +32,6 @@ from cosim_master.stepping.layout import KINDS, Layout
 
 __all__ = ["DISCARD", "discard_failure", "raise_failures"]
 
-_OF_FMI3 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2GetString": "fmi3GetBinary"}
-"""What the loop's own numbers of functions mean for an FMI 3 instance."""
-
 DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
 """Function and status in a row's `failed`, of a step that was discarded."""
 
@@ -49,7 +46,7 @@ def reached(plan: Plan) -> float:
     return float(clock[START] + max(clock[K], 0) * clock[BASE]) / (1e9 * float(clock[PER_NS]))
 
 
-def raise_failures(plan: Plan, places: Layout, instances: Sequence[Living]) -> None:
+def raise_failures(plan: Plan, places: Layout, instances: Sequence[Slave]) -> None:
     """Raises RunFailed if instances have failed in this macro step, with what each of them has said."""
     if plan.clock[FAILURES] == 0:
         return
@@ -81,8 +78,8 @@ def raise_failures(plan: Plan, places: Layout, instances: Sequence[Living]) -> N
             living.cancel_step()
         elif function == DO_STEP and status in _FAILED:
             given = _given(plan, places, int(i))
-            text = given and STATUS[status].replace("fmi2", {1: "fmi", 3: "fmi3"}.get(living.fmi, "fmi2")) + given
-        failures[int(i)] = living.failure(_named(function, living), code, text)
+            text = given and living.status_word(status) + given
+        failures[int(i)] = living.failure(living.function_name(FUNCTIONS[function]), code, text)
     others = list(failures.values())
     for i in np.flatnonzero(failed[:, 0]):
         if tuple(failed[i][:2]) == DISCARD:
@@ -90,7 +87,7 @@ def raise_failures(plan: Plan, places: Layout, instances: Sequence[Living]) -> N
     raise RunFailed([failures[i] for i in sorted(failures)])
 
 
-def discard_failure(plan: Plan, living: Living, i: int, last: float | None, reason: str) -> FmuError:
+def discard_failure(plan: Plan, living: Slave, i: int, last: float | None, reason: str) -> FmuError:
     """The error of instance `i` that has discarded its step; `last` is how far it got, s."""
     time, h = reached(plan), float(plan.instances["h"][i])
     got = "" if last is None else f", only to {last:.9g} s"
@@ -98,7 +95,7 @@ def discard_failure(plan: Plan, living: Living, i: int, last: float | None, reas
     return living.failure(f"fmi{living.fmi}DoStep", DISCARD[1], text)
 
 
-def _beside(plan: Plan, instances: Sequence[Living], i: int, others: Sequence[FmuError]) -> FmuError:
+def _beside(plan: Plan, instances: Sequence[Slave], i: int, others: Sequence[FmuError]) -> FmuError:
     """The error of an instance that has discarded a step in which others have failed: it is not repeated.
 
     FMI leaves an instance after an error nothing but to be freed, or to be set back; in what it has failed at, it
@@ -125,7 +122,7 @@ def _given(plan: Plan, places: Layout, i: int) -> str:
     return f"; its inputs: {', '.join(shown[:_MOST_INPUTS])}{more}" if shown else ""
 
 
-def _inputs(plan: Plan, living: Living, i: int, kind: int) -> str:
+def _inputs(plan: Plan, living: Slave, i: int, kind: int) -> str:
     """The first values that an instance's inputs of one kind were just given."""
     first, last = (int(plan.feeds[i][side][kind]) for side in ("first_in", "last_in"))
     values = (
@@ -136,9 +133,3 @@ def _inputs(plan: Plan, living: Living, i: int, kind: int) -> str:
     pairs = zip(plan.in_reference[first:last], values, strict=True)
     shown = [f"{of[int(reference)]} = {value:.9g}" for reference, value in pairs]
     return ", ".join(shown[:5]) + (" ..." if len(shown) > 5 else "")
-
-
-def _named(function: int, living: Living) -> str:
-    """The name of an FMI function by its number in FUNCTIONS."""
-    name = FUNCTIONS[function]
-    return _OF_FMI3.get(name, name) if living.fmi == 3 else name

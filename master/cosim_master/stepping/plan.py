@@ -11,8 +11,7 @@ import numpy as np
 
 from cosim.kernel import table
 from cosim_master.fmi.description.read import Variable
-from cosim_master.fmi.slaves.fmi3 import Instance3
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.fmi3_types import PACKED, TYPED, WIDE_WIDTHS, WIDTHS
 from cosim_master.stepping.kernels.tables import (
     ANSWERS,
@@ -46,7 +45,7 @@ def make_plan(
     places: Layout,
     clock: Timing,
     network: Network,
-    living: Sequence[Living],
+    living: Sequence[Slave],
     every: int,
     *,
     free: Sequence[int] = (),
@@ -92,7 +91,7 @@ def make_plan(
     )
     delays, kept = _delay_table(places, clock, own, len(kinds[1].outputs))
     native = _Native(len(living), kinds)
-    eventful = sum(isinstance(one, Instance3) and one.event_mode for one in living)
+    eventful = sum(one.event_mode for one in living)
     instances = _instance_table(clock, network, living, native)
     sequence = coupling.sequence if coupling is not None else ()
     order = BY_PYTHON if coupling and coupling.loops else IN_ORDER if sequence else JACOBI
@@ -225,14 +224,13 @@ class _Native:
         return address
 
 
-def _instance_table(clock: Timing, network: Network, living: Sequence[Living], native: _Native) -> np.ndarray[Any, Any]:
+def _instance_table(clock: Timing, network: Network, living: Sequence[Slave], native: _Native) -> np.ndarray[Any, Any]:
     table = np.zeros(len(living), dtype=INSTANCE)
     table["handle"] = [one.handle for one in living]
     table["do_step"] = [one.step_address() for one in living]
-    table["answers"] = [native.take(ANSWERS) if _version(one) == 3 else 0 for one in living]
+    table["answers"] = [native.take(ANSWERS) if one.has_answers else 0 for one in living]
     for row, one in zip(table, living, strict=True):
-        if isinstance(one, Instance3):
-            one.use_answers(int(row["answers"]))
+        one.use_answers(int(row["answers"]))
     libraries = {id(one.library): i for i, one in enumerate(living)}
     table["library"] = [libraries[id(one.library)] for one in living]
     table["period"] = table["length"] = clock.periods
@@ -286,7 +284,7 @@ class _Values:
     int_out: np.ndarray[Any, Any]
 
 
-def _version(one: Living) -> int:
+def _version(one: Slave) -> int:
     return int(one.fmu.fmi_version[0])
 
 
@@ -295,7 +293,7 @@ def _calls(
     feeds: np.ndarray[Any, Any],
     values: _Values,
     ports: np.ndarray[Any, Any],
-    living: Sequence[Living],
+    living: Sequence[Slave],
     kinds: Sequence[Ports],
     native: _Native,
     slopes: np.ndarray[Any, Any],
@@ -348,7 +346,7 @@ def _calls(
 
 
 def _slope_call(
-    one: Living,
+    one: Slave,
     slopes: np.ndarray[Any, Any],
     references: np.ndarray[Any, Any],
     kept: np.ndarray[Any, Any],
@@ -364,7 +362,7 @@ def _slope_call(
 
 
 def _packet_call(
-    verb: str, one: Living, ports: np.ndarray[Any, Any], endpoint: int, native: _Native
+    verb: str, one: Slave, ports: np.ndarray[Any, Any], endpoint: int, native: _Native
 ) -> list[tuple[int, ...]]:
     """The call that sets or gets the packets of an instance, if it has such a port."""
     has, reference, text, size = (
@@ -385,7 +383,7 @@ def _packet_call(
 
 
 def _typed(
-    verb: str, one: Living, variables: Sequence[Variable], plain: int, size: int, native: _Native
+    verb: str, one: Slave, variables: Sequence[Variable], plain: int, size: int, native: _Native
 ) -> list[tuple[int, ...]]:
     """FMI 3 calls for variables whose values lie at `plain`, `size` bytes each: one for each type."""
     rows: list[tuple[int, ...]] = []

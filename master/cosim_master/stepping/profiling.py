@@ -20,7 +20,7 @@ import numpy as np
 from numba import types
 
 from cosim.kernel import PLAIN
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.fmi3_types import WIDTHS
 from cosim_master.stepping.kernels.fmi_calls import (
     atomic_add,
@@ -79,7 +79,7 @@ class Profiler:
         if PLAIN:
             raise RuntimeError("a profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
         self.phases: dict[str, float] = {}
-        self._living: Sequence[Living] = ()
+        self._living: Sequence[Slave] = ()
         self._steps = np.zeros(0, dtype=_TIMED)
         self._calls = np.zeros(0, dtype=_TIMED)
         self._kinds: np.ndarray[Any, Any] = np.zeros(0, dtype=np.int64)
@@ -95,7 +95,7 @@ class Profiler:
         finally:
             self.phases[name] = self.phases.get(name, 0.0) + time.perf_counter() - began
 
-    def attach(self, plan: Plan, living: Sequence[Living]) -> None:
+    def attach(self, plan: Plan, living: Sequence[Slave]) -> None:
         """Put timed calls in place of those of the plan."""
         step, access, step3, access3, binary = (function.address for function in self._functions)
         rows = plan.instances

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.failures import reached
 from cosim_master.stepping.kernels.tables import LAST, K, Plan
 from cosim_master.stepping.layout import Layout
@@ -15,7 +15,7 @@ __all__ = ["Texts", "failing"]
 
 
 @contextmanager
-def failing(plan: Plan, living: Living) -> Iterator[Living]:
+def failing(plan: Plan, living: Slave) -> Iterator[Slave]:
     """Calls of one instance at the present communication point; raises RunFailed if it refuses one."""
     living.time = reached(plan)
     try:
@@ -36,7 +36,7 @@ class Texts:
             of one that belongs to Clocks is put here by those who handle events.
     """
 
-    def __init__(self, places: Layout, living: Sequence[Living]) -> None:
+    def __init__(self, places: Layout, living: Sequence[Slave]) -> None:
         self._living = living
         number = {one.name: i for i, one in enumerate(living)}
         self.outputs: dict[tuple[int, str], str] = {}

@@ -20,9 +20,8 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.run.state import RunState
-from cosim_master.execution.startup.rollback_test import STATE_FUNCTIONS
 from cosim_master.fmi.slaves.fmi2 import STATUS
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.failures import DISCARD, discard_failure
 from cosim_master.stepping.kernels.macro_step import end_here
 from cosim_master.stepping.kernels.tables import BASE, ENDED, EVERY, FINER, LAST, PER_NS, START, K, Plan
@@ -42,11 +41,11 @@ def cannot_be_repeated(state: RunState) -> str:
     )
 
 
-def _incapable(living: Sequence[Living]) -> str:
+def _incapable(living: Sequence[Slave]) -> str:
     lacking, remedies = {}, {}
     for one in living:
         flags = one.fmu.capabilities
-        if not flags.canGetAndSetFMUstate or not one.library.has(*STATE_FUNCTIONS[one.fmu.fmi_version[:1]]):
+        if not flags.canGetAndSetFMUstate or not one.library.has(*one.state_functions):
             lacking[one.name] = "canGetAndSetFMUstate"
             remedies[one.name] = one.fmu.remedy("canGetAndSetFMUstate")
         elif not flags.canHandleVariableCommunicationStepSize:
@@ -118,7 +117,6 @@ def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_he
     """Instances (number, until when) want the run to end. If they did this step, it is the last one."""
     living, rows, clock = state.living, state.plan.instances, state.plan.clock
     first = living[ends[0][0]]
-    said = "terminateSimulation" if first.fmi == 3 else "fmi2Terminated"
     python = any(living[i].library.python for i, _ in ends)
     if python and clock[K] == 0:
         text = f"fmi2Discard: it wants the run to end in its first step {_FORGETFUL}"
@@ -127,7 +125,8 @@ def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_he
     stepped = all(rows[i]["length"] == 1 and time >= end - 1e-9 for i, time in ends)
     if can_end_here and stepped and not state.texts and clock[K] + 1 <= clock[LAST]:
         end_here(state.plan, np.array([i for i, _ in ends]))
-    raise RunTerminated(first.name, min(time for _, time in ends), said=said, hint=_FORGETFUL if python else "")
+    hint = _FORGETFUL if python else ""
+    raise RunTerminated(first.name, min(time for _, time in ends), said=first.end_word, hint=hint)
 
 
 class Grid:

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import NotConverged
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.instances import step_each, step_together
 from cosim_master.stepping.kernels.tables import FAILURES, Plan
 from cosim_master.stepping.layout import KINDS, Layout
@@ -53,7 +53,7 @@ class _Loop:
 class Iteration:
     """The steps of one run. `close` it before the instances are freed."""
 
-    def __init__(self, plan: Plan, places: Layout, living: Sequence[Living], coupling: Coupling) -> None:
+    def __init__(self, plan: Plan, places: Layout, living: Sequence[Slave], coupling: Coupling) -> None:
         self._plan, self._coupling, self._living = plan, coupling, living
         self._states = {i: ctypes.c_void_p() for group in coupling.loops for i in group}
         self._parts: list[NDArray[np.int64] | _Loop] = []

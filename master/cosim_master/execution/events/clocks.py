@@ -19,7 +19,8 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import Variable
-from cosim_master.fmi.slaves.fmi3 import INTERVAL_CHANGED, INTERVAL_NOT_YET_KNOWN, Instance3, whole_nanoseconds
+from cosim_master.fmi.slaves.fmi3 import INTERVAL_CHANGED, INTERVAL_NOT_YET_KNOWN, whole_nanoseconds
+from cosim_master.fmi.slaves.slave import EventSlave
 
 __all__ = ["Schedule", "seconds"]
 
@@ -54,7 +55,7 @@ class Schedule:
         intervals: of fixed and tunable Clocks, s, where the system gives them; else they are the FMU's.
     """
 
-    def __init__(self, one: Instance3, start: int, intervals: Mapping[str, float]) -> None:
+    def __init__(self, one: EventSlave, start: int, intervals: Mapping[str, float]) -> None:
         self._one, self._start = one, start
         self._given = {name: whole_nanoseconds(value) for name, value in intervals.items()}
         variables = [v for v in one.fmu.variables.values() if v.clock is not None]

@@ -15,8 +15,7 @@ import numpy as np
 from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.events.super_dense import EndedByEvent, Events
 from cosim_master.fmi.description.read import Variable
-from cosim_master.fmi.slaves.fmi3 import Instance3
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import EventSlave, Slave, has_event_mode
 from cosim_master.stepping.failures import raise_failures, reached
 from cosim_master.stepping.kernels.instances import collect_again
 from cosim_master.stepping.kernels.macro_step import end_here
@@ -48,7 +47,7 @@ class EventMode:
         self,
         checked: CheckedSystem,
         places: Layout,
-        living: Sequence[Living],
+        living: Sequence[Slave],
         start: int,
         delayed: Mapping[tuple[str, str], Delay],
     ) -> None:
@@ -74,15 +73,15 @@ class EventMode:
     @property
     def pending(self) -> bool:
         """Whether an instance waits for `handle`."""
-        return any(self._living3(i).pending for i in self.events.numbers)
+        return any(self._one(i).pending for i in self.events.numbers)
 
     def next_event(self) -> float:
         """Time of the next event that an FMU has announced, s; infinity if there is none."""
-        return min((self._living3(i).next_event for i in self.events.numbers), default=math.inf)
+        return min((self._one(i).next_event for i in self.events.numbers), default=math.inf)
 
     def returned_early(self) -> float:
         """The first time at which an FMU has returned from its step because of an event, s; infinity: none has."""
-        early = [self._living3(i).answers for i in self.events.numbers if self._living3(i).pending == END]
+        early = [self._one(i).answers for i in self.events.numbers if self._one(i).pending == END]
         return min((last for _, ends, is_early, last in early if is_early and not ends), default=math.inf)
 
     def change(self, change: Change) -> None:
@@ -108,7 +107,7 @@ class EventMode:
         # Outputs are known at the end of a step; that of a slow instance may lie some base steps ahead.
         here = [i for i in range(rows.size) if k % int(rows[i]["period"]) + 1 == int(rows[i]["length"])]
         ends = [i for i in self.events.numbers if i in here]
-        pending = {i: self._living3(i).pending for i in self.events.numbers if self._living3(i).pending in (BEGIN, END)}
+        pending = {i: self._one(i).pending for i in self.events.numbers if self._one(i).pending in (BEGIN, END)}
         try:
             at_end = self._finish(pending)
             together = [i for i in at_end if i in ends]
@@ -130,7 +129,7 @@ class EventMode:
         except EndedByEvent as ended:
             raise self._ended(ended) from None
         for i in touched - {*ends}:
-            self._living3(i).pending = SHOW
+            self._one(i).pending = SHOW
         self.show(ends)
         collect_again(self._plan, np.array(sorted(touched & set(ends)), dtype=np.int64))
         raise_failures(self._plan, self._places, self._living)
@@ -153,10 +152,10 @@ class EventMode:
             # Those tied together by Clocks have one next event, so all of them have begun their step, or none has.
             begun = pending[i] == END
             members = (i,) if begun else self.events.groups[i]
-            if self._living3(i).pending == 0:
+            if self._one(i).pending == 0:
                 continue
             for one in members:
-                self._living3(one).pending = 0
+                self._one(one).pending = 0
             end = reached(self._plan) + float(self._plan.instances[i]["h"])
             at_end += self.events.finish(
                 members, reached(self._plan), end, begun=begun, held=self._held_inputs, near=near
@@ -228,12 +227,12 @@ class EventMode:
             if (i, name) in self._texts.outputs:
                 self._texts.outputs[i, name] = value
         for i in numbers:
-            if self._living3(i).pending == SHOW:
-                self._living3(i).pending = 0
+            if self._one(i).pending == SHOW:
+                self._one(i).pending = 0
 
-    def _living3(self, i: int) -> Instance3:
+    def _one(self, i: int) -> EventSlave:
         one = self._living[i]
-        assert isinstance(one, Instance3)
+        assert has_event_mode(one)
         return one
 
 

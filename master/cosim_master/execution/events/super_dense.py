@@ -29,8 +29,7 @@ from cosim_master.diagnostics.errors import CosimError, FmuError
 from cosim_master.diagnostics.limitations import MISSED_TICK, UNSETTLED
 from cosim_master.execution.events.clocks import Schedule, seconds
 from cosim_master.fmi.description.read import Variable
-from cosim_master.fmi.slaves.fmi3 import Instance3
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import EventSlave, Slave, has_event_mode
 from cosim_master.system.flatten.clock_groups import lockstep
 from cosim_master.system.flatten.flat import CheckedSystem, Link
 
@@ -99,12 +98,12 @@ class Events:
     def __init__(
         self,
         checked: CheckedSystem,
-        living: Sequence[Living],
+        living: Sequence[Slave],
         start: int,
         delayed: Collection[tuple[str, str]] = (),
     ) -> None:
         self._living, self._delayed = living, delayed
-        self.numbers = [i for i, one in enumerate(living) if isinstance(one, Instance3) and one.event_mode]
+        self.numbers = [i for i, one in enumerate(living) if has_event_mode(one)]
         self.groups: dict[int, tuple[int, ...]] = {i: (i,) for i in self.numbers}
         for members in lockstep(checked):
             self.groups |= dict.fromkeys(members, members)
@@ -135,9 +134,9 @@ class Events:
             if variable.clocks:
                 self.keep(source, variable)
 
-    def _one(self, i: int) -> Instance3:
+    def _one(self, i: int) -> EventSlave:
         one = self._living[i]
-        assert isinstance(one, Instance3)
+        assert has_event_mode(one)
         return one
 
     def keep(self, i: int, variable: Variable) -> None:
@@ -421,7 +420,7 @@ class Events:
 
         Args:
             members: instances that step together.
-            begun: fmi3DoStep has been called for this step already, and `Instance3.answers` has what it answered.
+            begun: fmi3DoStep has been called for this step already, and `EventSlave.answers` has what it answered.
             held: as for `settle`.
             near: s; what is that near to `end` is at `end`. Events have whole nanoseconds, steps need not.
 

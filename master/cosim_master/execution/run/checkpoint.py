@@ -23,8 +23,7 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.execution.run.state import RunState, changing
-from cosim_master.fmi.slaves.fmi3 import Instance3
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.network.radio.tables import ROLES as RADIO_ROLES
 from cosim_master.network.roles import STATE
 from cosim_master.results.checkpoint_folder import FORMAT, Checkpoint, Position
@@ -35,7 +34,7 @@ __all__ = ["cannot_be_serialised", "restore", "save"]
 _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
 
 
-def cannot_be_serialised(living: Sequence[Living]) -> str:
+def cannot_be_serialised(living: Sequence[Slave]) -> str:
     """Which instances keep a system from having checkpoints, and why; empty if none does."""
     lacking = []
     for one in living:
@@ -66,9 +65,8 @@ def save(
     plan, radio, living = state.plan, state.radio, state.living
     arrays = changing(plan, ROLES, (STATE,))
     arrays |= {f"radio.{name}": array for name, array in changing(radio, RADIO_ROLES, (STATE,)).items()}
-    three = [one if isinstance(one, Instance3) else None for one in living]
-    arrays["next_events"] = np.array([np.inf if one is None else one.next_event for one in three])
-    arrays["pending"] = np.array([0 if one is None else one.pending for one in three], dtype=np.int64)
+    arrays["next_events"] = np.array([one.next_event for one in living])
+    arrays["pending"] = np.array([one.pending for one in living], dtype=np.int64)
     sizes, states = [], []
     for one in living:
         fmu_state = ctypes.c_void_p()
@@ -137,8 +135,7 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
         raise SystemDescriptionError([Problem(Where(str(checkpoint.folder)), text)]) from None
     for one, bytes_, next_event, pending in zip(living, states, arrays["next_events"], arrays["pending"], strict=True):
         one.time = checkpoint.time
-        if isinstance(one, Instance3):
-            one.next_event, one.pending = float(next_event), int(pending)
+        one.next_event, one.pending = float(next_event), int(pending)
         fmu_state = one.deserialise(bytes_)
         try:
             one.restore_state(fmu_state)

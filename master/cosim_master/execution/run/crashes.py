@@ -19,7 +19,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 
 __all__ = ["reported"]
 
@@ -41,7 +41,7 @@ class _Symbol(ctypes.Structure):
 
 
 @contextmanager
-def reported(living: Sequence[Living], now: Callable[[], float], rescue: Callable[[FmuError], None]) -> Iterator[None]:
+def reported(living: Sequence[Slave], now: Callable[[], float], rescue: Callable[[FmuError], None]) -> Iterator[None]:
     """Reports crashes of FMUs in the main thread and completes what they would leave incomplete.
 
     Args:
@@ -81,7 +81,7 @@ def reported(living: Sequence[Living], now: Callable[[], float], rescue: Callabl
                 libc.signal(number, now_there)  # an FMU has brought its own meanwhile
 
 
-def _error(libc: Any, living: Sequence[Living], number: int, time: float) -> FmuError:
+def _error(libc: Any, living: Sequence[Slave], number: int, time: float) -> FmuError:
     """Who crashed, by the libraries on the stack; and in which of FMI's functions."""
     files = {os.path.realpath(one.library.file): one.library for one in living if one.library.file}
     frames = (ctypes.c_void_p * _FRAMES)()

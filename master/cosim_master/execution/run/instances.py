@@ -5,7 +5,7 @@ from __future__ import annotations
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.execution.startup.initialize import instantiate
 from cosim_master.fmi.slaves.libraries import Libraries, check_sources
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.system.flatten.flat import CheckedSystem
 
 __all__ = ["Instances"]
@@ -19,7 +19,7 @@ class Instances:
     """
 
     def __init__(self) -> None:
-        self.living: list[Living] = []
+        self.living: list[Slave] = []
         self._libraries = Libraries()
 
     def make(self, checked: CheckedSystem) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim_master.execution.events.event_mode import EventMode
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.network.radio.tables import Radio
 from cosim_master.stepping.failures import reached
 from cosim_master.stepping.kernels.tables import BASE, PER_NS, START, K, Plan
@@ -43,7 +43,7 @@ class RunState:
     clock: Timing
     places: Layout
     network: Network
-    living: list[Living]
+    living: list[Slave]
     plan: Plan
     radio: Radio
     event_mode: EventMode

@@ -25,19 +25,15 @@ from cosim_master.execution.events.super_dense import EndedByEvent, Events
 from cosim_master.execution.startup.loops import settle
 from cosim_master.fmi.description.read import Start, Variable
 from cosim_master.fmi.slaves.fmi2 import set_kind
-from cosim_master.fmi.slaves.fmi3 import Instance3
 from cosim_master.fmi.slaves.libraries import Libraries, check_sources
-from cosim_master.fmi.slaves.slave import Living
-from cosim_master.fmi.slaves.slave import instantiate as make
+from cosim_master.fmi.slaves.making import instantiate as make
+from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.system.flatten.clock_groups import lockstep
 from cosim_master.system.flatten.flat import CheckedSystem, Link
 
 __all__ = ["SettledLoop", "answers", "initialize", "instantiate", "try_out"]
 
 _KINDS = ("Real", "Integer", "Boolean", "String", "Binary")
-_INITIALIZES_ANEW = ("20-sim",)
-"""How the generationTool begins of FMUs that are known to initialize their parameters anew during start-up: what is
-set is set once more in initialization mode, as FMI 2.0.5 allows for variables with initial="exact" (section 4.2.4)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +48,7 @@ _Terms = dict[tuple[str, str], dict[int, Any]]
 """Values of the terms of sums, by input and number."""
 
 
-def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Living]) -> None:
+def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Slave]) -> None:
     """Append an instance to `living` for each of the system's.
 
     Raises:
@@ -66,7 +62,7 @@ def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Livin
 
 
 def initialize(
-    checked: CheckedSystem, living: Sequence[Living], start: float, stop: float, events: Events | None = None
+    checked: CheckedSystem, living: Sequence[Slave], start: float, stop: float, events: Events | None = None
 ) -> tuple[SettledLoop, ...]:
     """Initialize all instances.
 
@@ -84,13 +80,13 @@ def initialize(
     """
     values = [instance.effective_values() for instance in checked.instances]
     for one, instance, starts in zip(living, checked.instances, values, strict=True):
-        if isinstance(one, Instance3) and (sizes := instance.structural_values()):
+        if sizes := instance.structural_values():
             one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
         one.setup_experiment(start, stop)
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
     for one, instance, starts in zip(living, checked.instances, values, strict=True):
         one.enter_initialization_mode()
-        if one.fmi == 2 and instance.fmu.generation_tool.startswith(_INITIALIZES_ANEW):
+        if one.initializes_anew:
             exact = [v for n in starts if (v := instance.fmu.variables[n]).initial == "exact"]
             _set_all(one, exact, starts, inputs=False)
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
@@ -103,7 +99,7 @@ def initialize(
     return loops
 
 
-def answers(checked: CheckedSystem, living: Sequence[Living]) -> tuple[dict[str, dict[str, Start]], tuple[str, ...]]:
+def answers(checked: CheckedSystem, living: Sequence[Slave]) -> tuple[dict[str, dict[str, Start]], tuple[str, ...]]:
     """The parameters of all instances, by instance and name, as the FMUs answer after initialization.
 
     FMUs that this project compiled are not asked: a parameter is a field of the instance's record that only
@@ -151,7 +147,7 @@ def _same(answer: Start, value: Start, fmi_type: str | None) -> bool:
     return answer == value or (answer != answer and value != value)
 
 
-def _first_events(events: Events, living: Sequence[Living], start: int) -> None:
+def _first_events(events: Events, living: Sequence[Slave], start: int) -> None:
     """Instances that use Event Mode are in it after initialization: events at the start, then Step Mode."""
     if not events.numbers:
         return
@@ -169,7 +165,7 @@ def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledL
         SystemDescriptionError, FmuError, LoopError: as a run would.
     """
     check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
-    living: list[Living] = []
+    living: list[Slave] = []
     with Libraries() as libraries:
         try:
             instantiate(checked, libraries, living)
@@ -182,7 +178,7 @@ def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledL
     return loops
 
 
-def _exchange(checked: CheckedSystem, living: Mapping[str, Living]) -> tuple[SettledLoop, ...]:
+def _exchange(checked: CheckedSystem, living: Mapping[str, Slave]) -> tuple[SettledLoop, ...]:
     """Stage by stage: get all sources of a stage at once, then set its targets."""
     loops = []
     terms: _Terms = {}
@@ -200,7 +196,7 @@ def _exchange(checked: CheckedSystem, living: Mapping[str, Living]) -> tuple[Set
 
 
 def _go_round(
-    living: Mapping[str, Living],
+    living: Mapping[str, Slave],
     links: Sequence[Link],
     ends: Sequence[tuple[str, str]],
     terms: _Terms,
@@ -211,7 +207,7 @@ def _go_round(
     return [got[end] for end in ends]
 
 
-def _get(living: Mapping[str, Living], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
+def _get(living: Mapping[str, Slave], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
     """Values of outputs, by instance and variable; one call per instance and type."""
     wanted: dict[str, list[Variable]] = {}
     for name, variable in ends:
@@ -224,9 +220,7 @@ def _get(living: Mapping[str, Living], ends: Sequence[tuple[str, str]]) -> dict[
     return got
 
 
-def _set(
-    living: Mapping[str, Living], links: Sequence[Link], got: Mapping[tuple[str, str], Any], terms: _Terms
-) -> None:
+def _set(living: Mapping[str, Slave], links: Sequence[Link], got: Mapping[tuple[str, str], Any], terms: _Terms) -> None:
     """Set the targets of links from the values of their sources; `terms` are those of sums that are known so far."""
     targets: dict[str, dict[str, Any]] = {}
     for link in links:
@@ -245,7 +239,7 @@ def _kinds(variables: Sequence[Variable]) -> list[str]:
     return [kind for kind in _KINDS if any(set_kind(v) == kind for v in variables)]
 
 
-def _set_all(one: Living, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
+def _set_all(one: Slave, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
     """Set the variables that are inputs, those that are not, or (None) all; one call per type."""
     chosen = [v for v in variables if inputs is None or (v.causality == "input") == inputs]
     for kind in _kinds(chosen):

@@ -13,17 +13,12 @@ from typing import Any
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.slaves.fmi2 import set_kind
-from cosim_master.fmi.slaves.fmi3 import Instance3
-from cosim_master.fmi.slaves.slave import Living
+from cosim_master.fmi.slaves.slave import Slave
 
-__all__ = ["STATE_FUNCTIONS", "self_test"]
-
-_OF_FMI2 = ("fmi2GetFMUstate", "fmi2SetFMUstate")
-STATE_FUNCTIONS = {"1": _OF_FMI2, "2": _OF_FMI2, "3": ("fmi3GetFMUState", "fmi3SetFMUState")}
-"""By major version of FMI."""
+__all__ = ["self_test"]
 
 
-def self_test(living: Sequence[Living], time: float, sizes: Sequence[Sequence[float]], why: str) -> list[FmuError]:
+def self_test(living: Sequence[Slave], time: float, sizes: Sequence[Sequence[float]], why: str) -> list[FmuError]:
     """Try whether instances come again to where they went, and leave them as they were.
 
     Args:
@@ -36,14 +31,12 @@ def self_test(living: Sequence[Living], time: float, sizes: Sequence[Sequence[fl
     """
     failures = []
     for one, steps in zip(living, sizes, strict=True):
-        get, put = STATE_FUNCTIONS[one.fmu.fmi_version[:1]]
+        get, put = one.state_functions
         if not one.library.has(get, put):
             failures.append(FmuError(one.name, get, f"the binary does not have it, and {why} needs it", time))
             continue
         state = ctypes.c_void_p()
-        final = not isinstance(one, Instance3) or one.final
-        if isinstance(one, Instance3):
-            one.final = False
+        final, one.final = one.final, False
         try:
             one.time = time
             one.save_state(state)
@@ -58,8 +51,7 @@ def self_test(living: Sequence[Living], time: float, sizes: Sequence[Sequence[fl
             continue
         finally:
             one.free_state(state)
-            if isinstance(one, Instance3):
-                one.final = final
+            one.final = final
         if changed := [name for name in first if not _same(first[name], again[name])]:
             name = changed[0]
             text = (
@@ -70,13 +62,13 @@ def self_test(living: Sequence[Living], time: float, sizes: Sequence[Sequence[fl
     return failures
 
 
-def _stepped(one: Living, time: float, steps: Sequence[float]) -> dict[str, Any]:
+def _stepped(one: Slave, time: float, steps: Sequence[float]) -> dict[str, Any]:
     """All outputs after these steps."""
     t = time
     for h in steps:
         one.time = t
         try:
-            if not _step(one, t, h):
+            if not one.try_step(t, h):
                 break
         except FmuError as error:
             if not error.status.endswith("Discard"):
@@ -88,19 +80,6 @@ def _stepped(one: Living, time: float, steps: Sequence[float]) -> dict[str, Any]
     for v in outputs:
         kinds.setdefault(set_kind(v), []).append(v)
     return {v.name: x for group in kinds.values() for v, x in zip(group, one.get(group), strict=True)}
-
-
-def _step(one: Living, t: float, h: float) -> bool:
-    """A step, or up to an event; whether what comes then does not depend on others."""
-    if not isinstance(one, Instance3):
-        one.call("fmi2DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_int(0))
-        return True
-    until = min(t + h, one.next_event)
-    if until <= t:
-        return False
-    one.do_step(t, until - t)
-    event, ends, early, _ = one.answers
-    return not (event or ends or early or until < t + h)
 
 
 def _same(a: Any, b: Any) -> bool:

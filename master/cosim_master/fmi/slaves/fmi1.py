@@ -1,4 +1,4 @@
-"""Living FMI 1.0 co-simulation slaves, with the interface of `fmi2`.
+"""Slave FMI 1.0 co-simulation slaves, with the interface of `fmi2`.
 
 Functions are called "{modelIdentifier}_fmi...". FMI 1.0 has no initialization mode: start values of parameters and
 inputs are set first, and fmiInitializeSlave is called when the first output is asked for; what connections bring is set

@@ -1,4 +1,4 @@
-"""Living FMI 2.0 instances: loading a library, calling its functions one by one, keeping its log.
+"""Slave FMI 2.0 instances: loading a library, calling its functions one by one, keeping its log.
 
 The legal order of calls (FMI 2.0.5, section 4.2.4) is the caller's business; see `execution`. The stepping loop
 calls the same functions by their addresses and does not come through here.
@@ -20,6 +20,7 @@ import collections
 import contextlib
 import ctypes
 import logging
+import math
 import platform
 from collections.abc import Sequence
 from pathlib import Path
@@ -49,6 +50,11 @@ _C_TYPES: dict[str, Any] = {
     "Boolean": ctypes.c_int,
     "String": ctypes.c_char_p,
 }
+
+
+_INITIALIZES_ANEW = ("20-sim",)
+"""How the generationTool begins of FMUs that are known to initialize their parameters anew during start-up: what is
+set is set once more in initialization mode, as FMI 2.0.5 allows for variables with initial="exact" (section 4.2.4)."""
 
 
 class _Callbacks(ctypes.Structure):
@@ -147,6 +153,13 @@ class Instance:
     _instantiates = "fmi2Instantiate"
     kind = 1
     """fmi2CoSimulation."""
+    state_functions = ("fmi2GetFMUstate", "fmi2SetFMUstate")
+    end_word = "fmi2Terminated"
+    has_answers = False
+    event_mode = False
+    next_event = math.inf
+    pending = 0
+    final = True
 
     def __init__(
         self, library: Library, name: str, allocate: Any, free: Any, fmu: FmuDescription | None = None
@@ -189,9 +202,34 @@ class Instance:
         )
         return int(handle or 0)
 
+    @property
+    def initializes_anew(self) -> bool:
+        """Whether parameters are to be set once more in initialization mode, since the FMU loses them."""
+        return self.fmu.generation_tool.startswith(_INITIALIZES_ANEW)
+
+    def configure(self, _variables: Sequence[Variable], _values: Sequence[Any]) -> None:
+        """Sets structural parameters, which FMI 2 does not have."""
+        raise ValueError(f"{self.name} is of FMI {self.fmi}, which has no structural parameters")
+
     def step_address(self) -> int:
         """The address of the function that makes a step."""
         return self.library.address("fmi2DoStep")
+
+    def use_answers(self, _address: int) -> None:
+        """The step of FMI 2 answers by its status alone."""
+
+    def try_step(self, t: float, h: float) -> bool:
+        """A step from t; returns that all of it has been made. Times in s."""
+        self.call("fmi2DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_int(0))
+        return True
+
+    def function_name(self, name: str) -> str:
+        """The name itself: the loop's tables have those of FMI 2."""
+        return name
+
+    def status_word(self, status: int) -> str:
+        """A status in the standard's words."""
+        return STATUS[status]
 
     def _log(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
         raised = pending_exception()

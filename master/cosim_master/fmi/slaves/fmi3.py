@@ -1,4 +1,4 @@
-"""Living FMI 3.0 instances: what `fmi2` is for FMI 2, with the same interface.
+"""Slave FMI 3.0 instances: what `fmi2` is for FMI 2, with the same interface.
 
     instance = Instance(library, "drone1.vehicle")
     instance.set(...), setup_experiment, enter_initialization_mode, set, get, exit_initialization_mode
@@ -54,6 +54,9 @@ _C_TYPES: dict[str, Any] = {
     "String": ctypes.c_char_p,
 }
 
+_OF_FMI2 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2GetString": "fmi3GetBinary"}
+"""Functions of FMI 2 that the loop's tables name, and those of FMI 3 that are called."""
+
 
 class Instance3:
     """One living instance. Not to be used from two threads at once.
@@ -65,6 +68,10 @@ class Instance3:
 
     fmi = 3
     _instantiates = "fmi3InstantiateCoSimulation"
+    state_functions = ("fmi3GetFMUState", "fmi3SetFMUState")
+    end_word = "terminateSimulation"
+    has_answers = True
+    initializes_anew = False
 
     def __init__(
         self, library: Library, name: str, fmu: FmuDescription | None = None, *, early_return: bool = True
@@ -334,6 +341,23 @@ class Instance3:
         at = ctypes.addressof(self._answers)
         places = [ctypes.c_void_p(at + offset) for offset in (0, 1, 2, 8)]
         self.call("fmi3DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_bool(self.final), *places)
+
+    def try_step(self, t: float, h: float) -> bool:
+        """A step from t, or up to the next event; returns whether all of it has been made. Times in s."""
+        until = min(t + h, self.next_event)
+        if until <= t:
+            return False
+        self.do_step(t, until - t)
+        event, ends, early, _ = self.answers
+        return not (event or ends or early or until < t + h)
+
+    def function_name(self, name: str) -> str:
+        """The function that the loop's tables name in FMI 2's words, in those of FMI 3."""
+        return _OF_FMI2.get(name, name)
+
+    def status_word(self, status: int) -> str:
+        """A status in the standard's words."""
+        return STATUS3[status]
 
     def enter_event_mode(self) -> None:
         self.call("fmi3EnterEventMode")

@@ -1,4 +1,4 @@
-"""Living tables: a file of rows over time as an instance of FMI 2.0, whose functions are ours.
+"""Slave tables: a file of rows over time as an instance of FMI 2.0, whose functions are ours.
 
 Its outputs are the values of the columns at the time that it has reached; its state is that time.
 """
