@@ -1,0 +1,95 @@
+"""Whether a change of the code changes a bit of what is recorded: digests of every column, every packet, every log.
+
+    python benchmarks/same_bits.py before.json                  before the change
+    python benchmarks/same_bits.py after.json --than before.json    after it; exits 1 and names what differs
+
+Runs the shipped systems, one of them with other settings and a bad radio, with other masters, by steps of another size,
+and one that goes on from a checkpoint. FMUs are those of the tree, as `make fmus` leaves them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cosim_master import simulate
+
+SYSTEMS = Path(__file__).parents[1] / "master" / "systems"
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "line5": ("line5", {}),
+    "ends": ("line5-ends", {}),
+    "hexa": ("line5-hexa", {}),
+    "estimated": ("line5-estimated", {"until": 40.0}),
+    "script": ("line5-script", {"until": 5.0}),
+    "bad radio": (
+        "line5",
+        {"seed": 7, "overrides": {"network.loss": "0.3", "network.jitter": "0.02", "drone3.agent.epsilon": "0.5"}},
+    ),
+    "two threads": ("line5", {"until": 20.0, "threads": 2}),
+    "steps of 5 ms": ("line5", {"until": 20.0, "step": 0.005}),
+    "changed": ("line5", {"until": 40.0, "at": [(20.0, "drone3.vehicle.wind[2]", "3")]}),
+    "going on": ("line5", {"until": 30.0, "checkpoint_every": 10.0}),
+}
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Of each column of the recorded tables and each log, by name."""
+    found: dict[str, str] = {}
+    for file in ("signals", "packets"):
+        table = pq.read_table(folder / f"{file}.parquet")
+        for name in table.column_names:
+            column: pa.Array = table.column(name).combine_chunks()
+            digest = hashlib.sha256(str(column.type).encode())
+            for buffer in column.buffers():
+                digest.update(b"" if buffer is None else buffer)
+            found[f"{file}:{name}"] = digest.hexdigest()[:16]
+    for path in sorted(folder.rglob("*.tlog")):
+        found[str(path.relative_to(folder))] = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    return found
+
+
+def all_digests() -> dict[str, dict[str, str]]:
+    """Of all cases, by their names."""
+    found: dict[str, dict[str, str]] = {}
+    with tempfile.TemporaryDirectory(prefix="uav-cosim-bits-") as temporary:
+        root = Path(temporary)
+        for name, (system, options) in CASES.items():
+            result = simulate(SYSTEMS / system, out=root / name, **options)
+            found[name] = {**digests(root / name), "outcome": str(result.outcome)}
+            print(f"{name}: {len(found[name])} digests", flush=True)
+        resumed = root / "resumed"
+        simulate(SYSTEMS / "line5", out=resumed, origin=f"{root / 'going on'}@10")
+        found["going on"] |= {f"resumed {key}": value for key, value in digests(resumed).items()}
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("file", type=Path, help="where to write the digests")
+    parser.add_argument("--than", type=Path, help="digests to compare them with")
+    given = parser.parse_args()
+    found = all_digests()
+    given.file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if given.than is None:
+        return 0
+    before = json.loads(given.than.read_text(encoding="utf-8"))
+    flat = [
+        {(case, key): digest for case, all_ in one.items() for key, digest in all_.items()} for one in (before, found)
+    ]
+    differing = sorted(key for key in {*flat[0], *flat[1]} if flat[0].get(key) != flat[1].get(key))
+    for case, key in differing[:20]:
+        print(f"differs: {case}: {key}")
+    print(f"{len(flat[1])} digests, {len(differing)} differ")
+    return 1 if differing else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
