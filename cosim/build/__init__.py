@@ -172,7 +172,8 @@ def build_all(
         # Not forked: numba and LLVM have threads and locks.
         ProcessPoolExecutor(workers, get_context("spawn"), _work_in, (scratch,)) as processes,
     ):
-        with _interrupts_held(), _path_without_fmus():  # Ctrl-C is for this process; it ends the others
+        # Ctrl-C is for this process; it ends the others.
+        with _interrupts_held(), _path_without_fmus(), _main_hidden():
             building = {model: processes.submit(build, model, folder, **how) for model in stale}
         _follow(building, workers, tell)
         try:
@@ -204,6 +205,21 @@ def _path_without_fmus() -> Iterator[None]:
         yield
     finally:
         sys.path[:] = before
+
+
+@contextmanager
+def _main_hidden() -> Iterator[None]:
+    """Processes that are started meanwhile do not import the main program, which need not be guarded against that.
+
+    What they build is in packages; a program that only calls `simulate` would otherwise be run again in each of them.
+    """
+    main = sys.modules["__main__"]
+    before = {name: value for name, value in vars(main).items() if name in ("__file__", "__spec__")}
+    vars(main).update(dict.fromkeys(before))
+    try:
+        yield
+    finally:
+        vars(main).update(before)
 
 
 def _source_size(model: type[Model]) -> int:

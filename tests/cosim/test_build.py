@@ -248,6 +248,19 @@ def test_several_are_built_at_a_time_and_come_in_their_order(tmp_path: Path) -> 
         list(build_all(chosen, tmp_path / "other", targets=["vax"]))
 
 
+def test_a_program_without_a_guard_builds_several(tmp_path: Path) -> None:
+    """The processes that build do not run the program again, which only calls something that builds."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "from pathlib import Path\nfrom cosim.build import build_all, models_of_package\n"
+        "chosen = [m for m in models_of_package('cosim_models') if m.__name__ in ('Hexarotor', 'Quadrotor')]\n"
+        "print(*(one.file.name for one in build_all(chosen, Path('fmus'), interpreted=True)), __file__)\n"
+    )
+    done = subprocess.run([sys.executable, program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.split() == ["Hexarotor.fmu", "Quadrotor.fmu", str(program)]
+
+
 @pytest.fixture
 def resources_of_an_fmu(tmp_path: Path) -> Iterator[Path]:
     """First on the path, as pythonfmu's wrapper leaves them there: an FMU's own pythonfmu, and a cosim of its own."""
