@@ -213,7 +213,7 @@ def Output(
 ) -> Variable:
     """An output. `depends`: the inputs on which `start` makes it depend directly (feed-through), default none.
 
-    `verdict`: what it says about how the instance does, see `cosim.verdict`.
+    `verdict`: what it means to a master, see `cosim.verdict`.
     """
     more = {"unit": unit, "depends": depends, "verdict": verdict, "description": description}
     return _declare("output", name, type, shape, start, **more)
@@ -235,7 +235,7 @@ def Parameter(
 ) -> Variable:
     """A parameter, fixed after initialization unless `tunable`. `rare`: most steps do not read it.
 
-    `verdict`: Role.SYSTEM_ID for a MAVLink system id.
+    `verdict`: Role.SYSTEM_ID for a MAVLink system id, Role.START_POSITION for where a body is at the start.
     """
     limits = {"minimum": minimum, "maximum": maximum, "tunable": tunable, "rare": rare, "verdict": verdict}
     return _declare("parameter", name, type, shape, start, unit=unit, description=description, **limits)
@@ -263,14 +263,22 @@ def Memory(name: str, *, dtype: str = "f8", shape: int | tuple[int, ...] | None 
     return Variable(name, "memory", "Memory", shape=dimensions, start=0, dtype=dtype, rare=rare)
 
 
-def PacketInput(name: str, *, capacity: int, description: str = "") -> Variable:
-    """MAVLink packets delivered for one step: fields `name` (u1[capacity]) and `name_len` (bytes used)."""
-    return Variable(name, "packet input", "Packets", start="", description=description, capacity=capacity)
+def PacketInput(name: str, *, capacity: int, verdict: Verdict | None = None, description: str = "") -> Variable:
+    """MAVLink packets delivered for one step: fields `name` (u1[capacity]) and `name_len` (bytes used).
+
+    `verdict`: Role.TELEMETRY or Role.SERIAL for a port that leads to ground stations or to a cable alone.
+    """
+    more: dict[str, Any] = {"verdict": verdict, "description": description}
+    return Variable(name, "packet input", "Packets", start="", capacity=capacity, **more)
 
 
-def PacketOutput(name: str, *, capacity: int, description: str = "") -> Variable:
-    """MAVLink packets sent during one step: fields `name` (u1[capacity]) and `name_len` (bytes used)."""
-    return Variable(name, "packet output", "Packets", start="", description=description, capacity=capacity)
+def PacketOutput(name: str, *, capacity: int, verdict: Verdict | None = None, description: str = "") -> Variable:
+    """MAVLink packets sent during one step: fields `name` (u1[capacity]) and `name_len` (bytes used).
+
+    `verdict`: as of `PacketInput`.
+    """
+    more: dict[str, Any] = {"verdict": verdict, "description": description}
+    return Variable(name, "packet output", "Packets", start="", capacity=capacity, **more)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,16 +3,48 @@
 A vehicle takes actuator commands and the wind, and gives its true motion and its `airframe`, from which an
 autopilot picks mixer and control laws while initialising. This module declares those ports once; it holds no
 physics.
+
+**The convention of names.** Models say what their variables mean (`cosim.verdict`). FMUs of other tools mostly say
+nothing; of these a master takes a variable for what its name says by the following names, and by no others:
+
+    AUTOPILOT      the component of a vehicle's system to which a cable leads
+    VEHICLE        the component of a vehicle's system whose POSITION is that of the vehicle
+    POSITION       Real output of 3 elements: where the vehicle is, NED from the local origin [m]
+    STEP, TARGET   outputs of an agent: the number of its present step, and its desired position, m east of the origin
+    LINES          packet ports that lead to ground stations on the air, and to a cable, and nowhere else
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
 
 from cosim.model import Input, Output, Variable
 from cosim.verdict import Role
 
-__all__ = ["AIRFRAME", "MAX_MOTORS", "MOTION_INPUTS", "VEHICLE_INPUTS", "VEHICLE_OUTPUTS", "Airframe"]
+__all__ = [
+    "AIRFRAME",
+    "AUTOPILOT",
+    "LINES",
+    "MAX_MOTORS",
+    "MOTION_INPUTS",
+    "POSITION",
+    "STEP",
+    "TARGET",
+    "VEHICLE",
+    "VEHICLE_INPUTS",
+    "VEHICLE_OUTPUTS",
+    "Airframe",
+]
+
+AUTOPILOT, VEHICLE = "autopilot", "vehicle"
+POSITION = "position"
+STEP, TARGET = "step", "target"
+LINES: Mapping[Role, tuple[str, str]] = {
+    Role.TELEMETRY: ("telemetry_rx", "telemetry_tx"),
+    Role.SERIAL: ("serial_rx", "serial_tx"),
+}
+"""Names of the input and of the output."""
 
 MAX_MOTORS = 8
 """Length of the `motor` port of every vehicle and autopilot; a vehicle with fewer motors ignores the rest."""
@@ -39,7 +71,7 @@ VEHICLE_INPUTS: tuple[Variable, ...] = (
 )
 
 _MOTION = (
-    ("position", 3, "m", (0.0, 0.0, 0.0), "position relative to the local origin, NED (north, east, down)"),
+    (POSITION, 3, "m", (0.0, 0.0, 0.0), "position relative to the local origin, NED (north, east, down)"),
     ("velocity", 3, "m/s", (0.0, 0.0, 0.0), "velocity over ground, NED"),
     ("attitude", 4, "1", (1.0, 0.0, 0.0, 0.0), "unit quaternion w, x, y, z that rotates body FRD into NED"),
     ("angular_velocity", 3, "rad/s", (0.0, 0.0, 0.0), "angular velocity of the body, FRD"),
@@ -55,7 +87,7 @@ VEHICLE_OUTPUTS: tuple[Variable, ...] = (
             shape=shape,
             unit=unit,
             start=start,
-            verdict=Role.POSITION if name == "position" else None,
+            verdict=Role.POSITION if name == POSITION else None,
             description=description,
         )
         for name, shape, unit, start, description in _MOTION

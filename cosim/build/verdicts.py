@@ -6,7 +6,11 @@
       <Condition variable="state" failed="9" working="8" commanding="5 6 7 8" by="first_step_time" reason="failure"/>
       <Reason variable="failure"><Text value="5">its autopilot has not armed</Text></Reason>
       <Bound variable="left_age" least="0.0" most="stale_time" of="left_sysid">its left neighbour is not heard</Bound>
+      <Formation variable="target" step="step" stays="stubborn" begin="first_step_time" period="period">
+        <Neighbour id="left_sysid" gain="epsilon"/>
+      </Formation>
       <Optional variable="wind"/>
+      <Telemetry variable="telemetry_rx"/>
     </Verdicts>
 
 Arrays go by the name of their declaration, also in FMI 2, where their elements are variables `position[1]`, ....
@@ -19,7 +23,7 @@ from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement
 
 from cosim.model import Variable
-from cosim.verdict import Bound, Condition, Reason, Role, Verdict
+from cosim.verdict import Bound, Condition, Formation, Reason, Role, Verdict
 
 __all__ = ["verdicts"]
 
@@ -59,4 +63,11 @@ def _element(name: str, verdict: Verdict) -> Element:
         if verdict.of:
             element.set("of", verdict.of)
         element.text = verdict.text or None
+    elif isinstance(verdict, Formation):
+        for what in ("step", "stays", "begin", "period"):
+            if other := getattr(verdict, what):
+                element.set(what, other)
+        for neighbour in verdict.neighbours:
+            gain = neighbour.gain if isinstance(neighbour.gain, str) else repr(float(neighbour.gain))
+            SubElement(element, "Neighbour", id=neighbour.id, gain=gain)
     return element

@@ -8,11 +8,11 @@ from xml.etree.ElementTree import Element, tostring
 
 import pytest
 
-from cosim import Input, Model, Output, Parameter
+from cosim import Input, Model, Output, PacketInput, Parameter
 from cosim.build.description import model_description
 from cosim.build.description3 import model_description3
 from cosim.build.verdicts import verdicts
-from cosim.verdict import Bound, Condition, Reason, Role, complaints
+from cosim.verdict import Bound, Condition, Formation, Neighbour, Reason, Role, complaints
 
 
 class Task(IntEnum):
@@ -38,6 +38,18 @@ VARIABLES = (
     Output("age", unit="s", verdict=Bound(least=0.0, most="stale", of="sysid", text="nobody is heard")),
     Output("error", unit="m", verdict=Bound(most=5.0)),
     Output("place", shape=3, unit="m", verdict=Role.POSITION),
+    Parameter("begun", shape=3, unit="m", verdict=Role.START_POSITION),
+    Parameter("rests", type=bool),
+    Parameter("west", type=int),
+    Parameter("gain", start=0.5),
+    Output("turn", type=int),
+    Output(
+        "way",
+        unit="m",
+        verdict=Formation("turn", "rests", (Neighbour("west", "gain"), Neighbour("west", 0.25)), "begin", "stale"),
+    ),
+    PacketInput("cable", capacity=300, verdict=Role.SERIAL),
+    PacketInput("radio", capacity=300, verdict=Role.TELEMETRY),
 )
 WRITTEN = [
     '<Optional variable="wind" />',
@@ -47,6 +59,11 @@ WRITTEN = [
     '<Bound variable="age" least="0.0" most="stale" of="sysid">nobody is heard</Bound>',
     '<Bound variable="error" most="5.0" />',
     '<Position variable="place" />',
+    '<StartPosition variable="begun" />',
+    '<Formation variable="way" step="turn" stays="rests" begin="begin" period="stale">'
+    '<Neighbour id="west" gain="gain" /><Neighbour id="west" gain="0.25" /></Formation>',
+    '<Serial variable="cable" />',
+    '<Telemetry variable="radio" />',
 ]
 
 
@@ -72,9 +89,9 @@ def test_verdicts_as_xml() -> None:
 
 def test_fmi_2_has_them_as_a_tool_of_its_own() -> None:
     tools = model_description(Judged, "guid", compiled=False).findall("VendorAnnotations/Tool")
-    assert [tool.get("name") for tool in tools] == ["org.uav-cosim.verdict"]
-    assert [child.tag for child in tools[0]] == ["Verdicts"]  # the schema allows one element below Tool
-    assert elements(tools[0][0]) == WRITTEN
+    assert [tool.get("name") for tool in tools] == ["uav-cosim", "org.uav-cosim.verdict"]
+    assert [child.tag for child in tools[1]] == ["Verdicts"]  # the schema allows one element below Tool
+    assert elements(tools[1][0]) == WRITTEN
 
 
 def test_fmi_3_has_them_as_an_annotation() -> None:
@@ -98,6 +115,16 @@ def test_fmi_3_has_them_as_an_annotation() -> None:
         (
             Output("y", verdict=Bound(most="limit")),
             "y: its verdict refers to limit, but there is no scalar limit of kind Real or Integer",
+        ),
+        (Output("y", verdict=Role.SERIAL), "y: only a packet port can be SERIAL, this is of kind Real"),
+        (
+            Parameter("p", verdict=Role.START_POSITION),
+            "p: verdict START_POSITION is for an parameter of 3 of kind Real",
+        ),
+        (Output("y", type=int, verdict=Formation("y")), "y: verdict Formation is for an output of kind Real"),
+        (
+            Output("y", verdict=Formation("y")),
+            "y: its verdict refers to y, but there is no scalar y of kind Integer",
         ),
         (
             Output("y", type=int, verdict=Condition(failed=(1,), by="y")),

@@ -22,6 +22,18 @@ from cosim_master.results.flight import read_flight
 FIRST, PERIOD, LAG = 25.0, 3.1875, 0.6
 
 
+LINE = {
+    "sysid": {"is": "SystemId"},
+    "target": {
+        "is": "Formation",
+        "step": "step",
+        "stays": "stubborn",
+        "neighbours": [{"id": "left_sysid", "gain": "epsilon"}, {"id": "right_sysid", "gain": "epsilon"}],
+    },
+}
+"""What the agent of the line declares, as manifests have it."""
+
+
 def write_run(run: Path, columns: Mapping[str, tuple[Any, str]], instances: Mapping[str, Any] | None = None) -> Path:
     """A run folder: columns as (values, unit), in the recorder's types and metadata."""
     fields, arrays = [], []
@@ -32,7 +44,7 @@ def write_run(run: Path, columns: Mapping[str, tuple[Any, str]], instances: Mapp
         arrays.append(array)
     run.mkdir(parents=True, exist_ok=True)
     pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), run / "signals.parquet", compression="zstd")
-    manifest = {"outcome": "done", "instances": instances or {}, "fmus": {"LineAgent.fmu": {"model": "LineAgent"}}}
+    manifest = {"outcome": "done", "instances": instances or {}, "fmus": {"LineAgent.fmu": {"verdicts": LINE}}}
     (run / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     return run
 
@@ -305,13 +317,51 @@ def test_no_errors_of_agents_with_another_law(tmp_path: Path) -> None:
     run = consensus_run(tmp_path, last_step=2)
     assert draw_errors(read_flight(run)) is not None
     manifest = json.loads((run / "manifest.json").read_text())
-    manifest["fmus"]["RingAgent.fmu"] = {"model": "RingAgent"}
+    manifest["fmus"]["RingAgent.fmu"] = {"verdicts": LINE | {"target": LINE["target"] | {"neighbours": []}}}
     manifest["instances"]["drone3.agent"]["fmu"] = "RingAgent.fmu"
     (run / "manifest.json").write_text(json.dumps(manifest))
     flight = read_flight(run)
     assert draw_errors(flight) is None
     assert len(draw_positions(flight).axes[0].get_lines()) == 10
     assert not any("errors" in path.name for path in figures(run, tmp_path / "figures"))
+
+
+def test_an_agent_with_other_names_draws_the_same_figure(tmp_path: Path) -> None:
+    """Figures know an agent and a vehicle by what their FMUs declare, whatever the variables are called."""
+    names = {"sysid": "number", "left_sysid": "west", "right_sysid": "east", "epsilon": "pull", "stubborn": "rests"}
+    run = consensus_run(tmp_path / "ours", last_step=6)
+    table = pq.read_table(run / "signals.parquet")
+    renamed = {".agent.step": ".pilot.turn", ".agent.target": ".pilot.way", ".vehicle.position": ".body.place"}
+    columns = table.column_names
+    for old, new in renamed.items():
+        columns = [name.replace(old, new) for name in columns]
+    text = (run / "manifest.json").read_text().replace(".agent", ".pilot")
+    for old, new in {**names, "step": "turn", "target": "way"}.items():
+        text = text.replace(f'"{old}"', f'"{new}"')
+    manifest = json.loads(text.replace('"turn": "turn"', '"step": "turn"'))
+    manifest["fmus"]["Body.fmu"] = {"verdicts": {"place": {"is": "Position"}}}
+    manifest["instances"] |= {f"drone{i}.body": {"fmu": "Body.fmu", "parameters": {}} for i in range(1, 6)}
+    other = tmp_path / "other"
+    other.mkdir()
+    pq.write_table(table.rename_columns(columns), other / "signals.parquet")
+    (other / "manifest.json").write_text(json.dumps(manifest))
+    ours, theirs = read_flight(run), read_flight(other)
+    assert ours.law == theirs.law and ours.law is not None
+    first, second = draw_errors(ours), draw_errors(theirs)
+    assert first is not None and second is not None
+    for a, b in zip(first.axes[0].get_lines(), second.axes[0].get_lines(), strict=True):
+        assert a.get_label() == b.get_label()
+        np.testing.assert_array_equal(a.get_xydata(), b.get_xydata())
+
+
+def test_an_fmu_that_declares_nothing_is_known_by_convention_and_its_law_is_not(tmp_path: Path) -> None:
+    run = consensus_run(tmp_path, last_step=2)
+    manifest = json.loads((run / "manifest.json").read_text())
+    manifest["fmus"]["LineAgent.fmu"] = {"model": "LineAgent"}
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    flight = read_flight(run)
+    assert len(draw_positions(flight).axes[0].get_lines()) == 10
+    assert flight.law is None and draw_errors(flight) is None
 
 
 def test_altitude_and_smallest_distance(tmp_path: Path) -> None:
@@ -424,7 +474,8 @@ def test_the_first_mobile_agent_begins_the_step(tmp_path: Path) -> None:
     for name, values in steps.items():
         columns[f"{name}.agent.step"] = (np.array(values), "")
         columns[f"{name}.agent.target"] = (np.zeros(10), "m")
-    flight = read_flight(write_run(tmp_path, columns, {"one.agent": {"parameters": {"stubborn": True}}}))
+    instances = {"one.agent": {"fmu": "LineAgent.fmu", "parameters": {"stubborn": True}}}
+    flight = read_flight(write_run(tmp_path, columns, instances))
     assert dict(flight.steps) == {1: 2.0, 2: 4.0}
 
 

@@ -110,7 +110,10 @@ def test_what_an_address_may_not_be(gcs: list[str], ports: str | None, expected:
 def test_ports_need_autopilots() -> None:
     network = Network(nodes=(Node("d1", (Endpoint("d1.agent", RX, TX),)),))
     (found,) = problems(network, (), "tcp:5760")
-    assert found == "--ports: no component called autopilot has packet ports; those that have are: d1.agent"
+    assert found == (
+        "--ports: no autopilot has packet ports: an FMU declares to be one, or its component is called autopilot; "
+        "those that have are: d1.agent"
+    )
 
 
 # ---- cutting packets out of what comes in ----------------------------------------------------------------------------

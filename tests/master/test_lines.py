@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import base64
 import ctypes
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cosim.verdict import Role
 from cosim_master.network.gateways.gateways import gateways_of
 from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import admit
@@ -64,6 +66,41 @@ def test_an_instance_may_have_lines_besides_its_ports() -> None:
     assert [(e.name, e.rx.name, e.tx.name) for e in node.lines if e.rx and e.tx] == [
         ("d1.autopilot.telemetry", "telemetry_rx", "telemetry_tx"),
         ("d1.autopilot.serial", "serial_rx", "serial_tx"),
+    ]
+
+
+def test_lines_are_declared_whatever_their_names_are() -> None:
+    ports = ("mavlink_rx", "mavlink_tx", "sky_rx", "sky_tx", "uart_rx", "uart_tx")
+    one = Scripted("d1.copter", [packets(name, i) for i, name in enumerate(ports)], lambda *_: 0, {}, [])
+    roles = dict.fromkeys(ports[2:4], Role.TELEMETRY) | dict.fromkeys(ports[4:], Role.SERIAL)
+    one.instance = replace(one.instance, fmu=replace(one.instance.fmu, verdicts=roles))
+    (node,) = network_of(system_of([one])).nodes
+    assert [(e.name, e.rx.name, e.tx.name) for e in node.endpoints if e.rx and e.tx] == [
+        ("d1.copter", "mavlink_rx", "mavlink_tx")
+    ]
+    assert [(e.name, e.rx.name, e.tx.name) for e in node.lines if e.rx and e.tx] == [
+        ("d1.copter.telemetry", "sky_rx", "sky_tx"),
+        ("d1.copter.serial", "uart_rx", "uart_tx"),
+    ]
+
+
+def test_ports_lead_to_what_declares_to_be_an_autopilot() -> None:
+    """Whatever it is called; a component called autopilot that declares nothing is one where no other does."""
+    ports = [packets(name, i) for i, name in enumerate(("mavlink_rx", "mavlink_tx"))]
+    names = ("d1.copter", "d1.agent", "d2.autopilot", "d3.left", "d3.right")
+    made = {
+        name: Scripted(name, [*ports, variable("armed", "output", "Boolean", 5)], lambda *_: 0, {}, [])
+        for name in names
+    }
+    for name in ("d1.copter", "d3.left", "d3.right"):
+        one = made[name]
+        one.instance = replace(one.instance, fmu=replace(one.instance.fmu, verdicts={"armed": Role.ARMED}))
+    gateways = gateways_of(network_of(system_of(list(made.values()))), (), "tcp:5760+10")
+    assert [(gateway.name, gateway.wired) for gateway, _ in gateways] == [
+        ("@d1", "d1.copter"),
+        ("@d2", "d2.autopilot"),
+        ("@d3.left", "d3.left"),
+        ("@d3.right", "d3.right"),
     ]
 
 

@@ -90,6 +90,31 @@ def test_nodes_have_endpoints_and_a_position(swarm: Any) -> None:
     ]
 
 
+def test_a_position_is_declared_whatever_it_is_called(workshop: Any, variable: Any) -> None:
+    """The annotation comes first, then the declaration of the only FMU that has one, then the convention of names."""
+    declared = '<Tool name="org.uav-cosim.verdict"><Verdicts><Position variable="place"/></Verdicts></Tool>'
+    place = [variable(f"place[{i}]", "output", unit="m") for i in (1, 2, 3)]
+    position = [variable(f"position[{i}]", "output", unit="m") for i in (1, 2, 3)]
+    tools = f"<VendorAnnotations>{declared}</VendorAnnotations>"
+    workshop.fmu("body.fmu", *place, *position, step="0.01", extra=tools)
+    ports = (variable("mavlink_rx", kind="String"), variable("mavlink_tx", "output", kind="String"))
+    workshop.fmu("agent.fmu", *ports, step="0.01", extra=PACKETS)
+
+    def found(*bodies: str, content: str = network()) -> list[str]:
+        inner = "".join(workshop.component(name, "body.fmu") for name in bodies)
+        inner = workshop.system(inner + workshop.component("agent", "agent.fmu"), name="d1")
+        path = workshop.ssd("s.ssd", workshop.system(inner, after=workshop.annotation(TYPE, content)))
+        (node,) = network_of(check(read_system(path))).nodes
+        return [f"{instance}.{v.name}" for instance, v in node.position]
+
+    assert found("frame") == [f"d1.frame.place[{i}]" for i in (1, 2, 3)]
+    assert found("frame", content=network('position="frame.position"')) == [
+        f"d1.frame.position[{i}]" for i in (1, 2, 3)
+    ]
+    assert found("frame", "load") == []
+    assert found("vehicle", "load") == [f"d1.vehicle.position[{i}]" for i in (1, 2, 3)]
+
+
 def test_everything_written_out(swarm: Any) -> None:
     attributes = (
         'topology="nearest" axis="0 2 0" neighbours="2" latency="0.02" jitter=".005" loss="1e-1" range="300" seed="7"'

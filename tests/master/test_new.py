@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +155,29 @@ def test_all_problems_of_a_request_at_once(tmp_path: Path) -> None:
     for name in ("Quadrotor", "Autopilot", "LineAgent"):
         assert text.count(f"{name}.fmu") == 1
         assert f"{name}.fmu: no such file; try uav-cosim build {name}" in text
+
+
+def test_fmus_must_declare_what_a_new_system_sets(fmus: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "fmus"
+    folder.mkdir()
+    for model in ("Quadrotor", "Autopilot", "LineAgent"):
+        with zipfile.ZipFile(fmus / f"{model}.fmu") as old, zipfile.ZipFile(folder / f"{model}.fmu", "w") as new:
+            for item in old.namelist():
+                text = old.read(item)
+                if item == "modelDescription.xml":
+                    text = re.sub(rb"<(/?)(StartPosition|Formation)\b", rb"<\1Unknown", text)
+                new.writestr(item, text)
+    with pytest.raises(SystemDescriptionError) as caught:
+        new_system("line", 3, tmp_path / "line", fmus=folder)
+    assert (
+        str(caught.value)
+        .splitlines()[-1]
+        .endswith(
+            "Quadrotor.fmu, Autopilot.fmu, LineAgent.fmu must declare one StartPosition and one Formation (with two "
+            "neighbours, stays, begin and period) (docs/verdict.md); build them anew"
+        )
+    )
+    assert not (tmp_path / "line").exists()
 
 
 _LIBCOSIM = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from itertools import combinations, pairwise
@@ -12,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.verdict import Bound, Condition, Role
+from cosim.verdict import Bound, Condition, Formation, Neighbour, Role
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.fmi.description.declarations import verdicts_as_json, verdicts_of_json
 from cosim_master.fmi.description.read import describe
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
@@ -62,8 +64,14 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
         ('<Great variable="y"/>', "there are Condition, Reason, Bound, Position, OnGround, Armed"),
         ('<Bound variable="y" most="limit"/>', 'there is no parameter "limit"'),
         ('<Bound variable="y" least="low"/>', 'least="low" must be a number'),
-        ('<Bound variable="y" most="NaN"/>', "a bound must not be NaN"),
+        ('<Bound variable="y" most="NaN"/>', "a number must not be NaN"),
         ('<Condition variable="n" failed="x"/>', "invalid literal for int()"),
+        ('<Serial variable="y"/>', 'its verdict <Serial> of "y" is ignored: it is of type Real and not a packet port'),
+        ('<Formation variable="y"/>', "it needs the attribute step, an output"),
+        ('<Formation variable="y" step="y"/>', 'output "y" is of type Real, it must be Integer'),
+        ('<Formation variable="y" step="n" stays="still"/>', 'there is no parameter "still"'),
+        ('<Formation variable="y" step="n"><Neighbour id="p"/></Formation>', "<Neighbour> needs the attributes id"),
+        ('<Formation variable="y" step="n"><Neighbour id="p" gain="NaN"/></Formation>', "must not be NaN"),
     ],
 )
 def test_verdict_that_cannot_be_is_a_note(inner: str, note: str, workshop: Workshop) -> None:
@@ -71,6 +79,25 @@ def test_verdict_that_cannot_be_is_a_note(inner: str, note: str, workshop: Works
     fmu = describe(workshop.fmu("a.fmu", *outputs, extra=verdict_tool(inner)))
     assert fmu.verdicts == {}
     assert sum(note in text for text in fmu.notes) == 1
+
+
+def test_formations_and_lines_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
+    inner = (
+        '<Formation variable="y" step="n" stays="b" period="t"><Neighbour id="i" gain="t"/>'
+        '<Neighbour id="i" gain="0.5"/></Formation><Telemetry variable="sky"/><StartPosition variable="p"/>'
+    )
+    place = [variable(f"p[{i}]", "parameter") for i in (1, 2, 3)]
+    outputs = [variable("y", "output"), variable("n", "output", "Integer"), variable("sky", kind="String")]
+    others = [variable("t", "parameter"), variable("i", "parameter", "Integer"), variable("b", "parameter", "Boolean")]
+    port = '<Tool name="uav-cosim"><PacketPorts><PacketPort variable="sky" maxSize="300"/></PacketPorts></Tool>'
+    extra = verdict_tool(inner).replace("<VendorAnnotations>", f"<VendorAnnotations>{port}")
+    fmu = describe(workshop.fmu("a.fmu", *place, *outputs, *others, extra=extra))
+    assert fmu.verdicts == {
+        "y": Formation("n", "b", (Neighbour("i", "t"), Neighbour("i", 0.5)), period="t"),
+        "sky": Role.TELEMETRY,
+        "p": Role.START_POSITION,
+    }
+    assert verdicts_of_json(json.loads(json.dumps(verdicts_as_json(fmu.verdicts)))) == fmu.verdicts
 
 
 # ---- known before --------------------------------------------------------------------------------------------------

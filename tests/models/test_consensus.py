@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim_models.agents.consensus import consensus_step
+from cosim_models.agents.consensus import consensus_step, consensus_terms
 
 TABLE = {
     0.50: "30 20 15 10 7.5 5 3.75 2.5 1.875 1.25 .938 .625 .469 .312 .234 .156 .117 .078",
@@ -116,3 +116,11 @@ def test_values_stay_between_the_ends(start: list[float], epsilon: float) -> Non
 
 def test_an_agent_without_a_neighbour_ignores_that_side() -> None:
     assert consensus_step(10.0, 10.0, 16.0, 0.25) == 11.5
+
+
+@given(*[st.floats(-1e3, 1e3)] * 3, st.floats(0.0, 1.0))
+def test_the_terms_that_agents_declare_are_the_law(own: float, left: float, right: float, epsilon: float) -> None:
+    known = {"west": left, "east": right, "gain": epsilon}
+    terms = consensus_terms("west", "east", "gain")
+    declared = own + sum(known[str(term.gain)] * (known[term.id] - own) for term in terms)
+    assert declared == pytest.approx(consensus_step(own, left, right, epsilon), rel=1e-12, abs=1e-9)

@@ -340,9 +340,9 @@ ADDRESS = Limitation(
 )
 NO_AUTOPILOT = Limitation(
     "MAVLink",
-    'ports (--ports) of other components than those called "autopilot"',
+    'ports (--ports) of components that neither declare to be autopilots nor are called "autopilot"',
     "error",
-    "no component called {} has packet ports; those that have are: {}",
+    "no autopilot has packet ports: an FMU declares to be one, or its component is called {}; those that have are: {}",
 )
 SIGNATURE = Limitation(
     "MAVLink", "signatures of packets from instance to instance: neither made nor checked", "silent", ""

@@ -13,6 +13,7 @@ from typing import Any
 
 from cosim_master.execution.prepare import Prepared
 from cosim_master.execution.result import RunResult
+from cosim_master.fmi.description.declarations import verdicts_as_json
 from cosim_master.fmi.description.read import Start
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.network import Channel
@@ -106,7 +107,12 @@ def manifest(
             )
         },
         "fmus": {
-            path: {"sha256": fmu.digest, "guid": fmu.guid, "model": fmu.model_name}
+            path: {
+                "sha256": fmu.digest,
+                "guid": fmu.guid,
+                "model": fmu.model_name,
+                "verdicts": verdicts_as_json(fmu.verdicts),
+            }
             for path, fmu in sorted(fmus.items())
         },
         "versions": {

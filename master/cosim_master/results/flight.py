@@ -1,8 +1,10 @@
 """What a recording tells of drones: where they were and should have been, when steps began, what law they follow.
 
-A drone is a component that outputs `position[1..3]` in m, NED (see `cosim.vehicle`), and the agent beside it in the
-same system, a component that outputs `step` and `target` (m east of the origin); or either of them alone. Step #k
-begins when the first mobile agent begins it; its set-points are reached, by and by, until step #k+1 begins.
+A drone is a component that outputs its position (m, NED), and the agent beside it in the same system, a component that
+outputs the number of its step and its desired position (m east of the origin); or either of them alone. Which outputs
+these are, and what law an agent follows, the FMUs declare (`cosim.verdict`), and the manifest of the run has it. An FMU
+that declares nothing is known by the names of its outputs (`cosim.vehicle`), and its law is not known. Step #k begins
+when the first mobile agent begins it; its set-points are reached, by and by, until step #k+1 begins.
 
 Numbers only: `figures` draws them.
 """
@@ -12,22 +14,24 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from cosim.vehicle import POSITION, STEP, TARGET
+from cosim.verdict import Formation, Role, Verdict
 from cosim_master.diagnostics.errors import CosimError
+from cosim_master.fmi.description.declarations import verdicts_of_json
 from cosim_master.results.export import open_signals
+from cosim_master.system.formation import Member, formation_of, member, rate, settled
 
 __all__ = ["Array", "Drone", "Flight", "read_flight"]
 
 Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
-_LINE_AGENT = "LineAgent"
-"""The model whose law is known here; other agents may have parameters of the same names and mean something else."""
 _ROWS = 5000
 """Instants kept: far more than a figure has dots."""
 
@@ -40,20 +44,20 @@ class Drone:
         name: of the system that holds vehicle and agent, or of the component if it is alone.
         position: (n, 3) m, NED.
         target: (n,) desired position, m east of the origin; NaN before the agent's first step.
-        law: parameters of the agent; empty without agent.
-        on_line: whether its agent follows the law of `Flight.law`, as that of the model LineAgent does.
+        stays: whether its agent is told to stay where it is.
+        member: its agent with its neighbours, if the law of the agent is known.
     """
 
     name: str
     position: Array | None
     target: Array | None
-    law: Mapping[str, Any]
-    on_line: bool = False
+    stays: bool = False
+    member: Member | None = None
 
     @property
     def mobile(self) -> bool:
         """Whether it has an agent that is not told to stay."""
-        return self.target is not None and not self.law.get("stubborn", False)
+        return self.target is not None and not self.stays
 
 
 @dataclass(frozen=True)
@@ -78,34 +82,38 @@ class Flight:
     def law(self) -> tuple[Mapping[str, float], float] | None:
         """Fixed point of the mobile drones [m east], and by what factor a step shrinks the error's 2-norm at least.
 
-        x(k+1) = x(k) - diag(epsilon) L x(k), L the graph's Laplacian with the rows of stubborn drones zeroed; their
-        desired positions at the end are the boundary values. None if an agent follows another law, a drone's
-        neighbours or parameters are not recorded, or no stubborn drone fixes the solution.
+        The desired positions of stubborn drones at the end are the boundary values. None if the law of an agent is not
+        known, a drone's neighbours or parameters are not recorded, or no stubborn drone fixes the solution.
         """
-        if any(drone.target is not None and not drone.on_line for drone in self.drones):
+        agents = {drone.name: (drone.member, drone.target) for drone in self.drones if drone.target is not None}
+        members = [one for one, _ in agents.values() if one is not None]
+        if len(members) < len(agents):
             return None
-        needed = {"sysid", "left_sysid", "right_sysid", "epsilon", "stubborn"}
-        drones = [drone for drone in self.drones if drone.target is not None and needed <= drone.law.keys()]
-        index = {int(drone.law["sysid"]): i for i, drone in enumerate(drones)}
-        free = [i for i, drone in enumerate(drones) if drone.mobile]
-        fixed = [i for i, drone in enumerate(drones) if not drone.mobile]
-        laplacian = np.zeros((len(drones), len(drones)))
-        for i in free:
-            for side in ("left_sysid", "right_sysid"):
-                neighbour = int(drones[i].law[side])
-                if neighbour not in index and neighbour != 0:
-                    return None
-                if neighbour != 0:
-                    laplacian[i, i] += 1.0
-                    laplacian[i, index[neighbour]] -= 1.0
-        ends = np.array([drone.target[-1] for drone in drones if drone.target is not None])
-        grounded = laplacian[np.ix_(free, free)]
-        if not free or np.linalg.matrix_rank(grounded) < len(free) or not np.isfinite(ends).all():
+        held = {one.id: float(target[-1]) for one, target in agents.values() if one is not None and one.stays}
+        point = settled(members, held)
+        if point is None:
             return None
-        point = np.linalg.solve(grounded, -laplacian[np.ix_(free, fixed)] @ ends[fixed])
-        gain = np.diag([float(drones[i].law["epsilon"]) for i in free])
-        rate = float(np.linalg.norm(np.eye(len(free)) - gain @ grounded, 2))
-        return {drones[i].name: float(x) for i, x in zip(free, point, strict=True)}, rate
+        mobile = {name: one.id for name, (one, _) in agents.items() if one is not None and not one.stays}
+        return {name: point[number] for name, number in mobile.items()}, rate(members)
+
+
+@dataclass(frozen=True, slots=True)
+class _Instance:
+    """What the manifest tells of an instance: the values of its parameters, and the meanings that its FMU declares."""
+
+    parameters: Mapping[str, Any]
+    verdicts: Mapping[str, Verdict]
+
+    @property
+    def position(self) -> str:
+        return next((name for name, one in self.verdicts.items() if one is Role.POSITION), POSITION)
+
+    @property
+    def target(self) -> tuple[str, Formation]:
+        return formation_of(self.verdicts) or (TARGET, Formation(step=STEP))
+
+
+_UNKNOWN = _Instance({}, {})
 
 
 def read_flight(run: Path) -> Flight:
@@ -115,13 +123,13 @@ def read_flight(run: Path) -> Flight:
         CosimError: the run is not complete, or there is nothing to draw.
     """
     with open_signals(run) as signals:
-        instances, models = _instances(run / "manifest.json")
+        instances = _instances(run / "manifest.json")
         numeric = {f.name: (f.metadata or {}).get(b"unit", b"").decode() for f in signals.schema_arrow}
-        parts = _parts(numeric)
+        parts = _parts(numeric, instances)
         if not parts:
             raise CosimError(
-                f"{run / 'signals.parquet'}: nothing to draw: no component has position[1..3] in m, "
-                f"or step and target (m); recorded are {len(numeric) - 1} other signals "
+                f"{run / 'signals.parquet'}: nothing to draw: no component has {POSITION}[1..3] in m, "
+                f"or {STEP} and {TARGET} (m); recorded are {len(numeric) - 1} other signals "
                 "(`uav-cosim run --record` chooses which)"
             )
         n = signals.metadata.num_rows
@@ -136,16 +144,21 @@ def read_flight(run: Path) -> Flight:
         time = column("time")
         drones, begun = [], {True: np.zeros(n, np.int64), False: np.zeros(n, np.int64)}
         for name, vehicle, agent in parts:
-            position = target = None
-            law: Mapping[str, Any] = {}
+            drone = Drone(name, None, None)
             if vehicle:
-                position = np.stack([column(f"{vehicle}.position[{i}]")[rows] for i in (1, 2, 3)], axis=1)
+                position = instances.get(vehicle, _UNKNOWN).position
+                axes = [column(f"{vehicle}.{position}[{i}]")[rows] for i in (1, 2, 3)]
+                drone = replace(drone, position=np.stack(axes, axis=1))
             if agent:
-                law = instances.get(agent, {}).get("parameters", {})
-                step = column(f"{agent}.step")
-                target = np.where(step > 0, column(f"{agent}.target"), np.nan)[rows]
-            drone = Drone(name, position, target, law, on_line=models.get(agent) == _LINE_AGENT)
-            if agent:
+                of = instances.get(agent, _UNKNOWN)
+                target, formation = of.target
+                step = column(f"{agent}.{formation.step}")
+                drone = replace(
+                    drone,
+                    target=np.where(step > 0, column(f"{agent}.{target}"), np.nan)[rows],
+                    stays=bool(of.parameters.get(formation.stays, False)),
+                    member=member(of.verdicts, of.parameters),
+                )
                 np.maximum(begun[drone.mobile], step.astype(np.int64), out=begun[drone.mobile])
             drones.append(drone)
     begun_by = begun[True] if any(drone.mobile for drone in drones) else begun[False]
@@ -154,22 +167,30 @@ def read_flight(run: Path) -> Flight:
     return Flight(time[rows], tuple(drones), steps)
 
 
-def _instances(manifest: Path) -> tuple[Mapping[str, Any], Mapping[str, str]]:
-    """What a manifest tells of each instance, and the name of its model."""
+def _instances(manifest: Path) -> Mapping[str, _Instance]:
+    """What a manifest tells of each instance."""
     try:
         told = json.loads(manifest.read_text(encoding="utf-8"))
-        instances: Mapping[str, Any] = told["instances"]
-        fmus = told.get("fmus", {})
-        models = {name: fmus.get(one.get("fmu"), {}).get("model", "") for name, one in instances.items()}
-    except (OSError, ValueError, KeyError) as error:
+        fmus = {path: verdicts_of_json(fmu.get("verdicts", {})) for path, fmu in told.get("fmus", {}).items()}
+        return {
+            name: _Instance(one.get("parameters", {}), fmus.get(one.get("fmu"), {}))
+            for name, one in told["instances"].items()
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise CosimError(f"{manifest}: not the manifest of a complete run: {error!r}") from None
-    return instances, models
 
 
-def _parts(columns: Mapping[str, str]) -> list[tuple[str, str, str]]:
+def _parts(columns: Mapping[str, str], instances: Mapping[str, _Instance]) -> list[tuple[str, str, str]]:
     """(name of the drone, its vehicle, its agent) in natural order; "" for what is not there."""
-    vehicles = _components(columns, {"position[1]": "m", "position[2]": "m", "position[3]": "m"})
-    agents = _components(columns, {"step": None, "target": "m"})
+    vehicles: set[str] = set()
+    agents: set[str] = set()
+    for name in {component for column in columns if (component := column.rpartition(".")[0])}:
+        of = instances.get(name, _UNKNOWN)
+        if all(columns.get(f"{name}.{of.position}[{i}]") == "m" for i in (1, 2, 3)):
+            vehicles.add(name)
+        target, formation = of.target
+        if f"{name}.{formation.step}" in columns and columns.get(f"{name}.{target}") == "m":
+            agents.add(name)
     found = {}
     for place in {component.rpartition(".")[0] for component in vehicles | agents}:
         here = [sorted(c for c in group if c.rpartition(".")[0] == place) for group in (vehicles, agents)]
@@ -180,19 +201,6 @@ def _parts(columns: Mapping[str, str]) -> list[tuple[str, str, str]]:
             for agent in here[1]:
                 found[agent] = (found.get(agent, ("", ""))[0], agent)
     return [(name, *found[name]) for name in sorted(found, key=_natural)]
-
-
-def _components(columns: Mapping[str, str], variables: Mapping[str, str | None]) -> set[str]:
-    """Components that have all the variables, in the unit given."""
-    sets = [
-        {
-            name.removesuffix(f".{variable}")
-            for name, u in columns.items()
-            if name.endswith(f".{variable}") and unit in (None, u)
-        }
-        for variable, unit in variables.items()
-    ]
-    return set.intersection(*sets)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

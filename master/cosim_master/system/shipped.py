@@ -21,7 +21,7 @@ from pathlib import Path
 
 from cosim.kernel import cache_folder
 
-__all__ = ["digest_of_models", "find", "fmu", "fmus", "names", "stage"]
+__all__ = ["digest_of_models", "document", "find", "fmu", "fmus", "names", "stage"]
 
 _PACKAGE = Path(__file__).parents[1]
 _INSTALLED = _PACKAGE / "shipped"
@@ -45,6 +45,11 @@ def find(name: str) -> Path | None:
         ValueError, ImportError: as `cosim.build.build_all`.
     """
     return _ready() / "master" / "systems" / name if name in names() else None
+
+
+def document(system: str, name: str) -> Path:
+    """The document `name` of a shipped system, whose FMUs need not be there."""
+    return _root() / "master" / "systems" / system / name
 
 
 def fmus() -> Path:

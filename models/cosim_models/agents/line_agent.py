@@ -19,7 +19,8 @@ from __future__ import annotations
 from math import radians
 
 from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter
-from cosim.verdict import Bound, Condition, Reason, Role
+from cosim.verdict import Bound, Condition, Formation, Reason, Role
+from cosim_models.agents.consensus import consensus_terms
 from cosim_models.agents.script import ERRORS, NEVER, AgentState, Failure, StalePolicy, Trigger, advance, start
 
 __all__ = ["LineAgent"]
@@ -30,6 +31,13 @@ _CONDITION = Condition(
     commanding=(AgentState.arming, AgentState.takeoff, AgentState.ready, AgentState.formation),
     by="first_step_time",
     reason="failure",
+)
+_FORMATION = Formation(
+    step="step",
+    stays="stubborn",
+    neighbours=consensus_terms("left_sysid", "right_sysid", "epsilon"),
+    begin="first_step_time",
+    period="period",
 )
 _WHY = {
     Failure.no_heartbeat: "no HEARTBEAT of its autopilot: both need the same system id",
@@ -96,7 +104,13 @@ class LineAgent(Model):
         ),
         Output("refusal", type=int, start=0, description="MAV_RESULT of the last command that was refused; 0: none"),
         Output("step", type=int, start=0, description="number of the present step; 0 before the first"),
-        Output("target", unit="m", start=0.0, description="desired position on the line, east of the origin"),
+        Output(
+            "target",
+            unit="m",
+            start=0.0,
+            verdict=_FORMATION,
+            description="desired position on the line, east of the origin",
+        ),
         Output("position", unit="m", start=0.0, description="own measured position on the line"),
         Output(
             "left_age",

@@ -51,12 +51,12 @@ def new(
 ) -> None:
     """Write a system of many drones."""
     from cosim_master.system import shipped
-    from cosim_master.system.authoring.new import MODELS, new_system
+    from cosim_master.system.authoring.new import new_system, parts
 
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"writing {folder}")
         if fmus is None:
-            own = all(Path("fmus", f"{model}.fmu").is_file() for model in MODELS.values())
+            own = all(Path("fmus", file).is_file() for file in parts().values())
             fmus = Path("fmus") if own else shipped.fmus()
         written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until, note=note)
         doing.end()

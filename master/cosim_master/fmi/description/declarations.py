@@ -1,20 +1,22 @@
-"""The verdicts that an FMU declares in its vendor annotation `org.uav-cosim.verdict`: see `cosim.build.verdicts`.
+"""The meanings that an FMU declares in its vendor annotation `org.uav-cosim.verdict`: see `cosim.build.verdicts`.
 
-An FMU without the annotation declares none. A mistake in it is a note, and no more: no run depends on it.
+An FMU without the annotation declares none. A mistake in it is a note, and no more: an FMU runs without them.
+The meanings that figures need stand in the manifest of a run as JSON.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from lxml import etree
 
-from cosim.verdict import ANNOTATION, Bound, Condition, Reason, Role, Verdict
+from cosim.verdict import ANNOTATION, Bound, Condition, Formation, Neighbour, Reason, Role, Verdict, references
 from cosim_master.fmi.description.variables import Variable
 
-__all__ = ["elements_of", "read_verdicts"]
+__all__ = ["elements_of", "read_verdicts", "verdicts_as_json", "verdicts_of_json"]
 
 _PLACES = (
     f"VendorAnnotations/Tool[@name='{ANNOTATION}']/Verdicts",
@@ -24,13 +26,15 @@ _TYPES: Mapping[object, tuple[str, tuple[str, ...], int]] = {
     Condition: ("output", ("Enumeration", "Integer", "Boolean"), 1),
     Reason: ("output", ("Enumeration", "Integer"), 1),
     Bound: ("output", ("Real", "Integer"), 1),
+    Formation: ("output", ("Real",), 1),
     Role.POSITION: ("output", ("Real",), 3),
     Role.ON_GROUND: ("output", ("Boolean",), 1),
     Role.ARMED: ("output", ("Boolean",), 1),
     Role.DESIRED_POSITION: ("output", ("Real",), 3),
+    Role.START_POSITION: ("parameter", ("Real",), 3),
     Role.SYSTEM_ID: ("parameter", ("Integer",), 1),
 }
-"""Causality, types and number of elements of what may have a verdict; an input may be optional whatever it is."""
+"""Causality, types and number of elements of variables that may have a verdict, but for those of `_check_port`."""
 _ROLES = {role.value: role for role in Role}
 
 
@@ -76,7 +80,16 @@ def _read(element: etree._Element) -> Verdict:
         if isinstance(least, str):
             raise ValueError(f'least="{least}" must be a number')
         return Bound(_number(most), least, element.get("of", ""), (element.text or "").strip())
-    raise ValueError(f"there are {', '.join(('Condition', 'Reason', 'Bound', *_ROLES))}")
+    if tag == "Formation":
+        others = {what: element.get(what, "") for what in ("step", "stays", "begin", "period")}
+        return Formation(neighbours=tuple(map(_neighbour, element.iterfind("Neighbour"))), **others)
+    raise ValueError(f"there are {', '.join(('Condition', 'Reason', 'Bound', 'Formation', *_ROLES))}")
+
+
+def _neighbour(element: etree._Element) -> Neighbour:
+    if not element.get("id") or not element.get("gain"):
+        raise ValueError("<Neighbour> needs the attributes id, a parameter, and gain, a parameter or a number")
+    return Neighbour(element.get("id", ""), _number(element.get("gain", "")))
 
 
 def _values(element: etree._Element, what: str) -> tuple[int, ...]:
@@ -90,7 +103,7 @@ def _number(text: str) -> float | str:
     except ValueError:
         return text
     if math.isnan(value):
-        raise ValueError("a bound must not be NaN")
+        raise ValueError("a number must not be NaN")
     return value
 
 
@@ -103,20 +116,55 @@ def _checked(name: str, verdict: Verdict, variables: Mapping[str, Variable]) -> 
     elements = [variables[element] for element in elements_of(name, variables)]
     if not elements:
         raise ValueError("there is no such variable")
-    if verdict is Role.OPTIONAL:
-        if elements[0].causality != "input":
-            raise ValueError(f"it is of causality {elements[0].causality}, only inputs are optional")
+    if verdict in (Role.OPTIONAL, Role.TELEMETRY, Role.SERIAL):
+        _check_port(verdict, elements[0])
         return verdict
     causality, types, size = _TYPES[verdict if isinstance(verdict, Role) else type(verdict)]
     first = elements[0]
     if len(elements) != size or first.causality != causality or first.type not in types or first.wide:
         raise ValueError(f"it must be of causality {causality} and type {' or '.join(types)}, with {size} elements")
-    others: list[tuple[str, str]] = []
-    if isinstance(verdict, Condition):
-        others = [(verdict.by, "parameter"), (verdict.reason, "output")]
-    elif isinstance(verdict, Bound):
-        others = [(verdict.of, "parameter"), (verdict.most if isinstance(verdict.most, str) else "", "parameter")]
-    for other, of in others:
-        if other and (other not in variables or variables[other].causality != of):
+    if isinstance(verdict, Formation) and not verdict.step:
+        raise ValueError("it needs the attribute step, an output")
+    for other, of, kinds in references(verdict):
+        if other not in variables or variables[other].causality != of:
             raise ValueError(f'there is no {of} "{other}"')
+        if variables[other].type not in kinds:
+            raise ValueError(f'{of} "{other}" is of type {variables[other].type}, it must be {" or ".join(kinds)}')
     return verdict
+
+
+def _check_port(verdict: Verdict, variable: Variable) -> None:
+    """Raises ValueError if a role that inputs, or packet ports of either direction, may have is not for this one."""
+    if verdict is Role.OPTIONAL and variable.causality != "input":
+        raise ValueError(f"it is of causality {variable.causality}, only inputs are optional")
+    if verdict is not Role.OPTIONAL and variable.packet_capacity is None:
+        raise ValueError(f"it is of type {variable.type} and not a packet port")
+
+
+def verdicts_as_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, Any]]:
+    """Returns roles and formations by the name of their variable, as `verdicts_of_json` reads them."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, verdict in verdicts.items():
+        if isinstance(verdict, Role):
+            found[name] = {"is": verdict.value}
+        elif isinstance(verdict, Formation):
+            found[name] = {"is": "Formation", **asdict(verdict)}
+    return found
+
+
+def verdicts_of_json(told: Mapping[str, Mapping[str, Any]]) -> dict[str, Verdict]:
+    """Returns the verdicts that `verdicts_as_json` was given; others than roles and formations are left out.
+
+    Raises:
+        KeyError, TypeError, ValueError: they were not written so.
+    """
+    found: dict[str, Verdict] = {}
+    for name, one in told.items():
+        fields = dict(one)
+        what = fields.pop("is")
+        if what == "Formation":
+            neighbours = tuple(Neighbour(**neighbour) for neighbour in fields.pop("neighbours"))
+            found[name] = Formation(neighbours=neighbours, **fields)
+        elif what in _ROLES:
+            found[name] = _ROLES[what]
+    return found

@@ -197,7 +197,7 @@ class FmuDescription:
         terminals: of FMI 3, with the names of their member variables.
         start_time, stop_time, tolerance: of the DefaultExperiment; None where it is silent.
         model_exchange: of an FMU that is to be integrated by us; None for co-simulation.
-        verdicts: what variables and arrays say about how an instance does, by name; of FMUs with our annotation.
+        verdicts: what variables and arrays mean, by name; of FMUs with our annotation.
         source_files: of an FMU that is compiled from its sources; None for those with a library.
         table: of a component that is a CSV or Parquet file, whose columns are described as outputs; None for FMUs.
     """

@@ -3,8 +3,9 @@
     --gcs udpout:127.0.0.1:14550            a node on the air that hears every vehicle, for a ground station
     --ports tcp:5760+10,sign=key.txt        the serial port of every autopilot: vehicle n listens on 5760 + 10 (n - 1)
 
-An autopilot with the ports telemetry_rx and telemetry_tx uses these for ground stations on the air, and one with
-serial_rx and serial_tx those for what is wired to it; others use the ports that lead to the rest of the swarm.
+An autopilot with packet ports for ground stations alone, or for a cable alone, uses these; others use the ports that
+lead to the rest of the swarm. An FMU is an autopilot if it declares that its motors may turn (`cosim.verdict`), or if
+its component is called so by convention (`cosim.vehicle`).
 
 An address is `KIND:[HOST:]PORT`, its kind tcp (a server), udpin (listens) or udpout (sends first), its host 127.0.0.1
 unless told otherwise. Options follow: `latency=`, `jitter=` (s) and `loss=` (0 to 1) of its link, and `sign=`, a file
@@ -29,11 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
+from cosim.vehicle import AUTOPILOT
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ADDRESS, NO_AUTOPILOT
 from cosim_master.network.gateways.signing import Signing, read_key
 from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket
-from cosim_master.system.settings.network import SERIAL, Gateway, Network
+from cosim_master.system.settings.network import SERIAL, Endpoint, Gateway, Network, Node
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
@@ -41,8 +43,6 @@ if TYPE_CHECKING:
 __all__ = ["Address", "Air", "Gateways", "Parser", "gateways_of"]
 
 _ADDRESS = re.compile(r"(?P<kind>\w+):(?:(?P<host>[^:,]*):)?(?P<port>\d+)(?:\+(?P<step>\d+))?")
-_SERIAL = "autopilot"
-"""The component of a vehicle to which --ports leads."""
 _WAITING = 512
 """Packets of one gateway that may wait for each of their readers before nothing more is read from its socket."""
 
@@ -109,20 +109,18 @@ def gateways_of(
 def _ports(
     network: Network, text: str, link: Gateway, address: Address, step: int, problems: list[Problem]
 ) -> list[tuple[Gateway, Address]]:
-    """One for each node that has an autopilot, numbered in the order of the nodes."""
+    """One for each autopilot, numbered in the order of the nodes, and called as its node if it is alone there."""
     where = Where("--ports")
-    wired = [
-        (
-            node.name,
-            next((e.name for e in node.lines if (e.instance, e.line) == (endpoint.instance, SERIAL)), endpoint.name),
-        )
-        for node in network.nodes
-        for endpoint in node.endpoints
-        if endpoint.instance.rpartition(".")[2] == _SERIAL and endpoint.rx is not None and endpoint.tx is not None
-    ]
+    wired = []
+    for node in network.nodes:
+        autopilots = _autopilots(node)
+        for endpoint in autopilots:
+            name = node.name if len(autopilots) == 1 else endpoint.instance
+            lines = (e.name for e in node.lines if (e.instance, e.line) == (endpoint.instance, SERIAL))
+            wired.append((name, next(lines, endpoint.name)))
     if not wired:
         names = ", ".join(e.instance for node in network.nodes for e in node.endpoints) or "none"
-        problems.append(Problem(where, NO_AUTOPILOT.text(_SERIAL, names)))
+        problems.append(Problem(where, NO_AUTOPILOT.text(AUTOPILOT, names)))
     last = address.port + step * (len(wired) - 1)
     if len(wired) > 1 and step == 0 and address.port:
         problems.append(Problem(where, f"{text}: {len(wired)} vehicles need different ports, such as +10"))
@@ -132,6 +130,13 @@ def _ports(
         (replace(link, name=f"@{node}", wired=instance), replace(address, port=address.port + step * i))
         for i, (node, instance) in enumerate(wired)
     ]
+
+
+def _autopilots(node: Node) -> list[Endpoint]:
+    """The endpoints of the FMUs that declare to be autopilots; of a node without any, of those called so."""
+    both = [e for e in node.endpoints if e.rx is not None and e.tx is not None]
+    declared = [e for e in both if e.instance in node.autopilots]
+    return declared or [e for e in both if e.instance.rpartition(".")[2] == AUTOPILOT]
 
 
 def _read(option: str, text: str, problems: list[Problem]) -> tuple[Gateway, Address, int] | None:

@@ -4,10 +4,13 @@ What is written is an ordinary system folder: `drone.ssd` (vehicle, autopilot, a
 every drone's component refers, a root SSD with the network, and one .ssv with what differs between drones. Edit it,
 swap parts of it; nothing remembers that it was generated.
 
+The parts of a drone are those of the shipped system `line5`. Which of their parameters say where a drone starts, which
+system ids it and its neighbours have, and whether it stays, the FMUs declare (`cosim.verdict`).
+
 Drones start `spacing` apart, but those that stay are twice as far from their western neighbour; the others spread
-evenly between them. News passes one neighbour per step: the error of a section with m gaps between two drones that stay
-shrinks by 1 - 2 epsilon (1 - cos(pi / m)) per step, and fifty drones in one section would take thousands of steps. Long
-lines therefore consist of sections with at most five gaps.
+evenly between them. News passes one neighbour per step: with a gain g of the law, the error of a section with m gaps
+between two drones that stay shrinks by 1 - 2 g (1 - cos(pi / m)) per step, and fifty drones in one section would take
+thousands of steps. Long lines therefore consist of sections with at most five gaps.
 
 A system id of MAVLink has one byte, so ids repeat every 250 drones. The topologies written here are local: nobody
 hears two drones of one id.
@@ -17,19 +20,23 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
-from pathlib import Path
-from urllib.parse import quote
+from itertools import accumulate, permutations
+from pathlib import Path, PurePosixPath
+from urllib.parse import quote, unquote
 
 from lxml import etree
 
+from cosim.verdict import Formation, Role
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.fmi.description.read import FmuDescription, Variable, describe
 from cosim_master.fmi.description.units import BASE_UNITS
+from cosim_master.system import shipped
+from cosim_master.system.formation import Member, formation_of, rate
 
-__all__ = ["SHAPES", "new_system"]
+__all__ = ["SHAPES", "new_system", "parts"]
 
 SHAPES = ("line", "grid")
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
@@ -42,7 +49,14 @@ _IDS = 250
 _SECTION = 5
 """Gaps between two drones that stay, at most."""
 _SETTLED = 0.05
-MODELS = {"vehicle": "Quadrotor", "autopilot": "Autopilot", "agent": "LineAgent"}
+_DRONE = ("line5", "drone.ssd")
+"""The shipped system and its document from which the parts of a drone are taken."""
+
+
+def parts() -> dict[str, str]:
+    """Returns the components of a drone, and the names of their FMU files."""
+    components = etree.parse(str(shipped.document(*_DRONE))).iter("{*}Component")
+    return {one.get("name", ""): PurePosixPath(unquote(one.get("source", ""))).name for one in components}
 
 
 def new_system(
@@ -62,7 +76,7 @@ def new_system(
             by consensus) or "grid" (rows of a square, each a line of its own, `spacing` m apart).
         drones: how many; at least 3.
         folder: where; must not exist.
-        fmus: folder with Quadrotor.fmu, Autopilot.fmu and LineAgent.fmu.
+        fmus: folder with the FMUs of `parts`.
         spacing: m between neighbours at the start; before a drone that stays, twice as much, so that there is
             something to spread.
         until: stop time of the DefaultExperiment, s; None: when errors have come down to 5 %.
@@ -72,7 +86,7 @@ def new_system(
         The folder.
 
     Raises:
-        SystemDescriptionError: too few drones, the folder exists, or an FMU is missing or lacks a port.
+        SystemDescriptionError: too few drones, the folder exists, or an FMU is missing or declares too little.
     """
     problems = []
     if shape not in SHAPES:
@@ -88,27 +102,27 @@ def new_system(
     if not spacing > 0.0:
         problems.append(Problem(Where("--spacing"), f"{spacing:g} m: must be positive"))
     described: dict[str, FmuDescription] = {}
-    for role, model in MODELS.items():
+    for part, file in parts().items():
         try:
-            described[role] = describe(fmus / f"{model}.fmu")
+            described[part] = describe(fmus / file)
         except SystemDescriptionError as error:
-            if (fmus / f"{model}.fmu").exists():
+            if (fmus / file).exists():
                 problems += error.problems
             else:
-                problems.append(
-                    Problem(Where(str(fmus / f"{model}.fmu")), f"no such file; try uav-cosim build {model}")
-                )
+                text = f"no such file; try uav-cosim build {PurePosixPath(file).stem}"
+                problems.append(Problem(Where(str(fmus / file)), text))
     if problems:
         raise SystemDescriptionError(problems)
+    declared = _declared(described, fmus)
     folder.mkdir(parents=True)
     name = folder.name
     (folder / "drone.ssd").write_bytes(_drone(described, folder, fmus))
     rows = _line(drones, spacing) if shape == "line" else _grid(drones, spacing)
-    law = _law(described["agent"], rows)
+    law = _law(declared, rows)
     if note is not None:
         note(_told(law, spacing))
     until = math.ceil(law.settled / 10.0) * 10.0 if until is None else until
-    (folder / "drones.ssv").write_bytes(_parameters(name, rows))
+    (folder / "drones.ssv").write_bytes(_parameters(name, declared, rows))
     (folder / "SystemStructure.ssd").write_bytes(_root(name, drones, rows, until))
     return folder
 
@@ -119,11 +133,11 @@ def new_system(
 class _Drone:
     """One row of the table: number from 1, start (north, east, m), neighbours' numbers (0: none), whether it stays."""
 
-    __slots__ = ("east", "left", "north", "number", "right", "stubborn")
+    __slots__ = ("east", "left", "north", "number", "right", "stays")
 
-    def __init__(self, number: int, north: float, east: float, left: int, right: int, *, stubborn: bool) -> None:
+    def __init__(self, number: int, north: float, east: float, left: int, right: int, *, stays: bool) -> None:
         self.number, self.north, self.east, self.left, self.right = number, north, east, left, right
-        self.stubborn = stubborn
+        self.stays = stays
 
 
 def _sections(drones: int) -> list[int]:
@@ -142,7 +156,7 @@ def _line(drones: int, spacing: float, first: int = 1, north: float = 0.0) -> li
         left = 0 if i == 0 else first + i - 1
         right = 0 if i == drones - 1 else first + i + 1
         east += 0.0 if i == 0 else 2.0 * spacing if i in stays else spacing
-        rows.append(_Drone(first + i, north, east, left, right, stubborn=i in stays))
+        rows.append(_Drone(first + i, north, east, left, right, stays=i in stays))
     return rows
 
 
@@ -160,6 +174,54 @@ def _grid(drones: int, spacing: float) -> list[_Drone]:
 
 
 @dataclass(frozen=True, slots=True)
+class _Declared:
+    """What the parts of a drone declare: paths below a drone of where it starts (north, east, down), and of its id.
+
+    `part`, `agent`: the part that steers by a law on a line; `formation`: its declaration.
+    """
+
+    start: tuple[str, ...]
+    system_ids: tuple[str, ...]
+    part: str
+    agent: FmuDescription
+    formation: Formation
+
+
+def _declared(fmus: Mapping[str, FmuDescription], folder: Path) -> _Declared:
+    """Raises SystemDescriptionError if the FMUs do not declare all that a new system sets."""
+    start: list[str] = []
+    ids: list[str] = []
+    found: list[tuple[str, FmuDescription, Formation]] = []
+    for part, fmu in fmus.items():
+        for name, verdict in fmu.verdicts.items():
+            if verdict is Role.START_POSITION:
+                start += [f"{part}.{element}" for element in elements_of(name, fmu.variables)]
+            elif verdict is Role.SYSTEM_ID:
+                ids.append(f"{part}.{name}")
+        formation = formation_of(fmu.verdicts)
+        if formation is not None and len(formation[1].neighbours) == 2 and _is_whole(formation[1]):
+            found.append((part, fmu, formation[1]))
+    missing = [
+        what
+        for what, there in (
+            ("StartPosition", len(start) == 3),
+            ("SystemId", bool(ids)),
+            ("Formation (with two neighbours, stays, begin and period)", len(found) == 1),
+        )
+        if not there
+    ]
+    if missing:
+        names = ", ".join(fmu.path.name for fmu in fmus.values())
+        text = f"{names} must declare one {' and one '.join(missing)} (docs/verdict.md); build them anew"
+        raise SystemDescriptionError([Problem(Where(str(folder)), text)])
+    return _Declared(tuple(start), tuple(ids), *found[0])
+
+
+def _is_whole(formation: Formation) -> bool:
+    return bool(formation.stays and formation.begin and formation.period)
+
+
+@dataclass(frozen=True, slots=True)
 class _Law:
     """How the slowest section of a line converges: per step, and at which time [s] its error is down to 5 %."""
 
@@ -170,20 +232,23 @@ class _Law:
     settled: float
 
 
-def _law(agent: FmuDescription, rows: Sequence[_Drone]) -> _Law:
-    """What to expect of the law with the agent's own parameters (see `cosim_models.agents.consensus`)."""
-    epsilon, period, first = (
-        float(agent.variables[name].start or 0.0) for name in ("epsilon", "period", "first_step_time")
-    )
+def _law(declared: _Declared, rows: Sequence[_Drone]) -> _Law:
+    """What to expect of the law that the agent declares, with its own parameters."""
+
+    def start(of: float | str) -> float:
+        return float(declared.agent.variables[of].start or 0.0) if isinstance(of, str) else of
+
+    period, first = start(declared.formation.period), start(declared.formation.begin)
     gaps = longest = 0
     for row in rows:
         gaps = 0 if row.left == 0 else gaps + 1
         longest = max(longest, gaps)
-        gaps = 0 if row.stubborn else gaps
-    # The eigenvalues are 1 - 2 epsilon (1 - cos(pi j / m)), j = 1 to m - 1.
-    rate = max(abs(1.0 - 2.0 * epsilon * (1.0 - math.cos(math.pi * j / longest))) for j in range(1, longest))
-    steps = math.ceil(math.log(_SETTLED) / math.log(rate)) if 0.0 < rate < 1.0 else 1
-    return _Law(longest, rate, steps, period, first + steps * period)
+        gaps = 0 if row.stays else gaps
+    west, east = (float(start(one.gain)) for one in declared.formation.neighbours)
+    members = [Member(row.number, ((row.left, west), (row.right, east)), row.stays) for row in rows]
+    left_by_a_step = rate(members)
+    steps = math.ceil(math.log(_SETTLED) / math.log(left_by_a_step)) if 0.0 < left_by_a_step < 1.0 else 1
+    return _Law(longest, left_by_a_step, steps, period, first + steps * period)
 
 
 def _told(law: _Law, spacing: float) -> str:
@@ -212,7 +277,7 @@ def _ports(fmu: FmuDescription, causality: str) -> list[str]:
 
 
 def _drone(fmus: dict[str, FmuDescription], folder: Path, where: Path) -> bytes:
-    """drone.ssd: connects every input of vehicle and autopilot to the other's output of the same name."""
+    """drone.ssd: connects every input of a part to another part's output of the same name."""
     root = etree.Element(
         f"{{{_SSD}}}SystemStructureDescription", nsmap={"ssd": _SSD, "ssc": _SSC}, name="drone", version="1.0"
     )
@@ -220,11 +285,11 @@ def _drone(fmus: dict[str, FmuDescription], folder: Path, where: Path) -> bytes:
     elements = etree.SubElement(system, f"{{{_SSD}}}Elements")
     wires: list[tuple[str, str, str]] = []
     typed: list[Variable] = []
-    for role, other in (("vehicle", "autopilot"), ("autopilot", "vehicle")):
+    for role, other in permutations(fmus, 2):
         offered = set(_ports(fmus[other], "output"))
         wires += [(other, role, name) for name in _ports(fmus[role], "input") if name in offered]
-    for role, model in MODELS.items():
-        file = os.path.relpath(where.resolve() / f"{model}.fmu", folder.resolve())
+    for role, name in parts().items():
+        file = os.path.relpath(where.resolve() / name, folder.resolve())
         component = etree.SubElement(
             elements,
             f"{{{_SSD}}}Component",
@@ -284,7 +349,7 @@ def _definitions(root: etree._Element, variables: Iterable[Variable]) -> None:
             etree.SubElement(made, f"{{{_SSC}}}BaseUnit", {**powers, **numbers})
 
 
-def _parameters(name: str, rows: Iterable[_Drone]) -> bytes:
+def _parameters(name: str, declared: _Declared, rows: Iterable[_Drone]) -> bytes:
     root = etree.Element(f"{{{_SSV}}}ParameterSet", nsmap={"ssv": _SSV}, name=name, version="1.0")
     parameters = etree.SubElement(root, f"{{{_SSV}}}Parameters")
 
@@ -294,13 +359,13 @@ def _parameters(name: str, rows: Iterable[_Drone]) -> bytes:
 
     for row in rows:
         drone = f"drone{row.number}"
-        put(f"{drone}.vehicle.position_start[1]", "Real", repr(row.north))
-        put(f"{drone}.vehicle.position_start[2]", "Real", repr(row.east))
-        put(f"{drone}.autopilot.SYSID_THISMAV", "Integer", str(_system_id(row.number)))
-        put(f"{drone}.agent.sysid", "Integer", str(_system_id(row.number)))
-        put(f"{drone}.agent.left_sysid", "Integer", str(_system_id(row.left)))
-        put(f"{drone}.agent.right_sysid", "Integer", str(_system_id(row.right)))
-        put(f"{drone}.agent.stubborn", "Boolean", str(row.stubborn).lower())
+        for path, start in zip(declared.start, (row.north, row.east), strict=False):
+            put(f"{drone}.{path}", "Real", repr(start))
+        for path in declared.system_ids:
+            put(f"{drone}.{path}", "Integer", str(_system_id(row.number)))
+        for neighbour, number in zip(declared.formation.neighbours, (row.left, row.right), strict=True):
+            put(f"{drone}.{declared.part}.{neighbour.id}", "Integer", str(_system_id(number)))
+        put(f"{drone}.{declared.part}.{declared.formation.stays}", "Boolean", str(row.stays).lower())
     return _document(root)
 
 

@@ -17,7 +17,8 @@ stays as it was, and of several links that say it of the same nodes the last one
 the links of all nodes that they match and make none. The links of gateways are their own.
 `outage`: the node neither sends nor hears by radio from start to stop (s, default for ever); a packet on its way is
 lost if its hearer is out when it arrives.
-`position`: where below a node its NED position is, in m.
+`position`: where below a node its NED position is, in m. Without it, it is the output that the only FMU of the node
+declares as such, else the one that the convention of names has (`cosim.vehicle`).
 `dialect`: a MAVLink XML file, found from the system's document, with messages that ardupilotmega does not have: their
 packets are checked and routed as any others. Tools that do not know the annotation ignore it.
 """
@@ -31,10 +32,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim.packets import MAX_PACKET
+from cosim.vehicle import LINES, POSITION, VEHICLE
+from cosim.verdict import Role
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.diagnostics.limitations import DIALECT, SEVERAL_PORTS, SMALL_PORT
 from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
-from cosim_master.fmi.description.read import Variable
+from cosim_master.fmi.description.declarations import elements_of
+from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.system.flatten.flat import CheckedSystem, Instance
 from cosim_master.system.settings.annotation import Attributes, root_annotation
 
@@ -55,9 +59,12 @@ __all__ = [
 ]
 
 ANNOTATION = "org.uav-cosim.network"
+_BY_CONVENTION = f"{VEHICLE}.{POSITION}"
+"""Where below a node its position is, if neither the annotation nor an FMU says it."""
 TELEMETRY, SERIAL = "telemetry", "serial"
-"""Lines to gateways alone: pairs of ports telemetry_rx and _tx, for ground stations by radio, serial_rx and _tx, for
-the one that is wired."""
+"""Lines to gateways alone, for ground stations by radio and for the one that is wired. FMUs declare their ports, or
+name them by convention (`cosim.vehicle`)."""
+_LINES = {TELEMETRY: Role.TELEMETRY, SERIAL: Role.SERIAL}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +90,14 @@ class Node:
     """What shares an antenna: an instance's parent system (an instance of the root system is a node itself).
 
     `position`: instance and variables of its NED position [m], where it has one. `lines`: endpoints that gateways may
-    use; they are among `endpoints` when one does.
+    use; they are among `endpoints` when one does. `autopilots`: names of the instances that declare to be autopilots.
     """
 
     name: str
     endpoints: tuple[Endpoint, ...]
     position: tuple[tuple[str, Variable], ...] = ()
     lines: tuple[Endpoint, ...] = ()
+    autopilots: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +159,7 @@ def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
     """
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "network", problems)
-    nodes = _nodes(checked, reader.text("position", "vehicle.position"), problems)
+    nodes = _nodes(checked, reader.text("position", ""), problems)
     dialect = _dialect(reader, checked.structure.document.parent)
     network = replace(_settings(reader, nodes, seed), dialect=dialect)
     if problems:
@@ -164,13 +172,14 @@ def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tu
     grouped: dict[str, list[Endpoint]] = {}
     lines: dict[str, list[Endpoint]] = {}
     instances = {instance.name: instance for instance in checked.instances}
+    declared = _declared_positions(checked.instances)
     for instance in checked.instances:
         ports = [
             v
             for v in instance.fmu.variables.values()
             if v.packet_capacity is not None and (instance.name, v.name) not in wired
         ]
-        own = _lines(instance.name, ports)
+        own = _lines(instance, ports)
         ports = [v for v in ports if not any(v in (line.rx, line.tx) for line in own)]
         rx = [v for v in ports if v.causality == "input"]
         tx = [v for v in ports if v.causality == "output"]
@@ -190,20 +199,47 @@ def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tu
         grouped.setdefault(node, []).append(ends)
         lines.setdefault(node, []).extend(own)
     return tuple(
-        Node(name, tuple(endpoints), _position(name, position, instances), tuple(lines[name]))
+        Node(
+            name,
+            tuple(endpoints),
+            (() if position else declared.get(name, ())) or _position(name, position or _BY_CONVENTION, instances),
+            tuple(lines[name]),
+            tuple(e.instance for e in endpoints if Role.ARMED in instances[e.instance].fmu.verdicts.values()),
+        )
         for name, endpoints in grouped.items()
     )
 
 
-def _lines(instance: str, ports: Sequence[Variable]) -> list[Endpoint]:
+def _lines(instance: Instance, ports: Sequence[Variable]) -> list[Endpoint]:
     """The lines to gateways of an instance that has other packet ports besides."""
     by_name = {v.name: v for v in ports}
     found = []
     for line in (TELEMETRY, SERIAL):
-        rx, tx = by_name.get(f"{line}_rx"), by_name.get(f"{line}_tx")
+        rx, tx = (by_name.get(name) for name in _ends_of_line(instance.fmu, _LINES[line]))
         if rx is not None and tx is not None and (rx.causality, tx.causality) == ("input", "output"):
-            found.append(Endpoint(instance, rx, tx, line))
+            found.append(Endpoint(instance.name, rx, tx, line))
     return found if len(ports) > 2 * len(found) else []
+
+
+def _ends_of_line(fmu: FmuDescription, role: Role) -> tuple[str, str]:
+    """Names of the input and the output that an FMU declares as a line, or of those that are one by convention."""
+    declared = [fmu.variables[name] for name, verdict in fmu.verdicts.items() if verdict is role]
+    inputs = [v.name for v in declared if v.causality == "input"]
+    outputs = [v.name for v in declared if v.causality == "output"]
+    return (inputs[0], outputs[0]) if inputs and outputs else LINES[role]
+
+
+def _declared_positions(instances: Sequence[Instance]) -> dict[str, tuple[tuple[str, Variable], ...]]:
+    """By node, the variables that its only FMU with a position declares as such."""
+    found: dict[str, list[tuple[tuple[str, Variable], ...]]] = {}
+    for instance in instances:
+        node = instance.name.rpartition(".")[0] or instance.name
+        variables = instance.fmu.variables
+        for name, verdict in instance.fmu.verdicts.items():
+            if verdict is Role.POSITION:
+                elements = elements_of(name, variables)
+                found.setdefault(node, []).append(tuple((instance.name, variables[one]) for one in elements))
+    return {node: positions[0] for node, positions in found.items() if len(positions) == 1}
 
 
 def with_gateways(network: Network, gateways: Sequence[Gateway]) -> Network:
@@ -261,7 +297,7 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
     if settings.topology == "nearest" or settings.range < math.inf:
         for node in nodes:
             if not node.position:
-                path = reader.text("position", "vehicle.position")
+                path = reader.text("position", _BY_CONVENTION)
                 text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
                 reader.problem(f"topology nearest and range need positions; {text}")
     for name in ("axis", "neighbours"):

@@ -212,8 +212,13 @@ MEMORY = (
 VARIABLES = (
     *MOTION_INPUTS,
     PacketInput("mavlink_rx", capacity=2048, description="packets received on board and from the swarm's radio"),
-    PacketInput("telemetry_rx", capacity=2048, description="packets received from ground stations by radio"),
-    PacketInput("serial_rx", capacity=2048, description="packets received by a cable"),
+    PacketInput(
+        "telemetry_rx",
+        capacity=2048,
+        verdict=Role.TELEMETRY,
+        description="packets received from ground stations by radio",
+    ),
+    PacketInput("serial_rx", capacity=2048, verdict=Role.SERIAL, description="packets received by a cable"),
     *PARAMETERS,
     Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
     Output("armed", type=bool, start=False, verdict=Role.ARMED, description="whether the motors may turn"),
@@ -230,8 +235,10 @@ VARIABLES = (
     ),
     Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="of the shaped path, NED"),
     PacketOutput("mavlink_tx", capacity=4096, description="packets sent on board and by the swarm's radio"),
-    PacketOutput("telemetry_tx", capacity=4096, description="packets sent to ground stations by radio"),
-    PacketOutput("serial_tx", capacity=4096, description="packets sent by a cable"),
+    PacketOutput(
+        "telemetry_tx", capacity=4096, verdict=Role.TELEMETRY, description="packets sent to ground stations by radio"
+    ),
+    PacketOutput("serial_tx", capacity=4096, verdict=Role.SERIAL, description="packets sent by a cable"),
     *MEMORY,
 )
 """All that an Autopilot declares."""

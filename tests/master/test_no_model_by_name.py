@@ -1,0 +1,131 @@
+"""The master knows no model: no name of a parameter, a port or a class of our models stands in its sources.
+
+The names come from the model classes. Names that are made for models are looked for in the whole text, comments and
+docstrings as well. Those that are plain words (`step`, `target`) are looked for in texts that programs compare: string
+constants without a space that are no docstrings.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import cosim_master
+from cosim.build import models_of_package
+
+MASTER = Path(cosim_master.__file__).parent
+MODELS = models_of_package("cosim_models")
+NAMES = {v.name for model in MODELS for v in model.variables if v.kind != "Memory" and v.role != "state"}
+OF_PACKETS = {v.name for model in MODELS for v in model.variables if v.kind == "Packets"}
+CLASSES = {model.__name__ for model in MODELS}
+
+ANYWHERE = {
+    "airframe": "a word",
+    "altitude": "a figure",
+    "armed": "a verdict's role",
+    "attach": "a verb of ctypes and of debuggers",
+    "attitude": "a word",
+    "clock": "of FMI",
+    "defaults": "a word",
+    "executable": "a word",
+    "failure": "a severity",
+    "folder": "a word",
+    "identity": "of an array",
+    "inertia": "a word",
+    "instance": "of FMI",
+    "lost": "packets",
+    "mass": "a word",
+    "mode": "of FMI",
+    "motor": "a word",
+    "period": "of stepping, and an attribute of the annotation of verdicts",
+    "refusal": "a word",
+    "restarts": "a word",
+    "seed": "of the network",
+    "speedup": "a word",
+    "state": "of an FMU",
+    "substep": "of a solver",
+    "timeout": "a word",
+    "trigger": "a word",
+    "velocity": "a word",
+    "wind": "a word",
+}
+"""Plain words that also name variables of ours, and as what they are known here."""
+IN_FILES = {
+    "position": {
+        "execution/run/checkpoint.py": "of the recorder in its files",
+        "results/checkpoint_folder.py": "of the recorder in its files",
+        "system/settings/network.py": "attribute of the annotation of networks",
+    },
+    "step": {
+        "cli/terminal/options.py": "option",
+        "execution/manifest.py": "key of the manifest",
+        "fmi/description/declarations.py": "attribute of the annotation of verdicts",
+        "network/gateways/gateways.py": "of port numbers",
+        "results/comparison.py": "key of the manifest",
+        "results/figures.py": "label of an axis",
+        "system/flatten/check.py": "attribute of the annotation of solvers",
+        "system/reading/into_cps.py": "fixed-step",
+        "system/settings/time_grid.py": "option",
+    },
+    "target": {
+        "cli/views/overview.py": "column of packets.parquet",
+        "network/radio/queues.py": "field of packets in flight",
+        "network/radio/tables.py": "field of packets in flight",
+        "results/recorder.py": "column of packets.parquet",
+        "system/authoring/ssp_text.py": "attribute of SSP",
+        "system/reading/ssp/grammar.py": "attribute of SSP",
+        "system/reading/ssp/ssc.py": "attribute of SSP",
+        "system/reading/ssp/ssv.py": "attribute of SSP",
+    },
+}
+"""Words that once meant a model's variable, where they mean something else, and what."""
+EXAMPLES = "an example in a help text, for people who type it"
+JUSTIFIED = {
+    ("epsilon", "cli/verbs/run.py"): EXAMPLES,
+    ("epsilon", "cli/views/explanation.py"): "an example in a docstring",
+    ("position_start", "cli/verbs/systems.py"): EXAMPLES,
+    ("Hexarotor", "cli/verbs/editing.py"): EXAMPLES,
+    ("Quadrotor", "cli/verbs/build.py"): EXAMPLES,
+    ("Quadrotor", "cli/verbs/results.py"): EXAMPLES,
+    ("WPNAV_SPEED", "system/flatten/check.py"): "an example in a docstring",
+    ("mavlink_rx", "stepping/kernels/macro_step.py"): "the diagram of a macro step, as in ARCHITECTURE.md",
+    ("mavlink_tx", "stepping/kernels/macro_step.py"): "the diagram of a macro step, as in ARCHITECTURE.md",
+    ("mavlink_rx", "stepping/kernels/tables.py"): "a comment with the name that packet inputs usually have",
+    ("on_ground", "verdict/watch.py"): "an attribute of the watch's own class",
+}
+"""Names that are made for models, by the file that may have them, and why."""
+
+
+def sources() -> dict[str, str]:
+    return {path.relative_to(MASTER).as_posix(): path.read_text("utf-8") for path in sorted(MASTER.rglob("*.py"))}
+
+
+def compared(text: str) -> list[str]:
+    """Words of string constants without a space that are no docstrings."""
+    tree = ast.parse(text)
+    documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    constants = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in documents]
+    texts = [node.value for node in constants if isinstance(node.value, str) and " " not in node.value]
+    return [word for text in texts for word in re.findall(r"\w+", text)]
+
+
+def test_names_made_for_models_stand_nowhere() -> None:
+    made = (NAMES | CLASSES) - ANYWHERE.keys() - IN_FILES.keys()
+    assert {"left_sysid", "stubborn", "epsilon", "SYSID_THISMAV", "telemetry_rx", "LineAgent"} <= made
+    found = {(word, file) for file, text in sources().items() for word in set(re.findall(r"\w+", text)) & made}
+    assert found == JUSTIFIED.keys(), "declare it (cosim/verdict.py) or follow the convention (cosim/vehicle.py)"
+
+
+def test_plain_words_are_compared_with_no_variable() -> None:
+    assert (ANYWHERE.keys() | IN_FILES.keys()) <= NAMES
+    words = {(word, file) for file, text in sources().items() for word in compared(text) if word in IN_FILES}
+    assert words == {(word, file) for word, files in IN_FILES.items() for file in files}
+
+
+def test_the_convention_of_names_stands_in_one_place() -> None:
+    from cosim.vehicle import LINES
+
+    conventional = {name for pair in LINES.values() for name in pair}
+    assert conventional < OF_PACKETS
+    assert not any(name in text for name in conventional for text in sources().values())
