@@ -61,7 +61,7 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
         ('<Position variable="y"/>', 'its verdict <Position> of "y" is ignored: it must be of causality output and'),
         ('<Armed variable="z"/>', 'its verdict <Armed> of "z" is ignored: there is no such variable'),
         ('<Optional variable="y"/>', "it is of causality output, only inputs are optional"),
-        ('<Great variable="y"/>', "there are Condition, Reason, Bound, Position, OnGround, Armed"),
+        ('<Great variable="y"/>', "there are Condition, Reason, Bound, Formation, Position, OnGround, Armed"),
         ('<Bound variable="y" most="limit"/>', 'there is no parameter "limit"'),
         ('<Bound variable="y" least="low"/>', 'least="low" must be a number'),
         ('<Bound variable="y" most="NaN"/>', "a number must not be NaN"),

@@ -82,8 +82,8 @@ class Flight:
     def law(self) -> tuple[Mapping[str, float], float] | None:
         """Fixed point of the mobile drones [m east], and by what factor a step shrinks the error's 2-norm at least.
 
-        The desired positions of stubborn drones at the end are the boundary values. None if the law of an agent is not
-        known, a drone's neighbours or parameters are not recorded, or no stubborn drone fixes the solution.
+        The desired positions at the end of drones that stay are the boundary values. None if the law of an agent is not
+        known, a drone's neighbours or parameters are not recorded, or no drone that stays fixes the solution.
         """
         agents = {drone.name: (drone.member, drone.target) for drone in self.drones if drone.target is not None}
         members = [one for one, _ in agents.values() if one is not None]
