@@ -25,13 +25,14 @@ settings.load_profile("project")
 LONGEST = (
     "scenarios/test_builds_agree.py",
     "test_readme.py",
-    "models/test_autopilot_mavlink.py",
+    "models/autopilot/test_autopilot_mavlink.py",
+    "master/cli/test_terminal.py",
     "test_benchmarks.py",
     "cosim/test_fmi3_build.py",
-    "models/test_autopilot_builds.py",
-    "master/test_ssp_fuzz.py",
+    "models/autopilot/test_autopilot_builds.py",
+    "master/system/test_ssp_fuzz.py",
     "scenarios/test_pymavlink_flies.py",
-    "models/test_client_replays.py",
+    "models/autopilot/test_client_replays.py",
 )
 """Files that take longest, in order: where tests run side by side, one of them that began last would run alone."""
 

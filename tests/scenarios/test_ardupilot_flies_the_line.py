@@ -13,7 +13,7 @@ from pymavlink import mavutil
 
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.swap import swap
-from tests.models.test_ardupilot_sitl import STAND_IN
+from tests.models.ardupilot.test_ardupilot_sitl import STAND_IN
 from tests.scenarios.flights import SYSTEMS, Flight, fly
 from tests.scenarios.test_line_spreads_evenly import EAST_AT_STEP
 

@@ -5,7 +5,7 @@ Code that refuses or ignores something takes its words from here, so that the ta
     python -m cosim_master.diagnostics.limitations > docs/limitations.md
 
 A row comes or goes with its constant here, the code that says its words, and the case in
-tests/master/test_limitations.py that provokes it; the tests there find what is missing.
+tests/master/diagnostics/test_limitations.py that provokes it; the tests there find what is missing.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ the horizontal plane); the caller integrates. Nothing here knows of vehicles, mo
 
 Sources: ArduPilot's AP_Math/control (square-root controller, acceleration and jerk limits). The brake constants,
 half the gain and half the acceleration, are those of ArduCopter 4.6 and 4.7-dev (2025): they reproduce the recorded
-desired paths of that flight stack within 3 mm (tests/models/test_shaping.py).
+desired paths of that flight stack within 3 mm (tests/models/autopilot/test_shaping.py).
 """
 
 from __future__ import annotations

@@ -1,0 +1,487 @@
+"""ArduPilotSITL against a stand-in that speaks ArduPilot's JSON interface: formats, lock step, MAVLink, failures."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import os
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from cosim_models.ardupilot.json_interface import Link, Servos, decode_servos, encode_motion
+from cosim_models.ardupilot.sitl import ArduPilotSITL, _packets
+
+STAND_IN = Path(__file__).parents[1] / "sitl_stand_in.py"
+pytestmark = pytest.mark.alone
+
+INSTANCE = 240
+"""So that its ports are above those of anything that runs here."""
+
+# ---- formats ---------------------------------------------------------------------------------------------------------
+
+
+def test_servo_packets_of_both_sizes() -> None:
+    """The first one is that of a real ArduCopter 4.7."""
+    found = decode_servos(bytes.fromhex("1a48b00400000000" + 16 * "e803"))
+    assert found is not None
+    assert (found.rate, found.frame_count, found.pwm) == (1200, 0, (1000,) * 16)
+    found = decode_servos(struct.pack("<HHI16H", 18458, 1200, 7, *range(1000, 1016)))
+    assert found is not None
+    assert (found.rate, found.frame_count, found.pwm) == (1200, 7, tuple(range(1000, 1016)))
+    found = decode_servos(struct.pack("<HHI32H", 29569, 801, 2**32 - 1, *range(32)))
+    assert found is not None
+    assert (found.rate, found.frame_count, found.pwm) == (801, 2**32 - 1, tuple(range(32)))
+
+
+@given(st.binary(max_size=100))
+def test_anything_else_is_no_servo_packet(datagram: bytes) -> None:
+    sizes = {18458: 40, 29569: 72}
+    if len(datagram) < 2 or sizes.get(int.from_bytes(datagram[:2], "little")) != len(datagram):
+        assert decode_servos(datagram) is None
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
+
+
+@given(st.floats(0, 1e6), st.lists(numbers, min_size=16, max_size=16))
+def test_a_reply_is_a_line_of_json_without_spaces(t: float, x: list[float]) -> None:
+    reply = encode_motion(
+        t,
+        angular_velocity=x[:3],
+        specific_force=x[3:6],
+        position=x[6:9],
+        velocity=x[9:12],
+        attitude=x[12:],
+    )
+    assert reply[:1] == reply[-1:] == b"\n"
+    assert b" " not in reply
+    assert json.loads(reply) == {
+        "timestamp": t * (1.0 + 1e-8),
+        "imu": {"gyro": x[:3], "accel_body": x[3:6]},
+        "position": x[6:9],
+        "velocity": x[9:12],
+        "quaternion": x[12:],
+    }
+
+
+def test_a_reply_as_flown_with_a_real_arducopter() -> None:
+    reply = encode_motion(
+        0.001,
+        angular_velocity=(0.0, 0.0, 0.0),
+        specific_force=(0.0, 0.0, -9.80665),
+        position=(0.0, 0.0, 0.0),
+        velocity=(0.0, 0.0, 0.0),
+        attitude=(1.0, 0.0, 0.0, 0.0),
+    )
+    assert reply == (
+        b'\n{"timestamp":0.00100000001,"imu":{"gyro":[0.0,0.0,0.0],"accel_body":[0.0,0.0,-9.80665]},"position":[0.0,0.0,0.0],'
+        b'"quaternion":[1.0,0.0,0.0,0.0],"velocity":[0.0,0.0,0.0]}\n'
+    )
+
+
+@pytest.mark.parametrize("step", [0.001, 0.00125])
+@pytest.mark.parametrize("begin", [0.0, 3600.0])
+def test_arducopters_clock_loses_nothing(step: float, begin: float) -> None:
+    """It is a count of microseconds, to which each difference is added and cut off."""
+    clock, last = 0, begin * (1.0 + 1e-8)
+    for k in range(1, 20001):
+        reply = encode_motion(
+            begin + k * step,
+            angular_velocity=(0.0, 0.0, 0.0),
+            specific_force=(0.0, 0.0, -9.80665),
+            position=(0.0, 0.0, 0.0),
+            velocity=(0.0, 0.0, 0.0),
+            attitude=(1.0, 0.0, 0.0, 0.0),
+        )
+        timestamp = json.loads(reply)["timestamp"]
+        clock = int(clock + (timestamp - last) * 1e6)
+        last = timestamp
+    assert clock == round(20000 * step * 1e6)
+
+
+def test_serial_bytes_are_cut_behind_the_last_whole_packet_and_text_is_left_out() -> None:
+    link = mavlink.MAVLink(None, srcSystem=1)
+    packet = bytes(link.heartbeat_encode(2, 3, 0, 0, 3).pack(link))
+    assert _packets(b"", 100) == (b"", 0)
+    assert _packets(packet + packet[:-1], 4096) == (packet, len(packet))
+    assert _packets(3 * packet, 2 * len(packet) + 1) == (2 * packet, 2 * len(packet))
+    hello = b"\n\nInit ArduCopter V4.7.0-dev\n\nFree RAM: 131072\n"
+    assert _packets(hello, 4096) == (b"", len(hello))
+    assert _packets(hello + packet + hello + packet[:5], 4096) == (packet, 2 * len(hello) + len(packet))
+    assert _packets(hello + packet, 10) == (b"", 0)
+    assert _packets(b"xx\xfd\x09", 4096) == (b"", 2)
+
+
+# ---- lock step, by hand ----------------------------------------------------------------------------------------------
+
+
+class Autopilot:
+    """ArduPilot's end, moved by the test."""
+
+    def __init__(self, port: int) -> None:
+        self.to = ("127.0.0.1", port)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.settimeout(2)
+        self.socket.bind(("127.0.0.1", 0))
+
+    def send(self, frame: int, pwm: int = 1000) -> None:
+        self.socket.sendto(struct.pack("<HHI16H", 18458, 1200, frame, *[pwm] * 16), self.to)
+
+    def received(self) -> bytes:
+        return self.socket.recv(65536)
+
+    def nothing_received(self) -> bool:
+        self.socket.setblocking(False)
+        try:
+            self.socket.recv(65536)
+        except BlockingIOError:
+            return True
+        finally:
+            self.socket.settimeout(2)
+        return False
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[Link, Autopilot]]:
+    link = Link(0)
+    autopilot = Autopilot(link._socket.getsockname()[1])
+    yield link, autopilot
+    link.close()
+    autopilot.socket.close()
+
+
+def alive() -> None:
+    pass
+
+
+def exchange(link: Link, reply: bytes, seconds: float, alive: Callable[[], None]) -> Servos:
+    link.reply(reply)
+    return link.next(seconds, alive)
+
+
+def test_nothing_is_answered_before_the_step(pair: tuple[Link, Autopilot]) -> None:
+    link, autopilot = pair
+    autopilot.send(0, 1100)
+    assert link.next(1.0, alive).pwm[0] == 1100
+    assert autopilot.nothing_received()
+    autopilot.send(1, 1200)
+    assert exchange(link, b"one", 1.0, alive).pwm[0] == 1200
+    assert autopilot.received() == b"one"
+    assert autopilot.nothing_received()
+
+
+def test_what_is_repeated_while_a_reply_is_withheld_gets_no_second_one(pair: tuple[Link, Autopilot]) -> None:
+    link, autopilot = pair
+    autopilot.send(0)
+    link.next(1.0, alive)
+    for frame in (0, 0, 1):
+        autopilot.send(frame, 1000 + frame)
+    assert exchange(link, b"one", 1.0, alive).pwm[0] == 1001
+    assert autopilot.received() == b"one"
+    assert autopilot.nothing_received()
+    assert (link.repeated, link.lost, link.restarts) == (2, 0, 0)
+
+
+def test_what_was_repeated_before_a_late_look_gets_no_second_reply(pair: tuple[Link, Autopilot]) -> None:
+    """The master may let time pass between the reply and the question for what it brings."""
+    link, autopilot = pair
+    for _ in range(3):
+        autopilot.send(0)
+    link.next(1.0, alive)
+    link.reply(b"one")
+    time.sleep(0.6)
+    autopilot.send(1, 1001)
+    assert link.next(1.0, alive).pwm[0] == 1001
+    assert autopilot.received() == b"one"
+    assert autopilot.nothing_received()
+    assert link.repeated == 2
+
+
+def test_what_is_repeated_long_after_a_reply_gets_it_again(pair: tuple[Link, Autopilot]) -> None:
+    link, autopilot = pair
+    autopilot.send(0)
+    link.next(1.0, alive)
+    began = time.monotonic()
+    again = iter([0.7, math.inf])
+    at = next(again)
+
+    def repeat() -> None:
+        nonlocal at
+        if time.monotonic() > began + at:
+            at = next(again)
+            autopilot.send(0)
+        elif at == math.inf and autopilot.received() == autopilot.received() == b"one":
+            autopilot.send(1, 1300)
+
+    assert exchange(link, b"one", 5.0, repeat).pwm[0] == 1300
+    assert link.repeated == 1
+
+
+def test_lost_packets_and_restarts_are_counted(pair: tuple[Link, Autopilot]) -> None:
+    link, autopilot = pair
+    for frame in (5, 8, 0, 1):
+        autopilot.send(frame)
+    assert link.next(1.0, alive).frame_count == 5
+    assert [exchange(link, b"x", 1.0, alive).frame_count for _ in range(3)] == [8, 0, 1]
+    assert (link.repeated, link.lost, link.restarts) == (0, 2, 1)
+    autopilot.socket.sendto(b"no servo packet", autopilot.to)
+    autopilot.send(2)
+    assert exchange(link, b"x", 1.0, alive).frame_count == 2
+
+
+def test_waiting_ends(pair: tuple[Link, Autopilot]) -> None:
+    link, autopilot = pair
+    with pytest.raises(TimeoutError, match=r"ArduPilot has sent no servo outputs for 0\.1 s"):
+        link.next(0.1, alive)
+    autopilot.send(0)
+    link.next(1.0, alive)
+
+    def dead() -> None:
+        raise RuntimeError("dead")
+
+    with pytest.raises(RuntimeError, match="dead"):
+        exchange(link, b"x", 60.0, dead)
+
+
+# ---- the FMU ---------------------------------------------------------------------------------------------------------
+
+
+class Flight:
+    """A slave and what its stand-in has written down."""
+
+    def __init__(self, folder: Path, **values: Any) -> None:
+        self.folder = folder
+        self.slave: Any = ArduPilotSITL(instance_name="autopilot")
+        self.references = {v.name: v.value_reference for v in self.slave.vars.values()}
+        self.set(instance=INSTANCE, folder=str(folder / "run"), start_timeout=10.0, step_timeout=5.0)
+        self.set(**values)
+
+    def set(self, **values: Any) -> None:
+        setters = {bool: "boolean", int: "integer", float: "real", str: "string"}
+        for name, value in values.items():
+            getattr(self.slave, f"set_{setters[type(value)]}")([self.references[name]], [value])
+
+    def begin(self) -> None:
+        self.slave.setup_experiment(0.0, None, None)
+        self.slave.enter_initialization_mode()
+        self.slave.exit_initialization_mode()
+
+    def step(self, k: int, height: float = 0.0, north: float = 0.0, packets: bytes = b"", h: float = 0.001) -> None:
+        for i, x in enumerate((north, 0.0, -height)):
+            self.slave.set_real([self.references[f"position[{i + 1}]"]], [x])
+        self.slave.set_string([self.references["mavlink_rx"]], [base64.b64encode(packets).decode()])
+        assert self.slave.do_step(k * h, h)
+        self.slave.get_real([])  # a master asks for outputs, and so waits for ArduPilot
+
+    def packets(self) -> list[Any]:
+        (text,) = self.slave.get_string([self.references["mavlink_tx"]])
+        return mavlink.MAVLink(None).parse_buffer(base64.b64decode(text)) or []
+
+    def log(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in (self.folder / f"{INSTANCE}.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture
+def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Makes slaves whose executable is the stand-in, which behaves as it is told."""
+    made: list[Flight] = []
+    program = tmp_path / "arducopter"
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} {STAND_IN} "$@"\n')
+    program.chmod(0o755)
+
+    def make(how: dict[str, Any] | None = None, **values: Any) -> Flight:
+        monkeypatch.setenv("ARDUPILOT_SITL", str(program))
+        monkeypatch.setenv("STAND_IN", json.dumps({"log": str(tmp_path), **(how or {})}))
+        made.append(Flight(tmp_path, **values))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.slave.terminate()
+
+
+def test_it_is_started_with_what_it_needs(flight: Any, tmp_path: Path) -> None:
+    (tmp_path / "more.parm").write_text("SCHED_LOOP_RATE 400\n")
+    one = flight(SYSID_THISMAV=7, airframe=2, defaults=str(tmp_path / "more.parm"), speedup=50.0)
+    one.begin()
+    given = one.log()[0]
+    assert given["I"] == INSTANCE
+    assert given["sysid"] == 7
+    assert given["model"] == "JSON:127.0.0.1"
+    assert given["home"] == "-35.363262,149.165237,584,0"
+    assert given["speedup"] == "50"
+    assert (given["serial1"], given["serial2"]) == ("none", "none")
+    first, second = given["defaults"].split(",")
+    assert first == str(tmp_path / "more.parm")
+    assert Path(second).read_text() == "FRAME_CLASS 2\nFRAME_TYPE 1\n"
+
+
+@pytest.mark.parametrize("channels", [16, 32])
+def test_it_steps_with_the_master_and_flies_what_it_is_told(flight: Any, channels: int) -> None:
+    one = flight({"channels": channels})
+    one.begin()
+    for k in range(50):
+        one.step(k, height=0.5 * k, north=0.1 * k)
+        assert one.slave.m.motor[0] == pytest.approx(5 * k / 1000)  # 10 us for each metre
+        assert one.slave.m.motor[1] == pytest.approx(round(k) / 1000)
+        assert list(one.slave.m.motor[2:]) == [0.0] * 6  # channels that are 0 too
+        assert one.slave.m.clock == pytest.approx((k + 1) * 0.001)
+    taken = one.log()[1:]
+    assert [line["timestamp"] for line in taken] == pytest.approx([(k + 1) * 0.001 for k in range(50)])
+    assert [line["frame"] for line in taken] == list(range(50))
+    assert taken[-1]["position"] == [pytest.approx(4.9), 0.0, -24.5]
+    assert taken[-1]["accel_body"] == [0.0, 0.0, -9.80665]
+    assert taken[-1]["quaternion"] == [1.0, 0.0, 0.0, 0.0]
+    assert (one.slave.m.lost, one.slave.m.restarts) == (0, 0)  # repeated it is where this computer is slow
+
+
+def test_it_outlives_repeated_and_lost_packets_and_a_restart(flight: Any) -> None:
+    one = flight({"repeat": 7, "skip": 10, "drop": 13, "restart": 31})
+    one.begin()
+    for k in range(60):
+        one.step(k, height=float(k))
+        assert one.slave.m.motor[0] == pytest.approx(10 * k / 1000)
+    assert one.slave.m.restarts == 1
+    assert one.slave.m.lost == 5  # 10, 20 and 30 before the restart at 31, 10 and 20 behind it
+    assert one.slave._link.repeated > 0
+    times = [line["timestamp"] for line in one.log()[1:]]
+    assert times == pytest.approx([(k + 1) * 0.001 for k in range(60)])
+
+
+def test_packets_pass_its_serial_port_both_ways_and_say_how_it_is(flight: Any) -> None:
+    one = flight(SYSID_THISMAV=3)
+    one.begin()
+    found = []
+    me = mavlink.MAVLink(None, srcSystem=255)
+    k = 0
+    end = time.monotonic() + 10
+    while not found and time.monotonic() < end:
+        one.step(k)
+        k, found = k + 1, one.packets()
+    assert {(m.get_type(), m.get_srcSystem()) for m in found} == {("HEARTBEAT", 3)}
+    assert (bool(one.slave.m.armed), one.slave.m.mode, bool(one.slave.m.on_ground)) == (False, 4, True)
+    one.step(k, packets=me.command_long_encode(3, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(me))
+    answers = [m.get_type() for m in one.packets()]
+    while not one.slave.m.armed and time.monotonic() < end:
+        k += 1
+        one.step(k)
+        answers += [m.get_type() for m in one.packets()]
+    assert "COMMAND_ACK" in answers
+    assert (bool(one.slave.m.armed), bool(one.slave.m.on_ground)) == (True, False)
+
+
+def test_it_attaches_to_one_that_runs_and_to_the_one_that_takes_its_place(flight: Any, tmp_path: Path) -> None:
+    one = flight(attach=True)
+    command = [sys.executable, str(STAND_IN), f"-I{INSTANCE}", "--serial0", "tcp:0:wait", "--sysid", "9"]
+    environment = {**os.environ, "STAND_IN": json.dumps({"log": str(tmp_path)})}
+    k = 0
+    for restarts in range(2):
+        with subprocess.Popen(command, env=environment) as process:
+            try:
+                if restarts == 0:
+                    one.begin()
+                found: list[Any] = []
+                while not found and k < 5000:
+                    one.step(k, height=3.0)
+                    k, found = k + 1, one.packets()
+                assert found[0].get_srcSystem() == 9
+                assert one.slave.m.motor[0] == pytest.approx(0.03)
+                assert one.slave.m.restarts == restarts
+                if restarts:
+                    one.slave.terminate()
+                    assert process.poll() is None  # it is not ours
+            finally:
+                process.kill()
+
+
+@pytest.mark.parametrize("folder", [None, ""])
+def test_it_ends_when_the_run_does(flight: Any, folder: str | None, tmp_path: Path) -> None:
+    """And leaves nothing, unless it was told where to run."""
+    one = flight()
+    if folder is not None:
+        one.set(folder=folder)
+    one.begin()
+    process = one.slave._process
+    ran_in = Path(f"/proc/{process.pid}/cwd").readlink()
+    assert (ran_in / "frame.parm").is_file()
+    assert (ran_in == tmp_path / "run") == (folder is None)
+    one.slave.terminate()
+    assert process.poll() is not None
+    one.slave.terminate()
+    assert ran_in.exists() == (folder is None)
+
+
+def test_without_an_executable_the_error_says_how_to_get_one(flight: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = flight()
+    monkeypatch.delenv("ARDUPILOT_SITL")
+    with pytest.raises(RuntimeError, match=r"there is no ArduPilot to start: .*ARDUPILOT_SITL.*ardupilot\.org"):
+        one.begin()
+    another = flight(executable="/no/such/program")
+    with pytest.raises(
+        RuntimeError, match=r"/no/such/program is no program that can be started; there is no ArduPilot"
+    ):
+        another.begin()
+
+
+@pytest.mark.parametrize(
+    "how, values, expected",
+    [
+        ({"die": 0}, {}, r"ArduPilot has ended with code 3; its last words: .*it is over"),
+        ({"mute": True}, {"start_timeout": 0.5}, r"ArduPilot has sent no servo outputs for 0\.5 s"),
+        ({}, {"attach": True, "start_timeout": 0.2}, r"no ArduPilot at tcp:127\.0\.0\.1:8160 within 0\.2 s"),
+        ({}, {"defaults": "/no/such.parm"}, r"defaults: there is no file /no/such\.parm"),
+        ({}, {"airframe": 0}, r"airframe 0: ArduCopter has frames for quad_x, hexa_x, octa_x"),
+    ],
+)
+def test_what_can_go_wrong_at_the_start(flight: Any, how: dict[str, Any], values: Any, expected: str) -> None:
+    airframe = values.pop("airframe", None)
+    one = flight(how, **values)
+    if airframe is not None:
+        one.slave.m.airframe = airframe
+    with pytest.raises((RuntimeError, TimeoutError, ValueError), match=expected):
+        one.begin()
+
+
+@pytest.mark.parametrize(
+    "how, expected",
+    [
+        ({"die": 5}, r"ArduPilot has ended with code 3"),
+        ({"silent": 5}, r"ArduPilot has sent no servo outputs for 0\.5 s"),
+    ],
+)
+def test_what_can_go_wrong_in_flight(flight: Any, how: dict[str, Any], expected: str) -> None:
+    one = flight(how, step_timeout=0.5)
+    one.begin()
+    with pytest.raises((RuntimeError, TimeoutError), match=expected):
+        for k in range(10):
+            one.step(k)
+    assert math.isclose(one.slave.m.clock, 0.005)  # what was asked of it
+
+
+def test_the_port_of_one_to_attach_to_must_be_free(flight: Any) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 9002 + 10 * INSTANCE))
+        with pytest.raises(RuntimeError, match=r"UDP port 11402 of instance 240 cannot be opened: Address already in"):
+            flight(attach=True).begin()
+
+
+def test_started_ones_of_one_number_do_not_mind_each_other(flight: Any) -> None:
+    ones = [flight() for _ in range(2)]
+    for one in ones:
+        one.begin()
+    for k in range(20):
+        for height, one in enumerate(ones):
+            one.step(k, height=height)
+            assert one.slave.m.motor[0] == pytest.approx(height / 100)
