@@ -50,6 +50,8 @@ class Scripted:
         self.library = self
         self.resources = Path("nowhere")
         self.python = False
+        self.event_mode, self.pending, self.next_event = False, 0, float("inf")
+        self.has_answers = self.initializes_anew = False
         self.time: float | None = None
         named = {v.name: v for v in variables}
         capabilities = Capabilities(canHandleVariableCommunicationStepSize=variable_step)
@@ -82,6 +84,9 @@ class Scripted:
             return do_step(self, t, h) or 0
 
         self._define("fmi2DoStep", step, _HANDLE, ctypes.c_double, ctypes.c_double, ctypes.c_int)
+
+    def use_answers(self, address: int) -> None:
+        assert address == 0, "a step of FMI 2 answers a status only"
 
     def _define(self, name: str, function: Callable[..., int], *types: Any) -> None:
         self._functions[name] = ctypes.CFUNCTYPE(ctypes.c_int, *types)(function)

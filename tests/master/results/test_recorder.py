@@ -293,7 +293,7 @@ def test_manifest(probes: Any, tmp_path: Path) -> None:
     assert manifest["real_time_factor"] == 2.0 / result.wall_s
     assert manifest["system"] == {"name": "test", "path": str(system), "sha256": sha(system)}
     assert (manifest["start_time"], manifest["base_step"], manifest["seed"]) == (0.0, 0.5, 0)
-    assert manifest["fmus"] == {str(fmu): {"sha256": sha(fmu), "guid": "probe", "model": "Unit"}}
+    assert manifest["fmus"] == {str(fmu): {"sha256": sha(fmu), "guid": "probe", "model": "Unit", "verdicts": {}}}
     assert manifest["instances"] == {
         "a": {"fmu": str(fmu), "step": 0.5, "step_by": "FMU", "parameters": {"p": 1.5, "mode": 0, "when": 0.0}},
         "b": {"fmu": str(fmu), "step": 1.0, "step_by": "system", "parameters": {"p": 0.5, "mode": 0, "when": "INF"}},
