@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from cosim_master.results.comparison import compare as compare
     from cosim_master.results.read import packets as packets
     from cosim_master.results.read import signals as signals
+    from cosim_master.stepping.observation import Observer as Observer
+    from cosim_master.stepping.observation import Seen as Seen
+    from cosim_master.stepping.observation import View as View
     from cosim_master.system.authoring.convert import convert as convert
     from cosim_master.system.authoring.new import new_system as new_system
     from cosim_master.system.authoring.pack import pack as pack
@@ -47,14 +50,17 @@ _WHERE = {
     "FmuError": "diagnostics.errors",
     "LoopError": "diagnostics.errors",
     "NotConverged": "diagnostics.errors",
+    "Observer": "stepping.observation",
     "Outcome": "execution.result",
     "Prepared": "execution.prepare",
     "Progress": "execution.result",
     "RunFailed": "diagnostics.errors",
     "RunResult": "execution.result",
     "RunTerminated": "diagnostics.errors",
+    "Seen": "stepping.observation",
     "StepTooSmall": "diagnostics.errors",
     "SystemDescriptionError": "diagnostics.errors",
+    "View": "stepping.observation",
     "check": "system.flatten.check",
     "compare": "results.comparison",
     "convert": "system.authoring.convert",

@@ -6,7 +6,8 @@ Not among them: the number of threads, the pace, profiles and checkpoints, which
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 
@@ -48,12 +49,7 @@ def fingerprint_of(
     values = ((instance.name, sorted(instance.effective_values().items())) for instance in checked.instances)
     structural = ((instance.name, sorted(instance.start_values.items())) for instance in checked.instances)
     links = ((link.source, link.target, link.factor, link.offset, link.mapping) for link in checked.links)
-    master = (coupling.algorithm, coupling.groups, sorted(coupling.extrapolated), coupling.loops)
-    numbers = (coupling.tolerance, coupling.iterations, coupling.relaxation)
-    steps = (coupling.minimum_step, coupling.maximum_step)
     delays = sorted((target, delay.ns, delay.start) for target, delay in coupling.delays.items())
-    radio = (network.topology, network.neighbours, network.axis, network.latency, network.jitter, network.loss)
-    reach = (network.range, sorted(network.links), network.channels, network.outages, network.dialect)
     nodes = (
         (node.name, [endpoint.name for endpoint in node.endpoints], [(i, v.name) for i, v in node.position])
         for node in network.nodes
@@ -64,8 +60,8 @@ def fingerprint_of(
         "FMUs": _digest((instance.name, instance.fmu.digest) for instance in checked.instances),
         "start values": _digest([*values, *structural]),
         "time": _digest([clock.start, clock.base, clock.steps, clock.periods]),
-        "master": _digest([master, numbers, steps, delays]),
-        "radio": _digest([radio, reach, *nodes]),
+        "master": _digest([*_fields(coupling, {"delays", "where", "notes"}), delays]),
+        "radio": _digest([*_fields(network, {"nodes", "gateways", "seed", "notes"}), *nodes]),
         "seed": _digest([network.seed]),
         "recording": _digest(recording),
         "changes": _digest(
@@ -83,6 +79,12 @@ def _files(checkpoint: Path) -> list[Path]:
 
 def _of_file(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _fields(settings: Coupling | Network, without: Collection[str]) -> list[object]:
+    """Names and values of all other fields; sets in order."""
+    values = ((field.name, getattr(settings, field.name)) for field in fields(settings) if field.name not in without)
+    return [(name, sorted(value) if isinstance(value, frozenset) else value) for name, value in values]
 
 
 def _digest(parts: Iterable[object]) -> str:

@@ -38,12 +38,10 @@ def manifest(
     """
     checked = ready.checked
     network = {
-        f.name: getattr(ready.network, f.name)
+        f.name: _in_json(getattr(ready.network, f.name))
         for f in fields(ready.network)
         if f.name not in ("nodes", "gateways", "dialect", "notes")
     }
-    if math.isinf(ready.network.range):
-        network["range"] = "INF"
     network["channels"] = [_channel_in_json(channel) for channel in ready.network.channels]
     network["dialect"] = [message.name for message in ready.network.dialect]
     network["links"] = sorted(map(list, ready.network.links))
@@ -130,7 +128,7 @@ def _channel_in_json(channel: Channel) -> dict[str, Any]:
     return {"from": channel.source, "to": channel.target, **given}
 
 
-def _in_json(value: Start) -> Start:
+def _in_json(value: Any) -> Any:
     """JSON has no infinity: it is written as XML Schema does."""
     if not isinstance(value, float) or math.isfinite(value):
         return value

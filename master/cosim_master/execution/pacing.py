@@ -25,8 +25,8 @@ from cosim_master.execution.prepare import Prepared
 from cosim_master.execution.result import Outcome, Progress, RunResult
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.results.checkpoint_folder import Identity
+from cosim_master.stepping.observation import Observers
 from cosim_master.verdict.memory import remember
-from cosim_master.verdict.observation import Observers
 from cosim_master.verdict.watch import Watch
 
 __all__ = ["Checkpoints", "interrupts", "run"]

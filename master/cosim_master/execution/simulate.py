@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from cosim_master.results.checkpoint_folder import Checkpoint, find
 from cosim_master.results.recorder import Recorder
 from cosim_master.results.run_folder import RunFolder
 from cosim_master.stepping.layout import layout
+from cosim_master.stepping.observation import MakeObserver, Observers, View
 from cosim_master.stepping.profiling import Profiler
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
@@ -38,7 +40,6 @@ from cosim_master.system.reading.single_fmu import as_model_exchange, full_names
 from cosim_master.system.settings.network import with_gateways
 from cosim_master.verdict.judging import judgement
 from cosim_master.verdict.memory import recall
-from cosim_master.verdict.observation import Observers
 from cosim_master.verdict.watch import Watch, watched
 
 __all__ = ["simulate"]
@@ -69,6 +70,7 @@ def simulate(
     origin: str | None = None,
     inputs: Path | None = None,
     solver: str | None = None,
+    observers: Sequence[MakeObserver] = (),
 ) -> RunResult:
     """Run a system from its file to its results.
 
@@ -99,6 +101,7 @@ def simulate(
             hold from then on, and what is not given (seed, stop time, patterns) is what it was.
         inputs: a CSV file with values of open inputs, see `stimuli`.
         solver: of FMUs for Model Exchange, as `solvers.Choice.parsed` reads it; one FMU alone then is one of these.
+        observers: make observers of the run, each given a `View` of it: recordings in other formats, for example.
 
     Raises:
         SystemDescriptionError: the description is wrong, `out` cannot be written to, or a socket not be opened.
@@ -142,6 +145,8 @@ def simulate(
             ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
         ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
         places = layout(checked, ready.network, ready.recording.signals, ready.coupling, watched(checked))
+        view = View(places, ready.every, ready.clock.seconds(1))
+        looking = [make(view) for make in observers]
         if on_start is not None:
             on_start(ready)
 
@@ -203,18 +208,17 @@ def simulate(
                 saving.watch = watch
                 if checkpoint is not None:
                     recall(watch, checkpoint.verdict)
-                observers = Observers(execution, [watch], ready.clock.steps)
-                result = run(
-                    execution,
-                    ready,
-                    pace,
-                    on_progress,
-                    interrupted,
-                    gateways,
-                    saving if checkpoint_every is not None else None,
-                    observers,
-                )
-                observers.close()
+                with closing(Observers(execution, [watch, *looking], ready.clock.steps)) as observed:
+                    result = run(
+                        execution,
+                        ready,
+                        pace,
+                        on_progress,
+                        interrupted,
+                        gateways,
+                        saving if checkpoint_every is not None else None,
+                        observed,
+                    )
                 verdict = judgement(ready.verdict(), watch, ready.network, result.packets, result.gateways)
                 result = replace(result, notes=(*result.notes, *execution.notes), verdict=verdict)
                 if profiler is not None:

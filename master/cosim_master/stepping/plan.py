@@ -94,7 +94,7 @@ def make_plan(
     eventful = sum(one.event_mode for one in living)
     instances = _instance_table(clock, network, living, native)
     sequence = coupling.sequence if coupling is not None else ()
-    order = BY_PYTHON if coupling and coupling.loops else IN_ORDER if sequence else JACOBI
+    order = BY_PYTHON if coupling and coupling.in_python else IN_ORDER if sequence else JACOBI
     slopes = _slope_table(places, coupling, kept.size)
     kept = np.concatenate([kept, np.zeros(slopes.size + int(coupling is not None and coupling.variable))])
     return Plan(

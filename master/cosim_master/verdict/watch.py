@@ -19,6 +19,7 @@ import numpy as np
 from cosim.verdict import Bound, Condition, Reason, Role
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.stepping.layout import Layout
+from cosim_master.stepping.observation import Seen
 from cosim_master.system.flatten.flat import CheckedSystem, Instance
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import Timing
@@ -26,7 +27,6 @@ from cosim_master.verdict.approach import FEW, Approach
 from cosim_master.verdict.earshot import depends_on_places, repeated, system_ids, twice
 from cosim_master.verdict.findings import Finding, Number
 from cosim_master.verdict.limits import Limits
-from cosim_master.verdict.observation import Seen
 from cosim_master.verdict.prior import same_id
 from cosim_master.verdict.spells import Spells
 

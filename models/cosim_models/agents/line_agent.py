@@ -17,11 +17,14 @@ an agent that is late joins at the next of them, with its number.
 from __future__ import annotations
 
 from math import radians
+from typing import Any
 
 from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter
+from cosim.kernel import kernel
 from cosim.verdict import Bound, Condition, Formation, Reason, Role
-from cosim_models.agents.consensus import consensus_terms
-from cosim_models.agents.script import ERRORS, NEVER, AgentState, Failure, StalePolicy, Trigger, advance, start
+from cosim_models.agents.consensus import consensus_step, consensus_terms
+from cosim_models.agents.packets import go
+from cosim_models.agents.script import ERRORS, NEVER, AgentState, Failure, StalePolicy, Trigger, act, finish, start
 
 __all__ = ["LineAgent"]
 
@@ -55,6 +58,16 @@ def _heard(side: str) -> Bound:
     """The neighbour on a side, where there is one, has been heard within `stale_time`."""
     text = f"its {side} neighbour is not heard: is it in reach, and is {side}_sysid its system id?"
     return Bound(least=0.0, most="stale_time", of=f"{side}_sysid", text=text)
+
+
+@kernel
+def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
+    """Makes one step at time `t` [s]: the script, and where a step of the law begins, the law."""
+    due, own, left, right = act(m, t)
+    if due:
+        go(m, t, consensus_step(own, left, right, m.epsilon))
+    finish(m, t)
+    return 0
 
 
 class LineAgent(Model):

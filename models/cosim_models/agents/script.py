@@ -1,6 +1,7 @@
-"""The script of `LineAgent` as kernels over its record: its states, when it gives up, and when it steps.
+"""The script of an agent as kernels over its record: its states, when it gives up, and when its law is due.
 
-What the agent is for is told there; its packets are in `packets`.
+The law is the agent's own: `LineAgent.advance` calls `act`, applies its law where that says so, and calls `finish`.
+An agent with another law does the same. What the agent is for is told in `line_agent`; its packets are in `packets`.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from typing import Any
 
 from cosim.kernel import kernel
 from cosim.messages import EKF_STATUS_REPORT, GLOBAL_POSITION_INT, GPS_RAW_INT
-from cosim_models.agents.consensus import consensus_step
 from cosim_models.agents.packets import (
     ACCEPTED,
     ARM_DISARM,
@@ -27,7 +27,7 @@ from cosim_models.agents.packets import (
     receive,
 )
 
-__all__ = ["ERRORS", "NEVER", "AgentState", "Failure", "StalePolicy", "Trigger", "advance", "start"]
+__all__ = ["ERRORS", "NEVER", "AgentState", "Failure", "StalePolicy", "Trigger", "act", "finish", "start"]
 
 
 class AgentState(IntEnum):
@@ -198,8 +198,8 @@ def _supervise(m: Any) -> None:
 
 
 @kernel
-def _fly(m: Any, now: float) -> None:
-    """Hovering and stepping, as long as the autopilot does what the agent believes."""
+def _fly(m: Any, now: float) -> tuple[bool, float, float, float]:
+    """Hovers and steps, as long as the autopilot does what the agent believes; returns what `act` does."""
     period_step = 0
     if now >= m.first_step_time - SLACK:
         period_step = 1 + floor((now - m.first_step_time) / m.period + SLACK)
@@ -214,7 +214,11 @@ def _fly(m: Any, now: float) -> None:
     elif m.state == _FORMATION and (begins if m.trigger == _BY_PERIOD else _arrived(m, now)):
         m.step = period_step if m.trigger == _BY_PERIOD else m.step + 1
         m.step_at = now
-        go(m, now, _desired(m, now))
+        applies, own, left, right = _positions(m, now)
+        if applies:
+            return True, own, left, right
+        go(m, now, float(m.target))
+    return False, 0.0, 0.0, 0.0
 
 
 @kernel
@@ -235,27 +239,27 @@ def _stale(m: Any, heard: float, now: float) -> bool:
 
 
 @kernel
-def _desired(m: Any, now: float) -> float:
-    """The law's next position, or the present target where it cannot be applied."""
+def _positions(m: Any, now: float) -> tuple[bool, float, float, float]:
+    """Whether the law can be applied, and to which positions: own, left, right [m on the line]."""
+    own = float(m.position)
     if m.stubborn or _stale(m, m.position_heard, now):
-        return float(m.target)
+        return False, own, own, own
     has_left, has_right = m.left_sysid != 0, m.right_sysid != 0
     left_stale = has_left and _stale(m, m.left_heard, now)
     right_stale = has_right and _stale(m, m.right_heard, now)
     fresh = (has_left and not left_stale) or (has_right and not right_stale)
     if not fresh:
-        return float(m.target)
+        return False, own, own, own
     if m.stale_policy == _FREEZE and (left_stale or right_stale):
-        return float(m.target)
+        return False, own, own, own
     if m.stale_policy == _DROP:
         has_left = has_left and not left_stale
         has_right = has_right and not right_stale
     elif (has_left and m.left_heard < 0.0) or (has_right and m.right_heard < 0.0):
-        return float(m.target)
-    own = float(m.position)
+        return False, own, own, own
     left = float(m.left_position) if has_left else own
     right = float(m.right_position) if has_right else own
-    return consensus_step(own, left, right, m.epsilon)
+    return True, own, left, right
 
 
 # ---- the kernels of the FMU --------------------------------------------------------------------------------------
@@ -285,15 +289,25 @@ def start(m: Any) -> int:
 
 
 @kernel
-def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """One step of the script at time `t` [s]: read what has arrived, act, send."""
+def act(m: Any, t: float) -> tuple[bool, float, float, float]:
+    """Reads the packets that have arrived at time `t` [s] and does all of a step but the law.
+
+    Returns:
+        Whether a step of the law begins: the agent then sends the vehicle to its next position (`packets.go`). Then
+        the positions that the law applies to, in m on the line: its own, and its left and right neighbour's; its own
+        in place of those of a neighbour that it does not have.
+    """
     m.mavlink_tx_len = 0
     receive(m, t)
     heartbeat(m, t)
     _supervise(m)
     if m.state < _READY:
         _prepare(m, t)
-    _fly(m, t)
+    return _fly(m, t)
+
+
+@kernel
+def finish(m: Any, t: float) -> None:
+    """Updates the outputs that follow from the time `t` [s]."""
     m.left_age = t - m.left_heard if m.left_heard >= 0.0 else NEVER
     m.right_age = t - m.right_heard if m.right_heard >= 0.0 else NEVER
-    return 0

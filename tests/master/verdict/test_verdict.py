@@ -17,6 +17,7 @@ from cosim.verdict import Bound, Condition, Formation, Neighbour, Role
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.fmi.description.declarations import verdicts_as_json, verdicts_of_json
 from cosim_master.fmi.description.read import describe
+from cosim_master.stepping.observation import Observers, Seen
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Network, Node, network_of
@@ -24,7 +25,6 @@ from cosim_master.verdict.approach import Approach
 from cosim_master.verdict.earshot import repeated, twice
 from cosim_master.verdict.findings import Finding, Judgement
 from cosim_master.verdict.limits import Limits, limits_of
-from cosim_master.verdict.observation import Observers, Seen
 from cosim_master.verdict.prior import known_before
 from cosim_master.verdict.spells import Spells
 from tests.master.conftest import Workshop, variable

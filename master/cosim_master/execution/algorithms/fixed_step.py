@@ -1,4 +1,4 @@
-"""Macro steps of fixed size: Jacobi and Gauss-Seidel in the compiled loop, iteration through `Steps`.
+"""Macro steps of fixed size: Jacobi and Gauss-Seidel in the compiled loop, all else through `Steps`.
 
 Where FMUs may discard steps, it keeps a snapshot, goes back to it, and divides the steps: see `discarded_steps`.
 """
@@ -13,8 +13,7 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.algorithms.discarded_steps import Discarded, Grid, cannot_be_repeated, judge_failures
-from cosim_master.execution.algorithms.iteration import Iteration
-from cosim_master.execution.run.driver import Driver
+from cosim_master.execution.run.driver import Driver, Steps
 from cosim_master.execution.run.snapshot import Snapshot
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
@@ -33,7 +32,7 @@ class FixedStep:
     Args:
         agenda: values to be set while the run goes on.
         change: sets those that are due at a base step of the system's own grid; returns whether there were any.
-        iteration: makes the steps where outputs depend on each other within one.
+        steps: makes the steps where the compiled loop does not.
     """
 
     def __init__(
@@ -42,11 +41,11 @@ class FixedStep:
         writing: Writing,
         agenda: Agenda,
         change: Callable[[int], bool],
-        iteration: Iteration | None = None,
+        steps: Steps | None = None,
     ) -> None:
         self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
-        self._iteration = iteration
-        self._driver = Driver(state, writing, self._on_failure, iteration)
+        self._steps = steps
+        self._driver = Driver(state, writing, self._on_failure, steps)
         self._grid = Grid(state.plan, state.clock.periods)
         self._unrepeatable = cannot_be_repeated(state)
         self._snapshot: Snapshot | None = None
@@ -89,8 +88,8 @@ class FixedStep:
         if self._snapshot is not None:
             self._snapshot.close()
             self._snapshot = None
-        if self._iteration is not None:
-            self._iteration.close()
+        if self._steps is not None:
+            self._steps.close()
 
     def _on_failure(self) -> None:
         reason = self._unrepeatable or ("it cannot be repeated" if self._snapshot is None else "")

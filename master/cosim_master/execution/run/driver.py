@@ -39,6 +39,9 @@ class Steps(Protocol):
             FmuError: an FMU cannot save or restore its state after all.
         """
 
+    def close(self) -> None:
+        """Frees what it keeps, before the instances are freed."""
+
 
 class Driver:
     """Macro steps of fixed size.

@@ -63,6 +63,11 @@ def _nanoseconds(seconds: float) -> int:
     return 2**62 if seconds > 9e9 else round(seconds * _NANO)
 
 
+def _number(name: str, value: float) -> float:
+    """The value of a column of SETTINGS or CHANNEL: times [s] become whole ns, all else stays as it is."""
+    return _nanoseconds(value) if SETTINGS[name].kind == "i" else value
+
+
 def _reach(endpoint: Endpoint, node: Node) -> int:
     """Whom an endpoint hears and reaches."""
     if endpoint.line:
@@ -105,23 +110,34 @@ def _channels(network: Network) -> tuple[list[int], list[int], np.ndarray[Any, A
         for numbers, kind in kinds.items():
             for number in numbers:
                 ends[number][side].append(kind)
-    described: dict[tuple[int, int], tuple[float, float, float]] = {}
+    columns = [name for name in CHANNEL.names or () if name != "kind"]
+    described: dict[tuple[int, int], tuple[float, ...]] = {}
     for channel, (froms, tos) in zip(network.channels, ends, strict=True):
         for pair in product(froms, tos):
-            latency, jitter, loss = described.get(pair, (network.latency, network.jitter, network.loss))
-            described[pair] = (
-                latency if channel.latency is None else channel.latency,
-                jitter if channel.jitter is None else channel.jitter,
-                loss if channel.loss is None else channel.loss,
-            )
+            earlier = described.get(pair) or tuple(getattr(network, name) for name in columns)
+            own = [getattr(channel, name) for name in columns]
+            described[pair] = tuple(a if b is None else b for a, b in zip(earlier, own, strict=True))
     rows = np.zeros(len(described), dtype=[("sender", "i8"), ("row", CHANNEL)])
-    for i, ((sender, hearer), (latency, jitter, loss)) in enumerate(sorted(described.items())):
-        rows[i] = (sender, (hearer, _nanoseconds(latency), _nanoseconds(jitter), loss))
+    for i, ((sender, hearer), values) in enumerate(sorted(described.items())):
+        converted = (_number(name, value) for name, value in zip(columns, values, strict=True))
+        rows[i] = (sender, (hearer, *converted))
     return senders, hearers, rows
 
 
 def _definition(message: Message) -> tuple[int, int, int]:
     return message.id, message.crc_extra, next((f.offset for f in message.fields if f.name == "target_system"), -1)
+
+
+def _settings(network: Network, *, keep: bool) -> np.ndarray[Any, Any]:
+    """The row of SETTINGS: a column has the value of the attribute of `network` with its name, if not said here."""
+    row = np.zeros(1, dtype=SETTINGS)
+    row["topology"] = _topology(network)
+    row["per_side"] = min(network.neighbours, max(len(network.nodes) - 1, 1))
+    row["axis"] = network.axis or (0.0, 0.0, 0.0)
+    row["keep"] = keep
+    for name in {*(SETTINGS.names or ())} - {"topology", "per_side", "axis", "keep"}:
+        row[name] = _number(name, getattr(network, name))
+    return row
 
 
 def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: bool) -> Radio:
@@ -133,13 +149,6 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
     """
     nodes = network.nodes
     names = {node.name: n for n, node in enumerate(nodes)}
-    settings = np.zeros(1, dtype=SETTINGS)
-    settings["topology"] = _topology(network)
-    settings["per_side"] = min(network.neighbours, max(len(nodes) - 1, 1))
-    settings["axis"] = network.axis or (0.0, 0.0, 0.0)
-    settings["latency"], settings["jitter"] = _nanoseconds(network.latency), _nanoseconds(network.jitter)
-    settings["loss"], settings["range"] = network.loss, network.range
-    settings["seed"], settings["keep"] = network.seed, keep
     hearers: list[list[int]] = [[] for _ in nodes]
     for a, b in sorted((names[a], names[b]) for a, b in network.links):
         hearers[a].append(b)
@@ -162,7 +171,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1, tables.ON_AIR)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
-        settings=table(settings),
+        settings=table(_settings(network, keep=keep)),
         endpoints=table(endpoints),
         nodes=table(node_table),
         links=np.array([b for row in hearers for b in row], dtype=np.int64),

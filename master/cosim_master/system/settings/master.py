@@ -45,18 +45,37 @@ from cosim_master.system.settings.annotation import Attributes, root_annotation
 __all__ = ["ANNOTATION", "Coupling", "Delay", "Target", "connected", "coupling_of"]
 
 ANNOTATION = "org.uav-cosim.master"
-ALGORITHMS = ("jacobi", "gauss-seidel", "fixed-point", "quasi-newton", "richardson")
-ITERATING = ("fixed-point", "quasi-newton")
-VARIABLE = ("richardson",)
-_NUMBERS = {
-    "order": ("gauss-seidel", *ITERATING),
-    "tolerance": (*ITERATING, *VARIABLE),
-    "iterations": ITERATING,
-    "relaxation": ITERATING,
-    "minimumStep": VARIABLE,
-    "maximumStep": VARIABLE,
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """What the rest of the master must know of a master algorithm.
+
+    Attributes:
+        attributes: of <master>, those that not every algorithm has.
+        ordered: instances step one after the other, in the order of `Coupling.sequence`; otherwise all at once.
+        iterating: instances that depend on each other repeat the step until their outputs agree.
+        in_python: a `Steps` of `execution.algorithms.choice` makes all steps; otherwise the compiled loop makes those
+            that are not iterated.
+        variable: the error decides the size of steps.
+    """
+
+    attributes: tuple[str, ...] = ()
+    ordered: bool = False
+    iterating: bool = False
+    in_python: bool = False
+    variable: bool = False
+
+
+_OF_ITERATIONS = ("order", "tolerance", "iterations", "relaxation")
+ALGORITHMS = {
+    "jacobi": Traits(),
+    "gauss-seidel": Traits(("order",), ordered=True),
+    "fixed-point": Traits(_OF_ITERATIONS, ordered=True, iterating=True),
+    "quasi-newton": Traits(_OF_ITERATIONS, ordered=True, iterating=True),
+    "richardson": Traits(("tolerance", "minimumStep", "maximumStep"), variable=True),
 }
-"""Which algorithms an attribute is for."""
+"""By the attribute `algorithm`."""
 _LONGEST = 1_000_000_000
 _FINEST_DELAY = 10_000
 """Base steps of the shortest step up to which delayed connections, which remember a value for each, are possible."""
@@ -108,7 +127,12 @@ class Coupling:
     @property
     def variable(self) -> bool:
         """Whether the error decides the size of steps."""
-        return self.algorithm in VARIABLE
+        return ALGORITHMS[self.algorithm].variable
+
+    @property
+    def in_python(self) -> bool:
+        """Whether Python makes the steps in place of the compiled loop."""
+        return bool(self.loops) or ALGORITHMS[self.algorithm].in_python
 
     @property
     def sequence(self) -> tuple[int, ...]:
@@ -168,7 +192,8 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     reader = root_annotation(checked, ANNOTATION, "master", problems)
     if reader.element is None and not problems:
         return Coupling()
-    algorithm = reader.choice("algorithm", "jacobi", ALGORITHMS)
+    algorithm = reader.choice("algorithm", "jacobi", tuple(ALGORITHMS))
+    kind = ALGORITHMS[algorithm]
     order = tuple(reader.text("order", "").split())
     every = reader.integer("extrapolation", 0, 0, 1)
     nan = reader.choice("nan", "refuse", ("refuse", "allow")) == "allow"
@@ -178,12 +203,12 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     groups: tuple[tuple[int, ...], ...] = ()
     loops: tuple[tuple[int, ...], ...] = ()
     notes: tuple[str, ...] = ()
-    if algorithm in VARIABLE:
+    if kind.variable:
         _refuse_steps(checked, delays, problems)
-    elif algorithm != "jacobi":
+    if kind.ordered:
         groups = _groups(checked, delays, _ranks(checked, reader, order))
         notes = _notes(checked, groups, algorithm)
-        if algorithm in ITERATING:
+        if kind.iterating:
             loops = _loops(checked, groups, delays)
             _refuse(checked, loops, algorithm, problems)
     reader.finish()
@@ -347,14 +372,15 @@ def _immediate(links: Sequence[Link], delays: Mapping[Target, Delay]) -> list[Li
 
 def _numbers(reader: Attributes, algorithm: str) -> tuple[float, int, float, int, int]:
     """Tolerance, iterations and relaxation; minimum and maximum step."""
-    tolerance = reader.number("tolerance", 1e-4 if algorithm in VARIABLE else 1e-8, 1e-15, 1.0)
+    tolerance = reader.number("tolerance", 1e-4 if ALGORITHMS[algorithm].variable else 1e-8, 1e-15, 1.0)
     iterations = reader.integer("iterations", 50, 1, 100_000)
     relaxation = reader.number("relaxation", 1.0, 1e-6, 2.0)
     steps = [round(1e9 * reader.number(name, 0.0, 0.0, 1e6)) for name in ("minimumStep", "maximumStep")]
     if all(steps) and steps[0] > steps[1]:
         reader.problem("minimumStep is larger than maximumStep")
-    for name, algorithms in _NUMBERS.items():
-        if algorithm not in algorithms and reader.text(name, ""):
+    for name in dict.fromkeys(name for one in ALGORITHMS.values() for name in one.attributes):
+        if name not in ALGORITHMS[algorithm].attributes and reader.text(name, ""):
+            algorithms = [one for one, kind in ALGORITHMS.items() if name in kind.attributes]
             reader.problem(f'{name} is for algorithm="{" or ".join(algorithms)}", this is "{algorithm}"')
     return tolerance, iterations, relaxation, steps[0], steps[1]
 
@@ -392,5 +418,5 @@ def _refuse_steps(checked: CheckedSystem, delays: Mapping[Target, Delay], proble
 
 def _notes(checked: CheckedSystem, groups: Sequence[Sequence[int]], algorithm: str) -> tuple[str, ...]:
     loops = [", ".join(checked.instances[i].name for i in group) for group in groups if len(group) > 1]
-    how = "are iterated together" if algorithm in ITERATING else "step in this order"
+    how = "are iterated together" if ALGORITHMS[algorithm].iterating else "step in this order"
     return tuple(f"these depend on each other, and {how}: {names}" for names in loops[:5])
