@@ -20,8 +20,8 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.swap import swap
 from tests.master.conftest import Workshop, variable
 from tests.master.linear import Linears, exact, signals
-from tests.master.test_convergence import GAIN, MATRIX, START, W1, W2
-from tests.master.test_network import PACKETS, network
+from tests.master.execution.test_convergence import GAIN, MATRIX, START, W1, W2
+from tests.master.system.test_network import PACKETS, network
 from tests.scenarios.flights import copy_of
 
 ROOT = Path(__file__).parents[1]
@@ -120,7 +120,7 @@ def test_all_examples_keep_the_rules_of_the_house(tree: Path) -> None:
 # ---- radio ---------------------------------------------------------------------------------------------------------
 
 FADING = """
-from tests.master.test_radio import Air, packet
+from tests.master.network.test_radio import Air, packet
 for distance in (50.0, 100.0, 200.0):
     air = Air({"a": ["a"], "b": ["b"]}, fading=100.0, seed=7)
     air.at("b", 0.0, distance, 0.0)
