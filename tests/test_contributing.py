@@ -19,8 +19,8 @@ import pytest
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.swap import swap
 from tests.master.conftest import Workshop, variable
-from tests.master.linear import Linears, exact, signals
 from tests.master.execution.test_convergence import GAIN, MATRIX, START, W1, W2
+from tests.master.linear import Linears, exact, signals
 from tests.master.system.test_network import PACKETS, network
 from tests.scenarios.flights import copy_of
 
