@@ -351,14 +351,13 @@ SIGNATURE = Limitation(
 # ---- multi-models of INTO-CPS ----------------------------------------------------------------------------------------
 
 ALGORITHM = Limitation(
-    "Multi-models", "algorithms of other types", "error", 'algorithm: its type is {}; valid: "fixed-step"'
+    "Multi-models", "algorithms of other types", "error", 'algorithm: its type is {}; valid: "fixed-step", "var-step"'
 )
 VAR_STEP = Limitation(
     "Multi-models",
-    "variable steps by constraints (var-step); docs/masters.md has steps whose size the error decides (richardson)",
+    "stabilisation together with variable steps",
     "error",
-    'algorithm: its type is "var-step"; steps that constraints decide ({}) are not supported. Valid: "fixed-step"; for '
-    'variable steps, convert the multi-model with it and give the system algorithm="richardson" (docs/masters.md)',
+    'stabilisation: loops are not iterated where constraints decide the steps; leave it out, or take "fixed-step"',
 )
 STABILISATION = Limitation(
     "Multi-models",
@@ -500,15 +499,27 @@ LOOP_EVENTS = Limitation(
 )
 STEP_CONTROL = Limitation(
     "Masters",
-    "steps that the error decides, with FMUs that cannot go back or whose steps have one size",
+    "variable steps with FMUs whose steps have one size; steps that the error decides, with FMUs that cannot go back",
     "error",
-    "richardson: {} of {} is false{}",
+    "{}: {} of {} is false{}",
+)
+STEP_COUNTS = Limitation(
+    "Masters",
+    "steps by constraints, with FMUs that cannot go back: steps that violate a constraint count",
+    "note",
+    "var-step: canGetAndSetFMUstate of {} is false{}: a step that violates a constraint counts, it is not repeated",
+)
+STEP_EVENTS = Limitation(
+    "Masters",
+    "steps by constraints, with FMUs that have Event Mode beside FMUs that cannot go back",
+    "error",
+    "{}: {} has Event Mode, and an event within a step cannot be gone back to: canGetAndSetFMUstate of {} is false",
 )
 STEP_DELAY = Limitation(
     "Masters",
-    "steps that the error decides, with delayed connections",
+    "variable steps with delayed connections",
     "error",
-    "richardson: the connection to {} is delayed, which needs steps of one size",
+    "{}: the connection to {} is delayed, which needs steps of one size",
 )
 STEP_FRACTION = Limitation(
     "Masters",

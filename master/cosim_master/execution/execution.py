@@ -69,7 +69,6 @@ class Execution:
 
     Attributes:
         parameters: of each instance, as its FMU answered after initialization.
-        notes: where these are not the values set.
 
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.
@@ -118,7 +117,7 @@ class Execution:
                 tell=on_stage or (lambda _: None),
             )
             self.living, self.plan = self._state.living, self._state.plan
-            self.parameters, self.notes = answers(checked, self.living)
+            self.parameters, self._notes = answers(checked, self.living)
             if profiler is not None:
                 profiler.attach(self.plan, self.living)
             self._writing = Writing(self._state, phase)
@@ -153,6 +152,12 @@ class Execution:
         if checkpoint is None:
             # One call up to k = 0 sends what the instances have to send at the start and records the first row.
             self.advance(0)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where parameters are not the values set, and what is to be said of the steps made."""
+        assert self._algorithm is not None
+        return (*self._notes, *self._algorithm.notes)
 
     @property
     def k(self) -> int:

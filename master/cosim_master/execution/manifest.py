@@ -84,6 +84,7 @@ def manifest(
             "relaxation": ready.coupling.relaxation,
             "minimum_step": ready.coupling.minimum_step / 1e9,
             "maximum_step": ready.coupling.maximum_step / 1e9,
+            "constraints": [asdict(one) for one in ready.coupling.constraints],
             "delays": {".".join(target): delay.ns / 1e9 for target, delay in ready.coupling.delays.items()},
         },
         "seed": ready.network.seed,

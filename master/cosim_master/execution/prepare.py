@@ -88,9 +88,10 @@ def prepare(
         text = f"the FMU names no step size: {step:g} s are taken"
         checked = replace(checked, notes=(*checked.notes, text))
     recording = gathered(lambda: recording_of(checked, record))
-    clock = gathered(lambda: timing(checked, until, step))
-    network = gathered(lambda: network_of(checked, seed))
     coupling = gathered(lambda: coupling_of(checked))
+    gridless = coupling is not None and coupling.constrained
+    clock = gathered(lambda: timing(checked, until, step, gridless=gridless))
+    network = gathered(lambda: network_of(checked, seed))
     limits = gathered(lambda: limits_of(checked))
     if clock is not None and coupling is not None:
         gathered(lambda: coupling.check(checked, clock.base, clock.periods, clock.per_ns))

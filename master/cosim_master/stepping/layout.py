@@ -110,7 +110,9 @@ def layout(
     needed = {link.source for link in numeric}
     needed |= set(observed)
     needed |= {(instance, v.name) for node in network.nodes for instance, v in node.position}
-    if coupling is not None and coupling.variable:
+    if coupling is not None:
+        needed |= {port for one in coupling.constraints for port in one.ports}
+    if coupling is not None and coupling.shows_error:
         needed |= {(i.name, v.name) for i in checked.instances for v in i.fmu.variables.values() if shows_error(v)}
     chosen = _chosen(checked, record)
     wanted = needed | chosen

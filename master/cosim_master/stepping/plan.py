@@ -96,7 +96,7 @@ def make_plan(
     sequence = coupling.sequence if coupling is not None else ()
     order = BY_PYTHON if coupling and coupling.in_python else IN_ORDER if sequence else JACOBI
     slopes = _slope_table(places, coupling, kept.size)
-    kept = np.concatenate([kept, np.zeros(slopes.size + int(coupling is not None and coupling.variable))])
+    kept = np.concatenate([kept, np.zeros(slopes.size + (coupling.memory if coupling is not None else 0))])
     return Plan(
         instances=table(instances),
         calls=table(_calls(instances, feeds, values, ports, living, kinds, native, slopes, kept)),

@@ -106,10 +106,12 @@ def check(
             if init:
                 say(f"{len(checked.instances)} instances initialized")
             show_findings(known)
+            steps = f"{ready.clock.steps} steps of {ready.clock.seconds(1):.9g} s"
+            if ready.coupling.constrained:
+                steps = "steps of sizes that constraints decide"
             say(
                 f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
-                f"{len(ready.network.nodes)} radio nodes, {ready.clock.steps} steps of {ready.clock.seconds(1):.9g} s: "
-                f"no problems{summary(known)}"
+                f"{len(ready.network.nodes)} radio nodes, {steps}: no problems{summary(known)}"
             )
             _exit_if(strict and not known.good)
 

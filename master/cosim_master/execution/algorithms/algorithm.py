@@ -26,6 +26,10 @@ class Algorithm(Protocol):
     def k(self) -> int:
         """Base steps done, of the system's own grid."""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a run must say of the steps that it has made, at its end."""
+
     def prepare(self) -> None:
         """Takes the copies it needs of the state before the first step.
 

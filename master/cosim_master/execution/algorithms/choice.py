@@ -8,6 +8,7 @@ from cosim_master.execution.algorithms.algorithm import Algorithm, verify_rollba
 from cosim_master.execution.algorithms.fixed_step import FixedStep
 from cosim_master.execution.algorithms.iteration import Iteration
 from cosim_master.execution.algorithms.richardson import Richardson
+from cosim_master.execution.algorithms.variable_step import VariableStep
 from cosim_master.execution.run.driver import Steps
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
@@ -42,6 +43,10 @@ def algorithm_for(
     Raises:
         RunFailed: one does not.
     """
+    if coupling.constrained:
+        if not coupling.irreversible:
+            verify_rollback(state, range(len(state.living)), coupling.algorithm)
+        return VariableStep(state, writing, coupling, agenda, change, every)
     if coupling.variable:
         verify_rollback(state, range(len(state.living)), coupling.algorithm)
         return Richardson(state, writing, coupling, agenda, change, every)

@@ -55,6 +55,10 @@ class FixedStep:
     def k(self) -> int:
         return int(self._state.plan.clock[K]) // self._grid.factor
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return ()
+
     def prepare(self) -> None:
         # What this project compiled never discards a step, so that swarms of it need no copies of their states.
         if not self._unrepeatable and not all(one.library.thread_safe for one in self._state.living):

@@ -21,46 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import StepTooSmall
-from cosim_master.execution.algorithms.discarded_steps import Discarded, cannot_be_repeated, judge_failures
+from cosim_master.execution.algorithms.trial import Rejected, Trial
 from cosim_master.execution.run.driver import Driver
-from cosim_master.execution.run.snapshot import Snapshot
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
 from cosim_master.execution.stimuli import Agenda
-from cosim_master.network.radio.build import grown
-from cosim_master.network.radio.tables import USED_EVENTS, USED_LOG
-from cosim_master.stepping.failures import raise_failures
-from cosim_master.stepping.kernels.macro_step import places_needed, record, run
-from cosim_master.stepping.kernels.tables import (
-    BASE,
-    DELIVER,
-    DONE,
-    EVENTS_DUE,
-    EVERY,
-    LAST,
-    NEED_LOG,
-    NEED_PLACES,
-    PHASE,
-    ROWS,
-    START,
-    K,
-    Plan,
-)
+from cosim_master.stepping.kernels.macro_step import record
+from cosim_master.stepping.kernels.tables import ROWS, K, Plan
 from cosim_master.stepping.layout import Layout, shows_error
 from cosim_master.system.settings.master import Coupling
 from cosim_master.system.settings.time_grid import Timing
 
-__all__ = ["Rejected", "Richardson", "StepControl", "World"]
+__all__ = ["Richardson", "StepControl", "World"]
 
 _SAFETY, _SMALLEST_CHANGE, _LARGEST_CHANGE = 0.8, 0.1, 2.0
-_NEVER = 1 << 60
-
-
-class Rejected(Exception):
-    """A step that must be another one: to `end` [ns], if an event says so, else shorter than it was."""
-
-    def __init__(self, end: int | None = None) -> None:
-        self.end = end
 
 
 class World(Protocol):
@@ -199,7 +173,7 @@ class Richardson:
         self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
         self._every = every
         self._control = StepControl(state.plan, state.places, coupling, state.clock)
-        self._trial = _Trial(state, writing)
+        self._trial = Trial(state, writing)
 
     @property
     def k(self) -> int:
@@ -229,71 +203,9 @@ class Richardson:
     def settle(self) -> None:
         pass
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return ()
+
     def close(self) -> None:
         self._trial.close()
-
-
-class _Trial:
-    """A run as a `World`."""
-
-    def __init__(self, state: RunState, writing: Writing) -> None:
-        self._state, self._writing = state, writing
-        self._snapshot = Snapshot(state)
-        self._unrepeatable = cannot_be_repeated(state)
-
-    def on_failure(self) -> None:
-        """Raises what it means that instances discard their steps."""
-        judge_failures(self._state, self._unrepeatable)
-
-    def save(self) -> None:
-        state = self._state
-        if state.texts:
-            state.plan.instances["period"] = 1
-            state.plan.clock[START], state.plan.clock[K] = state.now, 0
-            state.texts.set_inputs(state.plan)
-        counters, radio = state.radio.counters, state.radio
-        if 2 * counters[USED_EVENTS] > radio.events.size or 2 * counters[USED_LOG] > radio.log.size:
-            self._writing.packets()
-        self._snapshot.save()
-
-    def restore(self) -> None:
-        self._snapshot.restore()
-
-    def next_event(self) -> float:
-        return self._state.event_mode.next_event()
-
-    def step(self, t: int, h: int) -> None:
-        """A macro step from `t`, `h` long, ns.
-
-        Raises:
-            Rejected: an FMU discards it, or an event ends it earlier.
-            RunFailed, RunTerminated: as `Algorithm.advance`.
-        """
-        state = self._state
-        clock, rows = state.plan.clock, state.plan.instances
-        for place, value in ((START, t), (K, 0), (BASE, h), (LAST, 2), (EVERY, _NEVER), (PHASE, DELIVER)):
-            clock[place] = value
-        rows["period"] = rows["length"] = 1
-        rows["h"] = h / 1e9
-        while (reason := run(state.plan, state.radio, 1)) != DONE:
-            if reason == NEED_PLACES:
-                state.radio = grown(state.radio, int(places_needed(state.plan, state.radio)))
-            elif reason == NEED_LOG:
-                events, log = np.zeros(2 * state.radio.events.size, state.radio.events.dtype), state.radio.log
-                events[: state.radio.events.size] = state.radio.events
-                state.radio = state.radio._replace(events=events, log=np.concatenate([log, np.zeros_like(log)]))
-            elif reason == EVENTS_DUE:
-                first = state.event_mode.returned_early()
-                if first < (t + h - 1) / 1e9:
-                    raise Rejected(max(t + 1, math.ceil(first * 1e9)))
-                state.event_mode.handle()
-            else:
-                try:
-                    self.on_failure()
-                except Discarded:
-                    raise Rejected from None
-                raise_failures(state.plan, state.places, state.living)
-
-    def close(self) -> None:
-        """Frees the copies of FMU states."""
-        self._snapshot.close()

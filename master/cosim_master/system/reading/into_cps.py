@@ -4,15 +4,15 @@
     coe.json       how to run a multi-model (of the INTO-CPS application): `multimodel_path`, algorithm, times
 
 Instances have the names they have there, "{key}.instance". The algorithm is Maestro's fixed-step Jacobi, which is ours;
-with stabilisation it is our fixed-point iteration (docs/masters.md). Variable steps, fault injection and model swaps
-are refused. Keys that tell Maestro what to log or to show are ignored, with a note; unknown ones are findings.
+with stabilisation it is our fixed-point iteration, and var-step is an algorithm of its own (docs/masters.md). Fault
+injection and model swaps are refused. Keys that tell Maestro what to log or to show are ignored, with a note; unknown
+ones are findings.
 """
 
 from __future__ import annotations
 
 import difflib
 import json
-import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,6 +32,8 @@ from cosim_master.diagnostics.limitations import (
 )
 from cosim_master.diagnostics.names import near
 from cosim_master.fmi.description.variables import INTEGER_RANGES
+from cosim_master.system.reading.json_values import finite, shown, speakable
+from cosim_master.system.reading.var_step import MASTER, VarStep
 from cosim_master.system.structure import (
     Annotation,
     Component,
@@ -48,7 +50,6 @@ from cosim_master.system.structure import (
 __all__ = ["read_multimodel"]
 
 STEPPING = "org.uav-cosim.stepping"
-MASTER = "org.uav-cosim.master"
 _FMU_TYPE = "application/x-fmu-sharedlibrary"
 _LARGEST = 64 << 20
 _END = re.compile(r"(\{[^{}]+\})\.([^.{}]+)\.(.+)", re.DOTALL)
@@ -179,7 +180,7 @@ def _multimodel_of(configuration: _Json, notes: list[str]) -> Path:
     """
     named = str(configuration.content["multimodel_path"])
     path = Path(named.replace("\\", "/"))
-    folders = configuration.path.absolute().parents if _speakable(named) else ()
+    folders = configuration.path.absolute().parents if speakable(named) else ()
     for folder in folders:
         if _is_file(folder / path):
             return folder / path
@@ -187,10 +188,10 @@ def _multimodel_of(configuration: _Json, notes: list[str]) -> Path:
         beside = sorted({*folder.glob("mm.json"), *folder.glob("*.mm.json")} - {configuration.path.absolute()})
         if len(beside) == 1:
             notes.append(
-                f"{configuration.where('multimodel_path')}: there is no file {_shown(named)}; {beside[0]} is taken"
+                f"{configuration.where('multimodel_path')}: there is no file {shown(named)}; {beside[0]} is taken"
             )
             return beside[0]
-    text = f"multimodel_path: there is no file {_shown(named)} in the folder of this file or one above it"
+    text = f"multimodel_path: there is no file {shown(named)} in the folder of this file or one above it"
     raise SystemDescriptionError([Problem(configuration.where("multimodel_path"), text)])
 
 
@@ -216,6 +217,7 @@ class _Reading:
         self._values: dict[str, list[Parameter]] = {}
         self._step: tuple[float, Where] | None = None
         self._tolerance: tuple[float, Where] | None = None
+        self._variable: VarStep | None = None
         self._start: float | None = None
         self._stop: float | None = None
 
@@ -231,20 +233,20 @@ class _Reading:
             simple = _simplified(key)
             if (name := known.get(simple)) is not None:
                 if name in content:
-                    self._problem(file, key, f"{_shown(key)} is given a second time, in another spelling")
+                    self._problem(file, key, f"{shown(key)} is given a second time, in another spelling")
                 content[name] = value
                 if name != key:
                     file.spelled[name] = key
             elif simple in _WITHOUT_EFFECT.split():
                 harmless.append(key)
             elif near_ones := difflib.get_close_matches(simple, known, n=1, cutoff=0.8):
-                text = f'there is no key {_shown(key)}; did you mean "{known[near_ones[0]]}"?'
+                text = f'there is no key {shown(key)}; did you mean "{known[near_ones[0]]}"?'
                 self._problem(file, key, text)
             else:
-                text = f"{_shown(key)} is not a key of a multi-model: it is ignored"
+                text = f"{shown(key)} is not a key of a multi-model: it is ignored"
                 self.notes.append(Finding(file.where(key), text, "unknown keys of a multi-model"))
         if harmless:
-            self.notes.append(OTHER_KEYS.text(file.path, ", ".join(map(_shown, harmless))))
+            self.notes.append(OTHER_KEYS.text(file.path, ", ".join(map(shown, harmless))))
         file.content = content
 
     def configuration(self, file: _Json) -> None:
@@ -263,7 +265,7 @@ class _Reading:
         """Iteration of every step until its outputs no longer change: our fixed-point iteration."""
         wanted = content.get("stabalizationEnabled", False)
         if not isinstance(wanted, bool):
-            self._problem(file, "stabalizationEnabled", f"stabilisation: {_shown(wanted)} is not true or false")
+            self._problem(file, "stabalizationEnabled", f"stabilisation: {shown(wanted)} is not true or false")
             return
         names = ("global_absolute_tolerance", "global_relative_tolerance")
         given = [value for name in names if (value := self._number(file, content, name)) is not None]
@@ -275,6 +277,9 @@ class _Reading:
         if any(value < 0.0 for value in given) or (given and not any(given)):
             self._problem(file, names[0], "stabilisation: of the two tolerances one must be positive, none negative")
             return
+        if self._variable is not None:
+            self._problem(file, "stabalizationEnabled", VAR_STEP.text())
+            return
         where = file.where(file.spelled.get("stabalizationEnabled", "stabalizationEnabled"))
         self._tolerance = (min(filter(None, given), default=_TOLERANCE), where)
         self.notes.append(STABILISATION.text(where, f"{self._tolerance[0]:g}", f"{tries or _ITERATIONS:g}"))
@@ -282,10 +287,13 @@ class _Reading:
     def _algorithm(self, file: _Json, algorithm: Any) -> None:
         kind = algorithm.get("type") if isinstance(algorithm, dict) else None
         if kind == "var-step":
-            self._problem(file, "algorithm", VAR_STEP.text(_constraints(algorithm)))
+            self._variable = VarStep(algorithm, file.where, lambda key, text: self._problem(file, key, text))
+            if self._variable.first:
+                self._step = (self._variable.first, file.where("initsize"))
+            self.notes += self._variable.notes
             return
         if kind != "fixed-step":
-            self._problem(file, "algorithm", ALGORITHM.text(_shown(kind)))
+            self._problem(file, "algorithm", ALGORITHM.text(shown(kind)))
             return
         size = self._number(file, algorithm, "size")
         if size is None or size <= 0.0:
@@ -297,8 +305,8 @@ class _Reading:
         value = content.get(key)
         if value is None:
             return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value):
-            self._problem(file, key, f"{key}: {_shown(value)} is no finite number")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not finite(value):
+            self._problem(file, key, f"{key}: {shown(value)} is no finite number")
             return None
         return float(value)
 
@@ -306,7 +314,7 @@ class _Reading:
 
     def structure(self, model: _Json) -> SystemStructure:
         for key in dict.fromkeys(model.repeated):
-            self._problem(model, key, f"{_shown(key)} is given twice in one object")
+            self._problem(model, key, f"{shown(key)} is given twice in one object")
         fmus = self._fmus(model)
         self._parameters(model, fmus)
         connections = self._connections(model, fmus)
@@ -336,16 +344,16 @@ class _Reading:
         value = file.content.get(key, {})
         if isinstance(value, dict):
             return value
-        self._problem(file, key, f"{key}: must be an object, not {_shown(value)}")
+        self._problem(file, key, f"{key}: must be an object, not {shown(value)}")
         return {}
 
     def _fmus(self, model: _Json) -> dict[str, Path | None]:
         found: dict[str, Path | None] = {}
         for key, source in self._object(model, "fmus").items():
-            if not re.fullmatch(r"\{[^{}]+\}", key) or not _speakable(key):
-                self._problem(model, key, f'{_shown(key)}: the key of an FMU is written "{{name}}"')
-            elif not isinstance(source, str) or not _speakable(source) or "\0" in source:
-                self._problem(model, key, f"{key}: {_shown(source)} is no path of an FMU")
+            if not re.fullmatch(r"\{[^{}]+\}", key) or not speakable(key):
+                self._problem(model, key, f'{shown(key)}: the key of an FMU is written "{{name}}"')
+            elif not isinstance(source, str) or not speakable(source) or "\0" in source:
+                self._problem(model, key, f"{key}: {shown(source)} is no path of an FMU")
             else:
                 found[key] = self._located(model, key, source)
         return found
@@ -365,15 +373,15 @@ class _Reading:
 
     def _end(self, model: _Json, text: Any, fmus: Mapping[str, Path | None]) -> tuple[str, str] | None:
         """Instance and variable of "{key}.instance.variable"; the variable may contain dots."""
-        match = _END.fullmatch(text) if isinstance(text, str) and _speakable(text) else None
+        match = _END.fullmatch(text) if isinstance(text, str) and speakable(text) else None
         if match is None:
             written = text if isinstance(text, str) else None
-            self._problem(model, written, f'{_shown(text)}: variables are written "{{key}}.instance.variable"')
+            self._problem(model, written, f'{shown(text)}: variables are written "{{key}}.instance.variable"')
             return None
         key, instance, variable = match.groups()
         if key not in fmus:
             if key not in self._object(model, "fmus"):
-                self._problem(model, text, f"{_shown(text)}: there is no FMU {key}; {near(key, fmus)}")
+                self._problem(model, text, f"{shown(text)}: there is no FMU {key}; {near(key, fmus)}")
             return None
         return f"{key}.{instance}", variable
 
@@ -386,7 +394,7 @@ class _Reading:
             parameter = _parameter(end[1], value, where)
             if parameter is None:
                 self._problem(
-                    model, text, f"{text}: {_shown(value)} is no value; valid: a number, true, false or a text"
+                    model, text, f"{text}: {shown(value)} is no value; valid: a number, true, false or a text"
                 )
             else:
                 self._values.setdefault(end[0], []).append(parameter)
@@ -397,7 +405,7 @@ class _Reading:
             source = self._end(model, text, fmus)
             if not isinstance(targets, list):
                 self._problem(
-                    model, text, f"{_shown(text)}: must be connected to a list of inputs, not {_shown(targets)}"
+                    model, text, f"{shown(text)}: must be connected to a list of inputs, not {shown(targets)}"
                 )
                 continue
             for target_text in targets:
@@ -431,18 +439,12 @@ class _Reading:
         if self._tolerance is not None:
             settings = {"algorithm": "fixed-point", "tolerance": repr(self._tolerance[0])}
             made.append(annotation(MASTER, "master", settings, self._tolerance[1]))
+        if self._variable is not None:
+            made.append(self._variable.annotation())
         return tuple(made)
 
     def _problem(self, file: _Json, text: str | None, message: str) -> None:
         self.problems.append(Problem(file.where(file.spelled.get(text or "", text)), message))
-
-
-def _constraints(algorithm: Mapping[str, Any]) -> str:
-    """The types of the constraints that decide the steps, as far as they are given."""
-    given = algorithm.get("constraints")
-    listed = given.values() if isinstance(given, dict) else ()
-    types = [one.get("type") for one in listed if isinstance(one, dict)]
-    return ", ".join(dict.fromkeys(_shown(one) for one in types)) or "none is given"
 
 
 def _simplified(key: str) -> str:
@@ -458,34 +460,17 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _finite(value: float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
-
-
-def _speakable(text: str) -> bool:
-    """Whether a text is one at all: JSON can spell halves of characters, and XML has no control characters."""
-    return all(character >= " " and not "\ud800" <= character <= "\udfff" for character in text)
-
-
-def _shown(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
-
-
 def _parameter(name: str, value: Any, where: Where) -> Parameter | None:
     """Numbers without a fraction fit variables of either kind."""
     if isinstance(value, bool):
         return Parameter(name, "Boolean", value, where)
     if isinstance(value, int | float):
-        if not _finite(value):
+        if not finite(value):
             return None
         low, high = INTEGER_RANGES["Integer"]
         if value == int(value) and low <= value <= high:
             return Parameter(name, "Integer", int(value), where)
         return Parameter(name, "Real", float(value), where)
-    if isinstance(value, str) and _speakable(value):
+    if isinstance(value, str) and speakable(value):
         return Parameter(name, "String", value, where)
     return None

@@ -6,11 +6,11 @@
       </master>
     </ssc:Annotation>
 
-`algorithm`: "jacobi" (the default), "gauss-seidel", "fixed-point", "quasi-newton" or "richardson"; docs/masters.md says
-what each guarantees, and when it refuses.
+`algorithm`: "jacobi" (the default), "gauss-seidel", "fixed-point", "quasi-newton", "richardson" or "var-step";
+docs/masters.md says what each guarantees, and when it refuses.
 `order`: of instances that depend on each other, as far as it is to be a certain one.
 `tolerance`, `iterations`, `relaxation`: of the two that iterate. `tolerance`, `minimumStep`, `maximumStep` (s): of
-Richardson.
+Richardson. `minimumStep`, `maximumStep` and `constraint`, see `constraints`: of var-step.
 `nan`: "refuse" (the default) ends a run with an output that is NaN, "allow" does not.
 `extrapolation`: 1 gives Real inputs their derivatives along, of all connections or of one.
 `connection`: the one that drives the input `to`. `delay` in s: the input at t is the output of t - delay, until then
@@ -33,7 +33,9 @@ from cosim_master.diagnostics.limitations import (
     LOOP_EVENTS,
     LOOP_STATE,
     STEP_CONTROL,
+    STEP_COUNTS,
     STEP_DELAY,
+    STEP_EVENTS,
     STEP_FRACTION,
 )
 from cosim_master.diagnostics.names import near
@@ -41,6 +43,7 @@ from cosim_master.fmi.description.read import Start, Variable
 from cosim_master.system.flatten.flat import CheckedSystem, Instance, Link, natural
 from cosim_master.system.flatten.init_order import Stage, components, exchange_order
 from cosim_master.system.settings.annotation import Attributes, root_annotation
+from cosim_master.system.settings.constraints import Constraint, constraints_of, memory_of
 
 __all__ = ["ANNOTATION", "Coupling", "Delay", "Target", "connected", "coupling_of"]
 
@@ -57,7 +60,8 @@ class Traits:
         iterating: instances that depend on each other repeat the step until their outputs agree.
         in_python: a `Steps` of `execution.algorithms.choice` makes all steps; otherwise the compiled loop makes those
             that are not iterated.
-        variable: the error decides the size of steps.
+        variable: the size of steps is decided while the run goes on.
+        constrained: constraints decide it; otherwise the error of all continuous outputs does.
     """
 
     attributes: tuple[str, ...] = ()
@@ -65,6 +69,12 @@ class Traits:
     iterating: bool = False
     in_python: bool = False
     variable: bool = False
+    constrained: bool = False
+
+    @property
+    def by_error(self) -> bool:
+        """Whether the error of all continuous outputs decides the size of steps."""
+        return self.variable and not self.constrained
 
 
 _OF_ITERATIONS = ("order", "tolerance", "iterations", "relaxation")
@@ -74,6 +84,7 @@ ALGORITHMS = {
     "fixed-point": Traits(_OF_ITERATIONS, ordered=True, iterating=True),
     "quasi-newton": Traits(_OF_ITERATIONS, ordered=True, iterating=True),
     "richardson": Traits(("tolerance", "minimumStep", "maximumStep"), variable=True),
+    "var-step": Traits(("minimumStep", "maximumStep"), variable=True, constrained=True),
 }
 """By the attribute `algorithm`."""
 _LONGEST = 1_000_000_000
@@ -106,7 +117,10 @@ class Coupling:
             second; relative to 1 or to their size.
         iterations: how often a loop is stepped at most, until they do not change by more.
         relaxation: the part of a change that a fixed-point iteration makes.
-        minimum_step, maximum_step: of Richardson, ns; 0 leaves them to it.
+        minimum_step, maximum_step: of variable steps, ns; 0 leaves them to the algorithm.
+        constraints: those that decide the steps of var-step.
+        irreversible: the first instances that cannot go back to an earlier state, where steps of var-step are then
+            never repeated.
         nan: whether outputs may be NaN.
     """
 
@@ -120,19 +134,36 @@ class Coupling:
     relaxation: float = 1.0
     minimum_step: int = 0
     maximum_step: int = 0
+    constraints: tuple[Constraint, ...] = ()
+    irreversible: tuple[str, ...] = ()
     nan: bool = False
     where: Where | None = None
     notes: tuple[str, ...] = ()
 
     @property
     def variable(self) -> bool:
-        """Whether the error decides the size of steps."""
+        """Whether steps have sizes that are decided while the run goes on."""
         return ALGORITHMS[self.algorithm].variable
 
     @property
     def in_python(self) -> bool:
         """Whether Python makes the steps in place of the compiled loop."""
         return bool(self.loops) or ALGORITHMS[self.algorithm].in_python
+
+    @property
+    def constrained(self) -> bool:
+        """Whether constraints decide them, so that they end on no grid but that of nanoseconds."""
+        return ALGORITHMS[self.algorithm].constrained
+
+    @property
+    def shows_error(self) -> bool:
+        """Whether the error of all continuous outputs decides them."""
+        return ALGORITHMS[self.algorithm].by_error
+
+    @property
+    def memory(self) -> int:
+        """How many numbers the size of the next step depends on."""
+        return memory_of(self.constraints) if self.constrained else int(self.variable)
 
     @property
     def sequence(self) -> tuple[int, ...]:
@@ -165,10 +196,10 @@ class Coupling:
             problems.append(
                 Problem(first.where, FINE_GRID.text("delayed connections", f"{seconds:.9g}", f"{shortest:.9g}"))
             )
-        if self.variable and min(periods) > _FINEST_DELAY:
+        if self.shows_error and min(periods) > _FINEST_DELAY:
             text = FINE_GRID.text("richardson's rows", f"{seconds:.9g}", f"{min(periods) * seconds:.9g}")
             problems.append(Problem(self.where or checked.structure.where, text))
-        if self.variable and per_ns > 1:
+        if self.shows_error and per_ns > 1:
             problems.append(Problem(self.where or checked.structure.where, STEP_FRACTION.text(f"{seconds:.9g}")))
         for i in (i for loop in self.loops for i in loop):
             if periods[i] > 1:
@@ -197,14 +228,22 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     order = tuple(reader.text("order", "").split())
     every = reader.integer("extrapolation", 0, 0, 1)
     nan = reader.choice("nan", "refuse", ("refuse", "allow")) == "allow"
-    delays, wanted = _connections(checked, reader.children("connection")["connection"], every)
+    children = reader.children("connection", "constraint")
+    delays, wanted = _connections(checked, children["connection"], every)
+    constraints = constraints_of(checked, children["constraint"])
+    if constraints and not kind.constrained:
+        reader.problem(f'<constraint> is for algorithm="var-step", this is "{algorithm}"')
     extrapolated = _extrapolated(checked, wanted, every, algorithm, problems)
     numbers = _numbers(reader, algorithm)
     groups: tuple[tuple[int, ...], ...] = ()
     loops: tuple[tuple[int, ...], ...] = ()
     notes: tuple[str, ...] = ()
+    irreversible: tuple[str, ...] = ()
+    if kind.constrained:
+        irreversible = tuple(one.name for one in checked.instances if not one.fmu.capabilities.canGetAndSetFMUstate)
+        notes = _without_return(checked, constraints, irreversible)
     if kind.variable:
-        _refuse_steps(checked, delays, problems)
+        _refuse_steps(checked, delays, algorithm, irreversible, problems)
     if kind.ordered:
         groups = _groups(checked, delays, _ranks(checked, reader, order))
         notes = _notes(checked, groups, algorithm)
@@ -214,7 +253,19 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     reader.finish()
     if problems:
         raise SystemDescriptionError(problems)
-    return Coupling(algorithm, groups, delays, extrapolated, loops, *numbers, nan=nan, where=reader.where, notes=notes)
+    return Coupling(
+        algorithm,
+        groups,
+        delays,
+        extrapolated,
+        loops,
+        *numbers,
+        constraints=constraints,
+        irreversible=irreversible,
+        nan=nan,
+        where=reader.where,
+        notes=notes,
+    )
 
 
 def connected(checked: CheckedSystem, coupling: Coupling) -> CheckedSystem:
@@ -372,7 +423,7 @@ def _immediate(links: Sequence[Link], delays: Mapping[Target, Delay]) -> list[Li
 
 def _numbers(reader: Attributes, algorithm: str) -> tuple[float, int, float, int, int]:
     """Tolerance, iterations and relaxation; minimum and maximum step."""
-    tolerance = reader.number("tolerance", 1e-4 if ALGORITHMS[algorithm].variable else 1e-8, 1e-15, 1.0)
+    tolerance = reader.number("tolerance", 1e-4 if ALGORITHMS[algorithm].by_error else 1e-8, 1e-15, 1.0)
     iterations = reader.integer("iterations", 50, 1, 100_000)
     relaxation = reader.number("relaxation", 1.0, 1e-6, 2.0)
     steps = [round(1e9 * reader.number(name, 0.0, 0.0, 1e6)) for name in ("minimumStep", "maximumStep")]
@@ -405,15 +456,35 @@ def _refuse(checked: CheckedSystem, loops: Sequence[Sequence[int]], algorithm: s
             problems.append(Problem(one.where, text))
 
 
-def _refuse_steps(checked: CheckedSystem, delays: Mapping[Target, Delay], problems: list[Problem]) -> None:
-    """What steps that the error decides cannot do."""
+def _refuse_steps(
+    checked: CheckedSystem,
+    delays: Mapping[Target, Delay],
+    algorithm: str,
+    irreversible: Sequence[str],
+    problems: list[Problem],
+) -> None:
+    """What steps of sizes that are decided in the run cannot do. Without a way back, events cannot be met either."""
+    needed = ["canGetAndSetFMUstate"] if ALGORITHMS[algorithm].by_error else []
     for one in checked.instances:
-        for flag in ("canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"):
+        for flag in (*needed, "canHandleVariableCommunicationStepSize"):
             if not getattr(one.fmu.capabilities, flag):
-                problems.append(Problem(one.where, STEP_CONTROL.text(flag, one.name, one.fmu.remedy(flag))))
+                text = STEP_CONTROL.text(algorithm, flag, one.name, one.fmu.remedy(flag))
+                problems.append(Problem(one.where, text))
+        if irreversible and one.fmu.capabilities.hasEventMode:
+            problems.append(Problem(one.where, STEP_EVENTS.text(algorithm, one.name, irreversible[0])))
     for target, delay in delays.items():
-        text = STEP_DELAY.text(".".join(target))
+        text = STEP_DELAY.text(algorithm, ".".join(target))
         problems.append(Problem(delay.where, text))
+
+
+def _without_return(
+    checked: CheckedSystem, constraints: Sequence[Constraint], irreversible: Sequence[str]
+) -> tuple[str, ...]:
+    if not irreversible or not any(one.ports for one in constraints):
+        return ()
+    remedies = {one.name: one.fmu.remedy("canGetAndSetFMUstate") for one in checked.instances}
+    first = irreversible[0]
+    return (STEP_COUNTS.text(first, remedies[first]),)
 
 
 def _notes(checked: CheckedSystem, groups: Sequence[Sequence[int]], algorithm: str) -> tuple[str, ...]:

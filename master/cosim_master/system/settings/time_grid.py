@@ -89,12 +89,16 @@ def _ticks(seconds: float) -> int | None:
     return ticks if math.isclose(ticks, seconds * _NANO, rel_tol=1e-12, abs_tol=1e-4) else None
 
 
-def timing(checked: CheckedSystem, until: float | None = None, step: float | None = None) -> Timing:
+def timing(
+    checked: CheckedSystem, until: float | None = None, step: float | None = None, *, gridless: bool = False
+) -> Timing:
     """Choose the clock.
 
     Args:
         until: stop time in s; the system's DefaultExperiment where None.
         step: step size in s of all instances, whatever system and FMUs say.
+        gridless: the master decides the sizes of steps, which end on no grid: the base step is a nanosecond, and the
+            step sizes are those of first steps.
 
     Raises:
         SystemDescriptionError: no stop time, no step size, start or stop within a nanosecond, or a run whose end an
@@ -133,7 +137,15 @@ def timing(checked: CheckedSystem, until: float | None = None, step: float | Non
         return Timing(start_ticks, stop_ticks - start_ticks, 1, ())
     if len(sizes) < len(checked.instances):
         sizes = _with_tables(checked.instances, sizes)
+    if gridless:
+        return _gridless(checked, start_ticks, stop_ticks - start_ticks, sizes, step)
     return _clock(checked, start_ticks, stop_ticks - start_ticks, sizes, step)
+
+
+def _gridless(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Fraction], step: float | None) -> Timing:
+    sources = tuple("--step" if step is not None else one.step_source for one in checked.instances)
+    periods = tuple(max(1, round(size)) for size in sizes)
+    return Timing(start, 1, length, periods, tuple(_step_notes(checked.instances, sources, step)), 1, sources)
 
 
 def _with_tables(instances: Sequence[Instance], sizes: Sequence[Fraction]) -> list[Fraction]:

@@ -1,0 +1,113 @@
+"""Macro steps that can be tried and taken back, of any size: a run as step size control sees it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cosim_master.execution.algorithms.discarded_steps import Discarded, cannot_be_repeated, judge_failures
+from cosim_master.execution.run.snapshot import Snapshot
+from cosim_master.execution.run.state import RunState
+from cosim_master.execution.run.writing import Writing
+from cosim_master.network.radio.build import grown
+from cosim_master.network.radio.tables import USED_EVENTS, USED_LOG
+from cosim_master.stepping.failures import raise_failures
+from cosim_master.stepping.kernels.macro_step import places_needed, run
+from cosim_master.stepping.kernels.tables import (
+    BASE,
+    DELIVER,
+    DONE,
+    EVENTS_DUE,
+    EVERY,
+    LAST,
+    NEED_LOG,
+    NEED_PLACES,
+    PHASE,
+    START,
+    K,
+)
+
+__all__ = ["Rejected", "Trial"]
+
+_NEVER = 1 << 60
+
+
+class Rejected(Exception):
+    """A step that must be another one: to `end` [ns], if an event says so, else shorter than it was."""
+
+    def __init__(self, end: int | None = None) -> None:
+        self.end = end
+
+
+class Trial:
+    """A run whose steps can be tried: `save`, then `step` and `restore` until one counts."""
+
+    def __init__(self, state: RunState, writing: Writing) -> None:
+        self._state, self._writing = state, writing
+        self._snapshot = Snapshot(state)
+        self._unrepeatable = cannot_be_repeated(state)
+
+    def on_failure(self, last: str = "") -> None:
+        """Raises what it means that instances discard their steps; `last`: why no shorter one follows."""
+        judge_failures(self._state, self._unrepeatable or last)
+
+    def save(self) -> None:
+        self.begin()
+        self._snapshot.save()
+
+    def begin(self) -> None:
+        """What every step needs, whether it can be taken back or not: Strings exchanged, and room for packets."""
+        state = self._state
+        if state.texts:
+            state.plan.instances["period"] = 1
+            state.plan.clock[START], state.plan.clock[K] = state.now, 0
+            state.texts.set_inputs(state.plan)
+        counters, radio = state.radio.counters, state.radio
+        if 2 * counters[USED_EVENTS] > radio.events.size or 2 * counters[USED_LOG] > radio.log.size:
+            self._writing.packets()
+
+    def restore(self) -> None:
+        self._snapshot.restore()
+
+    def next_event(self) -> float:
+        return self._state.event_mode.next_event()
+
+    def step(self, t: int, h: int, last: str = "") -> None:
+        """A macro step from `t`, `h` long, ns.
+
+        Args:
+            last: why no shorter one follows if an FMU discards this one; empty if one does.
+
+        Raises:
+            Rejected: an FMU discards it, or an event ends it earlier.
+            RunFailed, RunTerminated: as `Algorithm.advance`.
+        """
+        state = self._state
+        clock, rows = state.plan.clock, state.plan.instances
+        for place, value in ((START, t), (K, 0), (BASE, h), (LAST, 2), (EVERY, _NEVER), (PHASE, DELIVER)):
+            clock[place] = value
+        rows["period"] = rows["length"] = 1
+        rows["h"] = h / 1e9
+        while (reason := run(state.plan, state.radio, 1)) != DONE:
+            if reason == NEED_PLACES:
+                state.radio = grown(state.radio, int(places_needed(state.plan, state.radio)))
+            elif reason == NEED_LOG:
+                events, log = np.zeros(2 * state.radio.events.size, state.radio.events.dtype), state.radio.log
+                events[: state.radio.events.size] = state.radio.events
+                state.radio = state.radio._replace(events=events, log=np.concatenate([log, np.zeros_like(log)]))
+            elif reason == EVENTS_DUE:
+                first = state.event_mode.returned_early()
+                if first < (t + h - 1) / 1e9:
+                    raise Rejected(max(t + 1, math.ceil(first * 1e9)))
+                state.event_mode.handle()
+            else:
+                try:
+                    self.on_failure(last)
+                except Discarded:
+                    raise Rejected from None
+                raise_failures(state.plan, state.places, state.living)
+
+    def close(self) -> None:
+        """Frees the copies of FMU states."""
+        self._snapshot.close()

@@ -1,0 +1,169 @@
+"""Steps of sizes that constraints decide: Maestro's variable-step algorithm.
+
+Exchange is Jacobi's. After every step the constraints say how long the next one is; a step that violates one is made
+again from the same state, a quarter as long, where all FMUs can go back. See `constraints` for the rules.
+
+Times are whole nanoseconds, and so is the base step of the run. There is a row for every step that counts, or one every
+`interval` of the recording, at which a step then ends, as at changes, at events and at the end of the run. What the
+next size depends on is in `Plan.kept`, where snapshots and checkpoints find it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Sequence
+
+from cosim_master.execution.algorithms.constraints import StepSizes
+from cosim_master.execution.algorithms.trial import Rejected, Trial
+from cosim_master.execution.run.driver import Driver
+from cosim_master.execution.run.state import RunState
+from cosim_master.execution.run.writing import Writing
+from cosim_master.execution.stimuli import Agenda
+from cosim_master.fmi.slaves.slave import Living
+from cosim_master.stepping.kernels.macro_step import record
+from cosim_master.stepping.kernels.tables import ROWS, K
+from cosim_master.stepping.layout import Layout
+from cosim_master.system.settings.constraints import LIMIT
+from cosim_master.system.settings.master import Coupling
+
+__all__ = ["VariableStep"]
+
+_SHORTEST, _LONGEST = 1_000, 1_000_000_000
+"""Steps, ns, where the system says nothing: those of Maestro."""
+_MAXIMUM = "fmi2GetMaxStepSize"
+"""How long a step an FMU takes: an extension of FMI 2 by INTO-CPS."""
+
+
+class VariableStep:
+    """An `Algorithm`.
+
+    Args:
+        every: rows every so many nanoseconds; 1 at the end of every step.
+        agenda: values to be set while the run goes on.
+        change: sets those that are due at a base step.
+    """
+
+    def __init__(
+        self,
+        state: RunState,
+        writing: Writing,
+        coupling: Coupling,
+        agenda: Agenda,
+        change: Callable[[int], bool],
+        every: int,
+    ) -> None:
+        self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
+        self._every = every
+        self._trial = Trial(state, writing)
+        self._can_return = not coupling.irreversible
+        self._shortest = coupling.minimum_step or min(_SHORTEST, coupling.maximum_step or _SHORTEST)
+        self._longest = coupling.maximum_step or max(_LONGEST, self._shortest)
+        self._sizes = StepSizes(
+            coupling.constraints,
+            state.plan.kept[state.plan.kept.size - coupling.memory :],
+            first=min(state.clock.periods),
+            shortest=self._shortest,
+            longest=self._longest,
+        )
+        self._ports = _places(state.places, [port for one in coupling.constraints for port in one.ports])
+        limited = any(one.type == LIMIT for one in coupling.constraints)
+        self._limiting = [one for one in state.living if limited and one.fmi == 2 and one.library.has(_MAXIMUM)]
+        self._violations: dict[str, tuple[int, float]] = {}
+
+    @property
+    def k(self) -> int:
+        state = self._state
+        if state.plan.clock[K] < 0:
+            return int(state.plan.clock[K])
+        return state.now - state.clock.start
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Of each constraint, how many steps count although they violate it."""
+        why = "FMUs cannot go back" if not self._can_return else f"{self._shortest / 1e9:g} s is the shortest step"
+        return tuple(
+            f'var-step: {count} steps count although they violate constraint "{name}", '
+            f"the first from t = {time:.9g} s: {why}"
+            for name, (count, time) in self._violations.items()
+        )
+
+    def prepare(self) -> None:
+        pass
+
+    def advance(self, k_stop: int) -> None:
+        state, writing, clock = self._state, self._writing, self._state.clock
+        if state.plan.clock[K] < 0:
+            Driver(state, writing, self._trial.on_failure).to(0)
+        while (k := self.k) < k_stop:
+            self._change(k)
+            row = (k // self._every + 1) * self._every if self._every > 1 else clock.steps
+            self._step(state.now, clock.start + int(min(row, clock.steps, self._agenda.next)))
+            recorded = self._every == 1 or self.k % self._every == 0 or self.k == clock.steps
+            if recorded:
+                record(state.plan)
+            if state.texts:
+                writing.read_texts(recorded=recorded)
+            if state.plan.clock[ROWS] == state.plan.ticks.size:
+                writing.rows()
+
+    def settle(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self._trial.close()
+
+    def _step(self, t: int, target: int) -> None:
+        """One step that counts, from `t` to `target` at most, ns."""
+        trial, sizes = self._trial, self._sizes
+        h = sizes.proposed(t, self._values(), min(target - t, self._limit()))
+        if (announced := trial.next_event()) < (t + h) / 1e9:
+            h = sizes.cut(max(math.ceil(announced * 1e9) - t, 1))
+        if self._can_return:
+            trial.save()
+        else:
+            trial.begin()
+        violated: list[str] = []
+        while True:
+            last = f"{h / 1e9:.9g} s is the shortest step" if h <= self._shortest else ""
+            try:
+                trial.step(t, h, last)
+                violated = sizes.violated(self._values())
+            except Rejected as rejected:
+                trial.restore()
+                event = h if rejected.end is None else rejected.end - t
+                h = sizes.cut(event) if event < h else sizes.tightened()
+                continue
+            if not violated or not self._can_return or h <= self._shortest:
+                break
+            trial.restore()
+            h = sizes.tightened()
+        for name in violated:
+            count, first = self._violations.get(name, (0, t / 1e9))
+            self._violations[name] = (count + 1, first)
+
+    def _values(self) -> list[float]:
+        """Of the ports of all constraints."""
+        plan = self._state.plan
+        return [float((plan.real_out if real else plan.int_out)[place]) for real, place in self._ports]
+
+    def _limit(self) -> int:
+        """The longest step that all FMUs take, as far as they say, within the bounds of step sizes; ns."""
+        asked = [size for one in self._limiting if (size := _longest_of(one)) is not None]
+        if not asked:
+            return self._longest
+        size = min(asked) * 1e9
+        return int(min(max(size, self._shortest), self._longest)) if math.isfinite(size) else self._longest
+
+
+def _longest_of(one: Living) -> float | None:
+    """How long a step an FMU takes, s; None if it does not say."""
+    size = ctypes.c_double(0.0)
+    status = one.library.function(_MAXIMUM)(ctypes.c_void_p(one.handle), ctypes.byref(size))
+    return None if status > 1 or math.isnan(size.value) else size.value
+
+
+def _places(places: Layout, ports: Sequence[tuple[str, str]]) -> list[tuple[bool, int]]:
+    """Of each port whether it is among reals, and where."""
+    real, integer = places.ports["Real"].index, places.ports["Integer"].index
+    return [(port in real, real[port] if port in real else integer[port]) for port in ports]

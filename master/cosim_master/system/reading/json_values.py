@@ -1,0 +1,28 @@
+"""Values of JSON: which of them can be used, and how a message shows them."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+__all__ = ["finite", "shown", "speakable"]
+
+
+def finite(value: float) -> bool:
+    """Whether a number is finite as a double, too."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def speakable(text: str) -> bool:
+    """Whether a text is one at all: JSON can spell halves of characters, and XML has no control characters."""
+    return all(character >= " " and not "\ud800" <= character <= "\udfff" for character in text)
+
+
+def shown(value: Any) -> str:
+    """The value as JSON, shortened."""
+    text = json.dumps(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
