@@ -4,7 +4,7 @@
    rate > 0: a lag, y' = rate (gain u - y), y(0) = x0; rate 0: a mass, y'' = w2 (gain u - y), y(0) = x0, y'(0) = v0.
    rate < 0: a gain without memory, y = x0 + gain u, at the end of a step.
    u is what was set, or goes on from there with the derivative that was set.
-   $LINEAR_LIMIT: fmi2DoStep discards longer steps. */
+   $LINEAR_LIMIT: fmi2DoStep discards longer steps. $LINEAR_MAXIMUM: what fmi2GetMaxStepSize answers. */
 
 #include <math.h>
 #include <stdlib.h>
@@ -60,6 +60,13 @@ EXPORT int fmi2DoStep(Linear *p, double t, double h, int final) {
     p->slope = 0.0;
     p->n++;
     return 0;
+}
+
+EXPORT int fmi2GetMaxStepSize(Linear *p, double *size) {
+    const char *limit = getenv("LINEAR_MAXIMUM");
+    (void)p;
+    *size = limit ? atof(limit) : 0.0;
+    return limit ? 0 : 3;
 }
 
 EXPORT int fmi2SetReal(Linear *p, const unsigned vr[], size_t n, const double value[]) {

@@ -498,7 +498,9 @@ def of_multimodels(stricts: Any, monkeypatch: pytest.MonkeyPatch) -> Provoked:
 
     return {
         "ALGORITHM": lambda: model(algorithm={"type": "ecco"}),
-        "VAR_STEP": lambda: model(algorithm={"type": "var-step", "constraints": {"rate": {"type": "samplingrate"}}}),
+        "VAR_STEP": lambda: model(
+            algorithm={"type": "var-step", "size": [0.1, 1], "initsize": 0.1}, stabilisation=True
+        ),
         "STABILISATION": lambda: model(stabilisation=True),
         "TRANSFER": lambda: every("modelTransfers"),
         "SWAP": lambda: every("modelSwaps"),
@@ -563,11 +565,18 @@ def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Prov
         return ran(stricts.ssd(stricts.component("a", step=step), stop=stop), **options)
 
     def coupled(
-        master: str, inner: str = "", flags: str = "", *, events: bool = False, step: float | None = None
+        master: str,
+        inner: str = "",
+        flags: str = "",
+        *,
+        events: bool = False,
+        state: bool = True,
+        step: float | None = None,
     ) -> Said:
-        """Two FMUs that depend on each other, under a master; `step` is that of the first."""
+        """Two FMUs that depend on each other, under a master; `step` is that of the first. `state`: can be saved."""
         maker, ends = (stricts3, ("f64_out[1]", "f64_in[1]")) if events else (stricts, ("y", "u"))
-        maker.fmu(flags=f'hasEventMode="true" {ABLE}' if events else flags)
+        able = ABLE if state else flags
+        maker.fmu(flags=f'hasEventMode="true" {able}' if events else flags)
         options = {"ports": f"{ends[0]}:output {ends[1]}:input"} if events else {}
         first = {} if step is None else {"step": step}
         parts = maker.component("a", **first, **options) + maker.component("b", **options)
@@ -576,6 +585,9 @@ def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Prov
         after = maker.workshop.annotation("org.uav-cosim.master", inside)
         experiment = '<ssd:DefaultExperiment startTime="0" stopTime="2"/>'
         return ran(maker.workshop.ssd("m.ssd", maker.workshop.system(parts, wires, after=after), experiment))
+
+    flags = 'canHandleVariableCommunicationStepSize="true"'
+    crossing = '<constraint type="zerocrossing"><port name="a.y"/></constraint>'
 
     def growing() -> Said:
         """y = u + p and u = 2 y has a solution; that of u = y has none."""
@@ -608,6 +620,8 @@ def of_masters(stricts: Any, stricts3: Any, probes: Any, tmp_path: Path) -> Prov
         "LOOP_STATE": lambda: coupled('algorithm="fixed-point"'),
         "LOOP_EVENTS": lambda: coupled('algorithm="quasi-newton"', events=True),
         "STEP_CONTROL": lambda: coupled('algorithm="richardson"'),
+        "STEP_COUNTS": lambda: coupled('algorithm="var-step"', crossing, flags=flags),
+        "STEP_EVENTS": lambda: coupled('algorithm="var-step"', flags=flags, events=True, state=False),
         "STEP_DELAY": lambda: coupled(
             'algorithm="richardson"', '<connection to="b.u" delay="0.5"/>', flags=strict2.ABLE
         ),

@@ -22,10 +22,15 @@ from tests.master.linear import BALL_PORTS, ball
 from tests.master.strict3 import ABLE
 
 DELAYED = '<connection to="a.u" delay="0.03" start="1"/></master>'
+NEARNESS = (
+    '<constraint type="boundeddifference" abstol="0.05" reltol="1"><port name="a.y"/></constraint>'
+    '<constraint type="zerocrossing"><port name="a.y"/><port name="b.y"/></constraint></master>'
+)
 MASTERS = {
     "delay and extrapolation": 'extrapolation="1">' + DELAYED,
     "gauss-seidel": 'algorithm="gauss-seidel">' + DELAYED,
     "quasi-newton": 'algorithm="quasi-newton"/>',
+    "var-step": 'algorithm="var-step" maximumStep="0.1">' + NEARNESS,
     "richardson": 'algorithm="richardson" tolerance="1e-2"/>',
 }
 

@@ -31,6 +31,8 @@ ELEMENTS = {
     "solver": '<solver name="rk4" {}/>',
     "master": "<master {}/>",
     "verdict": "<verdict {}/>",
+    "constraint": '<master algorithm="var-step"><constraint type="fmumaxstepsize" {}/></master>',
+    "port": '<master algorithm="var-step"><constraint type="boundeddifference"><port {}/></constraint></master>',
     "connection": '<master><connection to="drone1.agent.u" {}/></master>',
 }
 
