@@ -162,7 +162,7 @@ def test_what_is_wrong_is_said_with_its_line(place: Path, change: Any, line: str
 
 
 def test_all_problems_come_at_once(place: Path) -> None:
-    file = written(place, model(algorithm={"type": "var-step"}, endTime=[], parameters={"x": 1}, connections={"y": []}))
+    file = written(place, model(algorithm={"type": "ecco"}, endTime=[], parameters={"x": 1}, connections={"y": []}))
     with pytest.raises(SystemDescriptionError) as caught:
         check(read_system(file))
     assert len(caught.value.problems) == 4

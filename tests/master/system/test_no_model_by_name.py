@@ -66,6 +66,8 @@ IN_FILES = {
         "results/figures.py": "label of an axis",
         "system/flatten/check.py": "attribute of the annotation of solvers",
         "system/reading/into_cps.py": "fixed-step",
+        "system/reading/var_step.py": "var-step",
+        "system/settings/master.py": "var-step",
         "system/settings/time_grid.py": "option",
     },
     "target": {

@@ -10,7 +10,6 @@ next size depends on is in `Plan.kept`, where snapshots and checkpoints find it.
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable, Sequence
 
@@ -20,7 +19,6 @@ from cosim_master.execution.run.driver import Driver
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
 from cosim_master.execution.stimuli import Agenda
-from cosim_master.fmi.slaves.slave import Living
 from cosim_master.stepping.kernels.macro_step import record
 from cosim_master.stepping.kernels.tables import ROWS, K
 from cosim_master.stepping.layout import Layout
@@ -31,8 +29,6 @@ __all__ = ["VariableStep"]
 
 _SHORTEST, _LONGEST = 1_000, 1_000_000_000
 """Steps, ns, where the system says nothing: those of Maestro."""
-_MAXIMUM = "fmi2GetMaxStepSize"
-"""How long a step an FMU takes: an extension of FMI 2 by INTO-CPS."""
 
 
 class VariableStep:
@@ -68,7 +64,7 @@ class VariableStep:
         )
         self._ports = _places(state.places, [port for one in coupling.constraints for port in one.ports])
         limited = any(one.type == LIMIT for one in coupling.constraints)
-        self._limiting = [one for one in state.living if limited and one.fmi == 2 and one.library.has(_MAXIMUM)]
+        self._limiting = state.living if limited else []
         self._violations: dict[str, tuple[int, float]] = {}
 
     @property
@@ -149,18 +145,11 @@ class VariableStep:
 
     def _limit(self) -> int:
         """The longest step that all FMUs take, as far as they say, within the bounds of step sizes; ns."""
-        asked = [size for one in self._limiting if (size := _longest_of(one)) is not None]
+        asked = [size for one in self._limiting if (size := one.longest_step()) is not None]
         if not asked:
             return self._longest
         size = min(asked) * 1e9
         return int(min(max(size, self._shortest), self._longest)) if math.isfinite(size) else self._longest
-
-
-def _longest_of(one: Living) -> float | None:
-    """How long a step an FMU takes, s; None if it does not say."""
-    size = ctypes.c_double(0.0)
-    status = one.library.function(_MAXIMUM)(ctypes.c_void_p(one.handle), ctypes.byref(size))
-    return None if status > 1 or math.isnan(size.value) else size.value
 
 
 def _places(places: Layout, ports: Sequence[tuple[str, str]]) -> list[tuple[bool, int]]:

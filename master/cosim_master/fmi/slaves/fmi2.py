@@ -41,6 +41,7 @@ CALLBACK_TYPES = (_LOGGER, _ALLOCATE, _FREE)
 """Of logger, allocateMemory and freeMemory."""
 _STEP_FINISHED = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int)
 
+_LONGEST_STEP = "fmi2GetMaxStepSize"
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
 """fmi2StatusKind (FMI 2.0.5, section 4.2.3)."""
 _KEPT_LOG_LINES = 40
@@ -293,6 +294,14 @@ class Instance:
         """After a discarded step: how far it got in s, None if the FMU does not say."""
         answer = ctypes.c_double(0.0)
         return answer.value if self._answers("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, answer) else None
+
+    def longest_step(self) -> float | None:
+        """Answers fmi2GetMaxStepSize, an extension of FMI 2 by INTO-CPS, where the FMU has it."""
+        if not self.library.has(_LONGEST_STEP):
+            return None
+        size = ctypes.c_double(math.nan)
+        status = int(self.library.function(_LONGEST_STEP)(ctypes.c_void_p(self.handle), ctypes.byref(size)))
+        return None if status > 1 or math.isnan(size.value) else size.value
 
     def _answers(self, function: str, kind: int, answer: Any) -> bool:
         """Ask for a status; FMUs need not know the answer, nor have the function."""

@@ -382,6 +382,10 @@ class Instance3:
         """After a discarded step: nothing has changed, and how far it got is not said (FMI 3.0.2, section 4.2.1)."""
         return None
 
+    def longest_step(self) -> float | None:
+        """None: FMI 3 has no function that says it."""
+        return None
+
     def save_state(self, state: ctypes.c_void_p) -> None:
         """fmi3GetFMUState into `state`, whose memory is used again if it has some."""
         self.call("fmi3GetFMUState", ctypes.byref(state))

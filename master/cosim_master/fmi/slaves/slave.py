@@ -94,6 +94,9 @@ class Slave(Protocol):
     def last_successful_time(self) -> float | None:
         """After a discarded step: how far it got in s, None if the FMU does not say."""
 
+    def longest_step(self) -> float | None:
+        """The longest step that it would make from here, s; None if it does not say."""
+
     def cancel_step(self) -> None:
         """Stops a step that is pending; only `free` may follow."""
 

@@ -124,6 +124,9 @@ class TableInstance(Instance):
     def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
         """Nothing can be set: it has outputs only."""
 
+    def longest_step(self) -> None:
+        """None: a table has a value at every time."""
+
     def save_state(self, state: ctypes.c_void_p) -> None:
         (bits,) = struct.unpack("<Q", struct.pack("<d", self.library.times[self.handle]))
         state.value = bits

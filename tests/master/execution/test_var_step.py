@@ -269,6 +269,21 @@ def test_an_fmu_says_how_long_a_step_it_takes(linears: Any, tmp_path: Path, monk
         assert times(out) == (wanted or [round(0.01 * n, 2) for n in range(101)])
 
 
+def test_a_table_takes_steps_of_any_length(linears: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside an FMU that takes 0.3 s at most; y of a gain of 2 is twice the line t of the table."""
+    monkeypatch.setenv("LINEAR_MAXIMUM", "0.3")
+    linears.fmu()
+    (linears.workshop.root / "in.csv").write_text("time,v\n0,0\n2,2\n")
+    table = linears.workshop.component("t", "in.csv", "v:output", type="text/csv")
+    one = linears.component("a", gain=2.0, rate=-1.0, step=0.1)
+    master = 'algorithm="var-step"><constraint type="fmumaxstepsize"/></master>'
+    out = tmp_path / "out"
+    assert simulate(linears.ssd(table + one, "t/v a/u", master=master, stop=1.0), out=out).outcome == "done"
+    assert times(out) == [0.0, 0.1, 0.4, 0.7, 1.0]
+    y = pq.read_table(out / "signals.parquet")["a.y"].to_pylist()
+    assert y == pytest.approx([0.0, 0.0, 0.2, 0.8, 1.4], abs=1e-12)  # exchange is Jacobi's: of the step's beginning
+
+
 def test_a_discarded_step_is_tried_shorter(linears: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LINEAR_LIMIT", "0.03")
     linears.fmu()
