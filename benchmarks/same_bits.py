@@ -34,7 +34,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         {"seed": 7, "overrides": {"network.loss": "0.3", "network.jitter": "0.02", "drone3.agent.epsilon": "0.5"}},
     ),
     "two threads": ("line5", {"until": 20.0, "threads": 2}),
-    "steps of 5 ms": ("line5", {"until": 20.0, "step": 0.005}),
+    "steps of 5 ms": ("line5", {"until": 20.0, "step": 0.005, "overrides": {"recording.interval": "0.01"}}),
     "changed": ("line5", {"until": 40.0, "at": [(20.0, "drone3.vehicle.wind[2]", "3")]}),
     "going on": ("line5", {"until": 30.0, "checkpoint_every": 10.0}),
 }
