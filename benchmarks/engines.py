@@ -216,10 +216,11 @@ def write(case: Case, fmu: Path, path: Path) -> None:
 def ours(path: str) -> float:
     import pyarrow.parquet as pq
 
+    from cosim_master.execution.options import RunOptions
     from cosim_master.execution.simulate import simulate
 
     with tempfile.TemporaryDirectory() as out:
-        result = simulate(path, out=Path(out), step=STEP)
+        result = simulate(path, RunOptions(out=Path(out), step=STEP))
         if result.outcome != "done":
             raise RuntimeError(str(result.error))
         table = pq.read_table(Path(out) / "signals.parquet")

@@ -20,7 +20,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cosim_master import simulate
+from cosim_master import RunOptions, simulate
 
 SYSTEMS = Path(__file__).parents[1] / "master" / "systems"
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -62,11 +62,11 @@ def all_digests() -> dict[str, dict[str, str]]:
     with tempfile.TemporaryDirectory(prefix="uav-cosim-bits-") as temporary:
         root = Path(temporary)
         for name, (system, options) in CASES.items():
-            result = simulate(SYSTEMS / system, out=root / name, **options)
+            result = simulate(SYSTEMS / system, RunOptions(out=root / name, **options))
             found[name] = {**digests(root / name), "outcome": str(result.outcome)}
             print(f"{name}: {len(found[name])} digests", flush=True)
         resumed = root / "resumed"
-        simulate(SYSTEMS / "line5", out=resumed, origin=f"{root / 'going on'}@10")
+        simulate(SYSTEMS / "line5", RunOptions(out=resumed, origin=f"{root / 'going on'}@10"))
         found["going on"] |= {f"resumed {key}": value for key, value in digests(resumed).items()}
     return found
 

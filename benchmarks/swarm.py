@@ -29,6 +29,7 @@ from report import machine, show, write
 
 from cosim.kernel import kernel
 from cosim_master.execution.execution import Execution
+from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.result import Progress
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import grown
@@ -77,7 +78,11 @@ def run_once(folder: Path, seconds: float, threads: int | None, began: float) ->
     Recorder.rows = timed(Recorder.rows)  # type: ignore[method-assign]
     Recorder.packets = timed(Recorder.packets)  # type: ignore[method-assign]
     with tempfile.TemporaryDirectory(prefix="uav-cosim-swarm-") as out:
-        result = simulate(folder, out=Path(out), until=seconds, record=RECORDED, threads=threads, on_progress=progress)
+        result = simulate(
+            folder,
+            RunOptions(out=Path(out), until=seconds, record=RECORDED, threads=threads),
+            listener=Listener(progress=progress),
+        )
         if result.outcome != "done":
             raise RuntimeError(f"{folder}: {result.outcome}: {result.error}")
         size = sum(file.stat().st_size for file in Path(out).rglob("*") if file.is_file())

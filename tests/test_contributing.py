@@ -16,6 +16,7 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 import pytest
 
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.swap import swap
 from tests.master.conftest import Workshop, variable
@@ -181,9 +182,9 @@ def agents(tmp_path: Path) -> Callable[[str], Path]:
 RUN_ALL = """
 import sys
 from pathlib import Path
-from cosim_master import simulate
+from cosim_master import RunOptions, simulate
 for system, out in zip(sys.argv[1::2], sys.argv[2::2]):
-    result = simulate(system, out=Path(out))
+    result = simulate(system, RunOptions(out=Path(out)))
     assert result.outcome == "done", result.error
 """
 
@@ -219,10 +220,11 @@ def test_a_master_algorithm(tree: Path, tmp_path: Path) -> None:
 RECORD = """
 import sys
 from pathlib import Path
-from cosim_master import simulate
+from cosim_master import RunOptions, simulate
 from cosim_master.results.csv_recorder import CsvRecorder
 file = Path(sys.argv[3])
-result = simulate(sys.argv[1], out=Path(sys.argv[2]), observers=[lambda view: CsvRecorder(view, file, 0.02)])
+options = RunOptions(out=Path(sys.argv[2]))
+result = simulate(sys.argv[1], options, observers=[lambda view: CsvRecorder(view, file, 0.02)])
 assert result.outcome == "done", result.error
 """
 
@@ -254,7 +256,7 @@ def test_a_vehicle(tree: Path, tmp_path: Path) -> None:
     put_into(tree, VEHICLE)
     fmu = Path(run(tree, BUILD, "Crazyflie", tmp_path).strip())
     commands = {f"motor[{i}]": "0.9" for i in range(1, 5)}
-    result = simulate(fmu, out=tmp_path / "out", until=1.0, overrides=commands)
+    result = simulate(fmu, RunOptions(out=tmp_path / "out", until=1.0, overrides=commands))
     assert result.outcome == "done", result.error
     got = signals(tmp_path / "out")
     (force,) = (got[name][-1] for name in got if name.endswith("specific_force[3]"))
@@ -269,7 +271,9 @@ def test_a_cooperative_law(tree: Path, fmus: Path, tmp_path: Path) -> None:
     fmu = Path(run(tree, BUILD, "PlatoonAgent", tmp_path).strip())
     system = copy_of("line5", tmp_path, fmus)
     swap(system, "drone*.agent", fmu)
-    result = simulate(system, out=tmp_path / "out", until=60.0, overrides={"drone5.agent.stubborn": "false"})
+    result = simulate(
+        system, RunOptions(out=tmp_path / "out", until=60.0, overrides={"drone5.agent.stubborn": "false"})
+    )
     assert result.outcome == "done", result.error
     got = signals(tmp_path / "out")
     east = [got[f"drone{i}.vehicle.position[2]"][-1] for i in range(1, 6)]

@@ -1,8 +1,8 @@
 """The master: reads a system of FMUs, checks it, steps it, carries its packets, records it.
 
-    from cosim_master import simulate
+    from cosim_master import RunOptions, signals, simulate
 
-    result = simulate("line5", until=60.0, out=Path("out"))
+    result = simulate("line5", RunOptions(until=60.0, out=Path("out")))
     result.outcome                                     # Outcome.DONE
     signals(result.folder)["drone3.vehicle.position[2]"]
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from cosim_master.diagnostics.errors import RunTerminated as RunTerminated
     from cosim_master.diagnostics.errors import StepTooSmall as StepTooSmall
     from cosim_master.diagnostics.errors import SystemDescriptionError as SystemDescriptionError
+    from cosim_master.execution.options import Listener as Listener
+    from cosim_master.execution.options import RunOptions as RunOptions
     from cosim_master.execution.prepare import Prepared as Prepared
     from cosim_master.execution.result import Outcome as Outcome
     from cosim_master.execution.result import Progress as Progress
@@ -48,6 +50,7 @@ _WHERE = {
     "CheckedSystem": "system.flatten.flat",
     "CosimError": "diagnostics.errors",
     "FmuError": "diagnostics.errors",
+    "Listener": "execution.options",
     "LoopError": "diagnostics.errors",
     "NotConverged": "diagnostics.errors",
     "Observer": "stepping.observation",
@@ -55,6 +58,7 @@ _WHERE = {
     "Prepared": "execution.prepare",
     "Progress": "execution.result",
     "RunFailed": "diagnostics.errors",
+    "RunOptions": "execution.options",
     "RunResult": "execution.result",
     "RunTerminated": "diagnostics.errors",
     "Seen": "stepping.observation",

@@ -19,6 +19,7 @@ def test_these_names_and_no_others() -> None:
         "CheckedSystem",
         "CosimError",
         "FmuError",
+        "Listener",
         "LoopError",
         "NotConverged",
         "Observer",
@@ -26,6 +27,7 @@ def test_these_names_and_no_others() -> None:
         "Prepared",
         "Progress",
         "RunFailed",
+        "RunOptions",
         "RunResult",
         "RunTerminated",
         "Seen",
@@ -73,7 +75,7 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
 def test_a_run_from_python(probes: Any, tmp_path: Path) -> None:
     probes.fmu()
     system = probes.ssd(probes.workshop.component("a", "probe.fmu"), stop=0.5)
-    result = cosim_master.simulate(system, until=0.5, out=tmp_path / "out")
+    result = cosim_master.simulate(system, cosim_master.RunOptions(until=0.5, out=tmp_path / "out"))
     assert result.outcome is cosim_master.Outcome.DONE
     assert result.outcome == "done"
     table = cosim_master.signals(tmp_path / "out")
@@ -87,7 +89,7 @@ def test_a_run_from_python(probes: Any, tmp_path: Path) -> None:
 
 
 def test_packets_of_a_run(fmus: Path, tmp_path: Path) -> None:
-    cosim_master.simulate("line5", until=0.5, out=tmp_path / "out")
+    cosim_master.simulate("line5", cosim_master.RunOptions(until=0.5, out=tmp_path / "out"))
     found = cosim_master.packets(tmp_path / "out")
     assert isinstance(found, pa.Table)
     assert {"sent", "source", "target", "outcome"} <= {*found.column_names}

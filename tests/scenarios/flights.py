@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 
@@ -59,7 +60,7 @@ def copy_of(system: str, workshop: Path, fmus: Path, change: Callable[[str], str
 
 def fly(system: Path, out: Path, **options: Any) -> Flight:
     """Run a system to its end; it must succeed."""
-    result = simulate(system, out=out, **options)
+    result = simulate(system, RunOptions(out=out, **options))
     assert result.error is None, result.error
     assert result.outcome == "done"
     table = pq.read_table(out / "signals.parquet")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.swap import swap
 from tests.models.ardupilot.test_ardupilot_sitl import STAND_IN
@@ -54,7 +55,7 @@ def test_without_an_executable_the_run_fails_and_says_how_to_get_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("ARDUPILOT_SITL", raising=False)
-    result = simulate(SYSTEMS / "line5-ardupilot", out=tmp_path / "out", until=0.1)
+    result = simulate(SYSTEMS / "line5-ardupilot", RunOptions(out=tmp_path / "out", until=0.1))
     assert result.outcome == "failed"
     assert "ARDUPILOT_SITL" in str(result.error)
     assert "ardupilot.org" in str(result.error)

@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 import pytest
 from fmpy.fmi2 import FMU2Slave
 
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import FmuDescription, describe
 
@@ -37,7 +38,7 @@ def ours(file: Path, out: Path) -> tuple[FmuDescription, np.ndarray]:
     """What our master records of all Real outputs, a row after each step."""
     fmu = describe(file)
     assert fmu.step_size is not None
-    result = simulate(file, until=STEPS * fmu.step_size, out=out)
+    result = simulate(file, RunOptions(until=STEPS * fmu.step_size, out=out))
     assert result.outcome == "done", result.error
     table = pq.read_table(out / "signals.parquet").to_pydict()
     return fmu, np.array([table[f"{fmu.model_name}.{name}"][1:] for name in outputs_of(fmu)]).T

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from cosim.build import build
 from cosim_master.cli import app
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 
@@ -159,7 +160,7 @@ def auction(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 def run(folder: Path, out: Path, dialect: str) -> tuple[RunResult, dict[str, np.ndarray]]:
     (folder / "SystemStructure.ssd").write_text(SYSTEM.format(dialect=dialect))
-    result = simulate(folder, out=out)
+    result = simulate(folder, RunOptions(out=out))
     table = pq.read_table(out / "signals.parquet")
     return result, {name: table[name].to_numpy() for name in table.column_names}
 

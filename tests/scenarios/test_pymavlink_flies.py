@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
+from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.recorder import EPOCH
 from tests.scenarios.flights import SYSTEMS, fly
@@ -178,7 +179,9 @@ def test_a_gateway_that_only_listens_changes_nothing(tmp_path: Path, fmus: Path)
     alone = fly(SYSTEMS / "line5", tmp_path / "alone", until=30.0)
     heard: list[str] = []
     result = simulate(
-        SYSTEMS / "line5", out=tmp_path / "heard", until=30.0, gcs=["udpin:0"], ports="tcp:0", on_gateway=heard.append
+        SYSTEMS / "line5",
+        RunOptions(out=tmp_path / "heard", until=30.0, gcs=["udpin:0"], ports="tcp:0"),
+        listener=Listener(gateway=heard.append),
     )
     assert result.outcome == "done"
     assert len(heard) == 6

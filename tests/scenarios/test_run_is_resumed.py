@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.result import Progress
 from cosim_master.execution.simulate import simulate
 from tests.scenarios.flights import SYSTEMS, copy_of, fly
@@ -41,14 +42,18 @@ def test_interrupted_and_resumed_is_the_same_to_the_last_byte(
             raise KeyboardInterrupt
 
     whole, half, rest = (tmp_path / name for name in ("whole", "half", "rest"))
-    simulate(line5, out=whole, until=UNTIL, seed=seed, checkpoint_every=EVERY, threads=threads)
+    simulate(line5, RunOptions(out=whole, until=UNTIL, seed=seed, checkpoint_every=EVERY, threads=threads))
     stopped = simulate(
-        line5, out=half, until=UNTIL, seed=seed, checkpoint_every=EVERY, on_progress=interrupt, threads=threads
+        line5,
+        RunOptions(out=half, until=UNTIL, seed=seed, checkpoint_every=EVERY, threads=threads),
+        listener=Listener(progress=interrupt),
     )
     assert stopped.outcome in ("interrupted", "done")  # done if the last piece was a long one
     last = max((float(folder.name) for folder in (half / "checkpoints").iterdir()), default=0.0)
     assert last >= EVERY
-    resumed = simulate(line5, out=rest, origin=f"{half}@{last:g}", checkpoint_every=EVERY, threads=3 - threads)
+    resumed = simulate(
+        line5, RunOptions(out=rest, origin=f"{half}@{last:g}", checkpoint_every=EVERY, threads=3 - threads)
+    )
     assert resumed.outcome == "done"
     assert resumed.packets["sent"] > 0
     for name in RECORDED:
@@ -82,9 +87,9 @@ def _by_radio(row: Mapping[str, Any]) -> bool:
 
 def test_from_4_s_on_the_radio_is_dead(line5: Path, tmp_path: Path) -> None:
     """Settings of the radio hold from the checkpoint on: what was sent before has the fate it had, in flight or not."""
-    simulate(line5, out=tmp_path / "run", until=UNTIL, checkpoint_every=4.0)
+    simulate(line5, RunOptions(out=tmp_path / "run", until=UNTIL, checkpoint_every=4.0))
     origin = f"{tmp_path / 'run'}@4"
-    branch = simulate(line5, out=tmp_path / "branch", origin=origin, overrides={"network.loss": "1"})
+    branch = simulate(line5, RunOptions(out=tmp_path / "branch", origin=origin, overrides={"network.loss": "1"}))
     assert branch.outcome == "done"
     by_radio = {
         name: [row for row in pq.read_table(tmp_path / name / "packets.parquet").to_pylist() if _by_radio(row)]
@@ -94,16 +99,16 @@ def test_from_4_s_on_the_radio_is_dead(line5: Path, tmp_path: Path) -> None:
     assert early["run"] == early["branch"] != []
     assert {row["outcome"] for row in by_radio["branch"] if row["sent"] > 4.0} == {"lost: channel"}
     with pytest.raises(SystemDescriptionError, match="the seed of the radio must be what it was"):
-        simulate(line5, out=tmp_path / "other", origin=origin, overrides={"network.seed": "99"})
+        simulate(line5, RunOptions(out=tmp_path / "other", origin=origin, overrides={"network.seed": "99"}))
 
 
 def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> None:
-    simulate(line5, out=tmp_path / "run", until=2.0, checkpoint_every=1.0, seed=7)
+    simulate(line5, RunOptions(out=tmp_path / "run", until=2.0, checkpoint_every=1.0, seed=7))
     origin = f"{tmp_path / 'run'}@1"
 
     def refused(**options: object) -> str:
         with pytest.raises(SystemDescriptionError) as caught:
-            simulate(line5, **{"out": tmp_path / "on", "origin": origin, **options})  # type: ignore[arg-type]
+            simulate(line5, RunOptions(**{"out": tmp_path / "on", "origin": origin, **options}))  # type: ignore[arg-type]
         return str(caught.value)
 
     assert "run has no checkpoint at 1.5 s; there are: 1" in refused(origin=f"{tmp_path / 'run'}@1.5")
@@ -113,7 +118,7 @@ def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> 
     assert "give another folder" in refused(out=tmp_path / "run")
     assert "signals.parquet has other columns" in refused(record=("*.position*",))
     with pytest.raises(SystemDescriptionError, match="the system's documents must be what it was"):
-        simulate(SYSTEMS / "line5", out=tmp_path / "on", origin=origin)
+        simulate(SYSTEMS / "line5", RunOptions(out=tmp_path / "on", origin=origin))
     assert "not a multiple of the base step" in refused(checkpoint_every=0.0001)
     (tmp_path / "run" / "checkpoints" / "1" / "state.npz").write_bytes(b"PK")
     assert "the checkpoint is damaged" in refused()

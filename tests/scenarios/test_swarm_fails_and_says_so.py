@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.new import new_system
 from cosim_master.verdict.findings import Finding
@@ -54,7 +55,7 @@ class Run:
 
     def __init__(self, system: Path, out: Path, **options: Any) -> None:
         self.system = system
-        result = simulate(system, out=out, **options)
+        result = simulate(system, RunOptions(out=out, **options))
         assert result.outcome == "done"
         assert result.verdict is not None
         self.verdict = result.verdict

@@ -22,10 +22,10 @@ from cosim_master.diagnostics.errors import (
 from cosim_master.execution.execution import Execution
 from cosim_master.execution.manifest import digest_of_system
 from cosim_master.execution.prepare import Prepared
-from cosim_master.execution.result import Outcome, Progress, RunResult
+from cosim_master.execution.result import Outcome, Overruns, Progress, RunResult
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.results.checkpoint_folder import Identity
-from cosim_master.stepping.observation import Observers
+from cosim_master.system.settings.time_grid import Timing
 from cosim_master.verdict.memory import remember
 from cosim_master.verdict.watch import Watch
 
@@ -117,57 +117,85 @@ def interrupts() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, before)
 
 
+class _Pace:
+    """Holds a run to a multiple of real time, and chooses how many base steps it makes at once.
+
+    Args:
+        factor: times real time; None is as fast as possible.
+        clock: the time grid of the run.
+        slice: wall-clock seconds that the base steps made at once are to take.
+    """
+
+    def __init__(self, factor: float | None, clock: Timing, slice: float) -> None:
+        self._factor, self._base, self._steps, self._slice = factor, clock.seconds(1), clock.steps, slice
+        self._began = time.perf_counter()
+        self.chunk = 1
+        self.overruns = Overruns()
+
+    @property
+    def wall(self) -> float:
+        """Wall-clock seconds since the run began."""
+        return time.perf_counter() - self._began
+
+    def wait(self, simulated: float, interrupted: Callable[[], bool]) -> None:
+        """Sleeps until `simulated` seconds are due."""
+        if self._factor is None:
+            return
+        due = simulated / self._factor - self.wall
+        if due < -0.05:
+            self.overruns = Overruns(self.overruns.count + 1, max(self.overruns.worst_s, -due))
+        while due > 1e-6 and not interrupted():
+            time.sleep(min(due, _SLICE))
+            due = simulated / self._factor - self.wall
+
+    def spent(self, seconds: float) -> None:
+        """Chooses the next chunk; the last one has taken `seconds` of wall-clock time."""
+        if self._factor is not None:
+            self.chunk = max(1, min(int(_SLICE * 0.4 * self._factor / self._base), self._steps))
+        else:
+            self.chunk = max(1, min(4 * self.chunk, int(self.chunk * self._slice / max(seconds, 1e-6)) or 1))
+
+
 def run(
     execution: Execution,
     ready: Prepared,
-    pace: float | None,
-    on_progress: Callable[[Progress], None] | None,
-    interrupted: Callable[[], bool],
     gateways: Gateways,
+    advance: Callable[[int], None],
+    *,
+    pace: float | None = None,
+    interrupted: Callable[[], bool] = lambda: False,
+    tell: Callable[[Progress], None] = lambda _: None,
     checkpoints: Checkpoints | None = None,
-    observers: Observers | None = None,
 ) -> RunResult:
     """Steps a run to its end, whatever it is; never raises a `CosimError`.
 
     Args:
-        pace: times real time to hold at most; None runs as fast as it can.
+        advance: steps to a base step: `Execution.advance`, or that of its `Observers`.
+        pace: times real time to hold at most; None runs as fast as possible.
         interrupted: whether the user wants the run to end.
+        tell: is called with the progress after each chunk of base steps.
     """
     clock = ready.clock
-    start = execution.time
-    stop = clock.time(clock.steps)
+    start, stop = execution.time, clock.time(clock.steps)
     outcome = Outcome.DONE
     failure: CosimError | None = None
-    began = time.perf_counter()
-    chunk, overruns, worst = 1, 0, 0.0
-    advance = execution.advance if observers is None else observers.advance
-    slice_ = _SHORT_SLICE if gateways else _SLICE
+    held = _Pace(pace, clock, _SHORT_SLICE if gateways else _SLICE)
     try:
         while execution.k < clock.steps:
-            before = time.perf_counter()
-            if pace is not None:
-                due = (execution.time - start) / pace - (before - began)
-                if due < -0.05:
-                    overruns, worst = overruns + 1, max(worst, -due)
-                while due > 1e-6 and not interrupted():
-                    time.sleep(min(due, _SLICE))
-                    due = (execution.time - start) / pace - (time.perf_counter() - began)
+            before = held.wall
+            held.wait(execution.time - start, interrupted)
             if interrupted():
                 outcome = Outcome.INTERRUPTED
                 break
             if gateways:
                 gateways.exchange(execution)
-            advance(execution.k + chunk if checkpoints is None else checkpoints.before(execution.k, chunk))
-            if checkpoints is not None:
-                checkpoints.save(execution)
-            if on_progress is not None:
-                wall, packets = time.perf_counter() - began, execution.packet_counts()["sent"]
-                on_progress(Progress(execution.time, start, stop, wall, packets))
-            spent = max(time.perf_counter() - before, 1e-6)
-            if pace is not None:
-                chunk = max(1, min(int(_SLICE * 0.4 * pace / clock.seconds(1)), clock.steps))
+            if checkpoints is None:
+                advance(execution.k + held.chunk)
             else:
-                chunk = max(1, min(4 * chunk, int(chunk * slice_ / spent) or 1))
+                advance(checkpoints.before(execution.k, held.chunk))
+                checkpoints.save(execution)
+            tell(Progress(execution.time, start, stop, held.wall, execution.packet_counts()["sent"]))
+            held.spent(held.wall - before)
         if gateways:
             gateways.exchange(execution)
     except KeyboardInterrupt:
@@ -176,17 +204,15 @@ def run(
         outcome, failure = Outcome.TERMINATED, error
     except CosimError as error:
         outcome, failure = Outcome.FAILED, error
-    wall = time.perf_counter() - began
-    simulated = execution.time - start
-    factor = simulated / wall if wall > 0 else 0.0
+    wall, simulated = held.wall, execution.time - start
     return RunResult(
         outcome,
         failure,
-        simulated,
-        wall,
-        factor,
-        execution.packet_counts(),
-        ready.notes,
-        (overruns, worst),
-        gateways.counts(),
+        simulated_s=simulated,
+        wall_s=wall,
+        real_time_factor=simulated / wall if wall > 0 else 0.0,
+        packets=execution.packet_counts(),
+        notes=ready.notes,
+        overruns=held.overruns,
+        gateways=gateways.counts(),
     )

@@ -20,6 +20,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.files import archive
 from cosim_master.files.xml import parse
@@ -94,7 +95,10 @@ def against_reference(
             reference, inputs, source = _own(path, folder)
         times, columns = _read(reference, source)
         result = simulate(
-            path, out=folder / "out", until=until, step=step, overrides=overrides, record=["*"], inputs=inputs
+            path,
+            RunOptions(
+                out=folder / "out", until=until, step=step, overrides=overrides or {}, record=["*"], inputs=inputs
+            ),
         )
         if result.outcome == "failed":
             raise CosimError(str(result.error))

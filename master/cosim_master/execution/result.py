@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from cosim_master.diagnostics.errors import (
 from cosim_master.stepping.profiling import Profile
 from cosim_master.verdict.findings import Judgement
 
-__all__ = ["Outcome", "Progress", "RunResult", "failing"]
+__all__ = ["Outcome", "Overruns", "Progress", "RunResult", "failing"]
 
 
 class Outcome(StrEnum):
@@ -42,6 +42,14 @@ class Progress:
 
 
 @dataclass(frozen=True, slots=True)
+class Overruns:
+    """How often a paced run was late, and by how much at worst, s."""
+
+    count: int = 0
+    worst_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class RunResult:
     """How a run ended.
 
@@ -51,7 +59,7 @@ class RunResult:
         simulated_s, wall_s, real_time_factor: of the stepping alone.
         packets: see `Execution.packet_counts`.
         notes: what was assumed.
-        overruns: paced runs: how often and by how much (s, at worst) the pace could not be held.
+        overruns: how often, and by how much, a paced run missed its pace.
         gateways: see `Gateways.counts`.
         profile: where the time went, if that was asked for.
         folder: of the results; None if nothing was recorded.
@@ -60,12 +68,13 @@ class RunResult:
 
     outcome: Outcome
     error: CosimError | None
-    simulated_s: float
-    wall_s: float
-    real_time_factor: float
-    packets: Mapping[str, int]
-    notes: tuple[str, ...]
-    overruns: tuple[int, float] = (0, 0.0)
+    _: KW_ONLY
+    simulated_s: float = 0.0
+    wall_s: float = 0.0
+    real_time_factor: float = 0.0
+    packets: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    overruns: Overruns = field(default_factory=Overruns)
     gateways: Mapping[str, Mapping[str, int | str]] = field(default_factory=dict)
     profile: Profile | None = None
     folder: Path | None = None

@@ -15,6 +15,7 @@ from rich.table import Table
 from cosim_master.cli.views.inspection import fmu_tables, system_tables
 from cosim_master.cli.views.overview import overview
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from tests.master.probe import LEVEL
 
@@ -94,7 +95,7 @@ def test_a_system(probes: Any) -> None:
 def test_results_that_are_not_complete(probes: Any, tmp_path: Path, damage: Any) -> None:
     probes.fmu()
     out = tmp_path / "out"
-    simulate(probes.ssd(probes.component("a")), out=out)
+    simulate(probes.ssd(probes.component("a")), RunOptions(out=out))
     assert json.loads((out / "manifest.json").read_text())["outcome"] == "done"
     damage(out)
     with pytest.raises(SystemDescriptionError, match=r"out: is not the complete result of a run: "):

@@ -15,6 +15,7 @@ import pytest
 from rich.console import Console
 
 from cosim_master.cli.views.overview import _names, overview, overview_tables, signal_table
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 
 VERDICT = {
@@ -174,7 +175,7 @@ def test_it_fits_on_a_screen(tmp_path: Path, drones: int) -> None:
 def test_a_run_without_a_radio(probes: Any, tmp_path: Path) -> None:
     probes.fmu()
     out = tmp_path / "out"
-    simulate(probes.ssd(probes.component("a")), out=out, seed=7)
+    simulate(probes.ssd(probes.component("a")), RunOptions(out=out, seed=7))
     lines = shown(overview_tables(overview(out)))
     assert lines[0].startswith("test: done, 2 s simulated in ") and lines[0].endswith("times real time), seed 7")
     assert lines[-3:] == [

@@ -17,6 +17,7 @@ import cosim_master
 from cosim_master.diagnostics import limitations
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.diagnostics.limitations import LIMITATIONS, Limitation, table
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.files import archive
 from cosim_master.fmi.description import read_fmi3 as fmu3
@@ -67,7 +68,7 @@ def said(given: Said | Path) -> Said:
 def ran(path: Path, **options: Any) -> Said:
     """What a run says: an error before it begins, a failure, or else its notes."""
     try:
-        result = simulate(path, **options)
+        result = simulate(path, RunOptions(**options))
     except SystemDescriptionError as error:
         return "error", [str(problem) for problem in error.problems]
     if result.outcome == "failed":

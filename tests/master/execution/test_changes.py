@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -22,7 +23,7 @@ def test_a_tunable_parameter_and_an_open_input_change(stricts: Any, tmp_path: Pa
     stricts.fmu()
     system = stricts.ssd(stricts.component("a", p=2.0, u=1.0, s="x"), stop=2.5)
     at = [(1.0, "a.p", "4"), (0.0, "a.p", "1"), (1.5, "a.u", "-0.5"), (1.0, "a.p", "3"), (0.5, "a.s", "new ")]
-    result = simulate(system, out=tmp_path / "out", at=at)
+    result = simulate(system, RunOptions(out=tmp_path / "out", at=at))
     assert (result.outcome, stricts.complaints) == ("done", [])
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     assert got["a.y"] == [0.0, 0.5, 1.0, 2.5, 1.75, 1.0]  # p = 1, 1, 3, 3, 3 and u = 1, 1, 1, -0.5, -0.5
@@ -37,7 +38,7 @@ def test_a_change_is_not_lost_when_steps_are_repeated(stricts: Any, tmp_path: Pa
     """a discards the step in which the change comes, and later ones."""
     stricts.fmu()
     parts = stricts.component("a", mode=1, when=1.0, longest=0.25) + stricts.component("b", u=1.0)
-    result = simulate(stricts.ssd(parts), out=tmp_path / "out", at=[(0.5, "b.p", "2"), (1.0, "b.p", "10")])
+    result = simulate(stricts.ssd(parts), RunOptions(out=tmp_path / "out", at=[(0.5, "b.p", "2"), (1.0, "b.p", "10")]))
     assert (result.outcome, stricts.complaints) == ("done", [])
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     assert got["b.y"] == [0.0, 0.5, 1.5, 6.5, 11.5]
@@ -46,7 +47,9 @@ def test_a_change_is_not_lost_when_steps_are_repeated(stricts: Any, tmp_path: Pa
 
 def test_a_rejected_change(stricts: Any, tmp_path: Path) -> None:
     stricts.fmu()
-    result = simulate(stricts.ssd(stricts.component("a", mode=8)), out=tmp_path / "out", at=[(1.0, "a.u", "101")])
+    result = simulate(
+        stricts.ssd(stricts.component("a", mode=8)), RunOptions(out=tmp_path / "out", at=[(1.0, "a.u", "101")])
+    )
     assert str(result.error) == "a: fmi2SetReal failed at t = 1 s: fmi2Discard"
     assert stricts.complaints == []
     assert pq.read_table(tmp_path / "out" / "signals.parquet")["time"].to_pylist() == [0.0, 0.5, 1.0]
@@ -70,7 +73,7 @@ def test_everything_wrong_with_changes_at_once(stricts: Any) -> None:
         (float("nan"), "a.p", "1"): "no step of a begins then; ",
     }
     with pytest.raises(SystemDescriptionError) as caught:
-        simulate(stricts.ssd(parts, "a/y b/u"), at=list(wrong))
+        simulate(stricts.ssd(parts, "a/y b/u"), RunOptions(at=list(wrong)))
     messages = [str(problem) for problem in caught.value.problems]
     for (time, name, text), expected in wrong.items():
         assert any(m.startswith(f"--at: {time:g} {name}={text}: {expected}") for m in messages), (name, messages)

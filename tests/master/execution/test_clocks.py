@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.flatten.check import check
@@ -28,7 +29,7 @@ def signals(out: Path) -> dict[str, list[Any]]:
 
 
 def ran(stricts3: Any, system: Path, **options: Any) -> RunResult:
-    result = simulate(system, **options)
+    result = simulate(system, RunOptions(**options))
     assert stricts3.complaints == []
     assert result.outcome == "done", result.error
     return result
@@ -248,7 +249,7 @@ def test_an_array_of_instances_of_different_steps_without_clocks_beside_it(stric
 
 def refused(system: Path, **options: Any) -> str:
     with pytest.raises(SystemDescriptionError) as caught:
-        simulate(system, **options)
+        simulate(system, RunOptions(**options))
     return str(caught.value)
 
 

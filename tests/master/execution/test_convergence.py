@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from cosim_master.diagnostics.errors import StepTooSmall, SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from tests.master.clocked import clocked
 from tests.master.linear import BALL_PORTS, ball, exact, impacts, signals
@@ -37,7 +38,7 @@ def oscillators(linears: Any, step: float, master: str, *, stop: float = 2.0, in
 
 def error(system: Path, out: Path) -> float:
     """The largest error of both positions, over all rows."""
-    result = simulate(system, out=out)
+    result = simulate(system, RunOptions(out=out))
     assert result.outcome == "done", result.error
     got = signals(out)
     wanted = exact(MATRIX, START, got["time"])
@@ -86,7 +87,7 @@ def test_steps_grow_where_nothing_happens(linears: Any, tmp_path: Path) -> None:
     parts = linears.component("a", x0=1.0, gain=0.5, rate=50.0, step=0.001)
     parts += linears.component("b", x0=-1.0, gain=0.5, rate=50.0, step=0.001)
     system = linears.ssd(parts, "b/y a/u", "a/y b/u", master=RICHARDSON + 'tolerance="0.01"/>', stop=4.0, interval=1.0)
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     counts = np.diff(signals(tmp_path / "out")["a.n"])
     assert counts[0] > 20 * counts[3]
 
@@ -94,10 +95,10 @@ def test_steps_grow_where_nothing_happens(linears: Any, tmp_path: Path) -> None:
 def test_minimum_and_maximum(linears: Any, tmp_path: Path) -> None:
     """Two halves of at most 0.05 s; and a minimum at which the tolerance cannot be met."""
     system = oscillators(linears, 0.01, RICHARDSON + 'tolerance="1" maximumStep="0.05"/>', interval=1.0)
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     assert signals(tmp_path / "out")["a.n"][-1] >= 80
     system = oscillators(linears, 0.01, RICHARDSON + 'tolerance="1e-6" minimumStep="0.005"/>', interval=1.0)
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "failed"
     assert isinstance(result.error, StepTooSmall)
     assert result.error.errors and max(result.error.errors.values()) > 1e-6 * 0.005
@@ -113,17 +114,17 @@ def test_a_change_is_made_exactly_when_it_is_asked_for(linears: Any, tmp_path: P
     system = linears.ssd(
         linears.component("a", gain=1.0, rate=1.0, step=0.1), master=RICHARDSON + "/>", stop=1.0, interval=1.0
     )
-    assert simulate(system, out=tmp_path / "out", at=[(0.3, "a.u", "1")]).outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out", at=[(0.3, "a.u", "1")])).outcome == "done"
     assert signals(tmp_path / "out")["a.y"][-1] == pytest.approx(1.0 - math.exp(-0.7), abs=1e-12)
 
 
 def test_a_discarded_step_is_tried_shorter(linears: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LINEAR_LIMIT", "0.02")
     system = oscillators(linears, 0.1, RICHARDSON + 'tolerance="1" minimumStep="0.001"/>', interval=1.0)
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     assert signals(tmp_path / "out")["a.n"][-1] >= 100
     system = oscillators(linears, 0.1, RICHARDSON + 'tolerance="1" minimumStep="0.05"/>', interval=1.0)
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "failed"
     assert "an FMU has discarded it" in str(result.error)
 
@@ -137,7 +138,7 @@ def test_every_call_of_every_trial_is_legal(stricts: Any, tmp_path: Path) -> Non
     ends = (("a/y", "b/u"), ("b/r", "a/s"), ("a/c", "b/b"))
     wires = "".join(stricts.workshop.connection(*wire) for wire in ends)
     system = stricts.workshop.ssd("strict.ssd", stricts.workshop.system(parts, wires, after=after))
-    result = simulate(system, until=1.0, out=tmp_path / "out", at=[(0.5, "b.p", "2")])
+    result = simulate(system, RunOptions(until=1.0, out=tmp_path / "out", at=[(0.5, "b.p", "2")]))
     assert result.outcome == "done", result.error
     assert stricts.complaints == []
     got = signals(tmp_path / "out")
@@ -152,7 +153,7 @@ def test_chunks_of_wall_clock_time_make_no_difference(linears: Any, tmp_path: Pa
     rows = []
     for n, pace in enumerate((None, 20.0)):
         system = oscillators(linears, 0.01, RICHARDSON + "/>", interval=0.25)
-        assert simulate(system, out=tmp_path / str(n), pace=pace).outcome == "done"
+        assert simulate(system, RunOptions(out=tmp_path / str(n), pace=pace)).outcome == "done"
         rows.append(signals(tmp_path / str(n)))
     for name in rows[0]:
         np.testing.assert_array_equal(rows[0][name], rows[1][name])
@@ -175,7 +176,7 @@ def test_a_bouncing_ball_bounces_on_time(
     parts = workshop.component("ball", "ball.fmu", BALL_PORTS, workshop.bindings({"announced": announced}), after)
     parts += stricts.component("seen", step=0.1)
     system = linears.ssd(parts, "ball/speed seen/u", master=master, stop=2.0)
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert stricts.complaints == []
     times = impacts(5)
@@ -208,7 +209,7 @@ def test_trials_with_events_are_legal(stricts3: Any, tmp_path: Path, mode: int) 
     parts = stricts3.component("a", mode=mode, when=0.6, longest=0.2, ports="f64_out:output events:output")
     parts += stricts3.component("b", ports="f64_in:input f64_out:output")
     system = by_error(stricts3, parts, "a/f64_out b/f64_in", stop=1.5)
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert stricts3.complaints == []
     got = signals(tmp_path / "out")
@@ -222,7 +223,7 @@ def test_clocks_tick_on_time_in_trials_too(stricts3: Any, tmp_path: Path) -> Non
     clocked(stricts3, "b.fmu", "go")
     parts = stricts3.component("a", "a.fmu", ports="fire:output y:output", rule=1, u=10.0)
     parts += stricts3.component("b", "b.fmu", ports="go:input u:input y:output")
-    result = simulate(by_error(stricts3, parts, "a/fire b/go", "a/y b/u", stop=1.5), out=tmp_path / "out")
+    result = simulate(by_error(stricts3, parts, "a/fire b/go", "a/y b/u", stop=1.5), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert stricts3.complaints == []
     lines = [line.split() for line in stricts3.calls]
@@ -267,7 +268,9 @@ def test_an_fmu_that_does_not_go_back_is_found_out(stricts: Any) -> None:
     parts = stricts.component("a", mode=10, u=1.0)
     master = f'<master xmlns="https://uav-cosim.org/ns/1" {RICHARDSON}/>'
     after = stricts.workshop.annotation("org.uav-cosim.master", master)
-    result = simulate(stricts.workshop.ssd("strict.ssd", stricts.workshop.system(parts, after=after)), until=1.0)
+    result = simulate(
+        stricts.workshop.ssd("strict.ssd", stricts.workshop.system(parts, after=after)), RunOptions(until=1.0)
+    )
     assert result.outcome == "failed"
     assert "a: fmi2SetFMUstate failed at t = 0 s: its state cannot be trusted, and richardson needs it" in str(
         result.error

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 from tests.master.strict3 import ABLE
@@ -28,7 +29,7 @@ def signals(out: Path) -> dict[str, list[Any]]:
 
 
 def ran(stricts3: Any, system: Path, **options: Any) -> RunResult:
-    result = simulate(system, **options)
+    result = simulate(system, RunOptions(**options))
     assert stricts3.complaints == []
     assert result.outcome == "done" or "out" not in options, result.error
     return result
@@ -118,7 +119,7 @@ def test_an_fmu_ends_the_run_in_event_mode(stricts3: Any, tmp_path: Path) -> Non
     """Pitfall 28: terminateSimulation of fmi3UpdateDiscreteStates. All have stepped until then: there is a row."""
     stricts3.fmu(flags=EVENTS)
     parts = stricts3.component("a", mode=14, when=0.5) + stricts3.component("b")
-    result = simulate(stricts3.ssd(parts), out=tmp_path / "out")
+    result = simulate(stricts3.ssd(parts), RunOptions(out=tmp_path / "out"))
     assert stricts3.complaints == []
     assert result.outcome == "terminated"
     assert "a: it wants the run to end at t = 1 s (terminateSimulation)" in str(result.error)

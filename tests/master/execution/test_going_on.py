@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.result import Progress
 from cosim_master.execution.simulate import simulate
 from tests.master.clocked import clocked
@@ -49,9 +50,13 @@ def resumed_as_if_never_stopped(system: Path, tmp_path: Path, **options: Any) ->
         if len(list((tmp_path / "half" / "checkpoints").glob("*/checkpoint.json"))) >= 2:
             raise KeyboardInterrupt
 
-    assert simulate(system, out=tmp_path / "whole", checkpoint_every=0.5, **options).outcome == "done"
-    simulate(system, out=tmp_path / "half", checkpoint_every=0.5, on_progress=interrupt, **options)
-    result = simulate(system, out=tmp_path / "rest", origin=f"{tmp_path / 'half'}@1", checkpoint_every=0.5)
+    assert simulate(system, RunOptions(out=tmp_path / "whole", checkpoint_every=0.5, **options)).outcome == "done"
+    simulate(
+        system,
+        RunOptions(out=tmp_path / "half", checkpoint_every=0.5, **options),
+        listener=Listener(progress=interrupt),
+    )
+    result = simulate(system, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'half'}@1", checkpoint_every=0.5))
     assert result.outcome == "done", result.error
     assert same(tmp_path / "whole", tmp_path / "rest")
 
@@ -115,32 +120,36 @@ def killed(system: Path, out: Path, after: str) -> None:
 def test_a_run_that_was_killed_goes_on(linears: Any, tmp_path: Path) -> None:
     """Nothing could be completed: its Parquet files have no footers."""
     system = oscillators(linears, "")
-    assert simulate(system, out=tmp_path / "whole", checkpoint_every=0.5).outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "whole", checkpoint_every=0.5)).outcome == "done"
     killed(system, tmp_path / "killed", "1.5")
     assert not (tmp_path / "killed" / "manifest.json").exists()
     with pytest.raises(pa.ArrowInvalid):
         pq.read_table(tmp_path / "killed" / "signals.parquet")
-    result = simulate(system, out=tmp_path / "rest", origin=f"{tmp_path / 'killed'}@1.5", checkpoint_every=0.5)
+    result = simulate(
+        system, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'killed'}@1.5", checkpoint_every=0.5)
+    )
     assert result.outcome == "done", result.error
     assert same(tmp_path / "whole", tmp_path / "rest")
     # and once more, from a run that has itself gone on
     (tmp_path / "rest" / "signals.parquet").write_bytes(b"PAR1 and no more")
-    again = simulate(system, out=tmp_path / "again", origin=f"{tmp_path / 'rest'}@2.5", checkpoint_every=0.5)
+    again = simulate(
+        system, RunOptions(out=tmp_path / "again", origin=f"{tmp_path / 'rest'}@2.5", checkpoint_every=0.5)
+    )
     assert again.outcome == "done", again.error
     assert same(tmp_path / "whole", tmp_path / "again")
     # a checkpoint in between that is lost, is said
     shutil.rmtree(tmp_path / "killed" / "checkpoints" / "1")
     with pytest.raises(SystemDescriptionError, match=r"of \d+ row groups of signals.parquet there are \d+"):
-        simulate(system, out=tmp_path / "never", origin=f"{tmp_path / 'killed'}@1.5")
+        simulate(system, RunOptions(out=tmp_path / "never", origin=f"{tmp_path / 'killed'}@1.5"))
 
 
 def test_segments_belong_to_checkpoints_only(linears: Any, tmp_path: Path) -> None:
     """Each holds what was recorded since the one before; none is left over, and none written without checkpoints."""
     system = oscillators(linears, "")
-    simulate(system, out=tmp_path / "out", checkpoint_every=1.5)
+    simulate(system, RunOptions(out=tmp_path / "out", checkpoint_every=1.5))
     found = sorted(str(file.relative_to(tmp_path / "out")) for file in tmp_path.glob("out/checkpoints/**/*.parquet"))
     assert found == ["checkpoints/1.5/signals.parquet", "checkpoints/3/signals.parquet"]
     rows = pq.read_table(tmp_path / "out" / found[1])["time"].to_pylist()
     assert (rows[0], rows[-1]) == (1.55, 3.0)
-    simulate(system, out=tmp_path / "out")
+    simulate(system, RunOptions(out=tmp_path / "out"))
     assert not list(tmp_path.glob("out/checkpoints/**/*.parquet"))

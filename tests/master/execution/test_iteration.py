@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cosim_master.diagnostics.errors import NotConverged, SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from tests.master.linear import exact, signals
 
@@ -41,7 +42,7 @@ def gains(linears: Any, master: str, a: float = -3.0, b: float = 2.0) -> Path:
 def test_an_algebraic_loop_is_solved_in_every_step(linears: Any, tmp_path: Path) -> None:
     """y1 = 1 + a (1 + b y1): for a = -3, b = 2 it is -2/7; going round would never find it."""
     for n, master in enumerate((NEWTON + "/>", FIXED + 'relaxation="0.14" iterations="500"/>')):
-        result = simulate(gains(linears, master), out=tmp_path / str(n))
+        result = simulate(gains(linears, master), RunOptions(out=tmp_path / str(n)))
         assert result.outcome == "done", result.error
         got = signals(tmp_path / str(n))
         np.testing.assert_allclose(got["a.y"][1:], -2.0 / 7.0, rtol=1e-7)
@@ -50,14 +51,14 @@ def test_an_algebraic_loop_is_solved_in_every_step(linears: Any, tmp_path: Path)
 
 def test_quasi_newton_solves_a_linear_loop_in_as_many_tries_as_it_has_unknowns(linears: Any, tmp_path: Path) -> None:
     """Two unknowns: one try, one more for each of them, and one that shows it. FMUs count the steps that were kept."""
-    assert simulate(gains(linears, NEWTON + 'iterations="4"/>'), out=tmp_path / "out").outcome == "done"
+    assert simulate(gains(linears, NEWTON + 'iterations="4"/>'), RunOptions(out=tmp_path / "out")).outcome == "done"
     assert list(signals(tmp_path / "out")["a.n"]) == [0, 1, 2, 3]
     result = simulate(gains(linears, NEWTON + 'iterations="2"/>'))
     assert isinstance(result.error, NotConverged)
 
 
 def test_a_damped_loop_settles_by_going_round(linears: Any, tmp_path: Path) -> None:
-    result = simulate(gains(linears, FIXED + "/>", a=0.5, b=-0.5), out=tmp_path / "out")
+    result = simulate(gains(linears, FIXED + "/>", a=0.5, b=-0.5), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     np.testing.assert_allclose(signals(tmp_path / "out")["a.y"][1:], 1.2, rtol=1e-8)
 
@@ -71,7 +72,7 @@ def test_a_stiff_pair_diverges_without_iteration_and_not_with_it(linears: Any, t
         "newton": NEWTON + "/>",
         "fixed": FIXED + 'relaxation="0.2" iterations="500"/>',
     }.items():
-        result = simulate(stiff(linears, master), out=tmp_path / name)
+        result = simulate(stiff(linears, master), RunOptions(out=tmp_path / name))
         assert result.outcome == "done", result.error
         outs[name] = signals(tmp_path / name)
     times = outs["jacobi"]["time"]
@@ -92,7 +93,7 @@ def test_what_is_in_no_loop_steps_once_and_in_order(linears: Any, tmp_path: Path
     parts += linears.component("b", x0=0.0, gain=1.0, rate=-1.0, step=0.1)
     parts += linears.component("c", "simple.fmu", x0=2.0, gain=10.0, rate=-1.0, step=0.1)
     system = linears.ssd(parts, "a/y a/u", "a/y b/u", "b/y c/u", master=NEWTON + "/>", stop=0.2)
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     got = signals(tmp_path / "out")
     np.testing.assert_allclose(got["a.y"][1:], 2.0)
     np.testing.assert_allclose(got["b.y"][1:], 2.0)
@@ -113,7 +114,7 @@ def test_integers_and_booleans_go_round_too(stricts: Any, tmp_path: Path) -> Non
     stricts.fmu()
     parts = stricts.component("a") + stricts.component("b")
     system = coupled(stricts, parts, "b/n-a/u a/c-b/b", FIXED)
-    assert simulate(system, until=2.0, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(until=2.0, out=tmp_path / "out")).outcome == "done"
     assert stricts.complaints == []
     got = signals(tmp_path / "out")
     assert list(got["a.y"]) == [0.0, 0.5, 1.5, 3.0, 5.0]
@@ -126,7 +127,7 @@ def test_every_call_of_every_try_is_legal(stricts: Any, tmp_path: Path) -> None:
     stricts.fmu()
     parts = stricts.component("a") + stricts.component("b", p=-1.0) + stricts.component("c", u=1.0)
     system = coupled(stricts, parts, "b/y-a/u a/n-b/u", NEWTON)
-    result = simulate(system, until=2.0, out=tmp_path / "out", at=[(1.0, "a.p", "3")])
+    result = simulate(system, RunOptions(until=2.0, out=tmp_path / "out", at=[(1.0, "a.p", "3")]))
     assert result.outcome == "done", result.error
     assert stricts.complaints == []
     got = signals(tmp_path / "out")
@@ -147,7 +148,7 @@ def test_a_discarded_step_is_repeated_in_shorter_ones_each_iterated(
 
 
 def _ran(system: Path, out: Path) -> Path:
-    result = simulate(system, out=out)
+    result = simulate(system, RunOptions(out=out))
     assert result.outcome == "done", result.error
     return out
 
@@ -156,7 +157,7 @@ def _ran(system: Path, out: Path) -> Path:
 
 
 def test_what_does_not_settle_is_named_with_its_residual_and_the_time(linears: Any, tmp_path: Path) -> None:
-    result = simulate(gains(linears, FIXED + 'iterations="5"/>'), out=tmp_path / "out")
+    result = simulate(gains(linears, FIXED + 'iterations="5"/>'), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "failed"
     assert isinstance(result.error, NotConverged)
     assert result.error.time == 0.0
@@ -185,7 +186,7 @@ def test_the_residual_is_that_of_the_last_try(linears: Any) -> None:
 def test_an_fmu_whose_state_is_not_restored_is_found_out_before_the_first_step(stricts: Any) -> None:
     stricts.fmu()
     parts = stricts.component("a", mode=10, u=1.0) + stricts.component("b")
-    result = simulate(coupled(stricts, parts, "a/y-b/u b/c-a/b", NEWTON), until=1.0)
+    result = simulate(coupled(stricts, parts, "a/y-b/u b/c-a/b", NEWTON), RunOptions(until=1.0))
     assert result.outcome == "failed"
     assert str(result.error) == (
         "a: fmi2SetFMUstate failed at t = 0 s: its state cannot be trusted, and quasi-newton needs it: saved, stepped, "
@@ -197,7 +198,7 @@ def test_an_fmu_whose_state_is_not_restored_is_found_out_before_the_first_step(s
 
 def refused(system: Path, **options: Any) -> str:
     with pytest.raises(SystemDescriptionError) as caught:
-        simulate(system, **options)
+        simulate(system, RunOptions(**options))
     return str(caught.value)
 
 
@@ -229,7 +230,10 @@ def test_a_loop_that_is_broken_by_a_delay_is_none(linears: Any, tmp_path: Path) 
     linears.fmu("simple.fmu", flags="")
     parts = linears.component("a", "simple.fmu", x0=1.0, gain=0.5, rate=-1.0, step=0.1)
     inner = NEWTON + '><connection to="a.u" delay="0.1" start="4"/></master>'
-    assert simulate(linears.ssd(parts, "a/y a/u", master=inner, stop=0.3), out=tmp_path / "out").outcome == "done"
+    assert (
+        simulate(linears.ssd(parts, "a/y a/u", master=inner, stop=0.3), RunOptions(out=tmp_path / "out")).outcome
+        == "done"
+    )
     assert list(signals(tmp_path / "out")["a.y"]) == [1.0, 3.0, 1.5, 2.5]
 
 

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import LoopError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.execution.startup.loops import TOLERANCE, settle
 
@@ -113,7 +114,7 @@ def ring(probes: Any, factor: float, p: float = 1.0) -> Path:
 
 @pytest.mark.parametrize("factor", [0.25, -4.0])
 def test_a_loop_of_fmus(probes: Any, tmp_path: Path, factor: float) -> None:
-    result = simulate(ring(probes, factor), out=tmp_path / "out")
+    result = simulate(ring(probes, factor), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     first = {
         name: values[0] for name, values in pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict().items()
@@ -126,7 +127,7 @@ def test_a_loop_of_fmus(probes: Any, tmp_path: Path, factor: float) -> None:
 
 
 def test_a_loop_of_fmus_without_a_solution(probes: Any, tmp_path: Path) -> None:
-    result = simulate(ring(probes, 1.0), out=tmp_path / "out")
+    result = simulate(ring(probes, 1.0), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "failed"
     lines = str(result.error).splitlines()
     assert lines[0].startswith("these outputs depend on each other at initialization, and do not settle in ")

@@ -17,6 +17,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from tests.master.recorded import recording, stand_in
 
@@ -44,7 +45,7 @@ def test_ten_drones_as_maestro_flew_them(tmp_path: Path) -> None:
         shutil.copy(made, project / "FMUs" / "Voronoi.fmu")
     else:
         computed = (*computed, "{Voronoi}")
-    result = simulate(run / "config.json", out=tmp_path / "out")
+    result = simulate(run / "config.json", RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     assert len(got["time"]) == len(rows) == 961
@@ -65,7 +66,7 @@ def test_platoons_as_maestro_drove_them(tmp_path: Path) -> None:
     shutil.copytree(PLATOON, project, ignore=shutil.ignore_patterns(".git"))
     compared, missing = 0, []
     for file in sorted(project.glob("*/Multi-models/*/*/R_*/outputs.csv")):
-        result = simulate(file.with_name("config.json"), out=tmp_path / "out")
+        result = simulate(file.with_name("config.json"), RunOptions(out=tmp_path / "out"))
         if "cannot open shared object file" in str(result.error):
             missing.append(str(result.error))
             continue

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 
@@ -46,7 +47,7 @@ def test_a_reference_fmu_is_integrated_as_by_fmpy(tmp_path: Path, file: Path) ->
     start, stop = fmu.start_time or 0.0, fmu.stop_time or 1.0
     step = fmu.step_size or stop / 500
     stop = start + step * round((stop - start) / step)
-    result = simulate(file, out=tmp_path / "out", until=stop, step=step, solver="cvode:1e-10")
+    result = simulate(file, RunOptions(out=tmp_path / "out", until=stop, step=step, solver="cvode:1e-10"))
     assert result.outcome in ("done", "terminated"), result.error
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     outputs = [v.name for v in fmu.variables.values() if v.causality == "output" and v.element is None]

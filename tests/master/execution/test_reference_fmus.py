@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import FmuDescription, describe
 
@@ -57,7 +58,7 @@ def ours(workshop: Any, parts: str, wires: str, stop: float, step: float, out: P
     inner = f'<stepping xmlns="https://uav-cosim.org/ns/1" stepSize="{step!r}"/>'
     stepping = workshop.annotation("org.uav-cosim.stepping", inner)
     system = workshop.system(parts, wires, after=stepping)
-    result = simulate(workshop.ssd("reference.ssd", system, experiment), out=out)
+    result = simulate(workshop.ssd("reference.ssd", system, experiment), RunOptions(out=out))
     assert result.outcome in ("done", "terminated"), result.error
     columns: dict[str, Any] = pq.read_table(out / "signals.parquet").to_pydict()
     return columns

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 
@@ -57,7 +58,7 @@ def test_a_reference_fmu_as_fmpy_runs_it(workshop: Any, tmp_path: Path, file: Pa
     inner = f'<stepping xmlns="https://uav-cosim.org/ns/1" stepSize="{step!r}"/>'
     stepping = workshop.annotation("org.uav-cosim.stepping", inner)
     system = workshop.system(workshop.component("one", file.name), after=stepping)
-    result = simulate(workshop.ssd("reference.ssd", system), out=tmp_path / "out", until=stop)
+    result = simulate(workshop.ssd("reference.ssd", system), RunOptions(out=tmp_path / "out", until=stop))
     assert result.outcome in ("done", "terminated"), result.error
     columns: dict[str, Any] = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     events = fmu.capabilities.hasEventMode and file.stem != "Roberts"  # which declares it and refuses it

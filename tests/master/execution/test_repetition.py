@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 
@@ -23,7 +24,7 @@ def signals(out: Path) -> dict[str, list[Any]]:
 
 
 def ran(stricts: Any, system: Path, **options: Any) -> RunResult:
-    result = simulate(system, **options)
+    result = simulate(system, RunOptions(**options))
     assert stricts.complaints == []
     return result
 
@@ -184,7 +185,7 @@ def test_an_fmu_that_wants_to_end_with_its_step(stricts: Any, tmp_path: Path) ->
     """All have done the step, so it is recorded."""
     stricts.fmu()
     parts = stricts.component("a", mode=12, when=0.75, u=1.0) + stricts.component("b", u=2.0)
-    result = simulate(stricts.ssd(parts), out=tmp_path / "out", record=["*.y"])
+    result = simulate(stricts.ssd(parts), RunOptions(out=tmp_path / "out", record=["*.y"]))
     assert (result.outcome, result.simulated_s, stricts.complaints) == ("terminated", 1.0, [])
     assert signals(tmp_path / "out") == {"time": [0.0, 0.5, 1.0], "a.y": [0.0, 0.5, 1.0], "b.y": [0.0, 1.0, 2.0]}
 

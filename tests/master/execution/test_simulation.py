@@ -18,8 +18,9 @@ import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution import pacing
+from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.prepare import Prepared
-from cosim_master.execution.result import Progress, RunResult
+from cosim_master.execution.result import Overruns, Progress, RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.system.settings.time_grid import Timing
@@ -34,7 +35,7 @@ def signals(out: Path) -> dict[str, list[Any]]:
 
 
 def failed(system: Path, **options: Any) -> str:
-    result = simulate(system, **options)
+    result = simulate(system, RunOptions(**options))
     assert result.outcome == "failed"
     return str(result.error)
 
@@ -71,7 +72,7 @@ def test_a_chain_of_feed_throughs_is_settled_at_the_start(probes: Any, tmp_path:
     probes.fmu()
     components = "".join(probes.component(name) for name in "dcb") + probes.component("a", p=1.0, u=1.0)
     wires = ("c/y d/u", "b/y c/u", "a/y b/u")
-    assert simulate(probes.ssd(components, *wires, stop=0.5), out=tmp_path / "out").outcome == "done"
+    assert simulate(probes.ssd(components, *wires, stop=0.5), RunOptions(out=tmp_path / "out")).outcome == "done"
     first = {name: values[0] for name, values in signals(tmp_path / "out").items() if name.endswith(".y")}
     assert first == {"a.y": 2.0, "b.y": 2.25, "c.y": 2.5, "d.y": 2.75}
 
@@ -82,7 +83,7 @@ def test_values_of_every_type_travel(probes: Any, tmp_path: Path) -> None:
     level = '<ssv:Parameter name="e"><ssv:Integer value="5"/></ssv:Parameter>\n'
     components = components.replace('<ssv:Parameter name="u">', level + '<ssv:Parameter name="u">')
     wires = ("a/y b/u", "a/m b/n", "a/c b/b", "a/r b/s", "a/f b/e")
-    assert simulate(probes.ssd(components, *wires, stop=1.0), out=tmp_path / "out").outcome == "done"
+    assert simulate(probes.ssd(components, *wires, stop=1.0), RunOptions(out=tmp_path / "out")).outcome == "done"
     got = signals(tmp_path / "out")
     assert {name: values for name, values in got.items() if name.startswith("b.")} == {
         "b.y": [1.5] * 3,
@@ -121,7 +122,7 @@ def test_strings_keep_to_the_rates_of_their_instances(tmp_path: Path, probes: An
     parts = "".join(probes.workshop.component(n, "Clock.fmu", ports, after=probes.step(h)) for n, h in rates.items())
     pairs = (("fast", "slow"), ("slow", "fast"))
     wires = [f"{a}/{x} {b}/{y}" for a, b in pairs for x, y in (("text", "heard"), ("number", "input"))]
-    result = simulate(probes.ssd(parts, *wires, stop=7.0), out=tmp_path / "out")
+    result = simulate(probes.ssd(parts, *wires, stop=7.0), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     got = signals(tmp_path / "out")
     assert got["slow.text"] == ["0", "0", "0", "3", "3", "3", "6", "7"]
@@ -135,7 +136,7 @@ def test_more_rows_of_strings_than_a_block_holds(probes: Any, tmp_path: Path, mo
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
     probes.fmu(step=0.01)
     system = probes.ssd(probes.component("a", s="x"), stop=0.4)
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     got = signals(tmp_path / "out")
     assert got["time"] == [k / 100 for k in range(41)]
     assert got["a.r"] == ["x!"] * 41
@@ -146,7 +147,9 @@ def test_notes_progress_and_result(probes: Any) -> None:
     started: list[Prepared] = []
     progress: list[Progress] = []
     system = probes.ssd(probes.component("a"), stop=2.0)
-    result = simulate(system, until=3.0, on_start=started.append, on_progress=progress.append)
+    result = simulate(
+        system, RunOptions(until=3.0), listener=Listener(prepared=started.append, progress=progress.append)
+    )
     (ready,) = started
     assert (ready.clock.base, ready.clock.steps, ready.every) == (500_000_000, 6, 1)
     assert (progress[-1].time, progress[-1].start, progress[-1].stop) == (3.0, 0.0, 3.0)
@@ -179,7 +182,7 @@ def test_a_step_that_fails(probes: Any, tmp_path: Path, mode: int, word: str, en
     probes.fmu()
     probes.fmu("other.fmu")
     system = probes.ssd(probes.component("a", mode=mode, when=1.0) + probes.component("b", "other.fmu"))
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     lines = str(result.error).splitlines()
     assert lines[0] == f"a: fmi2DoStep failed at t = 1 s: {word}"
     assert lines[1:] == ["    tired (39 times)", "    it is over"]
@@ -305,7 +308,7 @@ def test_ctrl_c_ends_a_run_after_a_complete_step(probes: Any, tmp_path: Path) ->
     probes.fmu()
     before = signal.getsignal(signal.SIGINT)
     system = probes.ssd(probes.component("a", mode=6, when=0.5), stop=1e6)
-    result = simulate(system, out=tmp_path / "out", pace=1e5)
+    result = simulate(system, RunOptions(out=tmp_path / "out", pace=1e5))
     assert (result.outcome, result.error) == ("interrupted", None)
     assert signal.getsignal(signal.SIGINT) is before
     times = signals(tmp_path / "out")["time"]
@@ -355,10 +358,10 @@ def test_ctrl_c_does_not_strike_the_python_code_of_an_fmu(tmp_path: Path, probes
     slave(tmp_path, "pressed_slave.py", textwrap.dedent(source))
     system = probes.ssd(probes.workshop.component("a", "Pressed.fmu", "y:output", after=probes.step(0.5)), stop=1e6)
     handled = signal.getsignal(signal.SIGINT)
-    second = simulate(system, on_progress=lambda _: os.kill(os.getpid(), signal.SIGINT))
+    second = simulate(system, listener=Listener(progress=lambda _: os.kill(os.getpid(), signal.SIGINT)))
     assert second.outcome == "interrupted"  # a second one interrupts whatever is going on
     assert signal.getsignal(signal.SIGINT) is handled
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "interrupted"
     assert signals(tmp_path / "out")["a.y"] == [0.0, 1000.0]
 
@@ -500,7 +503,7 @@ def problems(call: Any) -> list[str]:
 )
 def test_options_that_do_not_fit(probes: Any, options: dict[str, Any], message: str) -> None:
     probes.fmu()
-    (found,) = problems(lambda: simulate(probes.ssd(probes.component("a")), **options))
+    (found,) = problems(lambda: simulate(probes.ssd(probes.component("a")), RunOptions(**options)))
     assert found.startswith(message)
     assert probes.calls == []
 
@@ -508,7 +511,7 @@ def test_options_that_do_not_fit(probes: Any, options: dict[str, Any], message: 
 @pytest.mark.parametrize("step", [None, float("nan"), -0.5])
 def test_an_fmu_and_a_system_without_step_size(probes: Any, step: float | None) -> None:
     probes.fmu(step=None)
-    (found,) = problems(lambda: simulate(probes.ssd(probes.component("a")), step=step))
+    (found,) = problems(lambda: simulate(probes.ssd(probes.component("a")), RunOptions(step=step)))
     expected = "a: no step size: neither the system nor the FMU names one; give one with --step"
     assert found == (expected if step is None else f"a: step size {step} s; it must be a positive number of seconds")
 
@@ -517,8 +520,10 @@ def test_results_need_a_folder(probes: Any, tmp_path: Path) -> None:
     probes.fmu()
     (tmp_path / "file").write_text("")
     system = probes.ssd(probes.component("a"))
-    assert problems(lambda: simulate(system, out=tmp_path / "file"))[0].startswith("cannot hold the results of a run: ")
-    assert problems(lambda: simulate(system, out=tmp_path / "file" / "out"))[0].startswith("cannot hold")
+    assert problems(lambda: simulate(system, RunOptions(out=tmp_path / "file")))[0].startswith(
+        "cannot hold the results of a run: "
+    )
+    assert problems(lambda: simulate(system, RunOptions(out=tmp_path / "file" / "out")))[0].startswith("cannot hold")
     assert probes.calls == []
 
 
@@ -564,7 +569,7 @@ def test_recording_annotations_that_are_wrong(probes: Any, attributes: str, inne
 def test_all_problems_of_clock_recording_and_network_come_together(probes: Any) -> None:
     probes.fmu()
     system = recording(probes, 'interval="often"')
-    assert len(problems(lambda: simulate(system, until=1.3))) == 2
+    assert len(problems(lambda: simulate(system, RunOptions(until=1.3)))) == 2
 
 
 # ---- pace -------------------------------------------------------------------------------------
@@ -607,11 +612,11 @@ def paced(monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None) -> t
             reached.append(k)
 
         def packet_counts(self) -> dict[str, int]:
-            return {}
+            return {"sent": 0}
 
     ready: Any = SimpleNamespace(clock=Timing(0, 10_000_000, 1000, (1,)), notes=())
     execution: Any = Execution()
-    return clock, pacing.run(execution, ready, pace, None, lambda: False, Gateways([], lambda _: None)), reached
+    return clock, pacing.run(execution, ready, Gateways([], lambda _: None), execution.advance, pace=pace), reached
 
 
 @pytest.mark.parametrize("pace", [0.5, 1.0, 4.0])
@@ -621,15 +626,15 @@ def test_a_pace_is_held_by_sleeping(monkeypatch: pytest.MonkeyPatch, pace: float
     assert result.wall_s == pytest.approx(10.0 / pace, abs=0.03)
     assert sum(clock.slept) == pytest.approx(10.0 / pace - 1.0, abs=0.03)
     assert max(clock.slept) <= 0.05  # never deaf to Ctrl-C for long
-    assert result.overruns == (0, 0.0)
+    assert result.overruns == Overruns(0, 0.0)
 
 
 def test_a_pace_that_cannot_be_held_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, result, _ = paced(monkeypatch, 0.02, 1.0)
     assert clock.slept == []
     assert result.wall_s == pytest.approx(20.0)
-    assert result.overruns[0] > 100
-    assert result.overruns[1] == pytest.approx(10.0, abs=0.05)
+    assert result.overruns.count > 100
+    assert result.overruns.worst_s == pytest.approx(10.0, abs=0.05)
 
 
 def test_without_a_pace_nothing_sleeps_and_python_looks_in_about_twenty_times_a_second(

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.interpolation import interpolated
@@ -28,7 +29,7 @@ def columns(out: Path) -> dict[str, Any]:
 
 def alone(fmu: Path, **options: Any) -> tuple[RunResult, dict[str, Any]]:
     out = fmu.parent / "out"
-    result = simulate(fmu, out=out, **options)
+    result = simulate(fmu, RunOptions(out=out, **options))
     return result, columns(out)
 
 
@@ -147,7 +148,7 @@ def test_everything_wrong_with_a_file_of_inputs(dynamics: Any, tmp_path: Path) -
     def problems(text: str, **options: Any) -> list[str]:
         stimuli.write_text(text)
         with pytest.raises(SystemDescriptionError) as caught:
-            simulate(file, inputs=stimuli, **options)
+            simulate(file, RunOptions(inputs=stimuli, **options))
         return [str(problem) for problem in caught.value.problems]
 
     at = f"{stimuli}:"
@@ -171,18 +172,18 @@ def test_everything_wrong_with_a_file_of_inputs(dynamics: Any, tmp_path: Path) -
     many = problems("time,u\n" + "0,x\n" * 50)
     assert len(many) == 21 and many[-1] == f"{stimuli}: and 30 more problems"
     with pytest.raises(SystemDescriptionError, match=r"none\.csv: cannot be read: No such file"):
-        simulate(file, inputs=tmp_path / "none.csv")
+        simulate(file, RunOptions(inputs=tmp_path / "none.csv"))
 
 
 def test_a_run_with_inputs_goes_on_from_a_checkpoint(dynamics: Any, tmp_path: Path) -> None:
     file = dynamics.fmu("DRIVE", 3, "CS", stop=2.0, step=0.1)
     (tmp_path / "in.csv").write_text(CSV)
     first, second, other = (tmp_path / name for name in ("first", "second", "other"))
-    simulate(file, out=first, inputs=tmp_path / "in.csv", checkpoint_every=0.4)
-    simulate(file, out=second, inputs=tmp_path / "in.csv", origin=f"{first}@0.8")
+    simulate(file, RunOptions(out=first, inputs=tmp_path / "in.csv", checkpoint_every=0.4))
+    simulate(file, RunOptions(out=second, inputs=tmp_path / "in.csv", origin=f"{first}@0.8"))
     assert columns(first) == columns(second)
     with pytest.raises(SystemDescriptionError, match="the file of --input must be what it was"):
-        simulate(file, out=other, origin=f"{first}@0.8")
+        simulate(file, RunOptions(out=other, origin=f"{first}@0.8"))
 
 
 @given(

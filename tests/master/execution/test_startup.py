@@ -10,6 +10,7 @@ from typing import Any
 import fmpy
 import pytest
 
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.execution.startup.initialize import answers, initialize, instantiate
 from cosim_master.fmi.description.read import describe
@@ -28,7 +29,7 @@ SHIPPED = sorted((Path(__file__).parents[3] / "fmus").glob("*.fmu"))
 def test_parameters_survive_start_up(foreigners: Any, tmp_path: Path, habit: str, tool: str) -> None:
     foreigners.fmu(habit=habit, tool=tool)
     system = foreigners.ssd(foreigners.component("a", step=0.5, p=69.0))
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert list(signals(tmp_path / "out")["a.y"]) == [69.0, 69.0, 69.0]
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
@@ -39,7 +40,7 @@ def test_parameters_survive_start_up(foreigners: Any, tmp_path: Path, habit: str
 def test_the_manifest_says_what_an_fmu_answers_that_takes_no_parameters(foreigners: Any, tmp_path: Path) -> None:
     foreigners.fmu(habit="deaf")
     system = foreigners.ssd(foreigners.component("a", step=0.5, p=69.0))
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done"
     assert list(signals(tmp_path / "out")["a.y"]) == [5.0, 5.0, 5.0]
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
@@ -51,7 +52,7 @@ def test_the_manifest_says_what_an_fmu_answers_that_takes_no_parameters(foreigne
 def test_an_fmu_that_does_not_say_its_parameters_runs_with_a_note(foreigners: Any, tmp_path: Path) -> None:
     foreigners.fmu(habit="mute")
     system = foreigners.ssd(foreigners.component("a", step=0.5, p=69.0))
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert list(signals(tmp_path / "out")["a.y"]) == [69.0, 69.0, 69.0]
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
@@ -62,7 +63,7 @@ def test_an_fmu_that_does_not_say_its_parameters_runs_with_a_note(foreigners: An
 def test_fmpy_has_the_same_parameters_in_effect(foreigners: Any, tmp_path: Path) -> None:
     fmu = foreigners.fmu(habit="setup", step=0.5)
     system = foreigners.ssd(foreigners.component("a", p=-2.5))
-    simulate(system, out=tmp_path / "out")
+    simulate(system, RunOptions(out=tmp_path / "out"))
     theirs = fmpy.simulate_fmu(
         str(fmu), stop_time=1.0, output_interval=0.5, start_values={"p": -2.5}, output=["y", "t"], validate=False
     )

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe, platform
 from tests.master.conftest import SUFFIX, variable
@@ -59,7 +60,7 @@ def test_instances_of_an_fmu_that_keeps_everything_in_globals(
     probes.fmu(guid="global")
     parts = "".join(probes.component(name, p=value) for name, value in (("a", 1.0), ("b", 20.0), ("c", 300.0)))
     with caplog.at_level(logging.WARNING):
-        result = simulate(probes.ssd(parts, "a/y b/u", "b/y c/u", stop=2.0), out=tmp_path / "out")
+        result = simulate(probes.ssd(parts, "a/y b/u", "b/y c/u", stop=2.0), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     got = signals(tmp_path / "out")
     assert (got["a.y"], got["b.y"], got["c.y"]) == ([1.0] * 5, [21.0] * 5, [321.0] * 5)
@@ -72,7 +73,7 @@ def test_many_files_with_one_guid(probes: Any, tmp_path: Path) -> None:
     for name in "abc":
         probes.fmu(f"{name}.fmu", guid="global")
     parts = "".join(probes.component(name, f"{name}.fmu", p=float(i)) for i, name in enumerate("abc"))
-    assert simulate(probes.ssd(parts, stop=1.0), out=tmp_path / "out").outcome == "done"
+    assert simulate(probes.ssd(parts, stop=1.0), RunOptions(out=tmp_path / "out")).outcome == "done"
     got = signals(tmp_path / "out")
     assert [got[f"{name}.y"][-1] for name in "abc"] == [0.0, 1.0, 2.0]
 
@@ -91,7 +92,7 @@ def test_one_that_says_it_is_good_for_one_instance(probes: Any) -> None:
 def test_start_values_that_the_binary_ignores_are_set(stricts: Any, tmp_path: Path) -> None:
     """The strict FMU has no start values of its own, only NaN; the description has."""
     stricts.fmu()
-    assert simulate(stricts.ssd(stricts.component("a")), out=tmp_path / "out").outcome == "done"
+    assert simulate(stricts.ssd(stricts.component("a")), RunOptions(out=tmp_path / "out")).outcome == "done"
     assert stricts.complaints == []
     assert signals(tmp_path / "out")["a.y"] == [0.0] * 5
 
@@ -128,7 +129,7 @@ def test_a_missing_function_that_is_needed_is_named(stricts: Any, tmp_path: Path
 
 def test_without_terminate(stricts: Any, tmp_path: Path) -> None:
     without(stricts.fmu(), tmp_path, "fmi2Terminate")
-    assert simulate(stricts.ssd(stricts.component("a")), out=tmp_path / "out").outcome == "done"
+    assert simulate(stricts.ssd(stricts.component("a")), RunOptions(out=tmp_path / "out")).outcome == "done"
 
 
 def test_without_free_instance(stricts: Any, tmp_path: Path) -> None:
@@ -136,7 +137,7 @@ def test_without_free_instance(stricts: Any, tmp_path: Path) -> None:
     without(stricts.fmu("other.fmu"), tmp_path, "fmi2FreeInstance")
     stricts.fmu()
     parts = stricts.component("a", "other.fmu") + stricts.component("b")
-    result = simulate(stricts.ssd(parts), out=tmp_path / "out")
+    result = simulate(stricts.ssd(parts), RunOptions(out=tmp_path / "out"))
     assert (result.outcome, result.simulated_s, stricts.complaints) == ("failed", 2.0, [])
     assert "fmi2FreeInstance failed: the binary of " in str(result.error)
     assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0, 1.5, 2.0]
@@ -180,7 +181,7 @@ def test_dots_brackets_and_spaces_in_names(workshop: Any, stricts: Any, tmp_path
         "at": [(1.0, "drone no. 2.gains[2].k p", "5")],
         "record": ["drone no. *.der(state.x)"],
     }
-    result = simulate(system, out=tmp_path / "out", **options)
+    result = simulate(system, RunOptions(out=tmp_path / "out", **options))
     assert (result.outcome, stricts.complaints) == ("done", []), result.error
     got = signals(tmp_path / "out")
     assert got["drone no. 1.der(state.x)"] == [0.0, 1.0, 2.0, 3.0]
@@ -199,7 +200,7 @@ def test_an_incomplete_model_structure(stricts: Any, tmp_path: Path, structure: 
 
     changed(stricts.fmu(), cut)
     parts = stricts.component("a", u=1.0) + stricts.component("b")
-    result = simulate(stricts.ssd(parts, "a/y b/u", "b/y a/u"), out=tmp_path / "out")
+    result = simulate(stricts.ssd(parts, "a/y b/u", "b/y a/u"), RunOptions(out=tmp_path / "out"))
     assert (result.outcome, stricts.complaints) == ("done", []), result.error
     assert any("has no InitialUnknowns" in note for note in result.notes)
     assert any("a loop of connections runs through it" in note for note in result.notes)

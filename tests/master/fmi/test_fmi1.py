@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 
@@ -36,7 +37,9 @@ def test_the_description(dynamics: Any) -> None:
 def test_as_fmpy_runs_it(dynamics: Any, tmp_path: Path) -> None:
     file = dynamics.fmu("DRIVE", 1, stop=2.0)
     (tmp_path / "in.csv").write_text("time,u,on,m\n0,0,0,0\n0.5,3,1,0\n1,-1,0,7\n1.5,2,1,7\n")
-    result = simulate(file, out=tmp_path / "out", step=0.1, inputs=tmp_path / "in.csv", overrides={"gain": "1.5"})
+    result = simulate(
+        file, RunOptions(out=tmp_path / "out", step=0.1, inputs=tmp_path / "in.csv", overrides={"gain": "1.5"})
+    )
     assert result.outcome == "done", result.error
     got = columns(tmp_path / "out")
     expected = fmpy.simulate_fmu(
@@ -55,7 +58,7 @@ def test_as_libcosim_runs_it(dynamics: Any) -> None:
     done = subprocess.run(command, capture_output=True, text=True)
     rows = [[float(x) for x in line.split()[1:]] for line in done.stdout.splitlines() if line.startswith("ROW")]
     assert len(rows) == 10, done.stderr
-    simulate(file, out=file.parent / "out", step=0.1)
+    simulate(file, RunOptions(out=file.parent / "out", step=0.1))
     got = columns(file.parent / "out")
     mine = np.array([got["Vanderpol.x"][1:], got["Vanderpol.y"][1:]]).T
     np.testing.assert_allclose(mine, rows, rtol=1e-14)
@@ -77,11 +80,11 @@ def test_in_a_system_with_fmi_2_and_3(dynamics: Any, workshop: Any, tmp_path: Pa
         "s.ssd", workshop.system(parts, wires, after=workshop.annotation("org.uav-cosim.stepping", stepping))
     )
     options: dict[str, Any] = {"until": 0.5, "overrides": {"a.gain": "2"}, "at": [(0.1, "a.on", "true")]}
-    result = simulate(file, out=tmp_path / "mixed", **options)
+    result = simulate(file, RunOptions(out=tmp_path / "mixed", **options))
     assert result.outcome == "done", result.error
     mixed = columns(tmp_path / "mixed")
     dynamics.fmu("DRIVE", 2, "CS", name="a.fmu")
-    simulate(file, out=tmp_path / "same", **options)
+    simulate(file, RunOptions(out=tmp_path / "same", **options))
     same = columns(tmp_path / "same")
     for name in ("a.x", "b.x", "c.x", "a.latched", "b.latched", "c.latched"):
         assert mixed[name] == pytest.approx(same[name], abs=1e-12), name
@@ -90,7 +93,7 @@ def test_in_a_system_with_fmi_2_and_3(dynamics: Any, workshop: Any, tmp_path: Pa
 
 def test_discarded_steps_name_functions_of_fmi_1(dynamics: Any, tmp_path: Path) -> None:
     file = dynamics.fmu("STAIR", 1, stop=12.0)
-    result = simulate(file, out=tmp_path / "out", step=1.0)
+    result = simulate(file, RunOptions(out=tmp_path / "out", step=1.0))
     assert result.outcome == "failed"
     assert "fmiDoStep failed at t = 9 s" in str(result.error)
 
@@ -114,6 +117,6 @@ def test_what_is_refused(dynamics: Any, tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "c.fmu", "w") as archive:
         for name, content in {**members, "modelDescription.xml": text.replace('"dynamic"', '"wrong"').encode()}.items():
             archive.writestr(name, content)
-    result = simulate(tmp_path / "c.fmu", step=0.5)
+    result = simulate(tmp_path / "c.fmu", RunOptions(step=0.5))
     assert "fmiInstantiateSlave failed: it returned NULL" in str(result.error)
     assert "wrong GUID" in str(result.error)

@@ -13,6 +13,7 @@ import pytest
 
 from cosim_master.diagnostics.errors import FmuError, SystemDescriptionError
 from cosim_master.execution.execution import Execution
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
@@ -38,7 +39,7 @@ def signals(out: Path) -> dict[str, list[Any]]:
 
 
 def ran(stricts3: Any, system: Path, **options: Any) -> RunResult:
-    result = simulate(system, **options)
+    result = simulate(system, RunOptions(**options))
     assert stricts3.complaints == []
     return result
 
@@ -424,7 +425,7 @@ def test_packets_between_a_binary_and_a_string(packets: Any, stricts: Any) -> No
 
 
 def test_packets_that_are_not_base64(packets: Any) -> None:
-    result = simulate(wired(packets, "loud.fmu"), overrides=SENT)
+    result = simulate(wired(packets, "loud.fmu"), RunOptions(overrides=SENT))
     assert result.outcome == "failed"
     assert "b: fmi2GetString" in str(result.error) and "its packet output r is not base64 text" in str(result.error)
 

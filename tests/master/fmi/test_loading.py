@@ -13,6 +13,7 @@ import pytest
 
 import cosim.model
 from cosim_master.diagnostics.errors import FmuError, SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 from cosim_master.fmi.slaves.libraries import Libraries, check_sources
@@ -78,7 +79,7 @@ def problem(*fmus: Path) -> str:
 
 def last(system: Path, out: Path) -> dict[str, float]:
     """Run a system; the last values of its signals."""
-    result = simulate(system, out=out)
+    result = simulate(system, RunOptions(out=out))
     assert result.outcome == "done", result.error
     return {name: values[-1] for name, values in pq.read_table(out / "signals.parquet").to_pydict().items()}
 
@@ -223,6 +224,6 @@ def test_a_system_with_a_stale_fmu_is_refused_before_anything_is_loaded(tmp_path
     with read_system(system) as structure:
         check(structure)
     with pytest.raises(SystemDescriptionError, match="both would share one"):
-        simulate(system, out=tmp_path / "out")
+        simulate(system, RunOptions(out=tmp_path / "out"))
     assert probes.calls == []
     assert not (tmp_path / "out" / "signals.parquet").exists()

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
@@ -27,7 +28,7 @@ BOTH = pytest.mark.parametrize("fmi", [2, 3])
 
 def alone(fmu: Path, name: str = "out", **options: Any) -> tuple[RunResult, dict[str, Any]]:
     out = fmu.parent / name
-    result = simulate(fmu, out=out, **options)
+    result = simulate(fmu, RunOptions(out=out, **options))
     assert result.outcome in ("done", "terminated"), result.error
     return result, pq.read_table(out / "signals.parquet").to_pydict()
 
@@ -150,7 +151,7 @@ def test_model_exchange_and_co_simulation_in_one_system(dynamics: Any, workshop:
     wires = workshop.connection("a/x", "b/u") + workshop.connection("b/x", "c/u")
     after = workshop.annotation("org.uav-cosim.stepping", stepping)
     file = workshop.ssd("s.ssd", workshop.system(parts, wires, after=after))
-    result = simulate(file, out=tmp_path / "out", until=1.0)
+    result = simulate(file, RunOptions(out=tmp_path / "out", until=1.0))
     assert result.outcome == "done", result.error
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     t = np.arange(11) * 0.1
@@ -170,10 +171,10 @@ def test_runs_repeat_and_go_on_bit_for_bit(dynamics: Any, tmp_path: Path, fmi: i
     file = dynamics.fmu(model, fmi, stop=4.0, step=0.25)
     first, second = tmp_path / "first", tmp_path / "second"
     with pytest.raises(SystemDescriptionError, match="has no checkpoints: canGetAndSetFMUstate of") as caught:
-        simulate(file, out=first, checkpoint_every=1.5)
+        simulate(file, RunOptions(out=first, checkpoint_every=1.5))
     assert REMEDY in str(caught.value)
-    simulate(file, out=first, checkpoint_every=1.5, solver="rk4:0.01")
-    simulate(file, out=second, origin=f"{first}@1.5", solver="rk4:0.01")
+    simulate(file, RunOptions(out=first, checkpoint_every=1.5, solver="rk4:0.01"))
+    simulate(file, RunOptions(out=second, origin=f"{first}@1.5", solver="rk4:0.01"))
     tables = [pq.read_table(folder / "signals.parquet") for folder in (first, second)]
     assert tables[0].num_rows == 17
     assert tables[0] == tables[1]
@@ -194,7 +195,7 @@ def test_an_iterated_loop_goes_back(dynamics: Any, workshop: Any, tmp_path: Path
     listed += f'<ssc:Annotation type="org.uav-cosim.solver">{solver}</ssc:Annotation>'
     after = f"<ssd:Annotations>{listed}</ssd:Annotations>"
     file = workshop.ssd("s.ssd", workshop.system(parts, wires, after=after))
-    result = simulate(file, out=tmp_path / "out", until=1.0, overrides={"b.m": "1"})
+    result = simulate(file, RunOptions(out=tmp_path / "out", until=1.0, overrides={"b.m": "1"}))
     assert result.outcome == "done", result.error
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     a, b, h = 0.0, 0.0, 0.1
@@ -213,7 +214,7 @@ def test_what_goes_back_names_the_solvers_that_do(dynamics: Any, workshop: Any, 
     after = workshop.annotation("org.uav-cosim.master", master)
     file = workshop.ssd("s.ssd", workshop.system(parts, wires, after=after))
     with pytest.raises(SystemDescriptionError) as caught:
-        simulate(file, until=1.0)
+        simulate(file, RunOptions(until=1.0))
     assert len(caught.value.problems) == 2
     assert all(f"is false{REMEDY}" in str(problem) for problem in caught.value.problems)
 
@@ -233,14 +234,14 @@ def test_choices_of_solvers() -> None:
 def test_what_is_refused(dynamics: Any, workshop: Any, tmp_path: Path) -> None:
     slave = dynamics.fmu("DAHLQUIST", 2, "CS", step=0.5, name="slave.fmu")
     with pytest.raises(SystemDescriptionError, match="has no <ModelExchange>; it has CoSimulation"):
-        simulate(slave, solver="rk4")
+        simulate(slave, RunOptions(solver="rk4"))
     parts = workshop.component("a", "slave.fmu", "x:output")
     file = workshop.ssd("s.ssd", workshop.system(parts))
     with pytest.raises(SystemDescriptionError, match="--solver rk4: no FMU of this system is for Model Exchange"):
-        simulate(file, solver="rk4", until=1.0)
+        simulate(file, RunOptions(solver="rk4", until=1.0))
     exchange = dynamics.fmu("DAHLQUIST", 2, "ME", step=0.5, name="exchange.fmu")
     with pytest.raises(SystemDescriptionError, match='--solver heun: there is no solver "heun"'):
-        simulate(exchange, solver="heun")
+        simulate(exchange, RunOptions(solver="heun"))
     head = '<solver xmlns="https://uav-cosim.org/ns/1"'
     wrong = {
         f'{head} name="heun"/>': 'there is no solver "heun"; valid: cvode, euler, rk4',
@@ -252,7 +253,7 @@ def test_what_is_refused(dynamics: Any, workshop: Any, tmp_path: Path) -> None:
         after = workshop.annotation("org.uav-cosim.solver", inner)
         parts = workshop.component("a", "exchange.fmu", "x:output", after=after)
         with pytest.raises(SystemDescriptionError) as caught:
-            simulate(workshop.ssd("s.ssd", workshop.system(parts)), until=1.0)
+            simulate(workshop.ssd("s.ssd", workshop.system(parts)), RunOptions(until=1.0))
         assert text in str(caught.value) and "s.ssd:" in str(caught.value)
 
 
@@ -260,6 +261,6 @@ def test_a_solver_that_cannot_go_on(dynamics: Any) -> None:
     """mu is not a number: the FMU discards its derivatives."""
     file = dynamics.fmu("VANDERPOL", 2, stop=1.0, step=0.5)
     for solver, function in (("cvode", "solver cvode"), ("rk4", "solver rk4")):
-        result = simulate(file, out=file.parent / "out", solver=solver, overrides={"mu": "inf"})
+        result = simulate(file, RunOptions(out=file.parent / "out", solver=solver, overrides={"mu": "inf"}))
         assert result.outcome == "failed"
         assert function in str(result.error) or "GetDerivatives" in str(result.error)

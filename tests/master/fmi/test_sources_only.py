@@ -12,6 +12,7 @@ import pytest
 
 from cosim.kernel import cache_folder
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe, platform
 from tests.master.dynamics import SOURCE
@@ -39,21 +40,21 @@ def test_sources_are_compiled_once(dynamics: Any, tmp_path: Path, fmi: int) -> N
     file = build(dynamics, fmi, f"/* {tmp_path} */\n{defined}{SOURCE.read_text()}")
     note = "it has no binary for this platform: its sources are compiled"
     assert note in describe(file).notes
-    result = simulate(file, out=tmp_path / "out")
+    result = simulate(file, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert any(note in text for text in result.notes)
     binary = dynamics.fmu("DAHLQUIST", fmi, "CS", stop=1.0, step=0.25, name="b.fmu")
-    simulate(binary, out=tmp_path / "binary")
+    simulate(binary, RunOptions(out=tmp_path / "binary"))
     mine, other = (pq.read_table(tmp_path / name / "signals.parquet")["Dahlquist.x"] for name in ("out", "binary"))
     np.testing.assert_allclose(mine.to_numpy(), other.to_numpy(), rtol=1e-14)
     (kept,) = (cache_folder() / "sources").glob(f"{describe(file).digest[:24]}-*.so")
     before = kept.stat().st_mtime_ns
-    simulate(file, out=tmp_path / "again")
+    simulate(file, RunOptions(out=tmp_path / "again"))
     assert kept.stat().st_mtime_ns == before
 
 
 def test_what_the_compiler_says(dynamics: Any, tmp_path: Path) -> None:
-    result = simulate(build(dynamics, 2, f"/* {tmp_path} */ int x = ;\n"), out=tmp_path / "out")
+    result = simulate(build(dynamics, 2, f"/* {tmp_path} */ int x = ;\n"), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "failed"
     assert "Dahlquist: compiling its sources failed: ./dynamic.c: the compiler refused" in str(result.error)
     assert "expected expression" in str(result.error)
@@ -63,11 +64,11 @@ def test_names_of_microsofts_c_library(dynamics: Any, tmp_path: Path) -> None:
     """Sources written there call strdup _strdup; what nobody has stays an error."""
     calls = '#include <string.h>\nint more(void) { return _strdup("") != 0 && _stricmp("a", "A") == 0; }\n'
     file = build(dynamics, 3, f"/* {tmp_path} */\n{SOURCE.read_text()}\n{calls}")
-    result = simulate(file, out=tmp_path / "out")
+    result = simulate(file, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     unknown = calls.replace("_stricmp", "_stricmp_of_nobody")
     file = build(dynamics, 3, f"/* {tmp_path} */\n{SOURCE.read_text()}\n{unknown}", name="unknown.fmu")
-    result = simulate(file, out=tmp_path / "unknown")
+    result = simulate(file, RunOptions(out=tmp_path / "unknown"))
     assert "call to undeclared function '_stricmp_of_nobody'" in str(result.error)
 
 
@@ -232,7 +233,7 @@ def test_what_a_build_description_may_say(dynamics: Any, tmp_path: Path) -> None
         "-fno-math-errno",
     )
     assert (description.source_files.files, description.source_files.libraries) == (("core/dynamic.c",), ("-lm",))
-    assert simulate(file, out=tmp_path / "out").outcome == "done"
+    assert simulate(file, RunOptions(out=tmp_path / "out")).outcome == "done"
     extra["sources/buildDescription.xml"] = CONFIGURATION.format(
         "", ' compiler="MSVC" compilerOptions="/O2 /fp:fast"', inside, ""
     )

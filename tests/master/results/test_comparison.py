@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.comparison import SignalComparison, _compare_values, compare
 from cosim_master.results.export import export_csv
@@ -269,7 +270,7 @@ def test_real_runs(stricts: Any, tmp_path: Path) -> None:
     stricts.fmu()
     system = stricts.ssd(stricts.component("a", p=1.0, u=1.0), stop=2.0)
     for name, p in (("one", "1"), ("same", "1"), ("other", "1.5")):
-        assert simulate(system, out=tmp_path / name, overrides={"a.p": p}).outcome == "done"
+        assert simulate(system, RunOptions(out=tmp_path / name, overrides={"a.p": p})).outcome == "done"
     assert compare(tmp_path / "one", tmp_path / "same").equal
     found = compare(tmp_path / "one", tmp_path / "other")
     assert not found.equal

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from pymavlink import mavutil
 
+from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.recorder import EPOCH
 from tests.master.probe import model
@@ -76,7 +77,7 @@ def prints(out: Path) -> dict[str, str]:
 def test_schema_and_values(probes: Any, tmp_path: Path) -> None:
     probes.fmu()
     components = probes.component("a", u=1.0, p=2.0, n=41, s="hü") + probes.component("b", b=True)
-    assert simulate(probes.ssd(components, "a/y b/u", stop=1.0), out=tmp_path / "out").outcome == "done"
+    assert simulate(probes.ssd(components, "a/y b/u", stop=1.0), RunOptions(out=tmp_path / "out")).outcome == "done"
     table = pq.read_table(tmp_path / "out" / "signals.parquet")
     kinds = {"y": "double", "m": "int32", "c": "bool", "r": "string", "f": "int32"}
     assert [(field.name, str(field.type)) for field in table.schema] == [
@@ -107,7 +108,7 @@ def test_schema_and_values(probes: Any, tmp_path: Path) -> None:
 def test_more_rows_than_a_block_holds(probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
     probes.fmu(step=0.01)
-    simulate(probes.ssd(probes.component("a"), stop=0.5), out=tmp_path / "out", record=["a.y", "a.c"])
+    simulate(probes.ssd(probes.component("a"), stop=0.5), RunOptions(out=tmp_path / "out", record=["a.y", "a.c"]))
     file = pq.ParquetFile(tmp_path / "out" / "signals.parquet")
     assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [16, 16, 16, 3]
     assert file.read()["time"].to_pylist() == [k / 100 for k in range(51)]
@@ -118,16 +119,16 @@ def test_an_interval_and_patterns_from_the_system(probes: Any, tmp_path: Path) -
     text = '<recording xmlns="https://uav-cosim.org/ns/1" interval="0.3" signals="a.? b.y"/>'
     annotation = probes.workshop.annotation("org.uav-cosim.recording", text)
     system = probes.ssd(probes.component("a") + probes.component("b"), stop=1.0, after=annotation)
-    simulate(system, out=tmp_path / "out")
+    simulate(system, RunOptions(out=tmp_path / "out"))
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     assert got["time"] == [0.0, 0.3, 0.6, 0.9, 1.0]  # and the end of the run
     assert list(got) == ["time", "a.y", "a.m", "a.c", "a.r", "a.f", "b.y"]
-    simulate(system, out=tmp_path / "other", record=["*.c"])
+    simulate(system, RunOptions(out=tmp_path / "other", record=["*.c"]))
     assert list(pq.read_table(tmp_path / "other" / "signals.parquet").to_pydict()) == ["time", "a.c", "b.c"]
 
 
 def test_an_index_in_a_pattern_is_an_index(chatters: Any, tmp_path: Path) -> None:
-    simulate(chatters(), out=tmp_path / "out", record=["*.position[2]"])
+    simulate(chatters(), RunOptions(out=tmp_path / "out", record=["*.position[2]"]))
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     assert {name: values[0] for name, values in got.items()} == {
         "time": 0.0,
@@ -174,7 +175,7 @@ def replayed(tlog: Path) -> list[tuple[float, int, int, bytes]]:
 
 def test_packets_are_recorded_as_they_went(chatters: Any, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    result = simulate(chatters(), out=out)
+    result = simulate(chatters(), RunOptions(out=out))
     assert result.outcome == "done", result.error
     events = pq.read_table(out / "packets.parquet").to_pylist()
     assert set(events[0]) == {
@@ -210,7 +211,7 @@ def test_packets_are_recorded_as_they_went(chatters: Any, tmp_path: Path) -> Non
 
 def test_counts_of_result_manifest_and_files_agree(chatters: Any, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    result = simulate(chatters(), out=out)
+    result = simulate(chatters(), RunOptions(out=out))
     counts = dict(result.packets)
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["packets"] == counts
@@ -227,12 +228,12 @@ def test_counts_of_result_manifest_and_files_agree(chatters: Any, tmp_path: Path
 def test_without_packets(chatters: Any, tmp_path: Path) -> None:
     """Also over the results of a run with them: nothing old stays behind."""
     system, out = chatters(), tmp_path / "out"
-    simulate(system, out=out)
+    simulate(system, RunOptions(out=out))
     assert (out / "packets" / "d10.tlog").exists()
     text = '<recording xmlns="https://uav-cosim.org/ns/1" packets="false"/>'
     text = f'<ssc:Annotation type="org.uav-cosim.recording">{text}</ssc:Annotation>'
     system.write_text(system.read_text().replace("</ssd:Annotations>", text + "</ssd:Annotations>"))
-    result = simulate(system, out=out)
+    result = simulate(system, RunOptions(out=out))
     assert result.packets["sent"] == 360
     assert sorted(p.name for p in out.rglob("*") if p.is_file()) == ["manifest.json", "signals.parquet"]
 
@@ -240,7 +241,7 @@ def test_without_packets(chatters: Any, tmp_path: Path) -> None:
 def test_names_of_nodes_are_made_names_of_files(probes: Any, tmp_path: Path, chatters: Any) -> None:
     system = chatters()
     system.write_text(system.read_text().replace('name="d10"', 'name="x/y: 50%"'))
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     names = sorted(p.name for p in (tmp_path / "out" / "packets").iterdir())
     assert names == ["d1.tlog", "d2.tlog", "x%2Fy%3A 50%25.tlog"]
 
@@ -250,7 +251,7 @@ def test_names_of_nodes_are_made_names_of_files(probes: Any, tmp_path: Path, cha
 
 def test_the_same_run_twice_gives_the_same_bytes(chatters: Any, tmp_path: Path) -> None:
     for out in ("one", "two"):
-        simulate(chatters(), out=tmp_path / out)
+        simulate(chatters(), RunOptions(out=tmp_path / out))
     assert prints(tmp_path / "one") == prints(tmp_path / "two")
     assert set(prints(tmp_path / "one")) == {
         *("signals.parquet", "packets.parquet", "packets.tlog"),
@@ -259,21 +260,21 @@ def test_the_same_run_twice_gives_the_same_bytes(chatters: Any, tmp_path: Path) 
 
 
 def test_another_order_of_components_gives_the_same_bytes(chatters: Any, tmp_path: Path) -> None:
-    simulate(chatters(), out=tmp_path / "one")
-    simulate(chatters((10, 1, 2), name="other.ssd"), out=tmp_path / "two")
+    simulate(chatters(), RunOptions(out=tmp_path / "one"))
+    simulate(chatters((10, 1, 2), name="other.ssd"), RunOptions(out=tmp_path / "two"))
     assert prints(tmp_path / "one") == prints(tmp_path / "two")
 
 
 def test_looking_at_a_run_does_not_change_it(chatters: Any, tmp_path: Path) -> None:
     """Nor does a pace, which makes other chunks of steps."""
-    simulate(chatters(), out=tmp_path / "one")
-    simulate(chatters(), out=tmp_path / "two", pace=3.0, on_progress=lambda _: None)
+    simulate(chatters(), RunOptions(out=tmp_path / "one"))
+    simulate(chatters(), RunOptions(out=tmp_path / "two", pace=3.0), listener=Listener(progress=lambda _: None))
     assert prints(tmp_path / "one") == prints(tmp_path / "two")
 
 
 def test_another_seed_gives_other_packets(chatters: Any, tmp_path: Path) -> None:
-    simulate(chatters(), out=tmp_path / "one")
-    simulate(chatters(), out=tmp_path / "two", seed=4)
+    simulate(chatters(), RunOptions(out=tmp_path / "one"))
+    simulate(chatters(), RunOptions(out=tmp_path / "two", seed=4))
     one, two = prints(tmp_path / "one"), prints(tmp_path / "two")
     assert one["packets.tlog"] == two["packets.tlog"]
     assert one["packets.parquet"] != two["packets.parquet"]
@@ -286,7 +287,7 @@ def test_manifest(probes: Any, tmp_path: Path) -> None:
     fmu = probes.fmu()
     components = probes.component("a", p=1.5) + probes.component("b", after=probes.step(1.0))
     system = probes.ssd(components, stop=2.0)
-    result = simulate(system, out=tmp_path / "out", overrides={"b.when": "INF", "b.p": "0.5"})
+    result = simulate(system, RunOptions(out=tmp_path / "out", overrides={"b.when": "INF", "b.p": "0.5"}))
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert (manifest["outcome"], manifest["error"], manifest["simulated_s"]) == ("done", None, 2.0)
     assert manifest["wall_s"] == result.wall_s
@@ -305,12 +306,12 @@ def test_manifest(probes: Any, tmp_path: Path) -> None:
 def test_a_run_that_breaks_off_leaves_no_old_manifest(probes: Any, tmp_path: Path) -> None:
     probes.fmu()
     out = tmp_path / "out"
-    simulate(probes.ssd(probes.component("a")), out=out)
+    simulate(probes.ssd(probes.component("a")), RunOptions(out=out))
     assert (out / "manifest.json").exists()
 
     def break_off(_: Any) -> None:
         raise RuntimeError("power cut")
 
     with pytest.raises(RuntimeError, match="power cut"):
-        simulate(probes.ssd(probes.component("a")), out=out, on_progress=break_off)
+        simulate(probes.ssd(probes.component("a")), RunOptions(out=out), listener=Listener(progress=break_off))
     assert not (out / "manifest.json").exists()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.figures import figures
 from cosim_master.results.run_folder import RunFolder, clear, held_fingerprint, is_figure
@@ -94,7 +95,7 @@ def test_each_kind_of_input_is_told_apart(system: Path, tmp_path: Path, probes: 
 
     def inputs(**options: Any) -> dict[str, str]:
         out = tmp_path / "out"
-        assert simulate(system, out=out, **options).outcome == "done"
+        assert simulate(system, RunOptions(out=out, **options)).outcome == "done"
         held = held_fingerprint(out)
         assert held
         return held

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import make_radio
 from cosim_master.stepping.kernels.instances import collect_all
@@ -132,7 +133,7 @@ def test_a_system_steps_in_the_order_of_its_dependencies(stricts: Any, tmp_path:
     stricts.fmu()
     parts = stricts.component("a") + stricts.component("b") + stricts.component("c", u=1.0)
     system = annotated(stricts.workshop, parts, ["c/y b/u", "b/y a/u"], 'algorithm="gauss-seidel"/>')
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert stricts.complaints == []
     got = recorded(tmp_path / "out")
@@ -149,7 +150,7 @@ def test_a_declared_order_decides_among_those_that_depend_on_each_other(stricts:
     wires = ["a/y b/u", "b/y a/u", "b/y c/u"]
     for order, expected in (("", ["a", "b", "c"]), ("b", ["b", "a", "c"]), ("c b a", ["b", "a", "c"])):
         system = annotated(stricts.workshop, parts, wires, f'algorithm="gauss-seidel" order="{order}"/>')
-        result = simulate(system, until=0.5)
+        result = simulate(system, RunOptions(until=0.5))
         assert [step.split()[0] for step in stricts.steps] == expected
         assert f"these depend on each other, and step in this order: {', '.join(expected[:2])}" in result.notes
 
@@ -159,7 +160,7 @@ def test_a_discarded_step_is_repeated_in_order(stricts: Any, tmp_path: Path) -> 
     stricts.fmu()
     parts = stricts.component("a", mode=1, when=0.5, longest=0.125, u=1.0) + stricts.component("b")
     system = annotated(stricts.workshop, parts, ["a/y b/u"], 'algorithm="gauss-seidel"/>', stop=1.5)
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     quarter = [0.125 * sum(t + 0.125 * i for i in range(1, 5)) for t in (0.5, 1.0)]
     got = recorded(tmp_path / "out")
     assert got["b.y"] == [0.0, 0.25, 0.25 + quarter[0], 0.25 + quarter[0] + quarter[1]]
@@ -266,7 +267,7 @@ def test_a_delay_breaks_a_loop_and_its_order(stricts: Any, tmp_path: Path) -> No
     parts = stricts.component("a", u=5.0) + stricts.component("b")
     inner = 'algorithm="gauss-seidel"><connection to="a.u" delay="0.5" start="4"/></master>'
     system = annotated(stricts.workshop, parts, ["a/y b/u", "b/y a/u"], inner, stop=1.5)
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert stricts.complaints == []
     a, b, before = 0.0, 0.0, 4.0
@@ -284,7 +285,7 @@ def test_a_delay_without_a_start_begins_with_that_of_the_input(stricts: Any, tmp
     parts = stricts.component("a", u=1.0) + stricts.component("b", u=3.0)
     inner = '><connection to="b.u" delay="1"/></master>'
     system = annotated(stricts.workshop, parts, ["a/y b/u"], inner, stop=2.0)
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     assert recorded(tmp_path / "out")["b.y"] == [0.0, 1.5, 3.0, 3.0, 3.25]
 
 
@@ -293,7 +294,10 @@ def test_a_delay_is_the_same_while_steps_are_repeated_shorter(stricts: Any, tmp_
     stricts.fmu()
     parts = stricts.component("a", mode=1, when=0.5, longest=0.25, u=1.0) + stricts.component("b")
     inner = '><connection to="b.u" delay="0.5" start="2"/></master>'
-    assert simulate(annotated(stricts.workshop, parts, ["a/y b/u"], inner), out=tmp_path / "out").outcome == "done"
+    assert (
+        simulate(annotated(stricts.workshop, parts, ["a/y b/u"], inner), RunOptions(out=tmp_path / "out")).outcome
+        == "done"
+    )
     assert recorded(tmp_path / "out")["b.y"] == [0.0, 1.0, 1.0, 1.25, 1.75]
 
 
@@ -305,7 +309,7 @@ def test_integers_of_64_bits_are_delayed_whole(stricts3: Any, tmp_path: Path) ->
     inner = f'><connection to="b.i64_in[1]" delay="0.5" start="{-(2**50)}"/></master>'
     system = annotated(stricts3.workshop, parts, ["a/i64_out[1] b/i64_in[1]"], inner)
     starts = {"a.i64_in[1]": str(2**40), "b.i64_in[2]": "-9"}
-    result = simulate(system, out=tmp_path / "out", overrides=starts)
+    result = simulate(system, RunOptions(out=tmp_path / "out", overrides=starts))
     assert result.outcome == "done", result.error
     got = recorded(tmp_path / "out")
     assert got["b.i64_out[1]"] == [1 - 2**50, 1 - 2**50, 2**40 + 2, 2**40 + 2, 2**40 + 2]
@@ -329,7 +333,7 @@ def test_a_ramp_is_followed_exactly_from_the_second_step_on(linears: Any, tmp_pa
     )
     inner = f'algorithm="{algorithm}" extrapolation="1"><connection to="held.u" extrapolation="0"/></master>'
     system = linears.ssd(parts, "ramp/y y/u", "ramp/y z/u", "ramp/y held/u", master=inner, stop=1.0)
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     got = recorded(tmp_path / "out")
     late = 0.0 if algorithm == "jacobi" else 0.2
     wanted = [0.0, late, *(0.2 * k + late for k in range(2, 11))]

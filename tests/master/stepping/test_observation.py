@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_master import Observer, Seen, View, simulate
+from cosim_master import Observer, RunOptions, Seen, View, simulate
 from cosim_master.fmi.description.variables import Variable
 from cosim_master.stepping.layout import layout
 from cosim_master.system.settings.network import Network
@@ -52,7 +52,7 @@ def test_an_observer_sees_the_recorded_values_at_its_own_instants(linears: Any, 
         names.extend(view.names)
         return Notebook(view, 0.3, calls)
 
-    assert simulate(pair(linears), out=tmp_path / "out", observers=[make]).outcome == "done"
+    assert simulate(pair(linears), RunOptions(out=tmp_path / "out"), observers=[make]).outcome == "done"
     assert [(what, round(time, 9)) for what, time, _ in calls] == [
         ("initialised", 0.0),
         ("stepped", 0.3),
@@ -70,7 +70,7 @@ def test_an_observer_sees_the_recorded_values_at_its_own_instants(linears: Any, 
 def test_observers_change_no_bit(linears: Any, tmp_path: Path) -> None:
     system = pair(linears)
     for out, observers in (("with", [lambda view: Notebook(view, 0.03, [])]), ("without", [])):
-        assert simulate(system, out=tmp_path / out, observers=observers).outcome == "done"
+        assert simulate(system, RunOptions(out=tmp_path / out), observers=observers).outcome == "done"
     written = [(tmp_path / out / "signals.parquet").read_bytes() for out in ("with", "without")]
     assert written[0] == written[1]
 

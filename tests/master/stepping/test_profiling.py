@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim_master.cli import app
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.stepping import profiling
 from cosim_master.stepping.profiling import Profiler
@@ -28,7 +29,7 @@ def test_steps_are_counted_and_times_belong_to_their_fmu(stricts: Any, tmp_path:
     stricts.fmu("slow.fmu")
     parts = stricts.component("a", u=1.0) + stricts.component("b") + stricts.component("c", "slow.fmu", step=1.0)
     system = stricts.ssd(parts, "a/y b/u", "b/y c/u", stop=4.0)
-    result = simulate(system, out=tmp_path / "with", profile=True)
+    result = simulate(system, RunOptions(out=tmp_path / "with", profile=True))
     assert (result.outcome, stricts.complaints) == ("done", [])
     assert result.profile is not None
     found = {one.fmu: one for one in result.profile.fmus}
@@ -45,7 +46,7 @@ def test_steps_are_counted_and_times_belong_to_their_fmu(stricts: Any, tmp_path:
     written = json.loads((tmp_path / "with" / "manifest.json").read_text())["profile"]
     assert written["fmus"][0]["fmu"] == result.profile.fmus[0].fmu
 
-    assert simulate(system, out=tmp_path / "without").profile is None
+    assert simulate(system, RunOptions(out=tmp_path / "without")).profile is None
     assert "profile" not in json.loads((tmp_path / "without" / "manifest.json").read_text())
     one, other = (pq.read_table(tmp_path / name / "signals.parquet") for name in ("with", "without"))
     assert one.equals(other)
@@ -54,7 +55,7 @@ def test_steps_are_counted_and_times_belong_to_their_fmu(stricts: Any, tmp_path:
 def test_failures_come_through(stricts: Any) -> None:
     stricts.fmu()
     system = stricts.ssd(stricts.component("a", mode=5, when=1.0))
-    result = simulate(system, profile=True)
+    result = simulate(system, RunOptions(profile=True))
     assert str(result.error) == "a: fmi2DoStep failed at t = 1 s: fmi2Error"
     assert result.profile is not None and result.profile.fmus[0].steps == 3
 
@@ -82,7 +83,7 @@ class ProfiledCounter(Model):
 def test_with_several_threads_every_step_is_counted_once(tmp_path: Path, probes: Any) -> None:
     model(tmp_path, "profiled_counter.py", COUNTER)
     parts = "".join(probes.workshop.component(f"c{i}", "ProfiledCounter.fmu", "y:output") for i in range(8))
-    result = simulate(probes.ssd(parts, stop=500.0), profile=True, threads=2)
+    result = simulate(probes.ssd(parts, stop=500.0), RunOptions(profile=True, threads=2))
     assert result.outcome == "done", result.error
     assert result.profile is not None
     assert [(one.instances, one.steps) for one in result.profile.fmus] == [(8, 8000)]

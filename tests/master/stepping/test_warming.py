@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from cosim_master.execution import execution
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.run import driver
 from cosim_master.execution.simulate import simulate
 from cosim_master.stepping.warming import EVERY_RUN, types_of
@@ -41,7 +42,7 @@ def test_types_of_the_plan_and_the_radio_are_those_of_a_run(
     monkeypatch.setattr(execution, "collect_all", watched(execution, "collect_all"))
     stricts.fmu()
     system = stricts.ssd(stricts.component("a") + stricts.component("b"), "a/y b/u")
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     plan, air = types_of()
     expected = {"run": {(plan, air, numba.int64)}, "collect_all": {(plan,)}}
     assert {name: called[name] for name in expected} == expected

@@ -25,6 +25,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import platform
 from tests.master import clocked, strict3
@@ -163,7 +164,7 @@ def outcome(
     steps = case.get("steps", 3)
     until = 0.5 * steps if steps else None
     try:
-        result = simulate(given, variant=case.get("variant"), out=root / "out", until=until, strict=strict)
+        result = simulate(given, RunOptions(variant=case.get("variant"), out=root / "out", until=until, strict=strict))
     except SystemDescriptionError as error:
         return (
             case,

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
@@ -20,7 +21,9 @@ def test_a_boolean_drives_a_real_and_an_integer(foreigners: Any, tmp_path: Path)
     """As the valve of a water tank: `on` is true after every odd step."""
     foreigners.fmu()
     parts = foreigners.component("ctrl", step=0.25) + foreigners.component("tank", step=0.25)
-    result = simulate(foreigners.ssd(parts, "ctrl/on tank/u", "ctrl/on tank/i", stop=2.0), out=tmp_path / "out")
+    result = simulate(
+        foreigners.ssd(parts, "ctrl/on tank/u", "ctrl/on tank/i", stop=2.0), RunOptions(out=tmp_path / "out")
+    )
     assert result.outcome == "done", result.error
     got = signals(tmp_path / "out")
     assert list(got["ctrl.on"]) == [False, True] * 4 + [False]
@@ -37,7 +40,7 @@ def test_under_other_masters(foreigners: Any, tmp_path: Path, master: str) -> No
     element = f'<master xmlns="https://uav-cosim.org/ns/1" {head}>{inner + ">" if inner else ""}</master>'
     annotation = f'<ssc:Annotation type="org.uav-cosim.master">{element}</ssc:Annotation>'
     system = foreigners.ssd(parts, "ctrl/on tank/u", stop=1.0, annotations=annotation)
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert list(signals(tmp_path / "out")["tank.x"]) == [0.0, 0.25, 0.25, 0.5, 0.5]
 
@@ -54,12 +57,12 @@ def test_through_a_connector_of_the_system(foreigners: Any, tmp_path: Path) -> N
         connectors="valve:input:Boolean",
     )
     parts = foreigners.component("ctrl", step=0.25) + inner
-    result = simulate(foreigners.ssd(parts, "ctrl/on plant/valve"), out=tmp_path / "out")
+    result = simulate(foreigners.ssd(parts, "ctrl/on plant/valve"), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     assert list(signals(tmp_path / "out")["plant.tank.x"]) == [0.0, 0.25, 1.25, 1.5, 2.5]
     started = shop.bindings({"plant.valve": True})
     system = shop.ssd("b.ssd", shop.system(inner, bindings=started), '<ssd:DefaultExperiment stopTime="1"/>')
-    assert simulate(system, out=tmp_path / "out").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out")).outcome == "done"
     assert list(signals(tmp_path / "out")["plant.tank.x"]) == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 

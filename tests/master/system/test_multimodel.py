@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import Finding, SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import convert
 from cosim_master.system.flatten.check import check
@@ -71,7 +72,7 @@ def test_the_numbers_are_those_of_jacobi_by_hand(place: Path, stricts: Any, tmp_
     content = model()
     content["connections"].pop(f"{B}.y")
     content["parameters"][f"{A}.u"] = 1.0
-    result = simulate(written(place, content), out=tmp_path / "out")
+    result = simulate(written(place, content), RunOptions(out=tmp_path / "out"))
     assert (result.outcome, stricts.complaints) == ("done", []), result.error
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     ya, yb, yx = 0.0, 0.0, 0.0
@@ -84,7 +85,7 @@ def test_the_numbers_are_those_of_jacobi_by_hand(place: Path, stricts: Any, tmp_
 
 
 def test_a_closed_loop(place: Path, stricts: Any, tmp_path: Path) -> None:
-    result = simulate(written(place, model()), out=tmp_path / "out")
+    result = simulate(written(place, model()), RunOptions(out=tmp_path / "out"))
     assert (result.outcome, stricts.complaints) == ("done", []), result.error
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     for k, row in enumerate(maestro(12, 0.25)):
@@ -213,7 +214,7 @@ def test_stabilisation_is_the_fixed_point_of_every_step(place: Path, stricts: An
     content["parameters"] = {f"{A}.p": 2, f"{B}.p": 0.5, f"{A}.u": 1.0}
     if key == "stabilisation":
         content["end_time"] = content.pop("endTime")
-    result = simulate(written(place, content), out=tmp_path / "out")
+    result = simulate(written(place, content), RunOptions(out=tmp_path / "out"))
     assert (result.outcome, stricts.complaints) == ("done", []), result.error
     assert any("with stabilisation every loop is iterated to 1e-12" in note for note in result.notes)
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
@@ -268,8 +269,8 @@ def test_the_converted_system_gives_the_same(place: Path, tmp_path: Path) -> Non
     mm = written(place, content)
     folder = convert(mm, tmp_path / "converted").file.parent
     assert sorted(file.name for file in (folder / "resources").iterdir()) == ["strict.fmu", "strict_2.fmu"]
-    assert simulate(mm, out=tmp_path / "one").outcome == "done"
-    assert simulate(folder, out=tmp_path / "two").outcome == "done"
+    assert simulate(mm, RunOptions(out=tmp_path / "one")).outcome == "done"
+    assert simulate(folder, RunOptions(out=tmp_path / "two")).outcome == "done"
     one, two = (pq.read_table(tmp_path / name / "signals.parquet") for name in ("one", "two"))
     assert one.equals(two)
     with pytest.raises(SystemDescriptionError, match="exists already"):

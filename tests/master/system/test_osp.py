@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 from cosim_master.system.flatten.check import check
@@ -100,7 +101,7 @@ def both(file: Path, out: Path, names: list[str], steps: int = 12) -> list[list[
     )
     rows = [[float(x) for x in line.split()[1:]] for line in done.stdout.splitlines() if line.startswith("ROW ")]
     assert len(rows) == steps, done.stderr
-    result = simulate(file, out=out, until=0.25 * steps)
+    result = simulate(file, RunOptions(out=out, until=0.25 * steps))
     assert result.outcome == "done", result.error
     got = pq.read_table(out / "signals.parquet").to_pydict()
     assert [[got[name][k + 1] for name in names] for k in range(steps)] == rows
@@ -171,7 +172,7 @@ def test_the_sum_is_there_from_the_first_exchange_on(probes: Any, tmp_path: Path
     wires = "".join(signal(f"{name}.y", "sum", f"in[{i}]") for i, name in enumerate("abc"))
     wires += signal("d.u", "sum", "out") + connection("d.y", "e.u")
     file = written(probes.root, parts, wires, '<Sum name="sum" inputCount="3"/>')
-    assert simulate(file, out=tmp_path / "out", until=0.5).outcome == "done"
+    assert simulate(file, RunOptions(out=tmp_path / "out", until=0.5)).outcome == "done"
     got = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     assert (got["d.y"][0], got["e.y"][0]) == (7.0, 7.0)
 

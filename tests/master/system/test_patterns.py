@@ -11,6 +11,7 @@ import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.diagnostics.names import is_pattern, matching, near_pattern
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
@@ -145,7 +146,7 @@ def test_a_run_with_settings_says_them_in_its_manifest(stricts: Any, tmp_path: P
     stricts.fmu()
     system = stricts.ssd(stricts.component("a", p=1.0) + stricts.component("b", p=1.0), stop=2.0)
     given = {"?.u": "1", "recording.interval": "1", "recording.signals": "*.y", "network.loss": "0.25"}
-    result = simulate(system, out=tmp_path / "out", overrides=given)
+    result = simulate(system, RunOptions(out=tmp_path / "out", overrides=given))
     assert (result.outcome, stricts.complaints) == ("done", [])
     rows = pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict()
     assert rows == {"time": [0.0, 1.0, 2.0], "a.y": [0.0, 1.0, 2.0], "b.y": [0.0, 1.0, 2.0]}
@@ -160,7 +161,7 @@ def test_settings_of_the_recording_that_are_wrong(stricts: Any) -> None:
     system = stricts.ssd(stricts.component("a"), stop=2.0)
 
     def run(**given: str) -> None:
-        simulate(system, overrides={name.replace("_", "."): text for name, text in given.items()})
+        simulate(system, RunOptions(overrides={name.replace("_", "."): text for name, text in given.items()}))
 
     assert refusal(lambda: run(recording_intervall="1")).startswith(
         '--set: there is no setting "recording.intervall"; did you mean "recording.interval"?'

@@ -14,6 +14,7 @@ import pytest
 
 from cosim_master.cli.views.explanation import explain
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe, platform
 from cosim_master.system.flatten.check import check
@@ -59,7 +60,7 @@ def signals(out: Path) -> dict[str, list[Any]]:
 
 
 def ran(stricts3: Any, system: Path, out: Path, **options: Any) -> dict[str, list[Any]]:
-    result = simulate(system, out=out, **options)
+    result = simulate(system, RunOptions(out=out, **options))
     assert stricts3.complaints == []
     assert result.outcome == "done", result.error
     return signals(out)
@@ -168,7 +169,7 @@ def test_a_size_of_the_fmu_itself_is_positive(sized: Path) -> None:
 
 def refused(system: Path, **options: Any) -> str:
     with pytest.raises(SystemDescriptionError) as caught:
-        simulate(system, **options)
+        simulate(system, RunOptions(**options))
     return str(caught.value)
 
 

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import convert
 from cosim_master.system.authoring.pack import pack
@@ -31,7 +32,7 @@ COLUMNS = "v:output:Real n:output:Integer on:output:Boolean"
 def run(file: Path, **options: Any) -> dict[str, list[Any]]:
     out = file.parent / "out" / file.suffix[1:]
     options.setdefault("until", 2.5)
-    result = simulate(file, out=out, **options)
+    result = simulate(file, RunOptions(out=out, **options))
     assert result.outcome == "done", result.error
     found: dict[str, list[Any]] = pq.read_table(out / "signals.parquet").to_pydict()
     return found
@@ -121,8 +122,8 @@ def test_a_run_goes_on_from_a_checkpoint(workshop: Any, dynamics: Any, tmp_path:
     parts += workshop.component("d", "d.fmu", "u:input x:output")
     file = workshop.ssd("s.ssd", workshop.system(parts, workshop.connection("t/v", "d/u")))
     first, second = tmp_path / "first", tmp_path / "second"
-    simulate(file, out=first, until=2.5, checkpoint_every=1.0, solver="rk4:0.1")
-    result = simulate(file, out=second, until=2.5, origin=f"{first}@1", solver="rk4:0.1")
+    simulate(file, RunOptions(out=first, until=2.5, checkpoint_every=1.0, solver="rk4:0.1"))
+    result = simulate(file, RunOptions(out=second, until=2.5, origin=f"{first}@1", solver="rk4:0.1"))
     assert result.outcome == "done", result.error
     assert pq.read_table(first / "signals.parquet") == pq.read_table(second / "signals.parquet")
 
@@ -207,5 +208,5 @@ def test_a_system_of_tables_needs_a_step(workshop: Any, tmp_path: Path) -> None:
     (tmp_path / "in.csv").write_text(ROWS)
     file = workshop.ssd("s.ssd", workshop.system(workshop.component("t", "in.csv", COLUMNS, type="text/csv")))
     with pytest.raises(SystemDescriptionError, match="t: no step size: neither the system nor the FMU names one"):
-        simulate(file, until=1.0)
+        simulate(file, RunOptions(until=1.0))
     assert run(file, step=1.0, until=2.0)["t.n"] == [1, 2, 5]

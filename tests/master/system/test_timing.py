@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.settings.time_grid import exact
 from tests.master.linear import BALL_PORTS, ball, signals
@@ -44,7 +45,7 @@ def test_a_decimal_step_size_is_a_fraction(seconds: float, nanoseconds: Fraction
 def test_steps_of_a_fraction_of_a_second_are_those_of_fmpy(foreigners: Any, tmp_path: Path, n: int) -> None:
     fmu = foreigners.fmu(step=1 / n)
     system = foreigners.ssd(foreigners.component("a"), stop=7.0)
-    result = simulate(system, out=tmp_path / "out")
+    result = simulate(system, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     ours = signals(tmp_path / "out")
     assert list(ours["time"]) == [k / n for k in range(7 * n + 1)]
@@ -70,7 +71,7 @@ def test_fractions_mix_with_decimals_and_drift_never(foreigners: Any, tmp_path: 
     foreigners.fmu()
     parts = foreigners.component("a", step=1 / 30) + foreigners.component("b", step=0.01, u=1.0)
     system = foreigners.ssd(parts, "b/t a/u", stop=100.0)
-    simulate(system, out=tmp_path / "out")
+    simulate(system, RunOptions(out=tmp_path / "out"))
     got = signals(tmp_path / "out")
     points = sorted({Fraction(k, 30) for k in range(3001)} | {Fraction(k, 100) for k in range(10001)})
     assert list(got["time"]) == [float(point) for point in points]
@@ -85,7 +86,7 @@ def test_a_base_step_far_below_all_steps_is_passed_over(foreigners: Any, tmp_pat
     """0.033333333 s and 0.01 s have 1 ns in common: a row for each end of a step, not for each nanosecond."""
     foreigners.fmu()
     parts = foreigners.component("a", step=0.033333333) + foreigners.component("b", step=0.01)
-    result = simulate(foreigners.ssd(parts, "b/t a/u", stop=2.0), out=tmp_path / "out")
+    result = simulate(foreigners.ssd(parts, "b/t a/u", stop=2.0), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     got = signals(tmp_path / "out")
     points = sorted({k * 33_333_333 for k in range(61)} | {k * 10_000_000 for k in range(201)})
@@ -101,7 +102,7 @@ def test_rows_at_an_interval_are_where_it_says(foreigners: Any, tmp_path: Path) 
     for interval, rows in ((0.01, 13), (0.04, 4)):
         note = f'<recording xmlns="https://uav-cosim.org/ns/1" interval="{interval}"/>'
         annotation = f'<ssc:Annotation type="org.uav-cosim.recording">{note}</ssc:Annotation>'
-        simulate(foreigners.ssd(parts, stop=0.12, annotations=annotation), out=tmp_path / "out")
+        simulate(foreigners.ssd(parts, stop=0.12, annotations=annotation), RunOptions(out=tmp_path / "out"))
         times = signals(tmp_path / "out")["time"]
         assert list(times) == [pytest.approx(k * interval) for k in range(rows)]
 
@@ -110,7 +111,7 @@ def test_a_run_with_strings_passes_over_base_steps_too(probes: Any, tmp_path: Pa
     probes.fmu()
     parts = probes.component("a", after=probes.step(0.033333333), s="x")
     parts += probes.component("b", after=probes.step(0.01))
-    result = simulate(probes.ssd(parts, "a/r b/s", stop=0.1), out=tmp_path / "out")
+    result = simulate(probes.ssd(parts, "a/r b/s", stop=0.1), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     got = signals(tmp_path / "out")
     assert len(got["time"]) == 14 and list(got["b.r"])[-1] == "x!!"
@@ -121,7 +122,7 @@ def test_the_step_of_the_command_line_acts(foreigners: Any, tmp_path: Path, step
     """Over the proposal of the FMU, and over what the system says."""
     foreigners.fmu(step=0.002)
     parts = foreigners.component("a") + foreigners.component("b", step=0.05)
-    result = simulate(foreigners.ssd(parts), out=tmp_path / "out", step=step)
+    result = simulate(foreigners.ssd(parts), RunOptions(out=tmp_path / "out", step=step))
     got = signals(tmp_path / "out")
     assert (got["a.n"][-1], got["b.n"][-1]) == (steps, steps)
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
@@ -132,7 +133,8 @@ def test_the_step_of_the_command_line_acts(foreigners: Any, tmp_path: Path, step
 def test_without_it_the_system_is_before_the_fmu(foreigners: Any, tmp_path: Path) -> None:
     foreigners.fmu(step=0.002)
     result = simulate(
-        foreigners.ssd(foreigners.component("a") + foreigners.component("b", step=0.05)), out=tmp_path / "out"
+        foreigners.ssd(foreigners.component("a") + foreigners.component("b", step=0.05)),
+        RunOptions(out=tmp_path / "out"),
     )
     got = signals(tmp_path / "out")
     assert (got["a.n"][-1], got["b.n"][-1]) == (500, 20)
@@ -145,7 +147,7 @@ def test_without_it_the_system_is_before_the_fmu(foreigners: Any, tmp_path: Path
 def test_an_fmu_whose_steps_have_one_size_may_be_given_it(foreigners: Any, tmp_path: Path) -> None:
     foreigners.fmu(step=0.002, flags="")
     system = foreigners.ssd(foreigners.component("a"))
-    assert simulate(system, out=tmp_path / "out", step=0.25).outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "out", step=0.25)).outcome == "done"
     assert list(signals(tmp_path / "out")["a.h"][1:]) == [0.25] * 4
 
 
@@ -153,13 +155,13 @@ def test_an_fmu_whose_steps_have_one_size_may_be_given_it(foreigners: Any, tmp_p
 def test_steps_that_are_not_positive(foreigners: Any, step: float) -> None:
     foreigners.fmu()
     with pytest.raises(SystemDescriptionError, match="must be a positive number of seconds"):
-        simulate(foreigners.ssd(foreigners.component("a")), step=step)
+        simulate(foreigners.ssd(foreigners.component("a")), RunOptions(step=step))
 
 
 def test_steps_that_cannot_be_counted(foreigners: Any) -> None:
     foreigners.fmu()
     with pytest.raises(SystemDescriptionError, match=r"takes more than 62 bits; try 0\.031415927"):
-        simulate(foreigners.ssd(foreigners.component("a"), stop=100.0), step=0.031415926535897934)
+        simulate(foreigners.ssd(foreigners.component("a"), stop=100.0), RunOptions(step=0.031415926535897934))
 
 
 def test_events_at_ends_of_steps_that_are_fractions(workshop: Any, foreigners: Any, tmp_path: Path) -> None:
@@ -167,7 +169,7 @@ def test_events_at_ends_of_steps_that_are_fractions(workshop: Any, foreigners: A
     ball(workshop, foreigners._folder)
     system = foreigners.ssd(workshop.component("m", "ball.fmu", BALL_PORTS), stop=2.0)
     for step, name in ((1 / 30, "thirds"), (0.001, "whole")):
-        result = simulate(system, out=tmp_path / name, step=step)
+        result = simulate(system, RunOptions(out=tmp_path / name, step=step))
         assert result.outcome == "done", result.error
     thirds, whole = signals(tmp_path / "thirds"), signals(tmp_path / "whole")
     assert list(thirds["time"]) == [k / 30 for k in range(61)]
@@ -179,7 +181,7 @@ def test_events_at_ends_of_steps_that_are_fractions(workshop: Any, foreigners: A
 def test_nan_is_an_error_unless_it_is_allowed(foreigners: Any, tmp_path: Path) -> None:
     foreigners.fmu()
     parts = foreigners.component("a", step=0.25, silent=0.5)
-    result = simulate(foreigners.ssd(parts), out=tmp_path / "out")
+    result = simulate(foreigners.ssd(parts), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "failed"
     assert (
         'y is not a number; where that is meant, allow it: <master xmlns="https://uav-cosim.org/ns/1" nan="allow"/>'
@@ -187,7 +189,7 @@ def test_nan_is_an_error_unless_it_is_allowed(foreigners: Any, tmp_path: Path) -
     )
     note = '<master xmlns="https://uav-cosim.org/ns/1" nan="allow"/>'
     annotation = f'<ssc:Annotation type="org.uav-cosim.master">{note}</ssc:Annotation>'
-    result = simulate(foreigners.ssd(parts, annotations=annotation), out=tmp_path / "out")
+    result = simulate(foreigners.ssd(parts, annotations=annotation), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     got = signals(tmp_path / "out")
     assert [bool(np.isnan(y)) for y in got["a.y"]] == [False, False, True, True, True]

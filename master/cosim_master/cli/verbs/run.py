@@ -21,12 +21,95 @@ from cosim_master.cli.terminal.options import (
     overrides,
     positive,
 )
-from cosim_master.cli.terminal.progress import activity, compiling
+from cosim_master.cli.terminal.progress import Activity, activity, compiling
 from cosim_master.cli.terminal.registry import verb
 from cosim_master.cli.terminal.verdict import show_findings, summary
 
 if TYPE_CHECKING:
+    from cosim_master.execution.options import RunOptions
     from cosim_master.execution.result import RunResult
+
+
+_Out = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="FOLDER",
+        help="Folder for the results; one that holds a run of other inputs is refused.",
+        show_default="out/NAME, or out/NAME-2, ... if that holds a run of other inputs",
+    ),
+]
+_Force = Annotated[bool, typer.Option("--force", help="Overwrite what the folder holds.", show_default=False)]
+_Pace = Annotated[
+    float | None,
+    typer.Option(
+        metavar="FACTOR",
+        help="Hold at most this many times real time.",
+        show_default="as fast as it can",
+        callback=positive("--pace", "a factor of real time"),
+    ),
+]
+_Seed = Annotated[
+    int | None, typer.Option(metavar="N", min=0, max=2**53, help="Seed of the radio.", show_default="the system's")
+]
+_At = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="TIME COMPONENT.PARAMETER=VALUE",
+        help="Set a tunable parameter or an open input at a time in s; may be repeated.",
+    ),
+]
+_Inputs = Annotated[
+    Path | None,
+    typer.Option("--input", metavar="FILE.csv", help="Values of open inputs over time, as FMPy reads them."),
+]
+_Solver = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME[:NUMBER]",
+        help="Integrates FMUs for Model Exchange: cvode[:TOLERANCE], euler[:STEP] or rk4[:STEP].",
+        show_default="the system's, or cvode",
+    ),
+]
+_Record = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATTERN",
+        help="Signals to record, e.g. '*.position*'; may be repeated.",
+        show_default="the system's, or all outputs",
+    ),
+]
+_Threads = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Threads that step native FMUs.", show_default="all cores for large systems, else 1"
+    ),
+]
+_Gcs = Annotated[
+    list[str] | None,
+    typer.Option(metavar="ADDRESS", help="A ground station, e.g. udpout:127.0.0.1:14550; may be repeated."),
+]
+_Ports = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Serial ports of the autopilots, e.g. tcp:5760+10 for 5760, 5770, ..."),
+]
+_Profile = Annotated[
+    bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.", show_default=False)
+]
+_CheckpointEvery = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="Write a checkpoint every so many simulated seconds.",
+        show_default="none",
+        callback=positive("--checkpoint-every", "an interval in simulated s"),
+    ),
+]
+_From = Annotated[
+    str | None,
+    typer.Option("--from", metavar="RUN@TIME", help="Go on from a checkpoint; --set then changes values there."),
+]
 
 
 @verb(
@@ -37,147 +120,71 @@ if TYPE_CHECKING:
 )
 def run(
     system: System,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="FOLDER",
-            help="Folder for the results; one that holds a run of other inputs is refused.",
-            show_default="out/NAME, or out/NAME-2, ... if that holds a run of other inputs",
-        ),
-    ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Overwrite what the folder holds.", show_default=False)
-    ] = False,
+    folder: _Out = None,
+    force: _Force = False,
     variant: Variant = None,
     until: Until = None,
     step: Step = None,
     strict: Strict = False,
-    pace: Annotated[
-        float | None,
-        typer.Option(
-            metavar="FACTOR",
-            help="Hold at most this many times real time.",
-            show_default="as fast as it can",
-            callback=positive("--pace", "a factor of real time"),
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=0, max=2**53, help="Seed of the radio.", show_default="the system's"),
-    ] = None,
+    pace: _Pace = None,
+    seed: _Seed = None,
     settings: Settings = None,
-    at: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="TIME COMPONENT.PARAMETER=VALUE",
-            help="Set a tunable parameter or an open input at a time in s; may be repeated.",
-        ),
-    ] = None,
-    inputs: Annotated[
-        Path | None,
-        typer.Option("--input", metavar="FILE.csv", help="Values of open inputs over time, as FMPy reads them."),
-    ] = None,
-    solver: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME[:NUMBER]",
-            help="Integrates FMUs for Model Exchange: cvode[:TOLERANCE], euler[:STEP] or rk4[:STEP].",
-            show_default="the system's, or cvode",
-        ),
-    ] = None,
-    record: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PATTERN",
-            help="Signals to record, e.g. '*.position*'; may be repeated.",
-            show_default="the system's, or all outputs",
-        ),
-    ] = None,
-    threads: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", help="Threads that step native FMUs.", show_default="all cores for large systems, else 1"
-        ),
-    ] = None,
-    gcs: Annotated[
-        list[str] | None,
-        typer.Option(metavar="ADDRESS", help="A ground station, e.g. udpout:127.0.0.1:14550; may be repeated."),
-    ] = None,
-    ports: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Serial ports of the autopilots, e.g. tcp:5760+10 for 5760, 5770, ..."),
-    ] = None,
-    profile: Annotated[
-        bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.", show_default=False)
-    ] = False,
-    checkpoint_every: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S",
-            help="Write a checkpoint every so many simulated seconds.",
-            show_default="none",
-            callback=positive("--checkpoint-every", "an interval in simulated s"),
-        ),
-    ] = None,
-    origin: Annotated[
-        str | None,
-        typer.Option("--from", metavar="RUN@TIME", help="Go on from a checkpoint; --set then changes values there."),
-    ] = None,
+    at: _At = None,
+    inputs: _Inputs = None,
+    solver: _Solver = None,
+    record: _Record = None,
+    threads: _Threads = None,
+    gcs: _Gcs = None,
+    ports: _Ports = None,
+    profile: _Profile = False,
+    checkpoint_every: _CheckpointEvery = None,
+    origin: _From = None,
     as_json: Json = False,
 ) -> None:
     """Run a system, or one FMU alone."""
     if threads is not None and threads < 1:
         raise usage(f"--threads {threads}: give a positive number")
+    by_default = Path("out") / Path(system).resolve().stem
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
-        from cosim.kernel import PLAIN
-        from cosim_master.execution.simulate import simulate
+        from cosim_master.execution.options import RunOptions
         from cosim_master.results.run_folder import RunFolder
 
-        if profile and PLAIN:
-            raise usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
-        by_default = Path("out") / Path(system).resolve().stem
-        doing.stage(f"checking {system}")
-        with compiling(doing):
-            result = simulate(
-                system,
-                variant=variant,
-                out=RunFolder(folder or by_default, numbered=folder is None, force=force),
-                until=until,
-                step=step,
-                strict=strict,
-                pace=pace,
-                seed=seed,
-                overrides=overrides(settings),
-                record=record or (),
-                at=changes(at),
-                threads=threads,
-                profile=profile,
-                on_start=lambda ready: notes(ready.notes),
-                on_stage=doing.stage,
-                on_progress=doing.run,
-                gcs=gcs or (),
-                ports=ports,
-                on_gateway=note,
-                checkpoint_every=checkpoint_every,
-                origin=origin,
-                inputs=inputs,
-                solver=solver,
-            )
+        options = RunOptions(
+            variant=variant, overrides=overrides(settings), at=changes(at), inputs=inputs, solver=solver,
+            strict=strict, until=until, step=step, seed=seed,
+            out=RunFolder(folder or by_default, numbered=folder is None, force=force), record=record or (),
+            checkpoint_every=checkpoint_every, origin=origin,
+            pace=pace, threads=threads, profile=profile, gcs=gcs or (), ports=ports,
+        )  # fmt: skip
+        result = _simulate(system, options, doing)
     if as_json:
         print_json(_document(result))
     else:
         _report(result)
     if folder is None and result.folder is not None and result.folder != by_default:
         note(f"{by_default} holds a run of other inputs, which --force overwrites; the results are in {result.folder}")
-    if result.outcome == "failed":
-        raise typer.Exit(1)
+    if code := _exit_code(result, strict=strict):
+        raise typer.Exit(code)
+
+
+def _simulate(system: str, options: RunOptions, doing: Activity) -> RunResult:
+    from cosim.kernel import PLAIN
+    from cosim_master.execution.options import Listener
+    from cosim_master.execution.simulate import simulate
+
+    if options.profile and PLAIN:
+        raise usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
+    doing.stage(f"checking {system}")
+    listener = Listener(prepared=lambda ready: notes(ready.notes), stage=doing.stage, progress=doing.run, gateway=note)
+    with compiling(doing):
+        return simulate(system, options, listener=listener)
+
+
+def _exit_code(result: RunResult, *, strict: bool) -> int:
     if result.outcome == "interrupted":
-        raise typer.Exit(130)
-    if strict and result.verdict is not None and not result.verdict.good:
-        raise typer.Exit(1)
+        return 130
+    return int(result.outcome == "failed" or (strict and result.verdict is not None and not result.verdict.good))
 
 
 def _report(result: RunResult) -> None:
@@ -200,8 +207,8 @@ def _report(result: RunResult) -> None:
         from cosim_master.cli.views.inspection import profile_tables
 
         print_tables(profile_tables(result.profile))
-    if result.overruns[0]:
-        note(f"the pace was missed {result.overruns[0]} times, by {result.overruns[1]:.3f} s at worst")
+    if result.overruns.count:
+        note(f"the pace was missed {result.overruns.count} times, by {result.overruns.worst_s:.3f} s at worst")
     show_findings(result.verdict)
 
 
@@ -216,7 +223,7 @@ def _document(result: RunResult) -> dict[str, Any]:
         "real_time_factor": result.real_time_factor,
         "packets": dict(result.packets),
         "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
-        "overruns": {"count": result.overruns[0], "worst_s": result.overruns[1]},
+        "overruns": asdict(result.overruns),
         "notes": list(result.notes),
         "verdict": None if result.verdict is None else result.verdict.as_json(),
         "profile": None if result.profile is None else asdict(result.profile),

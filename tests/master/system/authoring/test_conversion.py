@@ -14,6 +14,7 @@ import pytest
 from lxml import etree
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import ENGINES, convert
 from cosim_master.system.reading.read import read_system
@@ -26,7 +27,7 @@ SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
 
 
 def signals(system: Path, out: Path, until: float = 3.0) -> dict[str, list[Any]]:
-    result = simulate(system, out=out, until=until)
+    result = simulate(system, RunOptions(out=out, until=until))
     assert result.outcome == "done", result.error
     found: dict[str, list[Any]] = pq.read_table(out / "signals.parquet").to_pydict()
     return found

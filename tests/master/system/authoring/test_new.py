@@ -18,6 +18,7 @@ import pytest
 from lxml import etree
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.prepare import prepare
 from cosim_master.execution.simulate import simulate
 from cosim_master.stepping.layout import layout
@@ -136,7 +137,7 @@ def test_checking_is_linear_in_the_number_of_drones(fmus: Path, tmp_path: Path) 
 
 def test_a_new_line_flies_and_spreads(fmus: Path, tmp_path: Path) -> None:
     folder = new_system("line", 4, tmp_path / "line", fmus=fmus, spacing=12.0)
-    result = simulate(folder, out=tmp_path / "out", until=60.0, record=["*.vehicle.position*"])
+    result = simulate(folder, RunOptions(out=tmp_path / "out", until=60.0, record=["*.vehicle.position*"]))
     assert result.outcome == "done"
     table = pq.read_table(tmp_path / "out" / "signals.parquet")
     assert table.num_columns == 1 + 4 * 3

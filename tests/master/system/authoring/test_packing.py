@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.pack import pack
 from cosim_master.system.flatten.check import check
@@ -185,6 +186,6 @@ def test_a_flight_of_the_archive_is_the_flight_of_the_system(fmus: Path, tmp_pat
     assert fmus.is_dir()
     packed = pack(SYSTEMS / "line5", tmp_path / "line5.ssp").path
     for system, out in ((SYSTEMS / "line5", "one"), (packed, "two")):
-        assert simulate(system, out=tmp_path / out, until=8.0).outcome == "done"
+        assert simulate(system, RunOptions(out=tmp_path / out, until=8.0)).outcome == "done"
     for name in ("signals.parquet", "packets.parquet", "packets.tlog"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()

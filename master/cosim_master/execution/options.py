@@ -1,0 +1,105 @@
+"""What a run is asked for, and the functions that are told how it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from cosim_master.execution.prepare import Prepared
+from cosim_master.execution.result import Progress
+from cosim_master.results.checkpoint_folder import Checkpoint
+from cosim_master.results.run_folder import RunFolder
+from cosim_master.system.reading.overrides import apart
+from cosim_master.system.structure import SystemStructure
+
+__all__ = ["Listener", "RunOptions", "going_on"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """What a run is asked for, beyond its system. The defaults run a system as it is described and record nothing.
+
+    Attributes:
+        variant: which of several .ssd in an archive or folder.
+        overrides: start values by hierarchical name or pattern, and settings of radio and recording ("network.loss"),
+            as text: see `check`.
+        at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set during the run.
+        inputs: a CSV file with values of open inputs over time: see `stimuli`.
+        solver: of FMUs for Model Exchange, as `solvers.Choice.parsed` reads it; one FMU alone then is one of these.
+        strict: notes that are a `Finding` are errors.
+        until: stop time in s; None takes the system's DefaultExperiment.
+        step: step size in s of all FMUs; None takes those that the system and the FMUs name.
+        seed: of the radio's random numbers; None takes the system's.
+        out: folder for the results, overwritten whatever it holds, or a `RunFolder`, which says what may be
+            overwritten; None records nothing.
+        record: patterns of signals to record; if empty, the system's, else all outputs.
+        checkpoint_every: simulated time in s between checkpoints in `out`; None makes none.
+        origin: RUN@TIME, a checkpoint to go on from: see `going_on`.
+        pace: times real time to hold at most; None runs as fast as possible.
+        threads: how many step native instances; None chooses.
+        profile: measure where the time goes.
+        gcs: addresses of ground stations, each on the air to all vehicles: see `gateways`.
+        ports: address of the first vehicle's serial port, and the difference between two of them.
+    """
+
+    variant: str | None = None
+    overrides: Mapping[str, str] = field(default_factory=dict)
+    at: Sequence[tuple[float, str, str]] = ()
+    inputs: Path | None = None
+    solver: str | None = None
+    strict: bool = False
+    until: float | None = None
+    step: float | None = None
+    seed: int | None = None
+    out: Path | RunFolder | None = None
+    record: Sequence[str] = ()
+    checkpoint_every: float | None = None
+    origin: str | None = None
+    pace: float | None = None
+    threads: int | None = None
+    profile: bool = False
+    gcs: Sequence[str] = ()
+    ports: str | None = None
+
+
+def _ignore(_: Any) -> None:
+    pass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listener:
+    """Functions that are told how a run goes, in the thread that runs it.
+
+    Attributes:
+        prepared: called when everything is checked and no FMU is loaded yet.
+        stage: called with the next stage in words ("loading 15 FMU instances"), until the first step.
+        progress: called about twenty times a second of wall-clock time, with gateways fifty times.
+        gateway: called with what happens to sockets, in words.
+    """
+
+    prepared: Callable[[Prepared], None] = _ignore
+    stage: Callable[[str], None] = _ignore
+    progress: Callable[[Progress], None] = _ignore
+    gateway: Callable[[str], None] = _ignore
+
+
+def going_on(options: RunOptions, checkpoint: Checkpoint, structure: SystemStructure) -> RunOptions:
+    """Returns the options of a run that goes on from a checkpoint.
+
+    `overrides` become changes at the time of the checkpoint; settings of the radio hold from then on. Seed, stop time
+    and patterns that `options` does not give are those of the run that wrote the checkpoint.
+    """
+    was = checkpoint.identity
+    variables, settings = apart(options.overrides, structure)
+    new = {f"{tag}.{name}": text for tag, given in settings.items() for name, text in given.items()}
+    stop = (was.start + was.steps * was.base) / (1e9 * was.per_ns)
+    return replace(
+        options,
+        at=[*((checkpoint.time, name, value) for name, value in variables.items()), *options.at],
+        overrides={**checkpoint.overrides, **new},
+        record=options.record or checkpoint.record,
+        until=stop if options.until is None else options.until,
+        seed=was.seed if options.seed is None and "network.seed" not in new else options.seed,
+    )
