@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.prepare import prepare
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import convert
@@ -187,21 +188,21 @@ CROSSING = {"end": {"type": "zerocrossing", "ports": ["{A}.one.y", "{A}.one.p"],
 def test_a_multimodel_runs_and_so_does_what_it_is_converted_to(place: Path, stricts: Any, tmp_path: Path) -> None:
     """Rows at every step that counts, at the instants by hand, and at the end."""
     mm = multimodel(place, CROSSING)
-    result = simulate(mm, out=tmp_path / "one")
+    result = simulate(mm, RunOptions(out=tmp_path / "one"))
     assert (result.outcome, stricts.complaints) == ("done", []), result.error
     wanted = [round(t, 9) for t in accumulate([0.0, *(step / 1e3 for step in MEET)])]
     assert times(tmp_path / "one") == pytest.approx([*wanted, 1.2], abs=1e-12)
     one = pq.read_table(tmp_path / "one" / "signals.parquet")
     np.testing.assert_allclose(one["{A}.one.y"], one["time"], rtol=1e-12)
     folder = convert(mm, tmp_path / "converted").file.parent
-    assert simulate(folder, out=tmp_path / "two").outcome == "done"
+    assert simulate(folder, RunOptions(out=tmp_path / "two")).outcome == "done"
     assert one.equals(pq.read_table(tmp_path / "two" / "signals.parquet"))
 
 
 def test_a_step_that_violates_a_constraint_is_repeated(place: Path, stricts: Any, tmp_path: Path) -> None:
     """y may change by 0.03: 0.1 and 0.025 s are tried; 0.025 of 0.03 is risky, half of it is good for ever."""
     mm = multimodel(place, {"b": {"type": "boundeddifference", "ports": ["{A}.one.y"], "abstol": 0.03, "reltol": 9}})
-    result = simulate(mm, out=tmp_path / "out", until=0.1)
+    result = simulate(mm, RunOptions(out=tmp_path / "out", until=0.1))
     assert (result.outcome, stricts.complaints) == ("done", []), result.error
     assert times(tmp_path / "out") == [0.0, 0.025, 0.0375, 0.05, 0.0625, 0.075, 0.0875, 0.1]
     assert not [note for note in result.notes if "var-step" in note]
@@ -210,7 +211,7 @@ def test_a_step_that_violates_a_constraint_is_repeated(place: Path, stricts: Any
 def test_where_an_fmu_cannot_go_back_the_step_counts_and_a_note_says_so(stricts: Any, tmp_path: Path) -> None:
     stricts.fmu(flags='canHandleVariableCommunicationStepSize="true"')
     bound = {"b": {"type": "boundeddifference", "ports": ["{A}.one.y"], "abstol": 0.03, "reltol": 9}}
-    result = simulate(multimodel(stricts.workshop.root, bound), out=tmp_path / "out", until=0.103)
+    result = simulate(multimodel(stricts.workshop.root, bound), RunOptions(out=tmp_path / "out", until=0.103))
     assert (result.outcome, stricts.complaints) == ("done", []), result.error
     assert times(tmp_path / "out") == [0.0, 0.1, 0.101, 0.103]  # 0.1 is too much: strongly tightened
     notes = json.loads((tmp_path / "out" / "manifest.json").read_text())["notes"]
@@ -223,7 +224,7 @@ def test_where_an_fmu_cannot_go_back_the_step_counts_and_a_note_says_so(stricts:
 
 def test_the_shortest_step_counts_and_a_note_says_so(place: Path, tmp_path: Path) -> None:
     bound = {"b": {"type": "boundeddifference", "ports": ["{A}.one.y"], "abstol": 0.01, "reltol": 9}}
-    result = simulate(multimodel(place, bound, size=[0.05, 1]), out=tmp_path / "out", until=0.15)
+    result = simulate(multimodel(place, bound, size=[0.05, 1]), RunOptions(out=tmp_path / "out", until=0.15))
     assert times(tmp_path / "out") == [0.0, 0.05, 0.1, 0.15]
     assert any('3 steps count although they violate constraint "b"' in note for note in result.notes)
     assert any("0.05 s is the shortest step" in note for note in result.notes)
@@ -233,7 +234,7 @@ def test_rows_of_an_interval_and_changes_are_met(place: Path, tmp_path: Path) ->
     """Steps end at 0.25, 0.5, ...; p is 2 from 0.5 s on, so that y goes twice as fast."""
     folder = convert(multimodel(place, {}), tmp_path / "converted").file.parent
     out, given = tmp_path / "out", {"recording.interval": "0.25"}
-    result = simulate(folder, out=out, overrides=given, at=[(0.5, "{A}.one.p", "2")], until=1.0)
+    result = simulate(folder, RunOptions(out=out, overrides=given, at=[(0.5, "{A}.one.p", "2")], until=1.0))
     assert result.outcome == "done", result.error
     got = pq.read_table(out / "signals.parquet").to_pydict()
     assert (got["time"], got["{A}.one.y"]) == ([0.0, 0.25, 0.5, 0.75, 1.0], [0.0, 0.25, 0.5, 1.0, 1.5])
@@ -244,12 +245,12 @@ def test_a_run_without_interval_goes_on_bit_for_bit(linears: Any, tmp_path: Path
     linears.fmu()
     master = 'algorithm="var-step"><constraint type="zerocrossing"><port name="a.y"/></constraint></master>'
     system = linears.ssd(linears.component("a", x0=1.0, w2=9.0, step=0.01), master=master, stop=4.0)
-    assert simulate(system, out=tmp_path / "whole", checkpoint_every=1.0).outcome == "done"
-    assert simulate(system, out=tmp_path / "plain").outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "whole", checkpoint_every=1.0)).outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "plain")).outcome == "done"
     saved = sorted((tmp_path / "whole" / "checkpoints").iterdir())
     assert len(saved) >= 2
     origin = f"{tmp_path / 'whole'}@{saved[1].name}"
-    assert simulate(system, out=tmp_path / "rest", origin=origin).outcome == "done"
+    assert simulate(system, RunOptions(out=tmp_path / "rest", origin=origin)).outcome == "done"
     whole, plain, rest = (pq.read_table(tmp_path / name / "signals.parquet") for name in ("whole", "plain", "rest"))
     assert whole.equals(plain) and whole.equals(rest)
     for n in range(3):  # cos 3t is zero at (n + 1/2) pi/3; a step ends within the tolerance of 0.001, slope 3
@@ -265,7 +266,7 @@ def test_an_fmu_says_how_long_a_step_it_takes(linears: Any, tmp_path: Path, monk
         if limit is not None:
             monkeypatch.setenv("LINEAR_MAXIMUM", limit)
         out = tmp_path / f"{limit}"
-        assert simulate(system, out=out).outcome == "done"
+        assert simulate(system, RunOptions(out=out)).outcome == "done"
         assert times(out) == (wanted or [round(0.01 * n, 2) for n in range(101)])
 
 
@@ -278,7 +279,7 @@ def test_a_table_takes_steps_of_any_length(linears: Any, tmp_path: Path, monkeyp
     one = linears.component("a", gain=2.0, rate=-1.0, step=0.1)
     master = 'algorithm="var-step"><constraint type="fmumaxstepsize"/></master>'
     out = tmp_path / "out"
-    assert simulate(linears.ssd(table + one, "t/v a/u", master=master, stop=1.0), out=out).outcome == "done"
+    assert simulate(linears.ssd(table + one, "t/v a/u", master=master, stop=1.0), RunOptions(out=out)).outcome == "done"
     assert times(out) == [0.0, 0.1, 0.4, 0.7, 1.0]
     y = pq.read_table(out / "signals.parquet")["a.y"].to_pylist()
     assert y == pytest.approx([0.0, 0.0, 0.2, 0.8, 1.4], abs=1e-12)  # exchange is Jacobi's: of the step's beginning
@@ -293,7 +294,7 @@ def test_a_discarded_step_is_tried_shorter(linears: Any, tmp_path: Path, monkeyp
             master=f'algorithm="var-step" minimumStep="{least}"/>',
             stop=0.2,
         )
-        result = simulate(system, out=tmp_path / least)
+        result = simulate(system, RunOptions(out=tmp_path / least))
         assert result.outcome == outcome
     assert "0.05 s is the shortest step" in str(result.error)
     assert times(tmp_path / "0.001")[1] == 0.025
@@ -396,7 +397,7 @@ def test_recordings_of_maestro(tmp_path: Path, name: str) -> None:
     }
     file = tmp_path / "mm.json"
     file.write_text(json.dumps(content))
-    result = simulate(file, out=tmp_path / "out")
+    result = simulate(file, RunOptions(out=tmp_path / "out"))
     assert result.outcome == "done", result.error
     with (folder / "expectedoutputs.csv").open() as lines:
         head, *rows = csv.reader(lines)
