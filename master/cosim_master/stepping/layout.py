@@ -17,7 +17,7 @@ from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.fmi.slaves.fmi2 import set_kind
 from cosim_master.stepping.kernels.tables import COPY, SIGN
 from cosim_master.system.flatten.flat import CheckedSystem, Instance, Link
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import Coupling, Delay
 from cosim_master.system.settings.network import Network
 
 __all__ = ["KINDS", "Delayed", "Layout", "Ports", "call_of", "halves_of", "layout", "shows_error"]
@@ -89,33 +89,26 @@ def layout(
     coupling: Coupling | None = None,
     observed: Collection[tuple[str, str]] = (),
 ) -> Layout:
-    """Assign places to all values.
+    """Assigns places to all values.
 
     Args:
-        record: patterns (see `diagnostics.names`) of ``instance.variable`` to record; outputs and local variables
-            can be. Nothing given: all outputs.
-        coupling: delays of connections; None has none.
+        record: patterns (see `diagnostics.names`) of outputs and local variables ``instance.variable`` to record; if
+            empty, all outputs are recorded.
+        coupling: None is Jacobi, without delays.
         observed: outputs (instance, variable) that observers want to see, recorded or not.
 
     Raises:
         SystemDescriptionError: a pattern matches nothing.
     """
-    delayed: list[Delayed] = []
+    coupling = coupling or Coupling()
     ports = {kind: Ports() for kind in KINDS}
     fmus = {instance.name: instance.fmu for instance in checked.instances}
     in_order = {id(fmu): _by_type(fmu) for fmu in fmus.values()}
     links = [link for link in checked.links if not link.initial_only]
     kinds = [set_kind(fmus[link.target[0]].variables[link.target[1]]) for link in links]
     numeric = [link for link, kind in zip(links, kinds, strict=True) if kind in KINDS]
-    needed = {link.source for link in numeric}
-    needed |= set(observed)
-    needed |= {(instance, v.name) for node in network.nodes for instance, v in node.position}
-    if coupling is not None:
-        needed |= {port for one in coupling.constraints for port in one.ports}
-    if coupling is not None and coupling.shows_error:
-        needed |= {(i.name, v.name) for i in checked.instances for v in i.fmu.variables.values() if shows_error(v)}
     chosen = _chosen(checked, record)
-    wanted = needed | chosen
+    wanted = chosen | {link.source for link in numeric} | {*observed} | _needed(checked, network, coupling)
     for i, instance in enumerate(checked.instances):
         for name, variable in _fetched(instance, wanted, in_order[id(instance.fmu)]):
             kind = set_kind(variable)
@@ -124,16 +117,9 @@ def layout(
                 ports[kind].outputs += [(i, variable)] * (1 + variable.wide)
         for kind in KINDS:
             ports[kind].first_out.append(len(ports[kind].outputs))
-    mirrors, mapped, constants = _inputs(checked, numeric, ports, coupling or Coupling(), delayed, in_order)
-    signals: dict[str, tuple[tuple[str, Variable], ...]] = {}
-    for kind in KINDS:
-        columns = []
-        for key, index in ports[kind].index.items():
-            if key in chosen:
-                variable = ports[kind].outputs[index][1]
-                ports[kind].recorded += [index, index + 1] if variable.wide else [index]
-                columns.append((f"{key[0]}.{key[1]}", variable))
-        signals[kind] = tuple(columns)
+    inputs = _Inputs(numeric, ports, coupling)
+    for instance in checked.instances:
+        inputs.fill(instance, in_order[id(instance.fmu)])
     strings = tuple(link for link, kind in zip(links, kinds, strict=True) if kind in ("String", "Binary"))
     texts = tuple(
         (f"{instance.name}.{name}", instance, v)
@@ -142,8 +128,37 @@ def layout(
         if v.type in ("String", "Binary") and (instance.name, name) in chosen
     )
     return Layout(
-        checked.instances, ports, mirrors, mapped, signals, constants, strings, texts, tuple(delayed), tuple(numeric)
+        checked.instances,
+        ports,
+        inputs.mirrors,
+        tuple(inputs.mapped),
+        {kind: _recorded(ports[kind], chosen) for kind in KINDS},
+        (tuple(inputs.constants[0]), tuple(inputs.constants[1])),
+        strings,
+        texts,
+        tuple(inputs.delayed),
+        tuple(numeric),
     )
+
+
+def _needed(checked: CheckedSystem, network: Network, coupling: Coupling) -> set[tuple[str, str]]:
+    """Returns the outputs that the radio and the master algorithm need."""
+    needed = {(instance, v.name) for node in network.nodes for instance, v in node.position}
+    needed |= {port for one in coupling.constraints for port in one.ports}
+    if coupling.shows_error:
+        needed |= {(i.name, v.name) for i in checked.instances for v in i.fmu.variables.values() if shows_error(v)}
+    return needed
+
+
+def _recorded(ports: Ports, chosen: Container[tuple[str, str]]) -> tuple[tuple[str, Variable], ...]:
+    """Notes which outputs are recorded; returns their names and variables."""
+    columns = []
+    for (instance, name), index in ports.index.items():
+        if (instance, name) in chosen:
+            variable = ports.outputs[index][1]
+            ports.recorded += [index, index + 1] if variable.wide else [index]
+            columns.append((f"{instance}.{name}", variable))
+    return tuple(columns)
 
 
 def shows_error(variable: Variable) -> bool:
@@ -205,99 +220,114 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
     return chosen
 
 
-def _inputs(
-    checked: CheckedSystem,
-    links: Sequence[Link],
-    ports: Mapping[str, Ports],
-    coupling: Coupling,
-    delayed: list[Delayed],
-    in_order: Mapping[int, _InOrder],
-) -> tuple[
-    tuple[tuple[int, int], ...], tuple[tuple[int, int, int, int], ...], tuple[tuple[float, ...], tuple[int, ...]]
-]:
-    """Fill in what feeds every input.
+class _Inputs:
+    """Fills in the sources of all inputs.
 
-    Integers and booleans that are mapped on the way get a place behind all outputs of `int_out`, integer and boolean
-    sources of real inputs get a mirror among the reals; returns the rows (from, to) of the mirrors, those of
-    `Plan.mapped`, and `Layout.constants`.
+    Integers and booleans that are mapped on the way get places after all outputs of `int_out`. Integer and boolean
+    sources of real inputs get places (mirrors) after the real outputs.
+
+    Attributes:
+        mapped: rows of `Plan.mapped`.
+        delayed: delayed connections, and terms of sums.
+        constants: see `Layout.constants`.
     """
-    by_instance: dict[str, dict[str, Link]] = {}
-    terms: dict[tuple[str, str], list[Link]] = {}
-    for one in links:
-        by_instance.setdefault(one.target[0], {}).setdefault(one.target[1], one)
-        if one.term is not None:
-            terms.setdefault(one.target, []).append(one)
-    mirrors: dict[int, int] = {}
-    reals, integers, booleans = (len(ports[kind].outputs) for kind in KINDS)
-    places: dict[tuple[int, object], int] = {}
-    mapped: list[tuple[int, int, int, int]] = []
-    constants: tuple[list[float], list[int]] = ([], [])
 
-    def place_of(key: tuple[int, object], rows: Sequence[tuple[int, int, int]]) -> int:
-        """The place behind all outputs that `rows` (source, key, value) fill, or two; the same for the same key."""
-        if key not in places:
-            places[key] = integers + booleans + len({row[1] for row in mapped})
-            mapped.extend(
-                (source, places[key] + (value if which == COPY and source >= 0 else 0), which, value)
-                for source, which, value in rows
-            )
-        return places[key]
+    def __init__(self, links: Sequence[Link], ports: Mapping[str, Ports], coupling: Coupling) -> None:
+        self._ports, self._delays = ports, coupling.delays
+        self._reals, self._integers, self._booleans = (len(ports[kind].outputs) for kind in KINDS)
+        self._links: dict[str, dict[str, Link]] = {}
+        self._terms: dict[tuple[str, str], list[Link]] = {}
+        for one in links:
+            self._links.setdefault(one.target[0], {}).setdefault(one.target[1], one)
+            if one.term is not None:
+                self._terms.setdefault(one.target, []).append(one)
+        self._mirrors: dict[int, int] = {}
+        self._places: dict[tuple[int, object], int] = {}
+        self.mapped: list[tuple[int, int, int, int]] = []
+        self.delayed: list[Delayed] = []
+        self.constants: tuple[list[float], list[int]] = ([], [])
 
-    def sources_of(link: Link, target: Variable) -> list[int]:
-        """Where the value of an input comes from; two places for an integer of 64 bits."""
-        source_kind = next(k for k in KINDS if link.source in ports[k].index)
-        at = ports[source_kind].index[link.source]
-        wide = ports[source_kind].outputs[at][1].wide
-        at += integers if source_kind == "Boolean" else 0
+    @property
+    def mirrors(self) -> tuple[tuple[int, int], ...]:
+        """Returns the rows (from, to) of `Plan.mirrors`."""
+        return tuple(self._mirrors.items())
+
+    def fill(self, instance: Instance, in_order: _InOrder) -> None:
+        """Adds the connected inputs of an instance, in the order in which they are set, to the ports."""
+        own = self._links.get(instance.name, {})
+        starts = instance.effective_values() if own else {}
+        driven = {(instance.name, name) for name in own}
+        for name, target in _fetched(instance, driven, in_order):
+            kind, link, factor, offset = set_kind(target), own.get(name), 1.0, 0.0
+            if link is None:
+                value = starts.get(name, 0)
+                sources = self._hold(kind, halves_of(int(value)) if target.wide else [value])
+            elif link.target in self._terms:
+                sources = self._sum(self._terms[link.target], target)
+            elif (delay := self._delays.get(link.target)) is not None:
+                sources = self._delay(link, target, delay)
+            else:
+                sources, factor, offset = self._sources_of(link, target), link.factor, link.offset
+            ports = self._ports[kind]
+            for source in sources:
+                ports.in_reference.append(target.value_reference)
+                ports.inputs.append(target)
+                ports.source.append(source)
+                ports.factor.append(factor)
+                ports.offset.append(offset)
+        for kind in KINDS:
+            self._ports[kind].first_in.append(len(self._ports[kind].in_reference))
+
+    def _hold(self, kind: str, values: Sequence[Any]) -> list[int]:
+        """Adds constants; returns their places as sources."""
+        constants: list[Any] = self.constants[0] if kind == "Real" else self.constants[1]
+        first = len(constants)
+        constants.extend(values)
+        return [-1 - place for place in range(first, len(constants))]
+
+    def _sum(self, terms: Sequence[Link], target: Variable) -> list[int]:
+        sources = self._hold("Real", [0.0])
+        for term in terms:
+            ns = 0 if term is terms[0] else TERM
+            self.delayed.append(Delayed(0, self._sources_of(term, target)[0], term, -1 - sources[0], ns, 0.0))
+        return sources
+
+    def _delay(self, link: Link, target: Variable, delay: Delay) -> list[int]:
+        kind = set_kind(target)
+        begins: list[Any] = halves_of(int(delay.start)) if target.wide else [delay.start]
+        sources = self._hold(kind, begins)
+        for source, place, begin in zip(self._sources_of(link, target), sources, begins, strict=True):
+            self.delayed.append(Delayed(KINDS.index(kind), source, link, -1 - place, delay.ns, begin))
+        return sources
+
+    def _sources_of(self, link: Link, target: Variable) -> list[int]:
+        """Returns the place of the value of an input; two places for an integer of 64 bits."""
+        source_kind = next(k for k in KINDS if link.source in self._ports[k].index)
+        at = self._ports[source_kind].index[link.source]
+        wide = self._ports[source_kind].outputs[at][1].wide
+        at += self._integers if source_kind == "Boolean" else 0
         if link.mapping:
             rows = [(at, COPY, 0), (at + 1, COPY, 1)] if wide else [(at, COPY, 0)]
             rows += [(-1 - at if wide else at, _signed(key), _signed(value)) for key, value in link.mapping]
-            at = place_of((at, link.mapping), rows)
+            at = self._place_of((at, link.mapping), rows)
         if set_kind(target) == "Real":
             if source_kind == "Real":
                 return [at]
-            return [mirrors.setdefault(-1 - at if wide else at, reals + len(mirrors))]
-        first = integers if set_kind(target) == "Boolean" else 0
+            return [self._mirrors.setdefault(-1 - at if wide else at, self._reals + len(self._mirrors))]
+        first = self._integers if set_kind(target) == "Boolean" else 0
         if not target.wide:
             return [at - first]
-        return [at - first, at + 1 - first if wide else place_of((at, SIGN), [(at, SIGN, 0)]) - first]
+        return [at - first, at + 1 - first if wide else self._place_of((at, SIGN), [(at, SIGN, 0)]) - first]
 
-    for instance in checked.instances:
-        own = by_instance.get(instance.name, {})
-        starts = instance.effective_values() if own else {}
-        driven = {(instance.name, name) for name in own}
-        for name, target in _fetched(instance, driven, in_order[id(instance.fmu)]):
-            kind = set_kind(target)
-            if (link := own.get(name)) is not None:
-                sources, factor, offset = sources_of(link, target), link.factor, link.offset
-                if (summed := terms.get(link.target)) is not None:
-                    n = len(constants[0])
-                    for term in summed:
-                        ns = 0 if term is summed[0] else TERM
-                        delayed.append(Delayed(0, sources_of(term, target)[0], term, n, ns, 0.0))
-                    sources, factor, offset = [-1 - n], 1.0, 0.0
-                    constants[0].append(0.0)
-                elif (delay := coupling.delays.get(link.target)) is not None:
-                    held = constants[0] if kind == "Real" else constants[1]
-                    begins: list[Any] = halves_of(int(delay.start)) if target.wide else [delay.start]
-                    for n, (source, begin) in enumerate(zip(sources, begins, strict=True), start=len(held)):
-                        delayed.append(Delayed(KINDS.index(kind), source, link, n, delay.ns, begin))
-                    sources, factor, offset = [-1 - len(held) - i for i in range(len(begins))], 1.0, 0.0
-                    held.extend(begins)
-            else:
-                held = constants[0] if kind == "Real" else constants[1]
-                halves = [starts.get(name, 0)] if not target.wide else halves_of(int(starts.get(name, 0)))
-                sources, factor, offset = [-1 - len(held) - i for i in range(len(halves))], 1.0, 0.0
-                held.extend(halves)  # type: ignore[arg-type]
-            for source in sources:
-                ports[kind].in_reference.append(target.value_reference)
-                ports[kind].inputs.append(target)
-                ports[kind].source.append(source)
-                ports[kind].factor.append(factor)
-                ports[kind].offset.append(offset)
-        for kind in KINDS:
-            ports[kind].first_in.append(len(ports[kind].in_reference))
-    return tuple(mirrors.items()), tuple(mapped), (tuple(constants[0]), tuple(constants[1]))
+    def _place_of(self, key: tuple[int, object], rows: Sequence[tuple[int, int, int]]) -> int:
+        """Returns the place, or the first of two, that `rows` (source, key, value) fill; the same for equal keys."""
+        if key not in self._places:
+            place = self._places[key] = self._integers + self._booleans + len({row[1] for row in self.mapped})
+            self.mapped += [
+                (source, place + (value if which == COPY and source >= 0 else 0), which, value)
+                for source, which, value in rows
+            ]
+        return self._places[key]
 
 
 def _signed(value: int) -> int:

@@ -15,20 +15,35 @@ from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.fmi3_types import PACKED, TYPED, WIDE_WIDTHS, WIDTHS
 from cosim_master.stepping.kernels.tables import (
     ANSWERS,
+    BASE,
+    BLOCK,
     BY_PYTHON,
     CALL,
     DELAY,
+    EVENTFUL,
+    EVERY,
     FEED,
+    FINAL,
+    FINER,
     FUNCTIONS,
     GET_STRING,
     IN_ORDER,
     INSTANCE,
     JACOBI,
+    LAST,
+    NAN_ALLOWED,
+    ORDER,
+    PER_NS,
+    PHASE,
     PORTS,
+    REALS_IN,
+    REALS_OUT,
     SEND,
     SET_STRING,
     SLOPE,
+    START,
     WIRE,
+    K,
     Plan,
 )
 from cosim_master.stepping.layout import KINDS, TERM, Layout, Ports, call_of
@@ -62,47 +77,28 @@ def make_plan(
         coupling: the master; None is Jacobi.
         grid: rows and exchange at every base step, also where no step of an instance ends.
     """
+    coupling = coupling or Coupling()
     kinds = [places.ports[kind] for kind in KINDS]
-    real = kinds[0]
-    reals_in, reals_out = len(real.in_reference), len(real.outputs)
-    int_recorded = [
-        i + (len(kinds[1].outputs) if n else 0) for n, ports in enumerate(kinds[1:]) for i in ports.recorded
-    ]
-    rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(int_recorded) + 8), 65536))
-    integers = sum(len(ports.outputs) for ports in kinds[1:])
-    own = (reals_out + len(places.mirrors), integers + len({row[1] for row in places.mapped}))
-    sources = [
-        i + (len(kinds[1].outputs) if n == 2 else 0) if i >= 0 else own[min(n, 1)] - 1 - i
-        for n, ports in enumerate(kinds)
-        for i in ports.source
-    ]
-    wires = np.zeros(reals_in, dtype=WIRE)
+    real, recorded = kinds[0], _recorded_integers(kinds)
+    rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(recorded) + 8), 65536))
+    wires = np.zeros(len(real.in_reference), dtype=WIRE)
     wires["factor"], wires["offset"] = real.factor, real.offset
     feeds = _feeds(places, wires)
     ports, text, capacity = _packet_ports(places, network)
-    block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
-    values = _Values(
-        in_reference=np.array([x for p in kinds for x in p.in_reference], dtype=np.uint32),
-        real_in=np.zeros(reals_in),
-        int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
-        out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
-        real_out=np.concatenate([np.zeros(own[0]), places.constants[0]]),
-        int_out=np.concatenate([np.zeros(own[1], np.int32), np.array(places.constants[1], np.int32)]),
-    )
-    delays, kept = _delay_table(places, clock, own, len(kinds[1].outputs))
-    native = _Native(len(living), kinds)
-    eventful = sum(one.event_mode for one in living)
-    instances = _instance_table(clock, network, living, native)
-    sequence = coupling.sequence if coupling is not None else ()
-    order = BY_PYTHON if coupling and coupling.in_python else IN_ORDER if sequence else JACOBI
+    constants = _first_constants(places, kinds)
+    values = _values(places, kinds, constants)
+    delays, kept = _delay_table(places, clock, constants, len(kinds[1].outputs))
     slopes = _slope_table(places, coupling, kept.size)
-    kept = np.concatenate([kept, np.zeros(slopes.size + (coupling.memory if coupling is not None else 0))])
+    kept = np.concatenate([kept, np.zeros(slopes.size + coupling.memory)])
+    native = _Native(len(living), kinds)
+    instances = _instance_table(clock, network, living, native)
+    block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     return Plan(
         instances=table(instances),
         calls=table(_calls(instances, feeds, values, ports, living, kinds, native, slopes, kept)),
         feeds=table(feeds),
         runs=table(_runs(feeds, clock.periods)),
-        sources=np.array(sources, dtype=np.uint32),
+        sources=_sources(kinds, constants),
         wires=table(wires),
         in_reference=values.in_reference,
         real_in=values.real_in,
@@ -117,57 +113,85 @@ def make_plan(
         scratch=np.zeros((threads, text.shape[1]), dtype=np.uint8),
         tx=np.zeros((ports.size, capacity), dtype=np.uint8),
         real_recorded=np.array(real.recorded, dtype=np.int64),
-        int_recorded=np.array(int_recorded, dtype=np.int64),
+        int_recorded=np.array(recorded, dtype=np.int64),
         real_block=np.zeros((rows, len(real.recorded))),
-        int_block=np.zeros((rows, len(int_recorded)), dtype=np.int32),
+        int_block=np.zeros((rows, len(recorded)), dtype=np.int32),
         ticks=np.zeros(rows, dtype=np.int64),
-        clock=np.array(
-            [
-                -1,
-                SEND,
-                0,
-                0,
-                clock.start,
-                clock.base,
-                clock.steps,
-                every,
-                reals_in,
-                reals_out,
-                block,
-                eventful,
-                order,
-                1,
-                int(not (coupling and coupling.variable)),
-                clock.per_ns,
-                int(coupling is not None and coupling.nan),
-            ]
-        ),
+        clock=_counters(clock, coupling, living, real, every=every, block=block),
         grids=np.array([] if grid else clock.grids, dtype=np.int64),
         delays=table(delays),
         slopes=table(slopes),
         kept=kept,
-        confined=np.array(sequence or sorted(set(range(len(living))) - set(free)), dtype=np.int64),
+        confined=np.array(coupling.sequence or sorted(set(range(len(living))) - set(free)), dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
         shared=np.zeros(40, dtype=np.int64),
         native=native.memory,
     )
 
 
+def _counters(
+    clock: Timing, coupling: Coupling, living: Sequence[Slave], real: Ports, *, every: int, block: int
+) -> np.ndarray[Any, Any]:
+    """Returns `Plan.clock` at the start of a run."""
+    counters = np.zeros(17, dtype=np.int64)
+    counters[K], counters[PHASE], counters[FINER] = -1, SEND, 1
+    counters[START], counters[BASE], counters[LAST] = clock.start, clock.base, clock.steps
+    counters[PER_NS], counters[EVERY], counters[BLOCK] = clock.per_ns, every, block
+    counters[REALS_IN], counters[REALS_OUT] = len(real.in_reference), len(real.outputs)
+    counters[EVENTFUL] = sum(one.event_mode for one in living)
+    counters[ORDER] = BY_PYTHON if coupling.in_python else IN_ORDER if coupling.sequence else JACOBI
+    counters[FINAL], counters[NAN_ALLOWED] = not coupling.variable, coupling.nan
+    return counters
+
+
+def _recorded_integers(kinds: Sequence[Ports]) -> list[int]:
+    """Returns the indices of recorded integers and booleans in `Plan.int_out`."""
+    integers, booleans = kinds[1:]
+    return [*integers.recorded, *(len(integers.outputs) + i for i in booleans.recorded)]
+
+
+def _first_constants(places: Layout, kinds: Sequence[Ports]) -> tuple[int, int]:
+    """Returns the index of the first of `Layout.constants` in `Plan.real_out` and in `Plan.int_out`."""
+    reals, integers, booleans = (len(ports.outputs) for ports in kinds)
+    return reals + len(places.mirrors), integers + booleans + len({row[1] for row in places.mapped})
+
+
+def _sources(kinds: Sequence[Ports], constants: tuple[int, int]) -> np.ndarray[Any, Any]:
+    """Returns, for each input, the index of its source in `Plan.real_out` or `Plan.int_out`."""
+    sources = []
+    for kind, ports in enumerate(kinds):
+        first, constant = len(kinds[1].outputs) if kind == 2 else 0, constants[min(kind, 1)]
+        sources += [first + i if i >= 0 else constant - 1 - i for i in ports.source]
+    return np.array(sources, dtype=np.uint32)
+
+
+def _values(places: Layout, kinds: Sequence[Ports], constants: tuple[int, int]) -> _Values:
+    """Returns the arrays of values, zero but for constants, and their value references."""
+    return _Values(
+        in_reference=np.array([x for p in kinds for x in p.in_reference], dtype=np.uint32),
+        real_in=np.zeros(len(kinds[0].in_reference)),
+        int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
+        out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
+        real_out=np.concatenate([np.zeros(constants[0]), places.constants[0]]),
+        int_out=np.concatenate([np.zeros(constants[1], np.int32), np.array(places.constants[1], np.int32)]),
+    )
+
+
 def _delay_table(
-    places: Layout, clock: Timing, own: tuple[int, int], integers: int
+    places: Layout, clock: Timing, constants: tuple[int, int], integers: int
 ) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """The DELAY table, and the values that are on their way at the start.
+    """Returns the DELAY table, and the values in the delay lines at the start.
 
     Args:
-        own: where constants begin, of reals and of integers.
-        integers: how many integer outputs come before the booleans.
+        constants: index of the first constant, of reals and of integers.
+        integers: number of integer outputs, which come before the booleans.
     """
     table = np.zeros(len(places.delays), dtype=DELAY)
     kept: list[float] = []
     for row, one in zip(table, places.delays, strict=True):
         whole = min(one.kind, 1)
         row["whole"], row["source"] = whole, one.source + (integers if one.kind == 2 else 0)
-        row["place"] = own[whole] + one.constant
+        row["place"] = constants[whole] + one.constant
         row["factor"], row["offset"] = one.link.factor, one.link.offset
         steps = -1 if one.ns == TERM else round(one.ns * clock.per_ns / clock.base)
         row["first"], row["length"] = len(kept), steps
@@ -175,14 +199,14 @@ def _delay_table(
     return table, np.array(kept)
 
 
-def _slope_table(places: Layout, coupling: Coupling | None, first: int) -> np.ndarray[Any, Any]:
+def _slope_table(places: Layout, coupling: Coupling, first: int) -> np.ndarray[Any, Any]:
     """The SLOPE table; derivatives are in `Plan.kept` from `first` on."""
-    real, wanted = places.ports["Real"], coupling.extrapolated if coupling is not None else frozenset()
+    real, wanted = places.ports["Real"], coupling.extrapolated
     found = [
         (j, i)
-        for i, instance in enumerate(places.instances)
+        for i, instance in enumerate(places.instances if wanted else ())
         for j in range(real.first_in[i], real.first_in[i + 1])
-        if wanted and (instance.name, real.inputs[j].name) in wanted
+        if (instance.name, real.inputs[j].name) in wanted
     ]
     table = np.zeros(len(found), dtype=SLOPE)
     for n, (row, (j, i)) in enumerate(zip(table, found, strict=True)):
@@ -301,19 +325,12 @@ def _calls(
 ) -> np.ndarray[Any, Any]:
     """The CALL table; notes in `instances` which calls are whose."""
     rows: list[tuple[int, ...]] = []
-    reals = (len(kinds[0].inputs), len(kinds[0].outputs))
+    v, reals = values, (len(kinds[0].inputs), len(kinds[0].outputs))
     sides = (
-        ("Set", "in", values.in_reference.ctypes.data, values.real_in.ctypes.data, values.int_in.ctypes.data, reals[0]),
-        (
-            "Get",
-            "out",
-            values.out_reference.ctypes.data,
-            values.real_out.ctypes.data,
-            values.int_out.ctypes.data,
-            reals[1],
-        ),
+        ("Set", "in", v.in_reference.ctypes.data, v.real_in.ctypes.data, v.int_in.ctypes.data, reals[0]),
+        ("Get", "out", v.out_reference.ctypes.data, v.real_out.ctypes.data, v.int_out.ctypes.data, reals[1]),
     )
-    variables = {"in": [v for p in kinds for v in p.inputs], "out": [v for p in kinds for _, v in p.outputs]}
+    variables = {"in": [one for p in kinds for one in p.inputs], "out": [one for p in kinds for _, one in p.outputs]}
     for i, one in enumerate(living):
         row = instances[i]
         first_endpoint = int(row["endpoint"])
