@@ -128,13 +128,12 @@ class Execution:
                 self._writing.open(recorder_for())
             self._state.event_mode.attach(self.plan, self._state.texts)
             self._begin(checkpoint)
-        except FmuError as error:
-            self._free()
-            raise RunFailed([error]) from None
-        except BaseException:
+        except BaseException as error:
             self._free()
             if self._writing is not None:
                 self._writing.close_files()
+            if isinstance(error, FmuError):
+                raise RunFailed([error]) from None
             raise
 
     def _begin(self, checkpoint: Checkpoint | None) -> None:

@@ -16,7 +16,8 @@ from cosim_master.execution.result import RunResult
 from cosim_master.fmi.description.declarations import verdicts_as_json
 from cosim_master.fmi.description.read import Start
 from cosim_master.system.flatten.flat import CheckedSystem
-from cosim_master.system.settings.network import Channel
+from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.network import Channel, Network
 from cosim_master.system.structure import Component, System
 
 __all__ = ["digest_of_system", "manifest"]
@@ -37,22 +38,8 @@ def manifest(
         fingerprint: digests of everything that the recording depends on.
     """
     checked = ready.checked
-    network = {
-        f.name: _in_json(getattr(ready.network, f.name))
-        for f in fields(ready.network)
-        if f.name not in ("nodes", "gateways", "dialect", "notes")
-    }
-    network["channels"] = [_channel_in_json(channel) for channel in ready.network.channels]
-    network["dialect"] = [message.name for message in ready.network.dialect]
-    network["links"] = sorted(map(list, ready.network.links))
-    network["outages"] = [[n, a, b if math.isfinite(b) else "INF"] for n, a, b in ready.network.outages]
-    fmus = {str(i.fmu.path): i.fmu for i in checked.instances}
     return {
-        "outcome": result.outcome,
-        "error": None if result.error is None else str(result.error),
-        "verdict": None if result.verdict is None else result.verdict.as_json(),
-        "simulated_s": result.simulated_s,
-        "wall_s": result.wall_s,
+        **_result(result),
         "start_up_s": start_up,
         "real_time_factor": result.real_time_factor,
         "system": {
@@ -60,66 +47,107 @@ def manifest(
             "path": str(checked.structure.path),
             "sha256": digest_of_system(checked),
         },
-        **(
-            {}
-            if ready.stimuli is None
-            else {"input": {"path": str(ready.stimuli.path), "sha256": ready.stimuli.digest}}
-        ),
+        **_input(ready),
         "fingerprint": dict(fingerprint),
         "start_time": ready.clock.time(0),
         "base_step": ready.clock.seconds(1),
-        "changes": [
-            {
-                "time": ready.clock.time(change.k),
-                "variable": f"{checked.instances[change.instance].name}.{change.variable.name}",
-                "value": _in_json(change.value),
-            }
-            for change in ready.changes
-        ],
-        "master": {
-            "algorithm": ready.coupling.algorithm,
-            "extrapolated": sorted(".".join(target) for target in ready.coupling.extrapolated),
-            "tolerance": ready.coupling.tolerance,
-            "iterations": ready.coupling.iterations,
-            "relaxation": ready.coupling.relaxation,
-            "minimum_step": ready.coupling.minimum_step / 1e9,
-            "maximum_step": ready.coupling.maximum_step / 1e9,
-            "constraints": [asdict(one) for one in ready.coupling.constraints],
-            "delays": {".".join(target): delay.ns / 1e9 for target, delay in ready.coupling.delays.items()},
-        },
+        "changes": _changes(ready),
+        "master": _master(ready.coupling),
         "seed": ready.network.seed,
         "settings": {tag: dict(given) for tag, given in checked.settings.items()},
-        "network": network,
+        "network": _network(ready.network),
         "recording": asdict(ready.recording),
         "packets": dict(result.packets),
         "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
-        "instances": {
-            instance.name: {
-                "fmu": str(instance.fmu.path),
-                "step": ready.clock.seconds(period),
-                "step_by": source,
-                **({} if instance.solver is None else {"solver": asdict(instance.solver)}),
-                "parameters": {name: _in_json(value) for name, value in parameters[instance.name].items()},
-            }
-            for instance, period, source in zip(
-                checked.instances, ready.clock.periods, ready.clock.sources, strict=True
-            )
-        },
-        "fmus": {
-            path: {
-                "sha256": fmu.digest,
-                "guid": fmu.guid,
-                "model": fmu.model_name,
-                "verdicts": verdicts_as_json(fmu.verdicts),
-            }
-            for path, fmu in sorted(fmus.items())
-        },
+        "instances": _instances(ready, parameters),
+        "fmus": _fmus(checked),
         "versions": {
             "python": platform.python_version(),
             **{name: version(name) for name in ("uav-cosim", "numba", "numpy", "pyarrow", "fmpy")},
         },
         "notes": list(result.notes),
         **({} if result.profile is None else {"profile": asdict(result.profile)}),
+    }
+
+
+def _result(result: RunResult) -> dict[str, Any]:
+    return {
+        "outcome": result.outcome,
+        "error": None if result.error is None else str(result.error),
+        "verdict": None if result.verdict is None else result.verdict.as_json(),
+        "simulated_s": result.simulated_s,
+        "wall_s": result.wall_s,
+    }
+
+
+def _input(ready: Prepared) -> dict[str, Any]:
+    if ready.stimuli is None:
+        return {}
+    return {"input": {"path": str(ready.stimuli.path), "sha256": ready.stimuli.digest}}
+
+
+def _changes(ready: Prepared) -> list[dict[str, Any]]:
+    return [
+        {
+            "time": ready.clock.time(change.k),
+            "variable": f"{ready.checked.instances[change.instance].name}.{change.variable.name}",
+            "value": _in_json(change.value),
+        }
+        for change in ready.changes
+    ]
+
+
+def _master(coupling: Coupling) -> dict[str, Any]:
+    return {
+        "algorithm": coupling.algorithm,
+        "extrapolated": sorted(".".join(target) for target in coupling.extrapolated),
+        "tolerance": coupling.tolerance,
+        "iterations": coupling.iterations,
+        "relaxation": coupling.relaxation,
+        "minimum_step": coupling.minimum_step / 1e9,
+        "maximum_step": coupling.maximum_step / 1e9,
+        "constraints": [asdict(one) for one in coupling.constraints],
+        "delays": {".".join(target): delay.ns / 1e9 for target, delay in coupling.delays.items()},
+    }
+
+
+def _network(network: Network) -> dict[str, Any]:
+    found = {
+        f.name: _in_json(getattr(network, f.name))
+        for f in fields(network)
+        if f.name not in ("nodes", "gateways", "dialect", "notes")
+    }
+    found["channels"] = [_channel_in_json(channel) for channel in network.channels]
+    found["dialect"] = [message.name for message in network.dialect]
+    found["links"] = sorted(map(list, network.links))
+    found["outages"] = [[n, a, b if math.isfinite(b) else "INF"] for n, a, b in network.outages]
+    return found
+
+
+def _instances(ready: Prepared, parameters: Mapping[str, Mapping[str, Start]]) -> dict[str, Any]:
+    instances, clock = ready.checked.instances, ready.clock
+    return {
+        instance.name: {
+            "fmu": str(instance.fmu.path),
+            "step": clock.seconds(period),
+            "step_by": source,
+            **({} if instance.solver is None else {"solver": asdict(instance.solver)}),
+            "parameters": {name: _in_json(value) for name, value in parameters[instance.name].items()},
+        }
+        for instance, period, source in zip(instances, clock.periods, clock.sources, strict=True)
+    }
+
+
+def _fmus(checked: CheckedSystem) -> dict[str, Any]:
+    fmus = {str(i.fmu.path): i.fmu for i in checked.instances}
+    return {
+        path: {
+            "sha256": fmu.digest,
+            "guid": fmu.guid,
+            "model": fmu.model_name,
+            "verdicts": verdicts_as_json(fmu.verdicts),
+        }
+        for path, fmu in sorted(fmus.items())
     }
 
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,68 +17,64 @@ from cosim_master.cli.terminal.options import Json
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 
+if TYPE_CHECKING:
+    from cosim import Model
+
+
+_Models = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="MODEL",
+        help="Model names (Quadrotor), modules or .py files.",
+        show_default="every model of cosim_models",
+    ),
+]
+_Out = Annotated[Path, typer.Option("-o", "--out", metavar="FOLDER", help="Folder for the FMUs.")]
+_Interpreted = Annotated[
+    bool,
+    typer.Option(
+        "--interpreted", help="Pack the Python sources (pythonfmu) instead of compiling them.", show_default=False
+    ),
+]
+_Target = Annotated[
+    list[str] | None,
+    typer.Option(metavar="PLATFORM", help="Platform to build for; may be repeated.", show_default="the one it runs on"),
+]
+_Fmi = Annotated[
+    int, typer.Option(metavar="2|3", help="2 writes NAME.fmu, 3 writes NAME.fmi3.fmu; a system may have both.")
+]
+_Checked = Annotated[
+    bool | None,
+    typer.Option(
+        "--checked/--unchecked",
+        help="Whether steps fail where an index lies outside its array or a loop does not end.",
+        show_default="checked; the models of cosim_models: unchecked",
+    ),
+]
+
 
 @verb("build", "build integrator.py -o fmus", "build Quadrotor --fmi 3 --target windows-x86_64")
 def build(
-    models: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="MODEL",
-            help="Model names (Quadrotor), modules or .py files.",
-            show_default="every model of cosim_models",
-        ),
-    ] = None,
-    folder: Annotated[Path, typer.Option("-o", "--out", metavar="FOLDER", help="Folder for the FMUs.")] = Path("fmus"),
-    interpreted: Annotated[
-        bool,
-        typer.Option(
-            "--interpreted", help="Pack the Python sources (pythonfmu) instead of compiling them.", show_default=False
-        ),
-    ] = False,
-    target: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PLATFORM", help="Platform to build for; may be repeated.", show_default="the one it runs on"
-        ),
-    ] = None,
-    fmi: Annotated[
-        int, typer.Option(metavar="2|3", help="2 writes NAME.fmu, 3 writes NAME.fmi3.fmu; a system may have both.")
-    ] = 2,
-    checked: Annotated[
-        bool | None,
-        typer.Option(
-            "--checked/--unchecked",
-            help="Whether steps fail where an index lies outside its array or a loop does not end.",
-            show_default="checked; the models of cosim_models: unchecked",
-        ),
-    ] = None,
+    models: _Models = None,
+    folder: _Out = Path("fmus"),
+    interpreted: _Interpreted = False,
+    target: _Target = None,
+    fmi: _Fmi = 2,
+    checked: _Checked = None,
     as_json: Json = False,
 ) -> None:
     """Build FMUs from models, only those that changed."""
     with activity() as doing:
         doing.starting()
-        from cosim.build import HOST, CannotCompile, build_all, load_models, models_of_package
+        from cosim.build import HOST, CannotCompile, build_all
 
     made: list[dict[str, Any]] = []
     try:
-        chosen = []
-        for name in models or [model.__name__ for model in models_of_package("cosim_models")]:
-            if "." in name:
-                chosen += load_models(name)
-                continue
-            known = models_of_package("cosim_models")
-            matching = [model for model in known if model.__name__ == name]
-            if not matching:
-                names = ", ".join(model.__name__ for model in known)
-                raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
-            chosen += matching
+        chosen = _chosen(models)
         if fmi == 3 and not models:
             for model in [model for model in chosen if model.kernels is None]:
                 chosen.remove(model)
-                note = "not built: it has no kernels, and interpreted FMUs are FMI 2 only"
-                made.append({"file": None, "model": model.__name__, "state": "not built", "note": note})
-                if not as_json:
-                    say(f"{model.__name__}: {note}")
+                made.append(_not_built(model, as_json=as_json))
         with activity() as doing, _loop_compiled(models, doing.stage):
             building = build_all(
                 chosen,
@@ -91,8 +87,7 @@ def build(
             )
             for model, built in zip(chosen, building, strict=True):
                 state = "up to date" if built.fresh else "compiled" if built.compiled else "interpreted"
-                entry = {"file": str(built.file), "model": model.__name__, "state": state, "note": None}
-                made.append(entry)
+                made.append({"file": str(built.file), "model": model.__name__, "state": state, "note": None})
                 if not as_json:
                     with doing.interrupted():
                         say(f"{built.file}: {state}")
@@ -103,6 +98,30 @@ def build(
         raise typer.Exit(1) from None
     if as_json:
         print_json({"fmus": made})
+
+
+def _chosen(models: list[str] | None) -> list[type[Model]]:
+    """Returns the models of these names, modules and files; without any, all of cosim_models."""
+    from cosim.build import load_models, models_of_package
+
+    known = models_of_package("cosim_models")
+    if not models:
+        return [*known]
+    chosen: list[type[Model]] = []
+    for name in models:
+        found = load_models(name) if "." in name else [model for model in known if model.__name__ == name]
+        if not found and "." not in name:
+            names = ", ".join(model.__name__ for model in known)
+            raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
+        chosen += found
+    return chosen
+
+
+def _not_built(model: type[Model], *, as_json: bool) -> dict[str, Any]:
+    note = "not built: it has no kernels, and interpreted FMUs are FMI 2 only"
+    if not as_json:
+        say(f"{model.__name__}: {note}")
+    return {"file": None, "model": model.__name__, "state": "not built", "note": note}
 
 
 @contextmanager

@@ -18,9 +18,26 @@ BROUGHT_ALONG = "brought along"
 """What --reference without a file stands for."""
 
 if TYPE_CHECKING:
+    from cosim_master.execution.prepare import Prepared
     from cosim_master.execution.reference_results import Verdict
     from cosim_master.system.flatten.flat import CheckedSystem
     from cosim_master.system.settings.time_grid import Timing
+    from cosim_master.verdict.findings import Judgement
+
+
+_Init = Annotated[
+    bool, typer.Option("--init", help="Load and initialize the FMUs too, and stop there.", show_default=False)
+]
+_Reference = Annotated[
+    str | None,
+    typer.Option(
+        metavar="[FILE.csv]",
+        help="Of an FMU: run it and compare it with a CSV file, or with the results that it brings along.",
+    ),
+]
+_Tolerance = Annotated[
+    float, typer.Option(help="Of --reference: allowed difference, in parts of the largest value of a column.")
+]
 
 
 @verb("check master/systems/line5", "check master/systems/line5 --init --set drone3.vehicle.mass=2")
@@ -30,21 +47,10 @@ def check(
     until: Until = None,
     step: Step = None,
     settings: Settings = None,
-    init: Annotated[
-        bool, typer.Option("--init", help="Load and initialize the FMUs too, and stop there.", show_default=False)
-    ] = False,
+    init: _Init = False,
     strict: Strict = False,
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            metavar="[FILE.csv]",
-            help="Of an FMU: run it and compare it with a CSV file, or with the results that it brings along.",
-        ),
-    ] = None,
-    tolerance: Annotated[
-        float,
-        typer.Option(help="Of --reference: allowed difference, in parts of the largest value of a column."),
-    ] = 1e-3,
+    reference: _Reference = None,
+    tolerance: _Tolerance = 1e-3,
     as_json: Json = False,
 ) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
@@ -74,46 +80,52 @@ def check(
         with read_system(system, variant) as structure:
             checked = check_system(structure, full_names(structure, overrides(settings)))
             ready = prepare(checked, until=until, step=step, strict=strict)
-            checked = ready.checked
-            layout(checked, ready.network, ready.recording.signals, ready.coupling)
+            layout(ready.checked, ready.network, ready.recording.signals, ready.coupling)
             notes(ready.notes)
             known = ready.verdict()
-            loops: list[dict[str, Any]] = []
+            loops = None
             if init:
-                doing.stage(f"initializing {len(checked.instances)} FMU instances")
-                loops = _try_out(checked, ready.clock)
+                doing.stage(f"initializing {len(ready.checked.instances)} FMU instances")
+                loops = _try_out(ready.checked, ready.clock)
             doing.end()
             if as_json:
-                print_json(
-                    {
-                        "system": str(structure.path),
-                        "instances": len(checked.instances),
-                        "connections": len(checked.links),
-                        "radio_nodes": len(ready.network.nodes),
-                        "steps": ready.clock.steps,
-                        "base_step": ready.clock.seconds(1),
-                        "initialized": init,
-                        "loops": loops,
-                        "notes": list(ready.notes),
-                        "errors": [],
-                        "verdict": known.as_json(),
-                    }
-                )
-                _exit_if(strict and not known.good)
-                return
-            for loop in loops:
-                say(f"a loop at initialization, settled in {loop['rounds']} rounds: {_shortened(loop['outputs'])}")
-            if init:
-                say(f"{len(checked.instances)} instances initialized")
-            show_findings(known)
-            steps = f"{ready.clock.steps} steps of {ready.clock.seconds(1):.9g} s"
-            if ready.coupling.constrained:
-                steps = "steps of sizes that constraints decide"
-            say(
-                f"{structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
-                f"{len(ready.network.nodes)} radio nodes, {steps}: no problems{summary(known)}"
-            )
+                print_json(_document(ready, known, loops))
+            else:
+                _report(ready, known, loops)
             _exit_if(strict and not known.good)
+
+
+def _document(ready: Prepared, known: Judgement, loops: list[dict[str, Any]] | None) -> dict[str, Any]:
+    """Returns the JSON document of a check; `loops` is None if nothing was initialized."""
+    return {
+        "system": str(ready.checked.structure.path),
+        "instances": len(ready.checked.instances),
+        "connections": len(ready.checked.links),
+        "radio_nodes": len(ready.network.nodes),
+        "steps": ready.clock.steps,
+        "base_step": ready.clock.seconds(1),
+        "initialized": loops is not None,
+        "loops": loops or [],
+        "notes": list(ready.notes),
+        "errors": [],
+        "verdict": known.as_json(),
+    }
+
+
+def _report(ready: Prepared, known: Judgement, loops: list[dict[str, Any]] | None) -> None:
+    checked, clock = ready.checked, ready.clock
+    for loop in loops or ():
+        say(f"a loop at initialization, settled in {loop['rounds']} rounds: {_shortened(loop['outputs'])}")
+    if loops is not None:
+        say(f"{len(checked.instances)} instances initialized")
+    show_findings(known)
+    steps = f"{clock.steps} steps of {clock.seconds(1):.9g} s"
+    if ready.coupling.constrained:
+        steps = "steps of sizes that constraints decide"
+    say(
+        f"{checked.structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
+        f"{len(ready.network.nodes)} radio nodes, {steps}: no problems{summary(known)}"
+    )
 
 
 def _exit_if(failed: bool) -> None:
