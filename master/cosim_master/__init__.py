@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from cosim_master.system.authoring.pack import pack as pack
     from cosim_master.system.authoring.save import save as save
     from cosim_master.system.authoring.swap import swap as swap
+    from cosim_master.system.authoring.swarm import Swarm as Swarm
     from cosim_master.system.flatten.check import check as check
     from cosim_master.system.flatten.flat import CheckedSystem as CheckedSystem
     from cosim_master.system.reading.read import read_system as read_system
@@ -63,6 +64,7 @@ _WHERE = {
     "RunTerminated": "diagnostics.errors",
     "Seen": "stepping.observation",
     "StepTooSmall": "diagnostics.errors",
+    "Swarm": "system.authoring.swarm",
     "SystemDescriptionError": "diagnostics.errors",
     "View": "stepping.observation",
     "check": "system.flatten.check",

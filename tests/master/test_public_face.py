@@ -32,6 +32,7 @@ def test_these_names_and_no_others() -> None:
         "RunTerminated",
         "Seen",
         "StepTooSmall",
+        "Swarm",
         "SystemDescriptionError",
         "View",
         "check",

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,7 @@ __all__ = ["simulate"]
 
 
 def simulate(
-    system: str | Path,
+    system: str | PathLike[str],
     options: RunOptions | None = None,
     *,
     observers: Sequence[MakeObserver] = (),
@@ -51,7 +52,7 @@ def simulate(
     """Runs a system from its file to its results.
 
     Args:
-        system: an .ssd, .ssp, .fmu, multi-model or folder.
+        system: an .ssd, .ssp, .fmu, multi-model or folder, or a `Swarm` that has been saved.
         options: None runs the system as it is described and records nothing.
         observers: make observers of the run, each given a `View` of it: recordings in other formats, for example.
         listener: is told how the run goes.

@@ -17,11 +17,43 @@ NewFolder = Annotated[
 ]
 
 
-@verb("new line --drones 50 -o swarm", "new grid --drones 100 --spacing 20 --until 120 -o field")
+_FLEET = "one FMU (a file or a model), or several in turn: 4xQuadrotor,1xHexarotor"
+
+
+@verb(
+    "new line --drones 50 -o swarm",
+    "new grid --drones 100 --spacing 20 --until 120 -o field",
+    "new line5 --drones 12 --layout ring --vehicle 2xQuadrotor,1xHexarotor -o ring",
+)
 def new(
-    shape: Annotated[str, typer.Argument(metavar="line|grid", help="line or grid.")],
-    drones: Annotated[int, typer.Option(metavar="N", help="How many.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="line|grid|SYSTEM", help="line, grid, or a system whose first drone is the pattern of all drones."
+        ),
+    ],
     folder: NewFolder,
+    drones: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="How many.", show_default="the rows of poses, else the FMUs of --vehicle"),
+    ] = None,
+    layout: Annotated[
+        str | None,
+        typer.Option(
+            metavar="line|grid|ring|v|random|POSES.csv",
+            help="Where they start; a CSV file has the columns north and east (m), and may have down and name.",
+            show_default="line for line, else grid",
+        ),
+    ] = None,
+    vehicle: Annotated[
+        str | None, typer.Option(metavar="FMUS", help=f"Other vehicles: {_FLEET}.", show_default="the scenario's")
+    ] = None,
+    autopilot: Annotated[
+        str | None, typer.Option(metavar="FMUS", help="Other autopilots, likewise.", show_default="the scenario's")
+    ] = None,
+    agent: Annotated[
+        str | None, typer.Option(metavar="FMUS", help="Other agents, likewise.", show_default="the scenario's")
+    ] = None,
     fmus: Annotated[
         Path | None,
         typer.Option(
@@ -34,36 +66,55 @@ def new(
         float,
         typer.Option(
             metavar="M",
-            help="Metres between neighbours at the start; twice as much before a drone that stays.",
+            help="Metres between neighbours at the start; in line and grid twice as much before a drone that stays.",
             callback=positive("--spacing", "a distance in m"),
         ),
     ] = 10.0,
+    seed: Annotated[int, typer.Option(metavar="N", help="Of the layout random.", min=0)] = 1,
     until: Annotated[
         float | None,
         typer.Option(
             metavar="S",
             help="Stop time of the new system in s.",
-            show_default="when the drones have spread",
+            show_default="when a line has spread, else the scenario's",
             callback=positive("--until", "a stop time in s"),
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Write a system of many drones."""
-    from cosim_master.system import shipped
-    from cosim_master.system.authoring.new import new_system, parts
+    from cosim_master.system.authoring.new import SHAPES, fleet_of, new_system, number_of_drones
 
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"writing {folder}")
-        if fmus is None:
-            own = all(Path("fmus", file).is_file() for file in parts().values())
-            fmus = Path("fmus") if own else shipped.fmus()
-        written = new_system(shape, drones, folder, fmus=fmus, spacing=spacing, until=until, note=note)
+        given = {"vehicle": vehicle, "autopilot": autopilot, "agent": agent}
+        fleet = {part: fleet_of(text) for part, text in given.items() if text is not None}
+        number = number_of_drones(drones, layout, fleet)
+        written = new_system(
+            scenario,
+            number,
+            folder,
+            fmus=_own_fmus() if fmus is None and scenario in SHAPES else fmus,
+            layout=layout,
+            fleet=fleet,
+            spacing=spacing,
+            seed=seed,
+            until=until,
+            note=note,
+        )
         doing.end()
         if as_json:
             print_json({"files": [str(written)]})
         else:
-            say(f"{written}: {shape} of {drones} drones; uav-cosim run {written}")
+            shape = f"{scenario}, {layout}" if layout is not None else scenario
+            say(f"{written}: {shape} of {number} drones; uav-cosim run {written}")
+
+
+def _own_fmus() -> Path | None:
+    """The folder fmus, where it holds all parts of a drone."""
+    from cosim_master.system.authoring.new import parts
+
+    return Path("fmus") if all(Path("fmus", file).is_file() for file in parts().values()) else None
 
 
 @verb("convert Multi-models/tanks/mm.json -o tanks", "convert tanks --for libcosim -o tanks-osp")

@@ -15,7 +15,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import quote, unquote, urlsplit
@@ -26,6 +26,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.diagnostics.limitations import INNER_FILE
 from cosim_master.files import archive
 from cosim_master.files.xml_edit import Document, Edit, Node, applied, tag_text
+from cosim_master.system.authoring.difference import difference
 from cosim_master.system.authoring.ssp_text import (
     Scope,
     binding_text,
@@ -52,7 +53,6 @@ from cosim_master.system.reading.ssp.grammar import (
     VALUE_TYPES,
 )
 from cosim_master.system.structure import (
-    Annotation,
     Component,
     Connection,
     Connector,
@@ -147,8 +147,8 @@ def _replace(texts: Mapping[Path, bytes], structure: SystemStructure, system: Sy
         with read_system(document) as written:
             if written.problems:
                 raise SystemDescriptionError(written.problems)
-            if (difference := _difference(system, written.system, "the system")) is not None:
-                raise _refusal(structure.where, f"cannot be saved as it is: {difference}")
+            if (text := difference(system, written.system, "the system")) is not None:
+                raise _refusal(structure.where, f"cannot be saved as it is: {text}")
             check(written)
     except BaseException:
         _write(before)
@@ -157,30 +157,6 @@ def _replace(texts: Mapping[Path, bytes], structure: SystemStructure, system: Sy
 
 def _refusal(where: Where, message: str) -> SystemDescriptionError:
     return SystemDescriptionError([Problem(where, message)])
-
-
-def _difference(wanted: Any, found: Any, what: str) -> str | None:
-    """Where two descriptions differ, leaving aside where they were read; None if they say the same."""
-    if is_dataclass(wanted) and type(wanted) is type(found):
-        for one in fields(wanted):
-            name = getattr(wanted, "name", "")
-            inner = f'{one.name} of {type(wanted).__name__} "{name}"' if name else f"{one.name} of {what}"
-            if one.name in ("where", "document", "content", "source"):
-                continue
-            if isinstance(wanted, Annotation) and isinstance(found, Annotation) and one.name == "element":
-                if _canonical(wanted.element) == _canonical(found.element):
-                    continue
-                return inner
-            if (text := _difference(getattr(wanted, one.name), getattr(found, one.name), inner)) is not None:
-                return text
-        return None
-    if isinstance(wanted, tuple) and isinstance(found, tuple) and len(wanted) == len(found):
-        return next((t for a, b in zip(wanted, found, strict=True) if (t := _difference(a, b, what)) is not None), None)
-    return None if wanted == found else what
-
-
-def _canonical(element: etree._Element) -> bytes:
-    return etree.tostring(element, method="c14n", exclusive=True, with_tail=False)
 
 
 @dataclass(slots=True)

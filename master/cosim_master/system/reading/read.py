@@ -7,6 +7,7 @@ with what would be valid; geometry is drawing only and passed over.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
@@ -22,7 +23,7 @@ from cosim_master.system.structure import SystemStructure
 __all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE", "read_system"]
 
 
-def read_system(path: str | Path, variant: str | None = None) -> SystemStructure:
+def read_system(path: str | PathLike[str], variant: str | None = None) -> SystemStructure:
     """Read a system structure and everything it refers to, except the inside of FMUs.
 
     Args:
@@ -40,7 +41,7 @@ def read_system(path: str | Path, variant: str | None = None) -> SystemStructure
     """
     given = Path(path)
     if not given.exists():
-        given = _shipped(str(path))
+        given = _shipped(str(given))
     place = given.absolute()
     files = Files()
     if given.suffix.lower() == ".fmu":

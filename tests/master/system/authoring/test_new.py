@@ -22,7 +22,7 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.prepare import prepare
 from cosim_master.execution.simulate import simulate
 from cosim_master.stepping.layout import layout
-from cosim_master.system.authoring.new import new_system
+from cosim_master.system.authoring.new import fleet_of, new_system, number_of_drones
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
@@ -48,6 +48,131 @@ def test_a_line_is_wired_and_numbered(fmus: Path, tmp_path: Path) -> None:
     assert neighbours == [(0, 2), (1, 3), (2, 4), (3, 5), (4, 0)]
     assert ("drone2", "drone3") in network.links
     assert ("drone1", "drone3") not in network.links
+
+
+def test_what_a_line_of_three_is_to_the_byte(fmus: Path, tmp_path: Path) -> None:
+    folder = new_system("line", 3, tmp_path / "three", fmus=fmus)
+    assert sorted(file.name for file in folder.iterdir()) == ["SystemStructure.ssd", "drone.ssd", "drones.ssv"]
+    assert (folder / "SystemStructure.ssd").read_text(encoding="utf-8") == _THREE
+    values = (folder / "drones.ssv").read_text(encoding="utf-8")
+    assert values.startswith(_VALUES)
+    assert [line.strip() for line in values.splitlines() if "drone2" in line] == [
+        f'<ssv:Parameter name="drone2.{name}">'
+        for name in (
+            "vehicle.position_start[1]",
+            "vehicle.position_start[2]",
+            "autopilot.SYSID_THISMAV",
+            "agent.sysid",
+            "agent.left_sysid",
+            "agent.right_sysid",
+            "agent.stubborn",
+        )
+    ]
+
+
+_THREE = """\
+<?xml version='1.0' encoding='UTF-8'?>
+<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" \
+xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" name="three" version="1.0">
+  <ssd:System name="three">
+    <ssd:ParameterBindings>
+      <ssd:ParameterBinding source="drones.ssv"/>
+    </ssd:ParameterBindings>
+    <ssd:Elements>
+      <ssd:Component name="drone1" type="application/x-ssp-definition" source="drone.ssd"/>
+      <ssd:Component name="drone2" type="application/x-ssp-definition" source="drone.ssd"/>
+      <ssd:Component name="drone3" type="application/x-ssp-definition" source="drone.ssd"/>
+    </ssd:Elements>
+    <ssd:Annotations>
+      <ssc:Annotation type="org.uav-cosim.network">
+        <network xmlns="https://uav-cosim.org/ns/1" topology="listed" latency="0.02" seed="1">
+          <link between="drone1 drone2"/>
+          <link between="drone2 drone3"/>
+        </network>
+      </ssc:Annotation>
+      <ssc:Annotation type="org.uav-cosim.recording">
+        <recording xmlns="https://uav-cosim.org/ns/1" interval="0.1"/>
+      </ssc:Annotation>
+    </ssd:Annotations>
+  </ssd:System>
+  <ssd:DefaultExperiment startTime="0" stopTime="40.0"/>
+</ssd:SystemStructureDescription>
+"""
+_VALUES = """\
+<?xml version='1.0' encoding='UTF-8'?>
+<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" name="three" version="1.0">
+  <ssv:Parameters>
+    <ssv:Parameter name="drone1.vehicle.position_start[1]">
+      <ssv:Real value="0.0"/>
+    </ssv:Parameter>
+"""
+
+
+@pytest.mark.parametrize("layout", ["ring", "v", "random"])
+def test_drones_of_a_layout_spread_from_west_to_east(fmus: Path, tmp_path: Path, layout: str) -> None:
+    """The next drones to west and east are neighbours, and have links; every fifth or so stays."""
+    notes: list[str] = []
+    folder = new_system("line5", 8, tmp_path / layout, layout=layout, spacing=10.0, note=notes.append)
+    with read_system(folder) as structure:
+        checked = check(structure)
+        network = network_of(checked)
+    starts = {one.name: one.start_values for one in checked.instances}
+    numbers = sorted(range(1, 9), key=lambda n: (starts[f"drone{n}.vehicle"]["position_start[2]"], n))
+    agents = [starts[f"drone{n}.agent"] for n in numbers]
+    assert [agent["left_sysid"] for agent in agents] == [0, *numbers[:-1]]
+    assert [agent["right_sysid"] for agent in agents] == [*numbers[1:], 0]
+    assert [agent["stubborn"] for agent in agents] == [True, False, False, False, True, False, False, True]
+    pairs = {(f"drone{a}", f"drone{b}") for a, b in itertools.pairwise(numbers)}
+    assert network.links == pairs | {(b, a) for a, b in pairs}
+    assert notes[0].startswith("drones spread evenly from west to east between those that stay: a step of 3.1875 s")
+
+
+def test_a_fleet_takes_turns(fmus: Path, tmp_path: Path) -> None:
+    fleet = {"vehicle": fleet_of("2xQuadrotor, 1xHexarotor")}
+    folder = new_system("line5-estimated", 6, tmp_path / "fleet", fleet=fleet)
+    with read_system(folder) as structure:
+        checked = check(structure)
+    vehicles = [one.fmu.path.stem for one in checked.instances if one.name.endswith(".vehicle")]
+    assert vehicles == ["Quadrotor", "Quadrotor", "Hexarotor"] * 2
+    assert [one.start_values["identity"] for one in checked.instances if one.name.endswith(".estimator")] == [
+        *range(1, 7)
+    ]
+    assert sorted(file.name for file in folder.glob("*.ssd")) == [
+        "SystemStructure.ssd",
+        "drone-Hexarotor.ssd",
+        "drone.ssd",
+    ]
+
+
+def test_poses_of_a_file_and_drones_without_agents(fmus: Path, tmp_path: Path) -> None:
+    file = tmp_path / "poses.csv"
+    file.write_text("name,north,east,down\nscout,1,2,-3\n,4,5,0\n", encoding="utf-8")
+    assert number_of_drones(None, str(file), {}) == 2
+    with read_system(new_system("line5-script", 2, tmp_path / "posed", layout=str(file))) as structure:
+        starts = {one.name: one.start_values for one in check(structure).instances}
+    places = [
+        [starts[f"{name}.vehicle"].get(f"position_start[{i}]") for i in (1, 2, 3)] for name in ("scout", "drone2")
+    ]
+    assert places == [[1.0, 2.0, -3.0], [4.0, 5.0, None]]
+
+
+def test_how_many_drones_are_meant(tmp_path: Path) -> None:
+    assert fleet_of("4xA,1xB") == ("A", "A", "A", "A", "B")
+    assert fleet_of("fmus/A.fmu") == ("fmus/A.fmu",)
+    assert number_of_drones(7, None, {"vehicle": ("A", "B")}) == 7
+    assert number_of_drones(None, None, {"vehicle": ("A", "B"), "agent": ("C",)}) == 2
+    with pytest.raises(SystemDescriptionError, match="--drones: is missing: say how many drones"):
+        number_of_drones(None, "ring", {"vehicle": ("A",)})
+    with pytest.raises(SystemDescriptionError, match="A,: is not a list of FMUs, files or models, such as 4xFIRST"):
+        fleet_of("A,")
+    file = tmp_path / "poses.csv"
+    file.write_text("north,east\n1,2\n", encoding="utf-8")
+    with pytest.raises(SystemDescriptionError, match=r"poses.csv: has 1 rows, and --drones says 2: leave it out"):
+        number_of_drones(2, str(file), {})
+    with pytest.raises(SystemDescriptionError, match="--drones: 0 drones are too few: give 1 or more"):
+        new_system("line5", 0, tmp_path / "none")
+    with pytest.raises(SystemDescriptionError, match="--drones: 2 drones are too few: give 3 or more, two that stay"):
+        new_system("line5", 2, tmp_path / "two")
 
 
 def _rows(folder: Path, drones: int) -> tuple[list[float], list[bool]]:
@@ -147,15 +272,17 @@ def test_a_new_line_flies_and_spreads(fmus: Path, tmp_path: Path) -> None:
 
 def test_all_problems_of_a_request_at_once(tmp_path: Path) -> None:
     with pytest.raises(SystemDescriptionError) as caught:
-        new_system("ring", 2, tmp_path, fmus=tmp_path / "nowhere", spacing=0.0)
+        new_system("line", 2, tmp_path, fmus=tmp_path / "nowhere", spacing=0.0, layout="star")
     text = str(caught.value)
-    assert "ring: is not a shape; valid: line, grid" in text
     assert "--drones: 2 drones are too few: give 3 or more" in text
     assert "exists already" in text
     assert "--spacing: 0 m: must be positive" in text
+    assert "star: is not a layout; valid: line, grid, ring, v, random, or a CSV file" in text
     for name in ("Quadrotor", "Autopilot", "LineAgent"):
         assert text.count(f"{name}.fmu") == 1
         assert f"{name}.fmu: no such file; try uav-cosim build {name}" in text
+    with pytest.raises(SystemDescriptionError, match=r"^rings: is not a scenario; valid: line, grid, line5, "):
+        new_system("rings", 2, tmp_path / "new")
 
 
 def test_fmus_must_declare_what_a_new_system_sets(fmus: Path, tmp_path: Path) -> None:

@@ -1,0 +1,166 @@
+"""A system as the pattern of a swarm of any size: its first drone, what all its drones have in common, its annotations.
+
+A drone of a system is an element of the root that consists of FMUs. Its system id, place and neighbours are its own;
+start values that the drones share are the scenario's. The settings of the radio are kept, links and outages, which
+name drones, are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
+from cosim_master.fmi.description.read import FmuDescription
+from cosim_master.system.authoring.drone import Drone, bound, declared, parameters_of
+from cosim_master.system.flatten.check import check
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.reading.read import FMU_TYPE, SSP_TYPE, read_system
+from cosim_master.system.structure import Annotation, Component, Element, System, Value
+
+__all__ = ["NAMESPACE", "NETWORK", "RECORDING", "Scenario", "scenario_of"]
+
+NAMESPACE = "https://uav-cosim.org/ns/1"
+NETWORK, RECORDING = "org.uav-cosim.network", "org.uav-cosim.recording"
+"""Types of annotations that a new swarm writes itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """What a swarm takes from a system.
+
+    Attributes:
+        drone: the first drone, with the start values that all drones of the system have.
+        network: attributes of the annotation of the network.
+        annotations: those of the root system, without network and recording.
+        stop_time: s; None if the system names none.
+        numbered: paths below a drone of parameters that hold its system id in every drone, though they are declared as
+            nothing: whatever tells drones apart.
+        notes: what is left out, for the user.
+    """
+
+    drone: Drone
+    network: Mapping[str, str]
+    annotations: tuple[Annotation, ...]
+    stop_time: float | None
+    numbered: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def scenario_of(system: str | Path) -> Scenario:
+    """Read a system as a scenario.
+
+    Raises:
+        SystemDescriptionError: it is wrong, it has no drones, or it has parts that belong to no drone.
+    """
+    with read_system(system) as structure:
+        if structure.archives:
+            raise SystemDescriptionError([Problem(structure.where, "is an archive: unpack it to a folder first")])
+        checked = check(structure)
+    drones = [one for one in structure.system.elements if isinstance(_inside(one), System)]
+    others = [one.name for one in structure.system.elements if one not in drones]
+    if not drones or others:
+        lack = (
+            f"has parts beside its drones ({', '.join(others)})" if drones else "has no drones, systems made of FMUs,"
+        )
+        text = f"{lack} so that it is not the pattern of a swarm; give a system whose root holds drones alone"
+        raise SystemDescriptionError([Problem(structure.where, text)])
+    first = drones[0]
+    inside = _inside(first)
+    assert inside is not None
+    _refuse_what_cannot_be_repeated(first, inside)
+    fmus = {
+        one.name.removeprefix(f"{first.name}."): one.fmu
+        for one in checked.instances
+        if one.name.startswith(f"{first.name}.")
+    }
+    alike = [one.name for one in drones if _inside(one) == inside]
+    values, own = _shared(checked, alike, fmus.keys(), _of_each(fmus))
+    numbered = tuple(path for path in own if _holds_the_id(checked, alike, fmus, path))
+    own = [path for path in own if path not in numbered]
+    bindings = bound(p for path, value in values.items() for p in parameters_of(fmus, path, value))
+    bare = [replace(one, parameter_bindings=()) for one in inside.elements]
+    drone = Drone(replace(inside, name="drone", elements=tuple(bare), parameter_bindings=bindings), fmus)
+    notes = (
+        [f"{system}: its drones differ in {', '.join(own)}: the new ones have what their FMUs start with"]
+        if own
+        else []
+    )
+    network, dropped = _network(structure.system)
+    notes += [f"{system}: {dropped} of its network are left out, since they name its drones"] if dropped else []
+    kept = tuple(one for one in structure.system.annotations if one.type not in (NETWORK, RECORDING))
+    return Scenario(drone, network, kept, structure.stop_time, numbered, tuple(notes))
+
+
+def _inside(element: Element) -> System | None:
+    """The system that a drone is; None for an FMU or a dictionary."""
+    if isinstance(element, Component):
+        return element.content
+    return element if isinstance(element, System) else None
+
+
+def _refuse_what_cannot_be_repeated(first: Element, inside: System) -> None:
+    """Raises SystemDescriptionError if a drone is not FMUs from files of their own, wired inside of it."""
+    packed = isinstance(first, Component) and first.type == SSP_TYPE
+    parts = [one for one in inside.elements if isinstance(one, Component) and one.type == FMU_TYPE]
+    if packed or len(parts) != len(inside.elements) or inside.connectors or inside.signal_dictionaries:
+        text = (
+            f'"{first.name}" is not the pattern of a drone: it must consist of FMUs alone, without connectors of its '
+            "own, and not be an archive"
+        )
+        raise SystemDescriptionError([Problem(first.where, text)])
+
+
+def _of_each(fmus: Mapping[str, FmuDescription]) -> set[str]:
+    """Paths below a drone of the parameters that `Swarm` sets for each one, since their meanings are declared."""
+    has = declared(fmus)
+    own = {*has.start, *has.system_ids}
+    if has.formation is not None:
+        names = [one.id for one in has.formation.neighbours] + [has.formation.stays]
+        own |= {f"{has.part}.{name}" for name in names}
+    return own
+
+
+def _shared(
+    checked: CheckedSystem, drones: Sequence[str], parts: Collection[str], own: Collection[str]
+) -> tuple[dict[str, Value], list[str]]:
+    """Start values that all these drones have, by path below the drone, and the paths of those that differ."""
+    starts = {one.name: one.start_values for one in checked.instances}
+    tables = [
+        {f"{part}.{name}": value for part in parts for name, value in starts[f"{drone}.{part}"].items()}
+        for drone in drones
+    ]
+    paths = dict.fromkeys(path for table in tables for path in table if path not in own)
+    shared = {
+        path: tables[0][path] for path in paths if all(table.get(path) == tables[0].get(path) for table in tables)
+    }
+    return shared, [path for path in paths if path not in shared]
+
+
+def _holds_the_id(checked: CheckedSystem, drones: Sequence[str], fmus: Mapping[str, FmuDescription], path: str) -> bool:
+    """Whether a parameter is the system id in all these drones."""
+    starts = {one.name: one.effective_values() for one in checked.instances}
+
+    def of(drone: str, path: str) -> object:
+        part, _, name = path.rpartition(".")
+        return starts[f"{drone}.{part}"].get(name)
+
+    ids = declared(fmus).system_ids
+    return bool(ids) and len(drones) > 1 and all(of(drone, path) == of(drone, ids[0]) for drone in drones)
+
+
+def _network(system: System) -> tuple[dict[str, str], str]:
+    """The attributes of the network, a dialect with its whole path, and in words what the network holds besides."""
+    for one in system.annotations:
+        if one.type == NETWORK:
+            element = one.element.find(f"{{{NAMESPACE}}}network")
+            assert element is not None
+            children = [child for child in element if isinstance(child.tag, str)]
+            links = sum(child.tag == f"{{{NAMESPACE}}}link" for child in children)
+            kinds = [f"{n} {what}" for n, what in ((links, "links"), (len(children) - links, "other elements")) if n]
+            attributes = {str(name): str(value) for name, value in element.attrib.items()}
+            if "dialect" in attributes:
+                attributes["dialect"] = str((system.document.parent / attributes["dialect"]).resolve())
+            return attributes, " and ".join(kinds)
+    return {}, ""

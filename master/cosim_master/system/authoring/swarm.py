@@ -1,0 +1,489 @@
+"""A swarm built in Python, and saved as SSP and nothing else.
+
+    swarm = Swarm("pair")
+    swarm.add("west", position=(0.0, 0.0), stays=True)
+    swarm.add("middle", position=(0.0, 5.0), vehicle="fmus/Mine.fmu")
+    swarm.add("east", position=(0.0, 40.0), stays=True)
+    swarm.connect("west", "middle")
+    swarm.connect("middle", "east")
+    swarm.save("pair")
+    simulate(swarm)
+
+What is written is an ordinary system folder: one .ssd for each kind of drone, to which the drones of the root SSD
+refer, and one .ssv with what differs between them. Nothing remembers that it was generated.
+
+Drones are made of the parts of a scenario, which other FMUs may replace. Where a drone starts, its system id and its
+neighbours are set by the parameters that the FMUs declare for it.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from lxml import etree
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.names import near
+from cosim_master.fmi.description.declarations import elements_of
+from cosim_master.fmi.description.read import FmuDescription
+from cosim_master.system.authoring.difference import difference
+from cosim_master.system.authoring.documents import parameter_document, system_document
+from cosim_master.system.authoring.drone import (
+    Declared,
+    Drone,
+    component,
+    declared,
+    described,
+    exchanged,
+    exposed,
+    found_fmu,
+    parameters_of,
+)
+from cosim_master.system.authoring.scenario import NAMESPACE, NETWORK, RECORDING, Scenario, scenario_of
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import ROOT_DOCUMENT, SSD_TYPE, read_system
+from cosim_master.system.structure import Annotation, Component, Connection, Parameter, ParameterBinding, System
+
+__all__ = ["IDS", "Swarm"]
+
+IDS = 250
+"""System ids in use; a system id of MAVLink has one byte."""
+_SCENARIO = "line5"
+_PARAMETERS = "drones.ssv"
+_RECORDED_EVERY = 0.1
+"""s; every base step of thousands of drones would be a flood."""
+_HERE = Where("")
+_SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
+
+
+@dataclass(slots=True)
+class _Member:
+    """A drone, or an FMU of the root.
+
+    `parts`: its FMUs by name of part; one FMU has the name "". `drone`: None for one FMU. `place`: one or more
+    coordinates. `numbered`: parameters that tell drones apart. `exposed`: ports (part, element) that are connected to
+    others.
+    """
+
+    name: str
+    parts: Mapping[str, FmuDescription]
+    drone: Drone | None
+    declared: Declared
+    place: tuple[float, ...]
+    id: int
+    stays: bool
+    numbered: Mapping[str, int]
+    values: tuple[Parameter, ...]
+    neighbours: list[_Member | None] = field(default_factory=lambda: [None, None])
+    exposed: list[tuple[str, str]] = field(default_factory=list)
+
+
+class Swarm:
+    """Drones, the radio links and connections between them: a system that is being written.
+
+    Args:
+        name: of the system.
+        like: the system whose first drone is the pattern of all drones, and whose radio they have: a file, a folder, or
+            the name of a shipped one.
+        network: attributes of the annotation of the network that replace those of `like`, e.g. {"loss": 0.1}.
+        stop_time: of the DefaultExperiment, s; None: that of `like`.
+        recorded_every: s between two rows of a recording.
+        fmus: folder in which FMUs of models are looked for before those that come with this project.
+
+    Attributes:
+        notes: what was left out of `like`, for the user.
+
+    Raises:
+        SystemDescriptionError: `like` is not the pattern of a swarm.
+    """
+
+    def __init__(
+        self,
+        name: str = "swarm",
+        *,
+        like: str | Path | Scenario = _SCENARIO,
+        network: Mapping[str, float | str] | None = None,
+        stop_time: float | None = None,
+        recorded_every: float = _RECORDED_EVERY,
+        fmus: Path = Path("fmus"),
+    ) -> None:
+        scenario = like if isinstance(like, Scenario) else scenario_of(like)
+        self.name = name
+        self.notes = scenario.notes
+        self._drone = scenario.drone
+        self._network = {**scenario.network, **{key: _text(value) for key, value in (network or {}).items()}}
+        self._topology = None if network is None else network.get("topology")
+        self._annotations = scenario.annotations
+        self._numbered = scenario.numbered
+        self._stop_time = scenario.stop_time if stop_time is None else stop_time
+        self._recorded_every = recorded_every
+        self._fmus = fmus
+        self._members: dict[str, _Member] = {}
+        self._drones = self._systems = 0  # how many drones, and how many members with a system id
+        self._links: dict[tuple[str, str], None] = {}
+        self._connections: dict[tuple[str, str], Connection] = {}  # by the end of each
+        self._known: dict[Path, FmuDescription] = {}
+        self._kinds: dict[tuple[tuple[str, Path], ...], Drone] = {(): self._drone}
+        self._folder: Path | None = None
+
+    # ---- what it consists of -----------------------------------------------------------------------------------------
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Names of all drones and FMUs, as they were added."""
+        return tuple(self._members)
+
+    def add(
+        self,
+        name: str = "",
+        *,
+        position: tuple[float, ...] = (),
+        system_id: int | None = None,
+        stays: bool = False,
+        values: Mapping[str, Any] | None = None,
+        fmu: str | Path | None = None,
+        **parts: str | Path,
+    ) -> str:
+        """Add a drone, or with `fmu` a single FMU of the root.
+
+        Args:
+            name: of its component, "drone1", "drone2", ... if it is empty.
+            position: where it starts, (north, east) or (north, east, down) [m]; where its FMU starts if it is empty.
+            system_id: MAVLink's; that of the first drone is 1 and of each further one the next, from 250 on again 1.
+            stays: it keeps its place, if its agent follows a law in which some do.
+            values: start values by PART.VARIABLE, "agent.altitude"; of a single FMU by variable. Arrays take sequences.
+            fmu: the single FMU.
+            parts: FMUs that replace parts of the drone, or are added to it, `vehicle="Mine"`. An FMU is a file or
+                the name of a model that has been built.
+
+        Returns:
+            The name.
+
+        Raises:
+            SystemDescriptionError: the name is taken, or there is no such FMU or variable, or no place for a value.
+        """
+        given = name or f"drone{self._drones + 1}"
+        if given in self._members:
+            raise self._wrong(given, "is in this swarm already: give each drone a name of its own")
+        if "." in given:
+            raise self._wrong(given, "is not a name of a component: names have no dots")
+        if fmu is not None and parts:
+            raise self._wrong(given, f"is one FMU: it has no parts ({', '.join(parts)})")
+        drone = self._kind(parts) if fmu is None else None
+        fmus = self._described({"": fmu}) if drone is None and fmu is not None else self._kind(parts).fmus
+        member = _Member(
+            name=given,
+            parts=fmus,
+            drone=drone,
+            declared=declared(fmus),
+            place=tuple(float(one) for one in position),
+            id=self._next_id() if system_id is None else system_id,
+            stays=stays,
+            numbered={path: self._drones + 1 for path in self._numbered if drone is not None and _has(fmus, path)},
+            values=tuple(p for path, value in (values or {}).items() for p in parameters_of(fmus, path, value)),
+        )
+        self._check_member(member)
+        self._members[given] = member
+        self._drones += drone is not None
+        self._systems += bool(member.declared.system_ids)
+        self._folder = None
+        return given
+
+    def connect(self, first: str, second: str) -> None:
+        """Connect two drones by radio, or a port with a port.
+
+        Drones, "drone1" and "drone2", get a radio link; the topology of the network is then "listed". If their agents
+        follow a law on a line, `second` is the eastern neighbour of `first`. Ports, "wind.velocity" and
+        "drone1.vehicle.wind", get connections, one for each element of an array; one must be an output and the
+        other an input.
+
+        Raises:
+            SystemDescriptionError: there is no such drone or port, the ports do not fit, or there is a neighbour.
+        """
+        ends = [self._end(one) for one in (first, second)]
+        if all(not port for _, port in ends):
+            self._link(ends[0][0], ends[1][0])
+        elif all(port for _, port in ends):
+            self._wire(*(self._port(member, port) for member, port in ends))
+        else:
+            raise self._wrong(f"{first}, {second}", "are a drone and a port: connect two drones, or two ports")
+        self._folder = None
+
+    # ---- SSP ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def system(self) -> System:
+        """The root system, with the systems of drones inside, as `read_system` reads it once it is saved."""
+        return self._root(Path())[0]
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the swarm as a system folder, which must not exist.
+
+        What is written is read back, compared and checked; a system that `check` refuses is not left behind.
+
+        Raises:
+            SystemDescriptionError: the folder exists, the swarm is empty, or `check` refuses it.
+        """
+        target = Path(folder)
+        if target.exists():
+            raise SystemDescriptionError([Problem(Where(str(target)), "exists already")])
+        if not self._members:
+            raise self._wrong(self.name, "has no drones: add() them")
+        part = target.with_name(f".{target.name}.part")
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        try:
+            root, kinds = self._root(part)
+            for file, drone in kinds.items():
+                (part / file).write_bytes(system_document(drone.system, part))
+            (binding,) = root.parameter_bindings or (None,)
+            if binding is not None:
+                (part / _PARAMETERS).write_bytes(parameter_document(self.name, binding.parameters))
+            (part / ROOT_DOCUMENT).write_bytes(self._document(root, part))
+            with read_system(part) as written:
+                if written.problems:
+                    raise SystemDescriptionError(written.problems)
+                if (text := difference(root, written.system, "the system")) is not None:
+                    raise self._wrong(self.name, f"cannot be saved as it is: {text}")
+                check(written)
+            part.replace(target)
+        except SystemDescriptionError as error:
+            raise SystemDescriptionError(
+                Problem(Where(one.where.path.replace(str(part), str(target)), one.where.line), one.message)
+                for one in error.problems
+            ) from None
+        except OSError as error:
+            text = f"cannot be written: {error.strerror or error}"
+            raise SystemDescriptionError([Problem(Where(str(target)), text)]) from None
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+        self._folder = target
+        return target
+
+    def __fspath__(self) -> str:
+        """The folder that it was saved to, so that `simulate(swarm)` and whatever takes a path takes the swarm.
+
+        Raises:
+            SystemDescriptionError: it has not been saved, or has been changed since.
+        """
+        if self._folder is None:
+            raise self._wrong(self.name, "is not saved as it is: call save(FOLDER) first")
+        return str(self._folder)
+
+    # ---- members -----------------------------------------------------------------------------------------------------
+
+    def _wrong(self, about: str, text: str) -> SystemDescriptionError:
+        return SystemDescriptionError([Problem(Where(about), text)])
+
+    def _next_id(self) -> int:
+        return self._systems % IDS + 1
+
+    def _described(self, given: Mapping[str, str | Path]) -> dict[str, FmuDescription]:
+        files = {part: found_fmu(one, self._fmus) for part, one in given.items()}
+        new = {str(file): file for file in files.values() if file not in self._known}
+        self._known.update({Path(key): one for key, one in described(new).items()})
+        return {part: self._known[file] for part, file in files.items()}
+
+    def _kind(self, parts: Mapping[str, str | Path]) -> Drone:
+        """The drone with these FMUs in place of its own; one object for all drones that are alike."""
+        fmus = self._described(parts)
+        key = tuple(sorted((part, fmu.path) for part, fmu in fmus.items()))
+        if key not in self._kinds:
+            self._kinds[key] = exchanged(self._drone, fmus)
+        return self._kinds[key]
+
+    def _check_member(self, member: _Member) -> None:
+        if len(member.place) not in (0, 2, 3):
+            raise self._wrong(
+                member.name, f"is placed at {member.place}: give (north, east) or (north, east, down) in m"
+            )
+        names = ", ".join(fmu.path.name for fmu in member.parts.values())
+        if member.place and not member.declared.start:
+            raise self._wrong(member.name, f"has a position: {names} must declare one StartPosition (docs/verdict.md)")
+        if member.stays and not (member.declared.formation and member.declared.formation.stays):
+            raise self._wrong(
+                member.name, f"cannot be told to stay: {names} must declare a Formation with stays (docs/verdict.md)"
+            )
+        own = {name for name, _, _ in _own(member)}
+        if taken := [one.name for one in member.values if one.name in own]:
+            text = "is set by position, system_id, stays or connect(): leave it out of values"
+            raise self._wrong(f"{member.name}.{taken[0]}", text)
+
+    def _end(self, text: str) -> tuple[_Member, str]:
+        name, _, port = text.partition(".")
+        if name not in self._members:
+            raise self._wrong(text, f"there is no {name} in this swarm; {near(name, self._members)}")
+        return self._members[name], port
+
+    # ---- links and connections ---------------------------------------------------------------------------------------
+
+    def _link(self, first: _Member, second: _Member) -> None:
+        for one in (first, second):
+            if one.drone is None:
+                raise self._wrong(one.name, "is one FMU: only drones have radio links; connect its ports")
+        pairs = ((first.name, second.name), (second.name, first.name))
+        if first is second or any(pair in self._links for pair in pairs):
+            raise self._wrong(f"{first.name}, {second.name}", "are one drone, or connected already")
+        sides = ((first, 1, second, "an eastern"), (second, 0, first, "a western"))
+        sided = [one for one in sides if one[0].declared.formation is not None]
+        for one, side, _, what in sided:
+            if (other := one.neighbours[side]) is not None:
+                raise self._wrong(one.name, f"has {what} neighbour already: {other.name}")
+        for one, side, other, _ in sided:
+            one.neighbours[side] = other
+        self._links[pairs[0]] = None
+
+    def _port(self, member: _Member, port: str) -> tuple[_Member, str, tuple[str, ...], str]:
+        """A port of a member: its part, its elements, and its causality."""
+        part, _, name = port.rpartition(".")
+        if part not in member.parts:
+            known = [one for one in member.parts if one]
+            text = f"write {member.name}.PART.PORT; its parts are {', '.join(known)}" if known else "it has no parts"
+            raise self._wrong(f"{member.name}.{port}", text)
+        variables = member.parts[part].variables
+        elements = elements_of(name, variables)
+        kinds = {variables[one].causality for one in elements}
+        if not kinds <= {"input", "output"} or not elements:
+            ports = dict.fromkeys(
+                v.name.partition("[")[0] for v in variables.values() if v.causality in ("input", "output")
+            )
+            raise self._wrong(f"{member.name}.{port}", f"there is no input or output {name}; {near(name, ports)}")
+        return member, part, elements, kinds.pop()
+
+    def _wire(self, *ends: tuple[_Member, str, tuple[str, ...], str]) -> None:
+        about = ", ".join(f"{member.name}.{elements[0]}" for member, _, elements, _ in ends)
+        (first, _, here, out), (second, _, there, into) = ends
+        if (out, into) == ("input", "output"):
+            self._wire(*reversed(ends))
+            return
+        if (out, into) != ("output", "input") or len(here) != len(there) or first is second:
+            text = f"are {out} and {into} with {len(here)} and {len(there)} elements: connect an output of one "
+            raise self._wrong(about, text + "member with an input of as many elements of another")
+        outer = []
+        for member, part, elements, _ in ends:
+            member.exposed += [(part, one) for one in elements if (part, one) not in member.exposed]
+            outer.append(tuple(f"{part}_{one}" if part else one for one in elements))
+        for start, end in zip(*outer, strict=True):
+            if (second.name, end) in self._connections:
+                raise self._wrong(f"{second.name}.{end}", "is driven already: an input has one connection")
+            self._connections[second.name, end] = Connection(first.name, start, second.name, end, _HERE)
+
+    # ---- the description ---------------------------------------------------------------------------------------------
+
+    def _root(self, folder: Path) -> tuple[System, dict[str, Drone]]:
+        """The root system as it is in a folder, and the drones by the file that describes them."""
+        kinds: dict[str, Drone] = {}
+        files: dict[tuple[int, tuple[tuple[str, str], ...]], str] = {}
+        elements = []
+        for member in self._members.values():
+            if member.drone is None:
+                elements.append(component(member.name, member.parts[""], member.exposed))
+                continue
+            ports = tuple(sorted(member.exposed))
+            key = (id(member.drone), ports)
+            if key not in files:
+                files[key] = self._file(member.drone, kinds)
+                kinds[files[key]] = exposed(member.drone, ports)
+            inside = kinds[files[key]].system
+            place = folder / files[key]
+            elements.append(Component(member.name, SSD_TYPE, place, "any", (), (), (), _HERE, inside))
+        parameters = tuple(one for member in self._members.values() for one in _parameters(member))
+        bindings = (ParameterBinding(parameters, "", _HERE),) if parameters else ()
+        root = System(
+            name=self.name,
+            connectors=(),
+            parameter_bindings=bindings,
+            elements=tuple(elements),
+            connections=tuple(self._connections.values()),
+            annotations=tuple(self._written_annotations(folder)),
+            document=folder / ROOT_DOCUMENT,
+            where=_HERE,
+        )
+        return root, kinds
+
+    def _file(self, drone: Drone, kinds: Mapping[str, Drone]) -> str:
+        """A name for the document of a drone: the first is drone.ssd, others are named by the parts that differ."""
+        if not kinds:
+            return "drone.ssd"
+        first = next(iter(kinds.values()))
+        others = [fmu.path.stem for part, fmu in drone.fmus.items() if first.fmus.get(part) is not fmu]
+        stem = "-".join(["drone", *others])
+        name, number = f"{stem}.ssd", 1
+        while name in kinds:
+            number += 1
+            name = f"{stem}-{number}.ssd"
+        return name
+
+    def _document(self, root: System, folder: Path) -> bytes:
+        times = {"startTime": "0"}
+        if self._stop_time is not None:
+            times["stopTime"] = repr(float(self._stop_time))
+        source = _PARAMETERS if root.parameter_bindings else ""
+        return system_document(replace(root, parameter_bindings=()), folder, parameters=source, times=times)
+
+    def _written_annotations(self, folder: Path) -> Iterator[Annotation]:
+        attributes = dict(self._network)
+        if self._links and self._topology is None:
+            attributes = {"topology": "listed", **attributes} | {"topology": "listed"}
+        topology = attributes.get("topology", "broadcast")
+        if topology == "listed" and not self._links:
+            text = "its radio has the topology listed, and no two drones are connected: connect() them, or give another"
+            raise self._wrong(self.name, text)
+        if topology != "nearest":
+            attributes = {name: text for name, text in attributes.items() if name not in ("axis", "neighbours")}
+        if Path(attributes.get("dialect", "")).is_absolute():
+            attributes["dialect"] = Path(os.path.relpath(attributes["dialect"], folder.resolve())).as_posix()
+        network = _annotation(NETWORK, "network", attributes)
+        for first, second in self._links if topology == "listed" else ():
+            etree.SubElement(network.element[0], f"{{{NAMESPACE}}}link", between=f"{first} {second}")
+        yield network
+        yield _annotation(RECORDING, "recording", {"interval": _text(self._recorded_every)})
+        yield from self._annotations
+
+
+def _has(fmus: Mapping[str, FmuDescription], path: str) -> bool:
+    part, _, name = path.rpartition(".")
+    return part in fmus and name in fmus[part].variables
+
+
+def _own(member: _Member) -> Iterator[tuple[str, str, float | int | bool]]:
+    """Path, type and value of what a member has by its place in the swarm."""
+    for path, coordinate in zip(member.declared.start, member.place, strict=False):
+        yield path, "Real", coordinate
+    for path in member.declared.system_ids:
+        yield path, "Integer", member.id
+    for path, number in member.numbered.items():
+        yield path, "Integer", number
+    law = member.declared.formation
+    if law is not None:
+        head = f"{member.declared.part}." if member.declared.part else ""
+        for neighbour, other in zip(law.neighbours, member.neighbours, strict=True):
+            yield head + neighbour.id, "Integer", 0 if other is None else other.id
+        if law.stays:
+            yield head + law.stays, "Boolean", member.stays
+
+
+def _parameters(member: _Member) -> Iterator[Parameter]:
+    for path, kind, value in _own(member):
+        yield Parameter(f"{member.name}.{path}", kind, value, _HERE)
+    for one in member.values:
+        yield Parameter(f"{member.name}.{one.name}", one.type, one.value, _HERE)
+
+
+def _annotation(kind: str, tag: str, attributes: Mapping[str, str]) -> Annotation:
+    element = etree.Element(f"{{{_SSC}}}Annotation", {"type": kind}, nsmap={"ssc": _SSC})
+    ours: dict[str, str] = {None: NAMESPACE}  # type: ignore[dict-item]  # lxml's way to name the default namespace
+    etree.SubElement(element, f"{{{NAMESPACE}}}{tag}", dict(attributes), nsmap=ours)
+    return Annotation(kind, element, _HERE)
+
+
+def _text(value: float | str) -> str:
+    """A number or a text as an attribute has it."""
+    if isinstance(value, str):
+        return value
+    return str(value) if isinstance(value, int) else repr(float(value)).replace("inf", "INF")

@@ -1,0 +1,275 @@
+"""Swarms built in Python: they are SSP and nothing else, read back as they were meant, and fly."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim_master import RunOptions, Swarm, check, read_system, signals, simulate
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.system.authoring.difference import difference
+from cosim_master.system.authoring.scenario import scenario_of
+from cosim_master.system.settings.network import network_of
+from cosim_master.system.structure import Component, System
+
+pytestmark = pytest.mark.usefixtures("fmus")
+
+
+def test_ten_lines_that_fly(tmp_path: Path) -> None:
+    swarm = Swarm("three", stop_time=60.0)
+    swarm.add("west", position=(0.0, 0.0), stays=True)
+    swarm.add("middle", position=(0.0, 10.0), vehicle="Hexarotor")
+    swarm.add("east", position=(0.0, 40.0), stays=True)
+    swarm.connect("west", "middle")
+    swarm.connect("middle", "east")
+    assert swarm.save(tmp_path / "three") == tmp_path / "three"
+    result = simulate(swarm, RunOptions(out=tmp_path / "out", record=["*.vehicle.position*"]))
+    assert result.outcome == "done"
+    assert result.verdict is not None and result.verdict.good
+    table = signals(tmp_path / "out")
+    last = {name: table[f"{name}.vehicle.position[2]"][-1].as_py() for name in ("west", "middle", "east")}
+    assert last == pytest.approx({"west": 0.0, "middle": 20.0, "east": 40.0}, abs=0.3)
+    assert sorted(file.name for file in (tmp_path / "three").iterdir()) == [
+        "SystemStructure.ssd",
+        "drone-Hexarotor.ssd",
+        "drone.ssd",
+        "drones.ssv",
+    ]
+
+
+def same(wanted: System, found: System) -> None:
+    """Both say the same, and so do the systems inside of their components."""
+    assert difference(wanted, found, "the system") is None
+    for one, other in zip(wanted.elements, found.elements, strict=True):
+        assert isinstance(one, Component) and isinstance(other, Component)
+        assert one.source is not None and other.source is not None
+        if one.content is None or other.content is None:
+            assert one.content is other.content and one.source.resolve() == other.source.resolve()
+        else:
+            assert one.source.name == other.source.name
+            same(one.content, other.content)
+
+
+_NAMES = st.from_regex(r"[A-Za-zäß_][A-Za-z0-9_ &<-]{0,7}", fullmatch=True)
+_LENGTH = st.floats(-1e6, 1e6, allow_nan=False)
+_VALUES = st.fixed_dictionaries(
+    {},
+    optional={
+        "agent.altitude": st.floats(0.0, 1e4),
+        "agent.trigger": st.sampled_from(["period", "arrival", 1]),
+        "agent.position_rate": st.integers(1, 50),
+        "vehicle.inertia": st.tuples(*[st.floats(1e-3, 1.0)] * 3),
+        "vehicle.wind": st.tuples(*[st.floats(-9.0, 9.0)] * 3),
+    },
+)
+_DRONES = st.tuples(
+    _NAMES,
+    st.one_of(st.just(()), st.tuples(_LENGTH, _LENGTH), st.tuples(_LENGTH, _LENGTH, _LENGTH)),
+    st.booleans(),
+    _VALUES,
+    st.sampled_from([{}, {"vehicle": "Hexarotor"}, {"vehicle": "Quadrotor"}]),
+    st.none() | st.integers(1, 255),
+)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(_DRONES, min_size=1, max_size=5, unique_by=lambda one: one[0]), st.data())
+def test_what_is_saved_reads_back_equal(tmp_path: Path, drones: list[Any], data: st.DataObject) -> None:
+    network = data.draw(st.sampled_from([None, {"loss": 0.25}, {"topology": "broadcast", "range": 300}]))
+    swarm = Swarm(data.draw(_NAMES), network=network, stop_time=data.draw(st.none() | st.floats(1.0, 1e4)))
+    for name, position, stays, values, parts, number in drones:
+        swarm.add(name, position=position, stays=stays, values=values, system_id=number, **parts)
+    names = data.draw(st.permutations(swarm.members))
+    for one, other in list(itertools.pairwise(names))[: data.draw(st.integers(0, 4))]:
+        swarm.connect(one, other)
+    if len(names) > 1 and data.draw(st.booleans()):
+        swarm.connect(f"{names[0]}.vehicle.velocity", f"{names[1]}.vehicle.wind")
+    folder = tmp_path / str(len([*tmp_path.iterdir()]))
+    swarm.save(folder)
+    with read_system(swarm) as structure:
+        assert not structure.problems
+        same(swarm.system, structure.system)
+        assert structure.name == swarm.name
+
+
+def test_neighbours_ids_and_places_are_set_where_the_fmus_declare_them(tmp_path: Path) -> None:
+    swarm = Swarm("pair")
+    assert swarm.add(position=(1.0, 2.0), stays=True) == "drone1"
+    assert swarm.add(position=(1.0, 9.0, -0.5), system_id=77) == "drone2"
+    assert swarm.add(position=(1.0, 12.0)) == "drone3"
+    swarm.connect("drone1", "drone2")
+    with read_system(swarm.save(tmp_path / "pair")) as structure:
+        checked = check(structure)
+        network = network_of(checked)
+    starts = {one.name: one.start_values for one in checked.instances}
+    assert [starts[f"drone{n}.vehicle"].get("position_start[3]") for n in (1, 2)] == [None, -0.5]
+    agents = [starts[f"drone{n}.agent"] for n in (1, 2, 3)]
+    assert [(a["sysid"], a["left_sysid"], a["right_sysid"], a["stubborn"]) for a in agents] == [
+        (1, 0, 77, True),
+        (77, 1, 0, False),
+        (3, 0, 0, False),
+    ]
+    assert starts["drone2.autopilot"]["SYSID_THISMAV"] == 77
+    assert network.topology == "listed" and network.links == {("drone1", "drone2"), ("drone2", "drone1")}
+    assert (network.latency, network.seed) == (0.02, 1)
+
+
+def test_ports_of_members_are_connected_element_by_element(tmp_path: Path) -> None:
+    """Out of one drone's system and into another's; and to an FMU of the root."""
+    swarm = Swarm("wired", network={"topology": "broadcast"})
+    swarm.add("a", position=(0.0, 0.0))
+    swarm.add("b", position=(0.0, 9.0))
+    swarm.add("probe", fmu="Hexarotor", position=(50.0, 0.0), values={"mass": 2.0})
+    swarm.connect("b.vehicle.wind", "a.vehicle.velocity")
+    swarm.connect("a.vehicle.velocity", "probe.wind")
+    with read_system(swarm.save(tmp_path / "wired")) as structure:
+        checked = check(structure)
+    links = {(link.source, link.target) for link in checked.links}
+    for i in (1, 2, 3):
+        assert (("a.vehicle", f"velocity[{i}]"), ("b.vehicle", f"wind[{i}]")) in links
+        assert (("a.vehicle", f"velocity[{i}]"), ("probe", f"wind[{i}]")) in links
+    (probe,) = [one for one in checked.instances if one.name == "probe"]
+    assert probe.start_values["mass"] == 2.0 and probe.start_values["position_start[1]"] == 50.0
+    assert sorted(file.name for file in (tmp_path / "wired").glob("*.ssd")) == [
+        "SystemStructure.ssd",
+        "drone-2.ssd",
+        "drone.ssd",
+    ]
+
+
+def test_a_swarm_is_the_pattern_of_another(tmp_path: Path) -> None:
+    """What all drones have in common is kept, also what tells them apart by their ids; the rest is told."""
+    first = Swarm("first", like="line5-estimated", network={"loss": 0.125}, stop_time=33.0)
+    for n in (1, 2, 3):
+        first.add(position=(0.0, 9.0 * n), values={"agent.altitude": 20.0, "vehicle.mass": 1.0 + n})
+    assert first.notes == ()
+    first.connect("drone1", "drone2")
+    first.save(tmp_path / "first")
+    second = Swarm("second", like=tmp_path / "first")
+    for n in range(5):
+        second.add(f"d{n}", position=(0.0, 9.0 * n))
+    second.connect("d0", "d1")
+    assert second.notes == (
+        f"{tmp_path / 'first'}: its drones differ in vehicle.mass: the new ones have what their FMUs start with",
+        f"{tmp_path / 'first'}: 1 links of its network are left out, since they name its drones",
+    )
+    with read_system(second.save(tmp_path / "second")) as structure:
+        assert structure.stop_time == 33.0
+        checked = check(structure)
+        network = network_of(checked)
+    starts = {one.name: one.start_values for one in checked.instances}
+    assert [starts[f"d{n}.agent"]["altitude"] for n in range(5)] == [20.0] * 5
+    assert [starts[f"d{n}.estimator"]["identity"] for n in range(5)] == [1, 2, 3, 4, 5]
+    assert "mass" not in starts["d0.vehicle"]
+    assert network.loss == 0.125 and network.links == {("d0", "d1"), ("d1", "d0")}
+    links = {(link.source, link.target) for link in checked.links}
+    assert (("d4.estimator", "position[1]"), ("d4.autopilot", "position[1]")) in links
+
+
+def test_a_part_more_is_wired_by_the_names_of_its_ports(tmp_path: Path) -> None:
+    swarm = Swarm("more", network={"topology": "broadcast"})
+    swarm.add("a", shadow="Hexarotor")
+    with read_system(swarm.save(tmp_path / "more")) as structure:
+        links = {(link.source, link.target) for link in check(structure).links}
+    assert {(("a.autopilot", f"motor[{i}]"), ("a.shadow", f"motor[{i}]")) for i in range(1, 9)} < links
+    assert not any(source[0] == "a.shadow" for source, _ in links)
+
+
+def refused(swarm: Swarm, *what: Any, **more: Any) -> str:
+    verb, *arguments = what
+    with pytest.raises(SystemDescriptionError) as caught:
+        getattr(swarm, verb)(*arguments, **more)
+    return str(caught.value)
+
+
+def test_mistakes_are_named(tmp_path: Path) -> None:
+    swarm = Swarm("wrong")
+    assert refused(swarm, "__fspath__") == "wrong: is not saved as it is: call save(FOLDER) first"
+    assert refused(swarm, "save", tmp_path / "new") == "wrong: has no drones: add() them"
+    swarm.add("a", position=(0.0, 0.0), stays=True)
+    assert refused(swarm, "add", "a") == "a: is in this swarm already: give each drone a name of its own"
+    assert refused(swarm, "add", "a.b") == "a.b: is not a name of a component: names have no dots"
+    assert "give (north, east) or (north, east, down) in m" in refused(swarm, "add", "b", position=(1.0,))
+    assert 'did you mean "Quadrotor"?' in refused(swarm, "add", "b", vehicle="Quadrotr")
+    assert refused(swarm, "add", "b", fmu="Hexarotor", agent="x") == "b: is one FMU: it has no parts (agent)"
+    wrong = refused(swarm, "add", "b", fmu="Estimator", position=(0.0, 0.0))
+    assert wrong == "b: has a position: Estimator.fmu must declare one StartPosition (docs/verdict.md)"
+    assert "cannot be told to stay: Hexarotor.fmu must declare a Formation" in refused(
+        swarm, "add", "b", fmu="Hexarotor", stays=True
+    )
+    swarm.add("b", position=(0.0, 5.0))
+    swarm.add("c", position=(0.0, 9.0))
+    swarm.connect("a", "b")
+    assert refused(swarm, "connect", "a", "c") == "a: has an eastern neighbour already: b"
+    assert refused(swarm, "connect", "b", "a") == "b, a: are one drone, or connected already"
+    assert refused(swarm, "connect", "a", "d") == 'd: there is no d in this swarm; valid: "a", "b", "c"'
+    assert "connect two drones, or two ports" in refused(swarm, "connect", "a", "b.vehicle.wind")
+    assert "its parts are" in refused(swarm, "connect", "a.wind", "b.vehicle.wind")
+    wrong = refused(swarm, "connect", "a.vehicle.positio", "b.vehicle.wind")
+    assert wrong == 'a.vehicle.positio: there is no input or output positio; did you mean "position"?'
+    wrong = refused(swarm, "connect", "a.vehicle.position", "b.vehicle.velocity")
+    assert "are output and output with 3 and 3 elements" in wrong
+    swarm.connect("a.vehicle.position", "b.vehicle.wind")
+    assert "vehicle_wind[1]: is driven already" in refused(swarm, "connect", "c.vehicle.velocity", "b.vehicle.wind")
+    wrong = refused(swarm, "save", tmp_path / "units")
+    assert f"{tmp_path / 'units' / 'SystemStructure.ssd'}:" in wrong and 'unit "m" (m) cannot be converted' in wrong
+    assert [*tmp_path.iterdir()] == []
+    (tmp_path / "there").mkdir()
+    assert refused(swarm, "save", tmp_path / "there") == f"{tmp_path / 'there'}: exists already"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"agent.altitud": 1.0}, 'agent.altitud: LineAgent.fmu has no altitud; did you mean "altitude"?'),
+        ({"pilot.x": 1.0}, "pilot.x: there is no part 'pilot'; did you mean \"autopilot\"?"),
+        ({"altitude": 1.0}, "altitude: write PART.altitude"),
+        ({"agent.altitude": "high"}, "agent.altitude: valid: a number"),
+        ({"agent.stale_policy": "shout"}, "agent.stale_policy: its enumeration has no such item; valid:"),
+        ({"vehicle.inertia": 0.1}, "vehicle.inertia: has 3 elements: give as many values, not 0.1"),
+        ({"agent.stubborn": True}, "a.agent.stubborn: is set by position, system_id, stays or connect()"),
+        ({"autopilot.SYSID_THISMAV": 4}, "a.autopilot.SYSID_THISMAV: is set by position, system_id"),
+    ],
+)
+def test_values_that_do_not_fit(values: dict[str, Any], message: str) -> None:
+    assert refused(Swarm(), "add", "a", values=values).startswith(message)
+
+
+def test_a_change_must_be_saved_before_it_is_flown(tmp_path: Path) -> None:
+    swarm = Swarm("changed", network={"topology": "broadcast"})
+    swarm.add()
+    swarm.save(tmp_path / "one")
+    swarm.add()
+    with pytest.raises(SystemDescriptionError, match="is not saved as it is"):
+        simulate(swarm)
+
+
+def test_systems_that_are_no_patterns(tmp_path: Path, workshop: Any, variable: Any) -> None:
+    workshop.fmu("f.fmu", variable("y", "output"))
+    single = workshop.ssd("s.ssd", workshop.system(workshop.component("alone", "f.fmu")))
+    with pytest.raises(SystemDescriptionError, match="has no drones, systems made of FMUs, so that"):
+        scenario_of(single)
+    swarm = Swarm("mixed", network={"topology": "broadcast"})
+    swarm.add()
+    swarm.add("field", fmu="Hexarotor")
+    swarm.save(tmp_path / "mixed")
+    with pytest.raises(SystemDescriptionError, match=r"has parts beside its drones \(field\)"):
+        Swarm(like=tmp_path / "mixed")
+    wired = Swarm("wired", network={"topology": "broadcast"})
+    wired.add()
+    wired.add()
+    wired.connect("drone1.vehicle.velocity", "drone2.vehicle.wind")
+    wired.save(tmp_path / "wired")
+    with pytest.raises(SystemDescriptionError, match='"drone1" is not the pattern of a drone'):
+        Swarm(like=tmp_path / "wired")
+
+
+def test_a_listed_topology_needs_links(tmp_path: Path) -> None:
+    swarm = Swarm("deaf", network={"topology": "listed"})
+    swarm.add()
+    assert "no two drones are connected: connect() them" in refused(swarm, "save", tmp_path / "deaf")
