@@ -33,11 +33,11 @@ from report import machine, show, write
 
 from cosim.build import build, load_models
 from cosim_master.execution.execution import Execution
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
-from cosim_master.system.settings.time_grid import timing
+from cosim_master.system.settings.time_grid import time_grid
 
 HERE = Path(__file__).parent
 STEP = 0.0025
@@ -68,8 +68,8 @@ class Ours:
     def __init__(self, folder: Path, until: float, stack: ExitStack) -> None:
         checked = check(stack.enter_context(read_system(folder)))
         network = network_of(checked)
-        self.clock = timing(checked, until)
-        self.layout = layout(checked, network)
+        self.clock = time_grid(checked, until)
+        self.layout = make_layout(checked, network)
         self.execution = stack.enter_context(
             Execution(checked, self.clock, self.layout, network, every=self.clock.steps, threads=1)
         )
@@ -86,7 +86,7 @@ class Ours:
     def description(self, library: Path) -> str:
         """The plan in the format that floor.c reads."""
         plan, clock = self.execution.plan, self.clock
-        fmu = self.execution.living[0].library.fmu
+        fmu = self.execution.slaves[0].library.fmu
         stop = clock.start + clock.steps * clock.base
         lines = [f"{library} {fmu.guid} {(library.parents[2] / 'resources').as_uri()}"]
         three = fmu.fmi_version.startswith("3.")
@@ -147,7 +147,7 @@ class FmpyCalls:
     def __init__(self, ours: Ours, unpacked: Path, until: float, stack: ExitStack) -> None:
         from fmpy.fmi2 import FMU2Slave
 
-        plan, fmu = ours.execution.plan, ours.execution.living[0].library.fmu
+        plan, fmu = ours.execution.plan, ours.execution.slaves[0].library.fmu
         self._outputs: list[Any] = [0.0] * plan.out_reference.size
         self._k = 0
         self._rows: list[tuple[Any, list[int], list[tuple[int, float, float]], list[tuple[Any, list[int], slice]]]] = []
@@ -201,8 +201,8 @@ class Libcosim:
         import_module("libcosimpy.CosimLogging").log_output_level(
             import_module("libcosimpy.CosimLogging").CosimLogLevel.ERROR
         )
-        fmu = ours.execution.living[0].library.fmu
-        n = len(ours.execution.living)
+        fmu = ours.execution.slaves[0].library.fmu
+        n = len(ours.execution.slaves)
         self._execution = CosimExecution.from_step_size(round(STEP * 1e9))
         self._slaves = [CosimLocalSlave(str(fmu.path), f"n{i}") for i in range(n)]
         for slave in self._slaves:
@@ -228,8 +228,8 @@ class Ecos:
         # The tbb wheel puts the library that ecospy needs where the loader does not look.
         ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
         ecospy = import_module("ecospy")
-        fmu = ours.execution.living[0].library.fmu
-        n = len(ours.execution.living)
+        fmu = ours.execution.slaves[0].library.fmu
+        n = len(ours.execution.slaves)
         structure = stack.enter_context(ecospy.EcosSimulationStructure())
         for i in range(n):
             structure.add_model(f"n{i}", str(fmu.path))
@@ -289,7 +289,7 @@ def masters_of(
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="uav-cosim-overhead-")))
     write_ring(folder, fmu, n)
     ours = Ours(folder, until, stack)
-    library = ours.execution.living[0].library
+    library = ours.execution.slaves[0].library
     unpacked = library.resources.parent
     text = ours.description(unpacked.joinpath(*library.fmu.library.split("/")))
     (folder / "ring.txt").write_text(text, encoding="utf-8")

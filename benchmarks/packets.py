@@ -36,7 +36,7 @@ from cosim_master.network.radio.build import grown, make_radio
 from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import send
 from cosim_master.network.radio.tables import DELIVERED, Radio
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.system.authoring.new import new_system
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
@@ -140,11 +140,11 @@ def _radio(fmus: Path) -> tuple[Network, Radio, NDArray[np.float64]]:
         with read_system(system) as structure:
             checked = check(structure)
             network = network_of(checked)
-            places = layout(checked, network)
-    radio = grown(make_radio(network, places.ports["Real"].index, keep=False), 16 * DRONES)
+            layout = make_layout(checked, network)
+    radio = grown(make_radio(network, layout.ports["Real"].index, keep=False), 16 * DRONES)
     radio.settings["latency"] = radio.settings["jitter"] = 0
     radio.settings["loss"], radio.settings["range"] = 0.0, np.inf
-    return network, radio, np.zeros(len(places.ports["Real"].outputs))
+    return network, radio, np.zeros(len(layout.ports["Real"].outputs))
 
 
 def contest(fmus: Path, rounds: int, scale: float) -> list[dict[str, Any]]:

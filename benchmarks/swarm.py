@@ -37,12 +37,12 @@ from cosim_master.network.radio.tables import Radio
 from cosim_master.results.recorder import Recorder
 from cosim_master.stepping.kernels import macro_step as stepping
 from cosim_master.stepping.kernels import tables
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.system.authoring.new import new_system
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
-from cosim_master.system.settings.time_grid import timing
+from cosim_master.system.settings.time_grid import time_grid
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDED = ("*.vehicle.position*",)
@@ -168,9 +168,9 @@ def phases(folder: Path) -> dict[str, float]:
     with read_system(folder) as structure:
         checked = check(structure)
         network = network_of(checked)
-        clock = timing(checked, AIRBORNE + PHASE_SECONDS)
-        places = layout(checked, network, RECORDED)
-        with Execution(checked, clock, places, network, every=clock.steps, threads=1) as execution:
+        clock = time_grid(checked, AIRBORNE + PHASE_SECONDS)
+        layout = make_layout(checked, network, RECORDED)
+        with Execution(checked, clock, layout, network, every=clock.steps, threads=1) as execution:
             models = [instance.fmu.model_name for instance in checked.instances]
             names = list(dict.fromkeys(models))
             groups = [[i for i, model in enumerate(models) if model == name] for name in names]

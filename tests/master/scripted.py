@@ -13,7 +13,7 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError, Where
 from cosim_master.fmi.description.read import Capabilities, FmuDescription, Variable
-from cosim_master.system.flatten.flat import CheckedSystem, Instance, Link
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection
 from cosim_master.system.structure import System, SystemStructure
 
 _REFERENCES, _SIZE, _HANDLE = ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, ctypes.c_void_p
@@ -71,7 +71,7 @@ class Scripted:
             {},
             {},
         )
-        self.instance = Instance(name, self.fmu, {}, step_size, HERE)
+        self.instance = ComponentInstance(name, self.fmu, {}, step_size, HERE)
         self._by_reference = {(_kind(v), v.value_reference): v.name for v in variables}
         self._functions: dict[str, Any] = {}
         self._kept: dict[str, bytes] = {}
@@ -141,7 +141,7 @@ def system_of(
     for link in links:
         source, target = (tuple(end.rsplit(".", 1)) for end in link[:2])
         factor, offset, mapping = (*link[2:], *(1.0, 0.0, ())[len(link) - 2 :])
-        made.append(Link(source, target, factor, offset, False, HERE, mapping))  # type: ignore[arg-type]
+        made.append(FlatConnection(source, target, factor, offset, False, HERE, mapping))  # type: ignore[arg-type]
     system = System("root", (), (), (), (), (), Path("scripted.ssd"), HERE)
     structure = SystemStructure("scripted", "1.0", Path("scripted.ssd"), Path("scripted.ssd"), system, HERE)
     ordered = tuple(sorted((one.instance for one in instances), key=lambda i: i.name))

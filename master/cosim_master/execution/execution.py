@@ -1,4 +1,4 @@
-"""One run: living instances from a checked system, initialized, stepped, observed, and freed again.
+"""One run: instances from a checked system, initialized, stepped, observed, and freed again.
 
     with Execution(checked, ...) as execution:      instantiate, initialize, collect outputs at t0
         execution.advance(k)                        macro steps up to base step k, as often as wanted
@@ -39,9 +39,9 @@ from cosim_master.stepping.profiling import Profiler
 from cosim_master.stepping.strings import failing
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.changes import Change
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["Execution"]
 
@@ -52,7 +52,7 @@ class Execution:
     Args:
         checked: the system; its structure must stay open.
         clock: start, base step and periods.
-        places: where values live.
+        layout: where values live.
         network: nodes and radio.
         recorder_for: makes the recorder, once everything has been loaded; None records nothing.
         every: rows every so many base steps.
@@ -63,7 +63,7 @@ class Execution:
         stimuli: inputs from a file, sampled.
         profiler: measures where the time goes.
         checkpoint: go on from there.
-        coupling: the master; None is Jacobi.
+        master: the master; None is Jacobi.
         grid: rows at every base step, also where no step of an instance ends.
         on_stage: is told, in words, what is done next, until the first step.
 
@@ -78,8 +78,8 @@ class Execution:
     def __init__(
         self,
         checked: CheckedSystem,
-        clock: Timing,
-        places: Layout,
+        clock: TimeGrid,
+        layout: Layout,
         network: Network,
         *,
         recorder_for: Callable[[], Recorder] | None = None,
@@ -90,12 +90,12 @@ class Execution:
         stimuli: Stimuli | None = None,
         profiler: Profiler | None = None,
         checkpoint: Checkpoint | None = None,
-        coupling: Coupling | None = None,
+        master: MasterSettings | None = None,
         grid: bool = False,
         on_stage: Callable[[str], None] | None = None,
     ) -> None:
-        self.checked, self.clock, self.places, self.network = checked, clock, places, network
-        coupling = coupling or Coupling()
+        self.checked, self.clock, self.layout, self.network = checked, clock, layout, network
+        master = master or MasterSettings()
         phase: Callable[[str], AbstractContextManager[Any]] = profiler.phase if profiler else nullcontext
         self._agenda = Agenda(changes, stimuli, checkpoint.k if checkpoint is not None else 0)
         self._instances, self._workers = Instances(), Workers()
@@ -106,9 +106,9 @@ class Execution:
                 self._instances,
                 checked,
                 clock,
-                places,
+                layout,
                 network,
-                coupling,
+                master,
                 every=every,
                 keep_packets=recorder_for is not None and keep_packets,
                 grid=grid,
@@ -116,14 +116,14 @@ class Execution:
                 phase=phase,
                 tell=on_stage or (lambda _: None),
             )
-            self.living, self.plan = self._state.living, self._state.plan
-            self.parameters, self._notes = answers(checked, self.living)
+            self.slaves, self.plan = self._state.slaves, self._state.plan
+            self.parameters, self._notes = answers(checked, self.slaves)
             if profiler is not None:
-                profiler.attach(self.plan, self.living)
+                profiler.attach(self.plan, self.slaves)
             self._writing = Writing(self._state, phase)
-            self._algorithm = algorithm_for(coupling, self._state, self._writing, self._agenda, self._change, every)
+            self._algorithm = algorithm_for(master, self._state, self._writing, self._agenda, self._change, every)
             collect_all(self.plan)
-            raise_failures(self.plan, places, self.living)
+            raise_failures(self.plan, layout, self.slaves)
             if recorder_for is not None:
                 self._writing.open(recorder_for())
             self._state.event_mode.attach(self.plan, self._state.texts)
@@ -192,7 +192,7 @@ class Execution:
         """Sets the values that are due at base step `k`; returns whether there were any."""
         changed = False
         for change in self._agenda.take(k):
-            with failing(self.plan, self.living[change.instance]):
+            with failing(self.plan, self.slaves[change.instance]):
                 self._state.event_mode.change(change)
             changed = True
         return changed
@@ -200,7 +200,7 @@ class Execution:
     def refuse_checkpoints(self) -> None:
         """Raises SystemDescriptionError if this system can have none, and says why."""
         reason = "what has passed a gateway cannot be taken back" if self.network.gateways else ""
-        if reason := reason or cannot_be_serialised(self.living):
+        if reason := reason or cannot_be_serialised(self.slaves):
             raise SystemDescriptionError([Problem(self.checked.structure.where, CHECKPOINT.text(reason))])
 
     def save_checkpoint(self, folder: Path, about: Mapping[str, Any]) -> Path:

@@ -14,18 +14,18 @@ from pathlib import Path
 from cosim_master.results.checkpoint_folder import Checkpoint
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.changes import Change
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["fingerprint_of"]
 
 
 def fingerprint_of(
     checked: CheckedSystem,
-    clock: Timing,
+    clock: TimeGrid,
     network: Network,
-    coupling: Coupling,
+    master: MasterSettings,
     *,
     system: str,
     changes: Sequence[Change] = (),
@@ -37,7 +37,7 @@ def fingerprint_of(
     """The digest of each kind of input, by its name for people ("seed", "start values").
 
     Args:
-        checked, clock, network, coupling: as they are run; `network` without gateways.
+        checked, clock, network, master: as they are run; `network` without gateways.
         system: the digest of the system's documents.
         changes: what is set while it runs.
         stimuli: the digest of the file that inputs come from.
@@ -49,7 +49,7 @@ def fingerprint_of(
     values = ((instance.name, sorted(instance.effective_values().items())) for instance in checked.instances)
     structural = ((instance.name, sorted(instance.start_values.items())) for instance in checked.instances)
     links = ((link.source, link.target, link.factor, link.offset, link.mapping) for link in checked.links)
-    delays = sorted((target, delay.ns, delay.start) for target, delay in coupling.delays.items())
+    delays = sorted((target, delay.ns, delay.start) for target, delay in master.delays.items())
     nodes = (
         (node.name, [endpoint.name for endpoint in node.endpoints], [(i, v.name) for i, v in node.position])
         for node in network.nodes
@@ -60,7 +60,7 @@ def fingerprint_of(
         "FMUs": _digest((instance.name, instance.fmu.digest) for instance in checked.instances),
         "start values": _digest([*values, *structural]),
         "time": _digest([clock.start, clock.base, clock.steps, clock.periods]),
-        "master": _digest([*_fields(coupling, {"delays", "where", "notes"}), delays]),
+        "master": _digest([*_fields(master, {"delays", "where", "notes"}), delays]),
         "radio": _digest([*_fields(network, {"nodes", "gateways", "seed", "notes"}), *nodes]),
         "seed": _digest([network.seed]),
         "recording": _digest(recording),
@@ -81,7 +81,7 @@ def _of_file(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def _fields(settings: Coupling | Network, without: Collection[str]) -> list[object]:
+def _fields(settings: MasterSettings | Network, without: Collection[str]) -> list[object]:
     """Names and values of all other fields; sets in order."""
     values = ((field.name, getattr(settings, field.name)) for field in fields(settings) if field.name not in without)
     return [(name, sorted(value) if isinstance(value, frozenset) else value) for name, value in values]

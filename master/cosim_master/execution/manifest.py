@@ -16,7 +16,7 @@ from cosim_master.execution.result import RunResult
 from cosim_master.fmi.description.declarations import verdicts_as_json
 from cosim_master.fmi.description.read import Start
 from cosim_master.system.flatten.flat import CheckedSystem
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Channel, Network
 from cosim_master.system.structure import Component, System
 
@@ -52,7 +52,7 @@ def manifest(
         "start_time": ready.clock.time(0),
         "base_step": ready.clock.seconds(1),
         "changes": _changes(ready),
-        "master": _master(ready.coupling),
+        "master": _master(ready.master),
         "seed": ready.network.seed,
         "settings": {tag: dict(given) for tag, given in checked.settings.items()},
         "network": _network(ready.network),
@@ -97,17 +97,17 @@ def _changes(ready: Prepared) -> list[dict[str, Any]]:
     ]
 
 
-def _master(coupling: Coupling) -> dict[str, Any]:
+def _master(master: MasterSettings) -> dict[str, Any]:
     return {
-        "algorithm": coupling.algorithm,
-        "extrapolated": sorted(".".join(target) for target in coupling.extrapolated),
-        "tolerance": coupling.tolerance,
-        "iterations": coupling.iterations,
-        "relaxation": coupling.relaxation,
-        "minimum_step": coupling.minimum_step / 1e9,
-        "maximum_step": coupling.maximum_step / 1e9,
-        "constraints": [asdict(one) for one in coupling.constraints],
-        "delays": {".".join(target): delay.ns / 1e9 for target, delay in coupling.delays.items()},
+        "algorithm": master.algorithm,
+        "extrapolated": sorted(".".join(target) for target in master.extrapolated),
+        "tolerance": master.tolerance,
+        "iterations": master.iterations,
+        "relaxation": master.relaxation,
+        "minimum_step": master.minimum_step / 1e9,
+        "maximum_step": master.maximum_step / 1e9,
+        "constraints": [asdict(one) for one in master.constraints],
+        "delays": {".".join(target): delay.ns / 1e9 for target, delay in master.delays.items()},
     }
 
 

@@ -25,7 +25,7 @@ from cosim_master.execution.prepare import Prepared
 from cosim_master.execution.result import Outcome, Overruns, Progress, RunResult
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.results.checkpoint_folder import Identity
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 from cosim_master.verdict.memory import remember
 from cosim_master.verdict.watch import Watch
 
@@ -126,7 +126,7 @@ class _Pace:
         slice: wall-clock seconds that the base steps made at once are to take.
     """
 
-    def __init__(self, factor: float | None, clock: Timing, slice: float) -> None:
+    def __init__(self, factor: float | None, clock: TimeGrid, slice: float) -> None:
         self._factor, self._base, self._steps, self._slice = factor, clock.seconds(1), clock.steps, slice
         self._began = time.perf_counter()
         self.chunk = 1

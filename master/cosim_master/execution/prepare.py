@@ -18,10 +18,10 @@ from cosim_master.execution.stimuli import Stimuli
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.single_fmu import output_interval
 from cosim_master.system.settings.changes import Change, changes
-from cosim_master.system.settings.master import Coupling, connected, coupling_of
+from cosim_master.system.settings.master import MasterSettings, connected, master_settings_of
 from cosim_master.system.settings.network import Network, network_of
 from cosim_master.system.settings.recording import Recording, recording_of
-from cosim_master.system.settings.time_grid import Timing, exact, timing
+from cosim_master.system.settings.time_grid import TimeGrid, exact, time_grid
 from cosim_master.verdict.findings import Judgement
 from cosim_master.verdict.limits import Limits, limits_of
 from cosim_master.verdict.prior import known_before
@@ -34,12 +34,12 @@ class Prepared:
     """A checked system with its clock, network and recording: ready to be run, nothing loaded."""
 
     checked: CheckedSystem
-    clock: Timing
+    clock: TimeGrid
     network: Network
     recording: Recording
     every: int
     changes: tuple[Change, ...] = ()
-    coupling: Coupling = field(default_factory=Coupling)
+    master: MasterSettings = field(default_factory=MasterSettings)
     stimuli: Stimuli | None = None
     limits: Limits = field(default_factory=Limits)
 
@@ -53,7 +53,7 @@ class Prepared:
     @property
     def notes(self) -> tuple[str, ...]:
         stimuli = () if self.stimuli is None else self.stimuli.notes
-        return (*self.checked.notes, *self.clock.notes, *self.network.notes, *self.coupling.notes, *stimuli)
+        return (*self.checked.notes, *self.clock.notes, *self.network.notes, *self.master.notes, *stimuli)
 
 
 def prepare(
@@ -88,13 +88,13 @@ def prepare(
         text = f"the FMU names no step size: {step:g} s are taken"
         checked = replace(checked, notes=(*checked.notes, text))
     recording = gathered(lambda: recording_of(checked, record))
-    coupling = gathered(lambda: coupling_of(checked))
-    gridless = coupling is not None and coupling.constrained
-    clock = gathered(lambda: timing(checked, until, step, gridless=gridless))
+    master = gathered(lambda: master_settings_of(checked))
+    gridless = master is not None and master.constrained
+    clock = gathered(lambda: time_grid(checked, until, step, gridless=gridless))
     network = gathered(lambda: network_of(checked, seed))
     limits = gathered(lambda: limits_of(checked))
-    if clock is not None and coupling is not None:
-        gathered(lambda: coupling.check(checked, clock.base, clock.periods, clock.per_ns))
+    if clock is not None and master is not None:
+        gathered(lambda: master.check(checked, clock.base, clock.periods, clock.per_ns))
     if problems:
         raise SystemDescriptionError(problems)
     every = 1
@@ -106,11 +106,11 @@ def prepare(
             near = clock.seconds(max(1, every))
             text = RECORDING_INTERVAL.text(f"{recording.interval:g}", f"{base:.9g}", f"{near:.9g}")
             raise SystemDescriptionError([Problem(checked.structure.where, text)])
-    checked = connected(checked, coupling)
+    checked = connected(checked, master)
     if stimuli is not None:
         checked = stimuli.initialize(checked, clock.time(0))
         stimuli.sample(clock)
-    ready = Prepared(checked, clock, network, recording, every, changes(checked, clock, at), coupling, stimuli, limits)
+    ready = Prepared(checked, clock, network, recording, every, changes(checked, clock, at), master, stimuli, limits)
     if strict and (findings := [note.problem for note in ready.notes if isinstance(note, Finding)]):
         raise SystemDescriptionError(findings)
     return ready

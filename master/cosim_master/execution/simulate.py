@@ -26,7 +26,7 @@ from cosim_master.network.gateways.gateways import Address, Gateways, gateways_o
 from cosim_master.results.checkpoint_folder import Checkpoint, find
 from cosim_master.results.recorder import Recorder
 from cosim_master.results.run_folder import RunFolder
-from cosim_master.stepping.layout import Layout, layout
+from cosim_master.stepping.layout import Layout, make_layout
 from cosim_master.stepping.observation import MakeObserver, Observer, Observers, View
 from cosim_master.stepping.profiling import Profiler
 from cosim_master.system.flatten.check import check
@@ -96,11 +96,11 @@ class _Run:
     fingerprint: dict[str, str]
     out: Path | None
     saving: Checkpoints
-    places: Layout
+    layout: Layout
     profiler: Profiler | None
 
     def view(self) -> View:
-        return View(self.places, self.ready.every, self.ready.clock.seconds(1))
+        return View(self.layout, self.ready.every, self.ready.clock.seconds(1))
 
     def opened(self) -> Execution:
         """Returns the run at its start, its FMUs initialized."""
@@ -108,7 +108,7 @@ class _Run:
         return Execution(
             ready.checked,
             ready.clock,
-            self.places,
+            self.layout,
             ready.network,
             recorder_for=None if self.out is None else self._recorder,
             every=ready.every,
@@ -118,7 +118,7 @@ class _Run:
             stimuli=ready.stimuli,
             profiler=self.profiler,
             checkpoint=self.checkpoint,
-            coupling=ready.coupling,
+            master=ready.master,
             grid=ready.recording.interval is not None and ready.every == 1,
             on_stage=self.listener.stage,
         )
@@ -128,7 +128,7 @@ class _Run:
         return Recorder(
             self.out,
             self.ready.checked,
-            self.places,
+            self.layout,
             self.ready.network,
             keep=self.ready.recording.packets,
             checkpoint=self.checkpoint,
@@ -151,7 +151,7 @@ class _Run:
             crashed = RunResult(Outcome.FAILED, error, simulated_s=simulated, packets=counts, notes=ready.notes)
             execution.finish(lambda: document(crashed))
 
-        with execution, reported(execution.living, lambda: execution.time, rescue), interrupts() as interrupted:
+        with execution, reported(execution.slaves, lambda: execution.time, rescue), interrupts() as interrupted:
             result = self._stepped(execution, gateways, observers, interrupted)
             if self.out is not None:
                 self.listener.stage(f"writing {self.out}")
@@ -172,7 +172,7 @@ class _Run:
         if options.checkpoint_every is not None:
             execution.refuse_checkpoints()
         gateways.start()
-        watch = Watch(ready.checked, ready.network, self.places, ready.clock, ready.limits)
+        watch = Watch(ready.checked, ready.network, self.layout, ready.clock, ready.limits)
         self.saving.watch = watch
         if self.checkpoint is not None:
             recall(watch, self.checkpoint.verdict)
@@ -226,7 +226,7 @@ def _planned(
         fingerprint=fingerprint,
         out=out,
         saving=saving,
-        places=layout(ready.checked, ready.network, ready.recording.signals, ready.coupling, watched(ready.checked)),
+        layout=make_layout(ready.checked, ready.network, ready.recording.signals, ready.master, watched(ready.checked)),
         profiler=Profiler() if options.profile else None,
     )
 
@@ -282,7 +282,7 @@ def _fingerprint(ready: Prepared, gateways: Sequence[str], checkpoint: Checkpoin
         ready.checked,
         ready.clock,
         ready.network,
-        ready.coupling,
+        ready.master,
         system=digest_of_system(ready.checked),
         changes=ready.changes,
         stimuli="" if ready.stimuli is None else ready.stimuli.digest,

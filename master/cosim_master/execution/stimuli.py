@@ -28,7 +28,7 @@ from cosim_master.fmi.description.interpolation import interpolated
 from cosim_master.fmi.description.read import Start, Variable
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.changes import Change
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["Agenda", "Stimuli", "read_stimuli"]
 
@@ -76,7 +76,7 @@ class Stimuli:
             instances[column.instance] = replace(old, start_values=given)
         return replace(checked, instances=tuple(instances))
 
-    def sample(self, clock: Timing) -> None:
+    def sample(self, clock: TimeGrid) -> None:
         """Compute the values at all communication points of a run."""
         dues = []
         for column in self._columns:

@@ -54,7 +54,7 @@ class Recorder:
         self,
         folder: Path,
         checked: CheckedSystem,
-        places: Layout,
+        layout: Layout,
         network: Network,
         *,
         keep: bool,
@@ -66,9 +66,9 @@ class Recorder:
         self._open_segments: dict[str, Any] = {}
         folder.mkdir(parents=True, exist_ok=True)
         clear(folder)  # an old manifest would call the results complete while they are not
-        self._texts = places.string_signals
+        self._texts = layout.string_signals
         self._text_rows: list[list[str]] = []
-        self._columns = self._in_order(checked, places)
+        self._columns = self._in_order(checked, layout)
         fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
         for name, kind, _, variable in self._columns:
             metadata = {"unit": variable.unit.name if variable.unit else "", "description": variable.description}
@@ -157,15 +157,15 @@ class Recorder:
             raise SystemDescriptionError([Problem(Where(str(checkpoint.run)), text)]) from None
 
     @staticmethod
-    def _in_order(checked: CheckedSystem, places: Layout) -> list[tuple[str, str, int, Any]]:
+    def _in_order(checked: CheckedSystem, layout: Layout) -> list[tuple[str, str, int, Any]]:
         """Columns in the order of instances and their variables: (name, kind, column of the block, variable)."""
         known = {}
         for kind in KINDS:
             column = 0
-            for name, v in places.signals[kind]:
+            for name, v in layout.signals[kind]:
                 known[name] = (kind, column, v)
                 column += 1 + v.wide
-        known |= {name: ("String", i, v) for i, (name, _, v) in enumerate(places.string_signals)}
+        known |= {name: ("String", i, v) for i, (name, _, v) in enumerate(layout.string_signals)}
         columns = []
         for instance in checked.instances:
             for variable in instance.fmu.variables:

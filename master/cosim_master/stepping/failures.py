@@ -46,7 +46,7 @@ def reached(plan: Plan) -> float:
     return float(clock[START] + max(clock[K], 0) * clock[BASE]) / (1e9 * float(clock[PER_NS]))
 
 
-def raise_failures(plan: Plan, places: Layout, instances: Sequence[Slave]) -> None:
+def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> None:
     """Raises RunFailed if instances have failed in this macro step, with what each of them has said."""
     if plan.clock[FAILURES] == 0:
         return
@@ -56,17 +56,17 @@ def raise_failures(plan: Plan, places: Layout, instances: Sequence[Slave]) -> No
         if failed[i, 1] == NOT_CALLED or tuple(failed[i][:2]) == DISCARD:
             continue
         function, status, detail = (int(x) for x in failed[i])
-        living = instances[int(i)]
-        living.time = time
+        slave = instances[int(i)]
+        slave.time = time
         text, code = "", status
         if status == NOT_A_NUMBER:
-            name = places.ports["Real"].outputs[detail][1].name
-            text, code = NAN.text(name) + _given(plan, places, int(i)), 0
+            name = layout.ports["Real"].outputs[detail][1].name
+            text, code = NAN.text(name) + _given(plan, layout, int(i)), 0
         elif status in (TOO_LONG, NOT_BASE64):
             wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
             text, code = f"its packet output {wrong}", 0
         elif status == STATUS.index("fmi2Discard") and function in (1, 2, 3):
-            text = f"fmi2Discard: it takes one of these values for wrong: {_inputs(plan, living, int(i), function - 1)}"
+            text = f"fmi2Discard: it takes one of these values for wrong: {_inputs(plan, slave, int(i), function - 1)}"
         elif status == OUT_OF_RANGE:
             text, code = WIDE_INTEGER.text(), 0
         elif status == EARLY:
@@ -75,11 +75,11 @@ def raise_failures(plan: Plan, places: Layout, instances: Sequence[Slave]) -> No
             text, code = "it wants the run to end (terminateSimulation)", 0
         elif status == STATUS.index("fmi2Pending"):
             text = PENDING.text()
-            living.cancel_step()
+            slave.cancel_step()
         elif function == DO_STEP and status in _FAILED:
-            given = _given(plan, places, int(i))
-            text = given and living.status_word(status) + given
-        failures[int(i)] = living.failure(living.function_name(FUNCTIONS[function]), code, text)
+            given = _given(plan, layout, int(i))
+            text = given and slave.status_word(status) + given
+        failures[int(i)] = slave.failure(slave.function_name(FUNCTIONS[function]), code, text)
     others = list(failures.values())
     for i in np.flatnonzero(failed[:, 0]):
         if tuple(failed[i][:2]) == DISCARD:
@@ -87,12 +87,12 @@ def raise_failures(plan: Plan, places: Layout, instances: Sequence[Slave]) -> No
     raise RunFailed([failures[i] for i in sorted(failures)])
 
 
-def discard_failure(plan: Plan, living: Slave, i: int, last: float | None, reason: str) -> FmuError:
+def discard_failure(plan: Plan, slave: Slave, i: int, last: float | None, reason: str) -> FmuError:
     """The error of instance `i` that has discarded its step; `last` is how far it got, s."""
     time, h = reached(plan), float(plan.instances["h"][i])
     got = "" if last is None else f", only to {last:.9g} s"
-    text = DISCARDED.text(living.fmi, f"{time:.9g}", f"{time + h:.9g}", got, reason)
-    return living.failure(f"fmi{living.fmi}DoStep", DISCARD[1], text)
+    text = DISCARDED.text(slave.fmi, f"{time:.9g}", f"{time + h:.9g}", got, reason)
+    return slave.failure(f"fmi{slave.fmi}DoStep", DISCARD[1], text)
 
 
 def _beside(plan: Plan, instances: Sequence[Slave], i: int, others: Sequence[FmuError]) -> FmuError:
@@ -101,20 +101,20 @@ def _beside(plan: Plan, instances: Sequence[Slave], i: int, others: Sequence[Fmu
     FMI leaves an instance after an error nothing but to be freed, or to be set back; in what it has failed at, it
     would fail again, and shorter steps would hide that.
     """
-    living, names = instances[i], ", ".join(error.instance for error in others[:3])
-    living.time = reached(plan)
-    last = None if living.library.corrupted else living.last_successful_time()
-    return discard_failure(plan, living, i, last, f"it is not repeated, since {names} failed in the same step")
+    slave, names = instances[i], ", ".join(error.instance for error in others[:3])
+    slave.time = reached(plan)
+    last = None if slave.library.corrupted else slave.last_successful_time()
+    return discard_failure(plan, slave, i, last, f"it is not repeated, since {names} failed in the same step")
 
 
-def _given(plan: Plan, places: Layout, i: int) -> str:
+def _given(plan: Plan, layout: Layout, i: int) -> str:
     """The inputs of an instance as it was given them for its last step: ``; its inputs: u = 0.5, w = 2``."""
     if plan.clock[K] < 0:  # while initializing, the loop has given none
         return ""
     shown: list[str] = []
     for kind, values in (("Real", plan.real_in), ("Integer", plan.int_in), ("Boolean", plan.int_in)):
-        ports = places.ports[kind]
-        begin = len(places.ports["Integer"].in_reference) if kind == "Boolean" else 0
+        ports = layout.ports[kind]
+        begin = len(layout.ports["Integer"].in_reference) if kind == "Boolean" else 0
         inputs = ports.inputs[ports.first_in[i] : ports.first_in[i + 1]]
         given = values[begin + ports.first_in[i] : begin + ports.first_in[i + 1]]
         shown += [f"{variable.name} = {value:.9g}" for variable, value in zip(inputs, given, strict=True)]
@@ -122,13 +122,13 @@ def _given(plan: Plan, places: Layout, i: int) -> str:
     return f"; its inputs: {', '.join(shown[:_MOST_INPUTS])}{more}" if shown else ""
 
 
-def _inputs(plan: Plan, living: Slave, i: int, kind: int) -> str:
+def _inputs(plan: Plan, slave: Slave, i: int, kind: int) -> str:
     """The first values that an instance's inputs of one kind were just given."""
     first, last = (int(plan.feeds[i][side][kind]) for side in ("first_in", "last_in"))
     values = (
         plan.real_in[first:last] if kind == 0 else plan.int_in[first - plan.real_in.size : last - plan.real_in.size]
     )
-    fmu = living.fmu
+    fmu = slave.fmu
     of = {v.value_reference: v.name for v in fmu.variables.values() if set_kind(v) == KINDS[kind]}
     pairs = zip(plan.in_reference[first:last], values, strict=True)
     shown = [f"{of[int(reference)]} = {value:.9g}" for reference, value in pairs]

@@ -1,6 +1,6 @@
 """Which outputs are fetched, which inputs are fed from where, and what is recorded: places of all values.
 
-Needs descriptions only; `plan` makes arrays and calls of it for living instances.
+Needs descriptions only; `plan` makes arrays and calls of it for instances.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from cosim_master.diagnostics.names import matching
 from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.fmi.slaves.fmi2 import set_kind
 from cosim_master.stepping.kernels.tables import COPY, SIGN
-from cosim_master.system.flatten.flat import CheckedSystem, Instance, Link
-from cosim_master.system.settings.master import Coupling, Delay
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection
+from cosim_master.system.settings.master import Delay, MasterSettings
 from cosim_master.system.settings.network import Network
 
-__all__ = ["KINDS", "Delayed", "Layout", "Ports", "call_of", "halves_of", "layout", "shows_error"]
+__all__ = ["KINDS", "Delayed", "Layout", "Ports", "call_of", "halves_of", "make_layout", "shows_error"]
 
 KINDS = ("Real", "Integer", "Boolean")
 _InOrder = Sequence[tuple[str, Variable]]
@@ -46,7 +46,7 @@ class Ports:
 class Layout:
     """Where every value of the loop lives."""
 
-    instances: tuple[Instance, ...]
+    instances: tuple[ComponentInstance, ...]
     ports: Mapping[str, Ports]
     mirrors: tuple[tuple[int, int], ...]
     mapped: tuple[tuple[int, int, int, int], ...]
@@ -56,10 +56,10 @@ class Layout:
     constants: tuple[tuple[float, ...], tuple[int, ...]]
     """Reals and integers, behind all outputs: values of the elements of an array that nothing is connected to, while
     others are; source -1 of an input is the first of them."""
-    strings: tuple[Link, ...]
-    string_signals: tuple[tuple[str, Instance, Variable], ...]
+    strings: tuple[FlatConnection, ...]
+    string_signals: tuple[tuple[str, ComponentInstance, Variable], ...]
     delays: tuple[Delayed, ...] = ()
-    links: tuple[Link, ...] = ()
+    links: tuple[FlatConnection, ...] = ()
     """All of numbers."""
 
 
@@ -76,17 +76,17 @@ class Delayed:
 
     kind: int
     source: int
-    link: Link
+    link: FlatConnection
     constant: int
     ns: int
     start: float
 
 
-def layout(
+def make_layout(
     checked: CheckedSystem,
     network: Network,
     record: Sequence[str] = (),
-    coupling: Coupling | None = None,
+    master: MasterSettings | None = None,
     observed: Collection[tuple[str, str]] = (),
 ) -> Layout:
     """Assigns places to all values.
@@ -94,13 +94,13 @@ def layout(
     Args:
         record: patterns (see `diagnostics.names`) of outputs and local variables ``instance.variable`` to record; if
             empty, all outputs are recorded.
-        coupling: None is Jacobi, without delays.
+        master: None is Jacobi, without delays.
         observed: outputs (instance, variable) that observers want to see, recorded or not.
 
     Raises:
         SystemDescriptionError: a pattern matches nothing.
     """
-    coupling = coupling or Coupling()
+    master = master or MasterSettings()
     ports = {kind: Ports() for kind in KINDS}
     fmus = {instance.name: instance.fmu for instance in checked.instances}
     in_order = {id(fmu): _by_type(fmu) for fmu in fmus.values()}
@@ -108,7 +108,7 @@ def layout(
     kinds = [set_kind(fmus[link.target[0]].variables[link.target[1]]) for link in links]
     numeric = [link for link, kind in zip(links, kinds, strict=True) if kind in KINDS]
     chosen = _chosen(checked, record)
-    wanted = chosen | {link.source for link in numeric} | {*observed} | _needed(checked, network, coupling)
+    wanted = chosen | {link.source for link in numeric} | {*observed} | _needed(checked, network, master)
     for i, instance in enumerate(checked.instances):
         for name, variable in _fetched(instance, wanted, in_order[id(instance.fmu)]):
             kind = set_kind(variable)
@@ -117,7 +117,7 @@ def layout(
                 ports[kind].outputs += [(i, variable)] * (1 + variable.wide)
         for kind in KINDS:
             ports[kind].first_out.append(len(ports[kind].outputs))
-    inputs = _Inputs(numeric, ports, coupling)
+    inputs = _Inputs(numeric, ports, master)
     for instance in checked.instances:
         inputs.fill(instance, in_order[id(instance.fmu)])
     strings = tuple(link for link, kind in zip(links, kinds, strict=True) if kind in ("String", "Binary"))
@@ -141,11 +141,11 @@ def layout(
     )
 
 
-def _needed(checked: CheckedSystem, network: Network, coupling: Coupling) -> set[tuple[str, str]]:
+def _needed(checked: CheckedSystem, network: Network, master: MasterSettings) -> set[tuple[str, str]]:
     """Returns the outputs that the radio and the master algorithm need."""
     needed = {(instance, v.name) for node in network.nodes for instance, v in node.position}
-    needed |= {port for one in coupling.constraints for port in one.ports}
-    if coupling.shows_error:
+    needed |= {port for one in master.constraints for port in one.ports}
+    if master.shows_error:
         needed |= {(i.name, v.name) for i in checked.instances for v in i.fmu.variables.values() if shows_error(v)}
     return needed
 
@@ -184,7 +184,7 @@ def _array(v: Variable) -> tuple[str, int] | None:
     return None if v.element is None else (v.name.rpartition("[")[0], v.value_reference)
 
 
-def _fetched(instance: Instance, wanted: Container[tuple[str, str]], in_order: _InOrder) -> _InOrder:
+def _fetched(instance: ComponentInstance, wanted: Container[tuple[str, str]], in_order: _InOrder) -> _InOrder:
     """The variables of an instance that are in `wanted`, and all elements of an array of which one is.
 
     Args:
@@ -232,11 +232,11 @@ class _Inputs:
         constants: see `Layout.constants`.
     """
 
-    def __init__(self, links: Sequence[Link], ports: Mapping[str, Ports], coupling: Coupling) -> None:
-        self._ports, self._delays = ports, coupling.delays
+    def __init__(self, links: Sequence[FlatConnection], ports: Mapping[str, Ports], master: MasterSettings) -> None:
+        self._ports, self._delays = ports, master.delays
         self._reals, self._integers, self._booleans = (len(ports[kind].outputs) for kind in KINDS)
-        self._links: dict[str, dict[str, Link]] = {}
-        self._terms: dict[tuple[str, str], list[Link]] = {}
+        self._links: dict[str, dict[str, FlatConnection]] = {}
+        self._terms: dict[tuple[str, str], list[FlatConnection]] = {}
         for one in links:
             self._links.setdefault(one.target[0], {}).setdefault(one.target[1], one)
             if one.term is not None:
@@ -252,7 +252,7 @@ class _Inputs:
         """Returns the rows (from, to) of `Plan.mirrors`."""
         return tuple(self._mirrors.items())
 
-    def fill(self, instance: Instance, in_order: _InOrder) -> None:
+    def fill(self, instance: ComponentInstance, in_order: _InOrder) -> None:
         """Adds the connected inputs of an instance, in the order in which they are set, to the ports."""
         own = self._links.get(instance.name, {})
         starts = instance.effective_values() if own else {}
@@ -285,14 +285,14 @@ class _Inputs:
         constants.extend(values)
         return [-1 - place for place in range(first, len(constants))]
 
-    def _sum(self, terms: Sequence[Link], target: Variable) -> list[int]:
+    def _sum(self, terms: Sequence[FlatConnection], target: Variable) -> list[int]:
         sources = self._hold("Real", [0.0])
         for term in terms:
             ns = 0 if term is terms[0] else TERM
             self.delayed.append(Delayed(0, self._sources_of(term, target)[0], term, -1 - sources[0], ns, 0.0))
         return sources
 
-    def _delay(self, link: Link, target: Variable, delay: Delay) -> list[int]:
+    def _delay(self, link: FlatConnection, target: Variable, delay: Delay) -> list[int]:
         kind = set_kind(target)
         begins: list[Any] = halves_of(int(delay.start)) if target.wide else [delay.start]
         sources = self._hold(kind, begins)
@@ -300,7 +300,7 @@ class _Inputs:
             self.delayed.append(Delayed(KINDS.index(kind), source, link, -1 - place, delay.ns, begin))
         return sources
 
-    def _sources_of(self, link: Link, target: Variable) -> list[int]:
+    def _sources_of(self, link: FlatConnection, target: Variable) -> list[int]:
         """Returns the place of the value of an input; two places for an integer of 64 bits."""
         source_kind = next(k for k in KINDS if link.source in self._ports[k].index)
         at = self._ports[source_kind].index[link.source]

@@ -34,7 +34,7 @@ class Seen:
 
     Attributes:
         time: s.
-        reals, integers: of all outputs that are fetched, in the places of `Plan.real_out` and `Plan.int_out`.
+        reals, integers: of all outputs that are fetched, in the layout of `Plan.real_out` and `Plan.int_out`.
     """
 
     time: float
@@ -65,18 +65,18 @@ class View:
         names: the recorded signals, "component.variable", in the order of the recording, without Strings.
     """
 
-    def __init__(self, places: Layout, every: int, step: float) -> None:
+    def __init__(self, layout: Layout, every: int, step: float) -> None:
         self.every = every
         self._step = step
         known: dict[str, tuple[str, int, Variable]] = {}
         for kind in KINDS:
-            first = len(places.ports["Integer"].outputs) if kind == "Boolean" else 0
-            at = iter(places.ports[kind].recorded)
-            for name, variable in places.signals[kind]:
+            first = len(layout.ports["Integer"].outputs) if kind == "Boolean" else 0
+            at = iter(layout.ports[kind].recorded)
+            for name, variable in layout.signals[kind]:
                 known[name] = (kind, first + next(at), variable)
                 if variable.wide:
                     next(at)
-        names = (f"{one.name}.{name}" for one in places.instances for name in one.fmu.variables)
+        names = (f"{one.name}.{name}" for one in layout.instances for name in one.fmu.variables)
         self._columns = [(name, *known[name]) for name in names if name in known]
         self.names = tuple(name for name, *_ in self._columns)
 

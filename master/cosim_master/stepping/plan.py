@@ -1,4 +1,4 @@
-"""From places of values to flat arrays: what the stepping loop needs of living instances."""
+"""From layout of values to flat arrays: what the stepping loop needs of instances."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ from cosim_master.stepping.kernels.tables import (
     Plan,
 )
 from cosim_master.stepping.layout import KINDS, TERM, Layout, Ports, call_of
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["make_plan"]
 
@@ -57,45 +57,45 @@ _BLOCK_BYTES = 8 << 20
 
 
 def make_plan(
-    places: Layout,
-    clock: Timing,
+    layout: Layout,
+    clock: TimeGrid,
     network: Network,
-    living: Sequence[Slave],
+    slaves: Sequence[Slave],
     every: int,
     *,
     free: Sequence[int] = (),
     threads: int = 1,
-    coupling: Coupling | None = None,
+    master: MasterSettings | None = None,
     grid: bool = False,
 ) -> Plan:
-    """The plan of a run over living instances, in the order of `places.instances`.
+    """The plan of a run over instances, in the order of `layout.instances`.
 
     Args:
         every: rows every so many base steps.
         free: numbers of the instances that any thread may step.
         threads: how many will step them, the main one included.
-        coupling: the master; None is Jacobi.
+        master: the master; None is Jacobi.
         grid: rows and exchange at every base step, also where no step of an instance ends.
     """
-    coupling = coupling or Coupling()
-    kinds = [places.ports[kind] for kind in KINDS]
+    master = master or MasterSettings()
+    kinds = [layout.ports[kind] for kind in KINDS]
     real, recorded = kinds[0], _recorded_integers(kinds)
     rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(recorded) + 8), 65536))
     wires = np.zeros(len(real.in_reference), dtype=WIRE)
     wires["factor"], wires["offset"] = real.factor, real.offset
-    feeds = _feeds(places, wires)
-    ports, text, capacity = _packet_ports(places, network)
-    constants = _first_constants(places, kinds)
-    values = _values(places, kinds, constants)
-    delays, kept = _delay_table(places, clock, constants, len(kinds[1].outputs))
-    slopes = _slope_table(places, coupling, kept.size)
-    kept = np.concatenate([kept, np.zeros(slopes.size + coupling.memory)])
-    native = _Native(len(living), kinds)
-    instances = _instance_table(clock, network, living, native)
+    feeds = _feeds(layout, wires)
+    ports, text, capacity = _packet_ports(layout, network)
+    constants = _first_constants(layout, kinds)
+    values = _values(layout, kinds, constants)
+    delays, kept = _delay_table(layout, clock, constants, len(kinds[1].outputs))
+    slopes = _slope_table(layout, master, kept.size)
+    kept = np.concatenate([kept, np.zeros(slopes.size + master.memory)])
+    native = _Native(len(slaves), kinds)
+    instances = _instance_table(clock, network, slaves, native)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     return Plan(
         instances=table(instances),
-        calls=table(_calls(instances, feeds, values, ports, living, kinds, native, slopes, kept)),
+        calls=table(_calls(instances, feeds, values, ports, slaves, kinds, native, slopes, kept)),
         feeds=table(feeds),
         runs=table(_runs(feeds, clock.periods)),
         sources=_sources(kinds, constants),
@@ -106,8 +106,8 @@ def make_plan(
         out_reference=values.out_reference,
         real_out=values.real_out,
         int_out=values.int_out,
-        mirrors=np.array(places.mirrors, dtype=np.int64).reshape(-1, 2),
-        mapped=np.array(places.mapped, dtype=np.int64).reshape(-1, 4),
+        mirrors=np.array(layout.mirrors, dtype=np.int64).reshape(-1, 2),
+        mapped=np.array(layout.mapped, dtype=np.int64).reshape(-1, 4),
         ports=table(ports),
         text=text,
         scratch=np.zeros((threads, text.shape[1]), dtype=np.uint8),
@@ -117,12 +117,12 @@ def make_plan(
         real_block=np.zeros((rows, len(real.recorded))),
         int_block=np.zeros((rows, len(recorded)), dtype=np.int32),
         ticks=np.zeros(rows, dtype=np.int64),
-        clock=_counters(clock, coupling, living, real, every=every, block=block),
+        clock=_counters(clock, master, slaves, real, every=every, block=block),
         grids=np.array([] if grid else clock.grids, dtype=np.int64),
         delays=table(delays),
         slopes=table(slopes),
         kept=kept,
-        confined=np.array(coupling.sequence or sorted(set(range(len(living))) - set(free)), dtype=np.int64),
+        confined=np.array(master.sequence or sorted(set(range(len(slaves))) - set(free)), dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
         shared=np.zeros(40, dtype=np.int64),
         native=native.memory,
@@ -130,7 +130,7 @@ def make_plan(
 
 
 def _counters(
-    clock: Timing, coupling: Coupling, living: Sequence[Slave], real: Ports, *, every: int, block: int
+    clock: TimeGrid, master: MasterSettings, slaves: Sequence[Slave], real: Ports, *, every: int, block: int
 ) -> np.ndarray[Any, Any]:
     """Returns `Plan.clock` at the start of a run."""
     counters = np.zeros(17, dtype=np.int64)
@@ -138,9 +138,9 @@ def _counters(
     counters[START], counters[BASE], counters[LAST] = clock.start, clock.base, clock.steps
     counters[PER_NS], counters[EVERY], counters[BLOCK] = clock.per_ns, every, block
     counters[REALS_IN], counters[REALS_OUT] = len(real.in_reference), len(real.outputs)
-    counters[EVENTFUL] = sum(one.event_mode for one in living)
-    counters[ORDER] = BY_PYTHON if coupling.in_python else IN_ORDER if coupling.sequence else JACOBI
-    counters[FINAL], counters[NAN_ALLOWED] = not coupling.variable, coupling.nan
+    counters[EVENTFUL] = sum(one.event_mode for one in slaves)
+    counters[ORDER] = BY_PYTHON if master.in_python else IN_ORDER if master.sequence else JACOBI
+    counters[FINAL], counters[NAN_ALLOWED] = not master.variable, master.nan
     return counters
 
 
@@ -150,10 +150,10 @@ def _recorded_integers(kinds: Sequence[Ports]) -> list[int]:
     return [*integers.recorded, *(len(integers.outputs) + i for i in booleans.recorded)]
 
 
-def _first_constants(places: Layout, kinds: Sequence[Ports]) -> tuple[int, int]:
+def _first_constants(layout: Layout, kinds: Sequence[Ports]) -> tuple[int, int]:
     """Returns the index of the first of `Layout.constants` in `Plan.real_out` and in `Plan.int_out`."""
     reals, integers, booleans = (len(ports.outputs) for ports in kinds)
-    return reals + len(places.mirrors), integers + booleans + len({row[1] for row in places.mapped})
+    return reals + len(layout.mirrors), integers + booleans + len({row[1] for row in layout.mapped})
 
 
 def _sources(kinds: Sequence[Ports], constants: tuple[int, int]) -> np.ndarray[Any, Any]:
@@ -165,20 +165,20 @@ def _sources(kinds: Sequence[Ports], constants: tuple[int, int]) -> np.ndarray[A
     return np.array(sources, dtype=np.uint32)
 
 
-def _values(places: Layout, kinds: Sequence[Ports], constants: tuple[int, int]) -> _Values:
+def _values(layout: Layout, kinds: Sequence[Ports], constants: tuple[int, int]) -> _Values:
     """Returns the arrays of values, zero but for constants, and their value references."""
     return _Values(
         in_reference=np.array([x for p in kinds for x in p.in_reference], dtype=np.uint32),
         real_in=np.zeros(len(kinds[0].in_reference)),
         int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
         out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
-        real_out=np.concatenate([np.zeros(constants[0]), places.constants[0]]),
-        int_out=np.concatenate([np.zeros(constants[1], np.int32), np.array(places.constants[1], np.int32)]),
+        real_out=np.concatenate([np.zeros(constants[0]), layout.constants[0]]),
+        int_out=np.concatenate([np.zeros(constants[1], np.int32), np.array(layout.constants[1], np.int32)]),
     )
 
 
 def _delay_table(
-    places: Layout, clock: Timing, constants: tuple[int, int], integers: int
+    layout: Layout, clock: TimeGrid, constants: tuple[int, int], integers: int
 ) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     """Returns the DELAY table, and the values in the delay lines at the start.
 
@@ -186,9 +186,9 @@ def _delay_table(
         constants: index of the first constant, of reals and of integers.
         integers: number of integer outputs, which come before the booleans.
     """
-    table = np.zeros(len(places.delays), dtype=DELAY)
+    table = np.zeros(len(layout.delays), dtype=DELAY)
     kept: list[float] = []
-    for row, one in zip(table, places.delays, strict=True):
+    for row, one in zip(table, layout.delays, strict=True):
         whole = min(one.kind, 1)
         row["whole"], row["source"] = whole, one.source + (integers if one.kind == 2 else 0)
         row["place"] = constants[whole] + one.constant
@@ -199,12 +199,12 @@ def _delay_table(
     return table, np.array(kept)
 
 
-def _slope_table(places: Layout, coupling: Coupling, first: int) -> np.ndarray[Any, Any]:
+def _slope_table(layout: Layout, master: MasterSettings, first: int) -> np.ndarray[Any, Any]:
     """The SLOPE table; derivatives are in `Plan.kept` from `first` on."""
-    real, wanted = places.ports["Real"], coupling.extrapolated
+    real, wanted = layout.ports["Real"], master.extrapolated
     found = [
         (j, i)
-        for i, instance in enumerate(places.instances if wanted else ())
+        for i, instance in enumerate(layout.instances if wanted else ())
         for j in range(real.first_in[i], real.first_in[i + 1])
         if (instance.name, real.inputs[j].name) in wanted
     ]
@@ -248,31 +248,33 @@ class _Native:
         return address
 
 
-def _instance_table(clock: Timing, network: Network, living: Sequence[Slave], native: _Native) -> np.ndarray[Any, Any]:
-    table = np.zeros(len(living), dtype=INSTANCE)
-    table["handle"] = [one.handle for one in living]
-    table["do_step"] = [one.step_address() for one in living]
-    table["answers"] = [native.take(ANSWERS) if one.has_answers else 0 for one in living]
-    for row, one in zip(table, living, strict=True):
+def _instance_table(
+    clock: TimeGrid, network: Network, slaves: Sequence[Slave], native: _Native
+) -> np.ndarray[Any, Any]:
+    table = np.zeros(len(slaves), dtype=INSTANCE)
+    table["handle"] = [one.handle for one in slaves]
+    table["do_step"] = [one.step_address() for one in slaves]
+    table["answers"] = [native.take(ANSWERS) if one.has_answers else 0 for one in slaves]
+    for row, one in zip(table, slaves, strict=True):
         one.use_answers(int(row["answers"]))
-    libraries = {id(one.library): i for i, one in enumerate(living)}
-    table["library"] = [libraries[id(one.library)] for one in living]
+    libraries = {id(one.library): i for i, one in enumerate(slaves)}
+    table["library"] = [libraries[id(one.library)] for one in slaves]
     table["period"] = table["length"] = clock.periods
     table["h"] = [clock.seconds(period) for period in clock.periods]
     endpoint: dict[str, int] = {}
     for i, e in enumerate(e for node in network.nodes for e in node.endpoints):
         endpoint.setdefault(e.instance, i)
-    table["endpoint"] = [endpoint.get(one.name, -1) for one in living]
+    table["endpoint"] = [endpoint.get(one.name, -1) for one in slaves]
     return table
 
 
-def _feeds(places: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """The FEED table, instance by instance."""
-    table = np.zeros(len(places.instances), dtype=FEED)
+    table = np.zeros(len(layout.instances), dtype=FEED)
     table["instance"] = np.arange(len(table))
     inputs = outputs = 0
     for kind, name in enumerate(KINDS):
-        ports = places.ports[name]
+        ports = layout.ports[name]
         table["first_in"][:, kind] = np.add(ports.first_in[:-1], inputs)
         table["last_in"][:, kind] = np.add(ports.first_in[1:], inputs)
         table["first_out"][:, kind] = np.add(ports.first_out[:-1], outputs)
@@ -317,7 +319,7 @@ def _calls(
     feeds: np.ndarray[Any, Any],
     values: _Values,
     ports: np.ndarray[Any, Any],
-    living: Sequence[Slave],
+    slaves: Sequence[Slave],
     kinds: Sequence[Ports],
     native: _Native,
     slopes: np.ndarray[Any, Any],
@@ -331,7 +333,7 @@ def _calls(
         ("Get", "out", v.out_reference.ctypes.data, v.real_out.ctypes.data, v.int_out.ctypes.data, reals[1]),
     )
     variables = {"in": [one for p in kinds for one in p.inputs], "out": [one for p in kinds for _, one in p.outputs]}
-    for i, one in enumerate(living):
+    for i, one in enumerate(slaves):
         row = instances[i]
         first_endpoint = int(row["endpoint"])
         last_endpoint = first_endpoint + 1 + int(ports[first_endpoint]["further"]) if first_endpoint >= 0 else -1
@@ -390,13 +392,13 @@ def _packet_call(
     fields = PORTS.fields
     assert fields is not None
     row = ports.ctypes.data + PORTS.itemsize * int(endpoint)
-    places = [row + fields[name][1] for name in (reference, text, size)]
+    layout = [row + fields[name][1] for name in (reference, text, size)]
     number = SET_STRING if verb == "Set" else GET_STRING
     if _version(one) == 3:
         address, number = one.library.address(f"fmi3{verb}Binary"), FUNCTIONS.index(f"fmi3{verb}Binary")
-        typed = native.typed(values=places[1], n_values=1, sizes=places[2], plain=0, sets=int(verb == "Set"))
-        return [(address, one.handle, places[0], typed, 1, number, WIDTHS["Binary"])]
-    return [(one.library.address(f"fmi2{verb}String"), one.handle, places[0], places[1], 1, number, 0)]
+        typed = native.typed(values=layout[1], n_values=1, sizes=layout[2], plain=0, sets=int(verb == "Set"))
+        return [(address, one.handle, layout[0], typed, 1, number, WIDTHS["Binary"])]
+    return [(one.library.address(f"fmi2{verb}String"), one.handle, layout[0], layout[1], 1, number, 0)]
 
 
 def _typed(
@@ -431,10 +433,10 @@ def _typed(
     return rows
 
 
-def _packet_ports(places: Layout, network: Network) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
+def _packet_ports(layout: Layout, network: Network) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
     """The PORTS table, the texts it points to, and the largest capacity."""
     endpoints = [endpoint for node in network.nodes for endpoint in node.endpoints]
-    number = {instance.name: i for i, instance in enumerate(places.instances)}
+    number = {instance.name: i for i, instance in enumerate(layout.instances)}
     capacity = max([v.packet_capacity or 0 for e in endpoints for v in (e.rx, e.tx) if v is not None], default=1)
     text = np.zeros((max(len(endpoints), 1), 4 * -(-capacity // 3) + 4), dtype=np.uint8)
     table = np.zeros(len(endpoints), dtype=PORTS)
@@ -443,7 +445,7 @@ def _packet_ports(places: Layout, network: Network) -> tuple[np.ndarray[Any, Any
     table["has_tx"] = [e.tx is not None for e in endpoints]
     table["rx"] = [e.rx.value_reference if e.rx else 0 for e in endpoints]
     table["tx"] = [e.tx.value_reference if e.tx else 0 for e in endpoints]
-    of_fmi3 = {i.name for i in places.instances if i.fmu.fmi_version.startswith("3.")}
+    of_fmi3 = {i.name for i in layout.instances if i.fmu.fmi_version.startswith("3.")}
     table["binary"] = [e.instance in of_fmi3 for e in endpoints]
     own = Counter(e.instance for e in endpoints)
     for e, endpoint in enumerate(endpoints):

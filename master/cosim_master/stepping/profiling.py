@@ -79,7 +79,7 @@ class Profiler:
         if PLAIN:
             raise RuntimeError("a profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
         self.phases: dict[str, float] = {}
-        self._living: Sequence[Slave] = ()
+        self._slaves: Sequence[Slave] = ()
         self._steps = np.zeros(0, dtype=_TIMED)
         self._calls = np.zeros(0, dtype=_TIMED)
         self._kinds: np.ndarray[Any, Any] = np.zeros(0, dtype=np.int64)
@@ -95,11 +95,11 @@ class Profiler:
         finally:
             self.phases[name] = self.phases.get(name, 0.0) + time.perf_counter() - began
 
-    def attach(self, plan: Plan, living: Sequence[Slave]) -> None:
+    def attach(self, plan: Plan, slaves: Sequence[Slave]) -> None:
         """Put timed calls in place of those of the plan."""
         step, access, step3, access3, binary = (function.address for function in self._functions)
         rows = plan.instances
-        self._living = living
+        self._slaves = slaves
         self._steps, self._calls = np.zeros(len(rows), dtype=_TIMED), np.zeros(len(plan.calls), dtype=_TIMED)
         self._steps["function"], self._steps["handle"] = rows["do_step"], rows["handle"]
         rows["do_step"] = np.where(rows["answers"] != 0, step3, step)
@@ -122,9 +122,9 @@ class Profiler:
     def profile(self) -> Profile:
         """What was measured so far."""
         groups: dict[str, list[int]] = {}
-        for i, one in enumerate(self._living):
+        for i, one in enumerate(self._slaves):
             groups.setdefault(one.fmu.path.name, []).append(i)
-        spent = [np.zeros(len(self._living)) for _ in range(2)]
+        spent = [np.zeros(len(self._slaves)) for _ in range(2)]
         for kind in range(2):
             chosen = self._kinds == kind
             np.add.at(spent[kind], self._owners[chosen], self._calls["ns"][chosen] / 1e9)

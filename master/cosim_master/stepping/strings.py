@@ -15,11 +15,11 @@ __all__ = ["Texts", "failing"]
 
 
 @contextmanager
-def failing(plan: Plan, living: Slave) -> Iterator[Slave]:
+def failing(plan: Plan, slave: Slave) -> Iterator[Slave]:
     """Calls of one instance at the present communication point; raises RunFailed if it refuses one."""
-    living.time = reached(plan)
+    slave.time = reached(plan)
     try:
-        yield living
+        yield slave
     except FmuError as error:
         raise RunFailed([error]) from None
 
@@ -28,26 +28,26 @@ class Texts:
     """The Strings of a run.
 
     Args:
-        places: of all values.
-        living: instances, in the order of `places.instances`.
+        layout: of all values.
+        slaves: instances, in the order of `layout.instances`.
 
     Attributes:
         outputs: the value of every String output (number of its instance, name) that is connected or recorded; that
             of one that belongs to Clocks is put here by those who handle events.
     """
 
-    def __init__(self, places: Layout, living: Sequence[Slave]) -> None:
-        self._living = living
-        number = {one.name: i for i, one in enumerate(living)}
+    def __init__(self, layout: Layout, slaves: Sequence[Slave]) -> None:
+        self._slaves = slaves
+        number = {one.name: i for i, one in enumerate(slaves)}
         self.outputs: dict[tuple[int, str], str] = {}
         self._links = []
-        for link in places.strings:
+        for link in layout.strings:
             source, target = (number[link.source[0]], link.source[1]), number[link.target[0]]
-            variable = living[target].fmu.variables[link.target[1]]
+            variable = slaves[target].fmu.variables[link.target[1]]
             if not variable.clocks:
                 self._links.append((source, target, variable, link))
             self.outputs[source] = ""
-        self._recorded = [(number[instance.name], variable.name) for _, instance, variable in places.string_signals]
+        self._recorded = [(number[instance.name], variable.name) for _, instance, variable in layout.string_signals]
         self.outputs |= dict.fromkeys(self._recorded, "")
 
     def __bool__(self) -> bool:
@@ -58,8 +58,8 @@ class Texts:
         k, periods = plan.clock[K], plan.instances["period"]
         for source, target, variable, link in self._links:
             if k >= 0 and k % periods[target] == 0:
-                with failing(plan, self._living[target]) as living:
-                    living.set([variable], [link.converted(self.outputs[source])])
+                with failing(plan, self._slaves[target]) as slave:
+                    slave.set([variable], [link.converted(self.outputs[source])])
 
     def get_outputs(self, plan: Plan, kept: Collection[tuple[int, str]]) -> None:
         """Outputs of the instances whose step has just ended: what the others would answer now is of the future.
@@ -70,8 +70,8 @@ class Texts:
         k, periods = plan.clock[K], plan.instances["period"]
         for i, name in self.outputs:
             if (i, name) not in kept and (k % periods[i] == 0 or k == plan.clock[LAST]):
-                with failing(plan, self._living[i]) as living:
-                    (self.outputs[i, name],) = living.get([living.fmu.variables[name]])
+                with failing(plan, self._slaves[i]) as slave:
+                    (self.outputs[i, name],) = slave.get([slave.fmu.variables[name]])
 
     @property
     def row(self) -> list[str]:

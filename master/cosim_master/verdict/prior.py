@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from cosim.verdict import Role
 from cosim_master.fmi.description.read import Variable
-from cosim_master.system.flatten.flat import CheckedSystem, Instance
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
 from cosim_master.system.settings.network import Network
 from cosim_master.verdict.earshot import depends_on_places, repeated, system_ids, twice
 from cosim_master.verdict.findings import Finding
@@ -58,7 +58,7 @@ def _open_inputs(checked: CheckedSystem, set_later: Collection[tuple[str, str]])
     if len(checked.instances) == 1 and not checked.links:
         return
     driven = {link.target for link in checked.links}
-    found: dict[tuple[str, str], list[tuple[Instance, list[Variable]]]] = {}
+    found: dict[tuple[str, str], list[tuple[ComponentInstance, list[Variable]]]] = {}
     for instance in checked.instances:
         optional = {name for name, verdict in instance.fmu.verdicts.items() if verdict is Role.OPTIONAL}
         for v in instance.fmu.variables.values():

@@ -20,9 +20,9 @@ from cosim.verdict import Bound, Condition, Reason, Role
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.observation import Seen
-from cosim_master.system.flatten.flat import CheckedSystem, Instance
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 from cosim_master.verdict.approach import FEW, Approach
 from cosim_master.verdict.earshot import depends_on_places, repeated, system_ids, twice
 from cosim_master.verdict.findings import Finding, Number
@@ -65,7 +65,7 @@ def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
 class _Agent:
     """An instance that says what it does."""
 
-    instance: Instance
+    instance: ComponentInstance
     variable: str
     condition: Condition
     body: int
@@ -156,7 +156,9 @@ class Watch:
         limits: what is too near and too far.
     """
 
-    def __init__(self, checked: CheckedSystem, network: Network, places: Layout, clock: Timing, limits: Limits) -> None:
+    def __init__(
+        self, checked: CheckedSystem, network: Network, places: Layout, clock: TimeGrid, limits: Limits
+    ) -> None:
         self._network, self._limits = network, limits
         self._columns = _Columns()
         self.bodies: list[_Body] = []
@@ -207,7 +209,7 @@ class Watch:
         for instance in checked.instances:
             self._add_limits(instance, places)
 
-    def _add_body(self, instance: Instance, name: str, places: Layout) -> None:
+    def _add_body(self, instance: ComponentInstance, name: str, places: Layout) -> None:
         verdicts = instance.fmu.verdicts
         ground = next((v for v, verdict in verdicts.items() if verdict is Role.ON_GROUND), "")
         elements = elements_of(name, instance.fmu.variables)
@@ -215,7 +217,7 @@ class Watch:
         self._ground.append(self._columns.of(places, instance.name, ground)[1] if ground else 0)
         self.bodies.append(_Body(instance.name, _group(instance.name), bool(ground)))
 
-    def _add_agent(self, instance: Instance, places: Layout) -> None:
+    def _add_agent(self, instance: ComponentInstance, places: Layout) -> None:
         for name, verdict in instance.fmu.verdicts.items():
             if not isinstance(verdict, Condition):
                 continue
@@ -224,7 +226,7 @@ class Watch:
             self._reasons.append(self._columns.of(places, instance.name, verdict.reason)[1] if verdict.reason else -1)
             self.agents.append(_Agent(instance, name, verdict, self._beside(instance.name), by))
 
-    def _add_pilot(self, instance: Instance, places: Layout, driven_by: set[tuple[str, str]]) -> None:
+    def _add_pilot(self, instance: ComponentInstance, places: Layout, driven_by: set[tuple[str, str]]) -> None:
         named = {verdict: name for name, verdict in instance.fmu.verdicts.items() if isinstance(verdict, Role)}
         armed, desired = named.get(Role.ARMED, ""), named.get(Role.DESIRED_POSITION, "")
         if not armed and not desired:
@@ -238,7 +240,7 @@ class Watch:
         self._desired += [self._columns.of(places, instance.name, element)[1] for element in elements] or [0, 0, 0]
         self.pilots.append(_Pilot(instance.name, body, bool(armed), bool(desired)))
 
-    def _add_limits(self, instance: Instance, places: Layout) -> None:
+    def _add_limits(self, instance: ComponentInstance, places: Layout) -> None:
         bounds = {name: verdict for name, verdict in instance.fmu.verdicts.items() if isinstance(verdict, Bound)}
         if not bounds:
             return

@@ -23,7 +23,7 @@ from cosim_master.execution.prepare import Prepared
 from cosim_master.execution.result import Overruns, Progress, RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.gateways.gateways import Gateways
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 from tests.master.probe import model, slave
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -614,7 +614,7 @@ def paced(monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None) -> t
         def packet_counts(self) -> dict[str, int]:
             return {"sent": 0}
 
-    ready: Any = SimpleNamespace(clock=Timing(0, 10_000_000, 1000, (1,)), notes=())
+    ready: Any = SimpleNamespace(clock=TimeGrid(0, 10_000_000, 1000, (1,)), notes=())
     execution: Any = Execution()
     return clock, pacing.run(execution, ready, Gateways([], lambda _: None), execution.advance, pace=pace), reached
 

@@ -95,17 +95,17 @@ def test_fmus_compiled_here_answer_the_parameters_that_were_set(workshop: Worksh
     system = workshop.ssd("own.ssd", workshop.system(component), '<ssd:DefaultExperiment stopTime="1"/>')
     with read_system(system) as structure, Libraries() as libraries:
         checked = check(structure)
-        living: list[Slave] = []
+        slaves: list[Slave] = []
         try:
-            instantiate(checked, libraries, living)
-            initialize(checked, living, 0.0, 1.0)
-            (one,) = living
+            instantiate(checked, libraries, slaves)
+            initialize(checked, slaves, 0.0, 1.0)
+            (one,) = slaves
             assert one.library.thread_safe
             for kind in ("Real", "Integer", "Boolean"):
                 some = [fmu.variables[name] for name in values if set_kind(fmu.variables[name]) == kind]
                 assert one.get(some) == [values[v.name] for v in some]
-            taken, notes = answers(checked, living)
+            taken, notes = answers(checked, slaves)
             assert values.items() <= taken["a"].items() and not notes
         finally:
-            for one in living:
+            for one in slaves:
                 one.free()

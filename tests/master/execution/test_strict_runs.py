@@ -26,13 +26,13 @@ from hypothesis.stateful import (
 
 from cosim_master.diagnostics.errors import RunFailed, RunTerminated
 from cosim_master.execution.execution import Execution
-from cosim_master.fmi.slaves.fmi2 import Instance
-from cosim_master.stepping.layout import layout
+from cosim_master.fmi.slaves.fmi2 import Instance2
+from cosim_master.stepping.layout import make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.network import network_of
-from cosim_master.system.settings.time_grid import timing
+from cosim_master.system.settings.time_grid import time_grid
 from tests.master.strict import ABLE, Stricts
 
 BASE = 0.25
@@ -66,7 +66,7 @@ class Machine(RuleBasedStateMachine):
         links += [f"{source}/r {target}/s" for target, source in self.wires.items() if texts]
         path = self.stricts.ssd(parts, *links, stop=BASE * 12)
         checked = check(read_system(path))
-        clock, network = timing(checked), network_of(checked, None)
+        clock, network = time_grid(checked), network_of(checked, None)
         self.steps = clock.steps
         self.change_at = data.draw(st.integers(0, self.steps - 1), label="change")
         first = checked.instances[0]
@@ -75,7 +75,7 @@ class Machine(RuleBasedStateMachine):
             changes = (Change(self.change_at, 0, first.fmu.variables["p"], 3.0),)
         self.changed = bool(changes)
         try:
-            self.execution = Execution(checked, clock, layout(checked, network), network, changes=changes)
+            self.execution = Execution(checked, clock, make_layout(checked, network), network, changes=changes)
         except (RunFailed, RunTerminated):
             self.over = True
 
@@ -118,7 +118,7 @@ class Machine(RuleBasedStateMachine):
             u = {n: y[self.wires[n]] if n in self.wires else 1.0 for n in y}
             gain = {n: 3.0 if self.changed and n == min(y) and k >= self.change_at else 1.0 for n in y}
             y = {n: y[n] + BASE * gain[n] * u[n] for n in y}
-        index = execution.places.ports["Real"].index
+        index = execution.layout.ports["Real"].index
         assert {n: execution.plan.real_out[index[n, "y"]] for n in y} == pytest.approx(y, rel=1e-12)
 
     def teardown(self) -> None:
@@ -127,10 +127,10 @@ class Machine(RuleBasedStateMachine):
                 self.execution.__exit__(RunFailed, None, None)
         finally:
             assert self.stricts.complaints == []
-            assert all(not alive(one) for one in getattr(self.execution, "living", ()))
+            assert all(not alive(one) for one in getattr(self.execution, "slaves", ()))
 
 
-def alive(one: Instance) -> bool:
+def alive(one: Instance2) -> bool:
     """Whether it should have been freed: all are, but for those of a corrupted FMU."""
     return one.alive and not one.library.corrupted
 

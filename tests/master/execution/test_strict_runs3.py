@@ -25,12 +25,12 @@ from hypothesis.stateful import (
 
 from cosim_master.diagnostics.errors import RunFailed, RunTerminated
 from cosim_master.execution.execution import Execution
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.network import network_of
-from cosim_master.system.settings.time_grid import timing
+from cosim_master.system.settings.time_grid import time_grid
 from tests.master.clocked import clocked
 from tests.master.strict3 import ABLE, Stricts3
 
@@ -91,14 +91,14 @@ class Machine(RuleBasedStateMachine):
                 wires.add(f"{driver}/fire {target}/go")
                 self.fires[target] = driver
         checked = check(read_system(self.stricts.ssd(parts, *sorted(wires), stop=BASE * 12)))
-        clock, network = timing(checked), network_of(checked, None)
+        clock, network = time_grid(checked), network_of(checked, None)
         self.steps = clock.steps
         variable = checked.instances[0].fmu.variables[IN[kinds["a"]][1]]
         at = data.draw(st.integers(0, self.steps - 1), label="change")
         free = not any(wire.endswith(f" a/{variable.name}") for wire in wires) and at % clock.periods[0] == 0
         changes = (Change(at, 0, variable, 3),) if free else ()
         try:
-            self.execution = Execution(checked, clock, layout(checked, network), network, changes=changes)
+            self.execution = Execution(checked, clock, make_layout(checked, network), network, changes=changes)
         except (RunFailed, RunTerminated):
             self.over = True
             assert self.modes & {1, 2, 14}
@@ -133,7 +133,7 @@ class Machine(RuleBasedStateMachine):
         now = Fraction(execution.time)
         if now % Fraction(2 * BASE):  # FMUs with Clocks step by that
             return
-        index, values = execution.places.ports["Integer"].index, execution.plan.int_out
+        index, values = execution.layout.ports["Integer"].index, execution.plan.int_out
         for n, period in self.periods.items():
             assert values[index[n, "ticks_constant"]] == now // period + 1
             fired = values[index[self.fires[n], "ticks_fire"]] if n in self.fires else 0
@@ -145,7 +145,7 @@ class Machine(RuleBasedStateMachine):
                 self.execution.__exit__(RunFailed, None, None)
         finally:
             assert self.stricts.complaints == []
-            assert all(not one.alive for one in getattr(self.execution, "living", ()))
+            assert all(not one.alive for one in getattr(self.execution, "slaves", ()))
 
 
 @pytest.mark.slow

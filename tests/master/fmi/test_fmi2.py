@@ -9,7 +9,7 @@ import pytest
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import describe
-from cosim_master.fmi.slaves.fmi2 import Instance, Library
+from cosim_master.fmi.slaves.fmi2 import Instance2, Library
 from cosim_master.fmi.slaves.libraries import Libraries
 
 
@@ -24,7 +24,7 @@ def library(probes: Any) -> Any:
         yield load
 
 
-def ready(library: Library, name: str = "one") -> Instance:
+def ready(library: Library, name: str = "one") -> Instance2:
     instance = library.instantiate(name)
     instance.setup_experiment(0.0, 2.0)
     instance.enter_initialization_mode()

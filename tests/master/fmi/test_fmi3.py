@@ -19,11 +19,11 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 from cosim_master.fmi.slaves.fmi3 import Instance3
 from cosim_master.fmi.slaves.libraries import Libraries
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
-from cosim_master.system.settings.time_grid import timing
+from cosim_master.system.settings.time_grid import time_grid
 from tests.master.probe import compiled
 from tests.master.strict3 import ABLE, SHORT, description
 
@@ -415,10 +415,10 @@ def test_packets_between_a_binary_and_a_string(packets: Any, stricts: Any) -> No
     """Bytes of FMI 3 are base64 text in FMI 2 where a connection leads from one to the other, and back."""
     with read_system(wired(packets, "quiet.fmu")) as structure:
         checked = check(structure, SENT)
-        clock, network = timing(checked), network_of(checked)
-        with Execution(checked, clock, layout(checked, network), network) as execution:
+        clock, network = time_grid(checked), network_of(checked)
+        with Execution(checked, clock, make_layout(checked, network), network) as execution:
             execution.advance(clock.steps)
-            b, c = execution.living[1:]
+            b, c = execution.slaves[1:]
             assert b.get([b.fmu.variables["r"]]) == ["AP3/gA=="]
             assert c.get([c.fmu.variables["d_out"]]) == ["00fdff80"]
     assert packets.complaints == stricts.complaints == []

@@ -15,10 +15,10 @@ from cosim_master.network.radio.tables import FREE_PLACES, IN_FLIGHT
 from cosim_master.stepping.kernels.instances import collect_all
 from cosim_master.stepping.kernels.macro_step import places_needed, run
 from cosim_master.stepping.kernels.tables import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.stepping.plan import make_plan
 from cosim_master.system.settings.network import Endpoint, Network, Node
-from cosim_master.system.settings.time_grid import timing
+from cosim_master.system.settings.time_grid import time_grid
 from tests.master.scripted import Scripted, system_of, variable
 
 U, Y = variable("u", "input", reference=0), variable("y", "output", reference=1)
@@ -31,12 +31,12 @@ class Loop:
         self, instances: list[Scripted], links: list[Any], until: float, network: Network | None = None
     ) -> None:
         by_name = sorted(instances, key=lambda one: one.name)
-        self.living = by_name  # the plan has nothing but their addresses
+        self.slaves = by_name  # the plan has nothing but their addresses
         checked = system_of(instances, links)
         self.network = network or Network()
-        self.places = layout(checked, self.network)
-        self.plan = make_plan(self.places, timing(checked, until), self.network, by_name, 1)  # type: ignore[arg-type]
-        self.radio = make_radio(self.network, self.places.ports["Real"].index, keep=True)
+        self.layout = make_layout(checked, self.network)
+        self.plan = make_plan(self.layout, time_grid(checked, until), self.network, by_name, 1)  # type: ignore[arg-type]
+        self.radio = make_radio(self.network, self.layout.ports["Real"].index, keep=True)
         collect_all(self.plan)
         assert run(self.plan, self.radio, 0) == DONE
 
@@ -157,7 +157,7 @@ def test_an_instance_with_a_fixed_step_is_not_made_to_take_a_shorter_one() -> No
     log: list[str] = []
     checked = system_of([adder("fast", log, 0.0), adder("slow", log, 5.0, size=3.0, variable_step=False)])
     with pytest.raises(SystemDescriptionError, match=r"slow steps by 3 s only .* a run of 5 s is not a multiple of it"):
-        timing(checked, 5.0)
+        time_grid(checked, 5.0)
 
 
 def test_time_is_computed_not_accumulated() -> None:

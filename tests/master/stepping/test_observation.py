@@ -11,7 +11,7 @@ import pytest
 
 from cosim_master import Observer, RunOptions, Seen, View, simulate
 from cosim_master.fmi.description.variables import Variable
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.system.settings.network import Network
 from tests.master.linear import signals
 from tests.master.scripted import Scripted, system_of, variable
@@ -114,10 +114,10 @@ def test_values_of_every_type() -> None:
         variable("real", "output", reference=5),
     ]
     one = Scripted("a", variables, lambda *_: None, {}, [])
-    places = layout(system_of([one]), Network())
-    view = View(places, 1, 0.5)
+    layout = make_layout(system_of([one]), Network())
+    view = View(layout, 1, 0.5)
     assert view.names == ("a.flag", "a.small", "a.signed", "a.unsigned", "a.real")
-    index = places.ports["Integer"].index
+    index = layout.ports["Integer"].index
     integers = np.zeros(6, np.int32)
     integers[index["a", "small"]] = -7
     integers[index["a", "signed"] :][:2] = (-2, -1)

@@ -15,7 +15,7 @@ from cosim_master.execution.prepare import Prepared, prepare
 from cosim_master.system.flatten.check import ANNOTATION_TYPES, check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.annotation import NAMESPACE
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.recording import Recording
 from cosim_master.verdict.limits import Limits
@@ -101,11 +101,11 @@ def test_defaults() -> None:
         shown = {math.inf: "INF", None: "", (): ""}.get(value, value)
         assert name in ("position", "dialect") or (f"{shown:g}" if isinstance(shown, float) else str(shown)) == default
     assert tables()["recording"]["packets"] == str(Recording().packets).lower()
-    coupling = Coupling()
+    settings = MasterSettings()
     master = tables()["master"]
-    assert (master["algorithm"], int(master["iterations"])) == (coupling.algorithm, coupling.iterations)
-    assert float(master["tolerance"].partition(";")[0]) == coupling.tolerance
-    assert float(master["relaxation"]) == coupling.relaxation
+    assert (master["algorithm"], int(master["iterations"])) == (settings.algorithm, settings.iterations)
+    assert float(master["tolerance"].partition(";")[0]) == settings.tolerance
+    assert float(master["relaxation"]) == settings.relaxation
     assert {name: float(value) for name, value in tables()["verdict"].items()} == asdict(Limits())
 
 

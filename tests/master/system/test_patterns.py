@@ -17,7 +17,7 @@ from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.changes import changes
-from cosim_master.system.settings.time_grid import timing
+from cosim_master.system.settings.time_grid import time_grid
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -121,7 +121,7 @@ def test_patterns_that_cannot_be_applied(three: Any, pattern: str, text: str, me
 
 def test_changes_by_pattern(three: Any) -> None:
     checked = three()
-    clock = timing(checked, None, None)
+    clock = time_grid(checked, None, None)
     made = changes(checked, clock, [(0.5, "d*.vehicle.wind[2]", "4")])
     assert [(c.k, checked.instances[c.instance].name, c.variable.name, c.value) for c in made] == [
         (1, f"d{n}.vehicle", "wind[2]", 4.0) for n in (1, 2, 3)
@@ -138,7 +138,7 @@ def test_changes_by_pattern(three: Any) -> None:
 )
 def test_changes_that_cannot_be_made(three: Any, pattern: str, message: str) -> None:
     checked = three()
-    assert message in refusal(changes, checked, timing(checked, None, None), [(0.5, pattern, "4")])
+    assert message in refusal(changes, checked, time_grid(checked, None, None), [(0.5, pattern, "4")])
 
 
 def test_a_run_with_settings_says_them_in_its_manifest(stricts: Any, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cosim_master.execution.prepare import Prepared
     from cosim_master.execution.reference_results import Verdict
     from cosim_master.system.flatten.flat import CheckedSystem
-    from cosim_master.system.settings.time_grid import Timing
+    from cosim_master.system.settings.time_grid import TimeGrid
     from cosim_master.verdict.findings import Judgement
 
 
@@ -58,7 +58,7 @@ def check(
         doing.starting()
         from cosim_master.execution.prepare import prepare
         from cosim_master.execution.reference_results import against_reference
-        from cosim_master.stepping.layout import layout
+        from cosim_master.stepping.layout import make_layout
         from cosim_master.system.flatten.check import check as check_system
         from cosim_master.system.reading.read import read_system
         from cosim_master.system.reading.single_fmu import full_names
@@ -80,7 +80,7 @@ def check(
         with read_system(system, variant) as structure:
             checked = check_system(structure, full_names(structure, overrides(settings)))
             ready = prepare(checked, until=until, step=step, strict=strict)
-            layout(ready.checked, ready.network, ready.recording.signals, ready.coupling)
+            make_layout(ready.checked, ready.network, ready.recording.signals, ready.master)
             notes(ready.notes)
             known = ready.verdict()
             loops = None
@@ -120,7 +120,7 @@ def _report(ready: Prepared, known: Judgement, loops: list[dict[str, Any]] | Non
         say(f"{len(checked.instances)} instances initialized")
     show_findings(known)
     steps = f"{clock.steps} steps of {clock.seconds(1):.9g} s"
-    if ready.coupling.constrained:
+    if ready.master.constrained:
         steps = "steps of sizes that constraints decide"
     say(
         f"{checked.structure.path}: {len(checked.instances)} instances, {len(checked.links)} connections, "
@@ -157,7 +157,7 @@ def _report_reference(verdict: Verdict, *, as_json: bool) -> None:
         raise typer.Exit(1)
 
 
-def _try_out(checked: CheckedSystem, clock: Timing) -> list[dict[str, Any]]:
+def _try_out(checked: CheckedSystem, clock: TimeGrid) -> list[dict[str, Any]]:
     from cosim_master.execution.startup.initialize import try_out
 
     found = try_out(checked, clock.time(0), clock.time(clock.steps))

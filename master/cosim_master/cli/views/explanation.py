@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.diagnostics.names import near
 from cosim_master.fmi.description.read import Variable
-from cosim_master.system.flatten.flat import Alias, CheckedSystem, Instance, Link
+from cosim_master.system.flatten.flat import Alias, CheckedSystem, ComponentInstance, FlatConnection
 from cosim_master.system.flatten.parameters import Assignment
 
 __all__ = ["explain"]
@@ -39,7 +39,7 @@ def explain(checked: CheckedSystem, name: str) -> list[str]:
     return [line for instance, variable in found for line in _lines(checked, instance, variable)]
 
 
-def _lines(checked: CheckedSystem, instance: Instance, variable: Variable) -> Iterator[str]:
+def _lines(checked: CheckedSystem, instance: ComponentInstance, variable: Variable) -> Iterator[str]:
     unit = "" if variable.unit is None else f", {variable.unit.name}"
     yield f"{instance.name}.{variable.name}: {variable.causality} of {instance.fmu.path.name}, {variable.type}{unit}"
     if variable.description:
@@ -69,7 +69,7 @@ def _connector(alias: Alias) -> Iterator[str]:
     yield from (f"  {line}" for line in _conversion(alias))
 
 
-def _conversion(one: Alias | Link) -> Iterator[str]:
+def _conversion(one: Alias | FlatConnection) -> Iterator[str]:
     if (one.factor, one.offset) != (1.0, 0.0):
         yield f"  value = {one.factor:g} * source + {one.offset:g}"
     if one.mapping:
@@ -91,7 +91,7 @@ def _by(one: Assignment) -> str:
     return f"{one.where}: {one.name} = {one.text}, bound to {owner}"
 
 
-def _driven(link: Link) -> Iterator[str]:
+def _driven(link: FlatConnection) -> Iterator[str]:
     until = "while initializing" if link.initial_only else "from the start on"
     yield f"driven {until} by {'.'.join(link.source)}, at {link.where}"
     yield from _conversion(link)

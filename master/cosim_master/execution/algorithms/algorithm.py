@@ -63,8 +63,8 @@ def verify_rollback(state: RunState, numbers: Sequence[int], why: str) -> None:
     for i in numbers:
         period = clock.periods[i]
         sizes.append([clock.seconds(period)] * max(1, min(2, clock.steps // period)))
-        one = state.living[i]
+        one = state.slaves[i]
         if state.plan.clock[FINAL] == 0:
             one.final = False
-    if failures := self_test([state.living[i] for i in numbers], clock.time(0), sizes, why):
+    if failures := self_test([state.slaves[i] for i in numbers], clock.time(0), sizes, why):
         raise RunFailed(failures)

@@ -13,25 +13,25 @@ from cosim_master.execution.run.driver import Steps
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.writing import Writing
 from cosim_master.execution.stimuli import Agenda
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 
 __all__ = ["algorithm_for"]
 
 
-def _iteration(state: RunState, coupling: Coupling) -> Steps:
-    verify_rollback(state, [i for loop in coupling.loops for i in loop], coupling.algorithm)
-    return Iteration(state.plan, state.places, state.living, coupling)
+def _iteration(state: RunState, master: MasterSettings) -> Steps:
+    verify_rollback(state, [i for loop in master.loops for i in loop], master.algorithm)
+    return Iteration(state.plan, state.layout, state.slaves, master)
 
 
-_STEPS: Mapping[str, Callable[[RunState, Coupling], Steps]] = {
+_STEPS: Mapping[str, Callable[[RunState, MasterSettings], Steps]] = {
     "fixed-point": _iteration,
     "quasi-newton": _iteration,
 }
-"""What makes the steps in place of the compiled loop (`Coupling.in_python`)."""
+"""What makes the steps in place of the compiled loop (`MasterSettings.in_python`)."""
 
 
 def algorithm_for(
-    coupling: Coupling,
+    master: MasterSettings,
     state: RunState,
     writing: Writing,
     agenda: Agenda,
@@ -43,12 +43,12 @@ def algorithm_for(
     Raises:
         RunFailed: one does not.
     """
-    if coupling.constrained:
-        if not coupling.irreversible:
-            verify_rollback(state, range(len(state.living)), coupling.algorithm)
-        return VariableStep(state, writing, coupling, agenda, change, every)
-    if coupling.variable:
-        verify_rollback(state, range(len(state.living)), coupling.algorithm)
-        return Richardson(state, writing, coupling, agenda, change, every)
-    steps = _STEPS[coupling.algorithm](state, coupling) if coupling.in_python else None
+    if master.constrained:
+        if not master.irreversible:
+            verify_rollback(state, range(len(state.slaves)), master.algorithm)
+        return VariableStep(state, writing, master, agenda, change, every)
+    if master.variable:
+        verify_rollback(state, range(len(state.slaves)), master.algorithm)
+        return Richardson(state, writing, master, agenda, change, every)
+    steps = _STEPS[master.algorithm](state, master) if master.in_python else None
     return FixedStep(state, writing, agenda, change, steps)

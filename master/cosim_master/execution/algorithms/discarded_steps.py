@@ -36,14 +36,14 @@ _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 
 def cannot_be_repeated(state: RunState) -> str:
     """Why discarded steps of a run cannot be repeated; empty if they can."""
-    return _incapable(state.living) or (
+    return _incapable(state.slaves) or (
         "what has passed a gateway cannot be taken back" if state.network.gateways else ""
     )
 
 
-def _incapable(living: Sequence[Slave]) -> str:
+def _incapable(slaves: Sequence[Slave]) -> str:
     lacking, remedies = {}, {}
-    for one in living:
+    for one in slaves:
         flags = one.fmu.capabilities
         if not flags.canGetAndSetFMUstate or not one.library.has(*one.state_functions):
             lacking[one.name] = "canGetAndSetFMUstate"
@@ -81,7 +81,7 @@ def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = T
         RunFailed: steps were discarded and cannot be repeated.
         Discarded: they can.
     """
-    rows, living, time = state.plan.instances, state.living, state.time
+    rows, slaves, time = state.plan.instances, state.slaves, state.time
     failed = [int(i) for i in np.flatnonzero(rows["failed"][:, 0])]
     ended = [i for i in failed if rows["failed"][i][1] == ENDED]
     discarded = [i for i in failed if tuple(rows["failed"][i][:2]) == DISCARD]
@@ -92,9 +92,9 @@ def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = T
     ends = [(i, time + float(rows["h"][i])) for i in ended]
     for i in discarded:
         h = float(rows["h"][i])
-        living[i].time = time
-        last = living[i].last_successful_time()
-        if living[i].ended():
+        slaves[i].time = time
+        last = slaves[i].last_successful_time()
+        if slaves[i].ended():
             ends.append((i, time if last is None else last))
             continue
         if last is not None and last > time:
@@ -103,8 +103,8 @@ def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = T
 
     def failures(reason: str) -> list[FmuError]:
         for i, _ in waiting:
-            living[i].time = state.time
-        return [discard_failure(state.plan, living[i], i, last, reason) for i, last in waiting]
+            slaves[i].time = state.time
+        return [discard_failure(state.plan, slaves[i], i, last, reason) for i, last in waiting]
 
     if ends:
         _terminate(state, sorted(ends), can_end_here=can_end_here and len(ends) == len(failed))
@@ -115,9 +115,9 @@ def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = T
 
 def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_here: bool) -> None:
     """Instances (number, until when) want the run to end. If they did this step, it is the last one."""
-    living, rows, clock = state.living, state.plan.instances, state.plan.clock
-    first = living[ends[0][0]]
-    python = any(living[i].library.python for i, _ in ends)
+    slaves, rows, clock = state.slaves, state.plan.instances, state.plan.clock
+    first = slaves[ends[0][0]]
+    python = any(slaves[i].library.python for i, _ in ends)
     if python and clock[K] == 0:
         text = f"fmi2Discard: it wants the run to end in its first step {_FORGETFUL}"
         raise RunFailed([first.failure("fmi2DoStep", STATUS.index("fmi2Discard"), text)])

@@ -61,7 +61,7 @@ class FixedStep:
 
     def prepare(self) -> None:
         # What this project compiled never discards a step, so that swarms of it need no copies of their states.
-        if not self._unrepeatable and not all(one.library.thread_safe for one in self._state.living):
+        if not self._unrepeatable and not all(one.library.thread_safe for one in self._state.slaves):
             self._snapshot = Snapshot(self._state)
             self._driver.on_room = self._save
             self._save()
@@ -126,7 +126,7 @@ class FixedStep:
         if changed := [name for name in rows if not np.array_equal(rows[name], again[name], equal_nan=True)]:
             writing.put_back(done)
             text = f"the step cannot be repeated: after fmi2SetFMUstate, {', '.join(changed[:3])} went another way"
-            owner = next(one.name for one in reversed(state.living) if changed[0].startswith(f"{one.name}."))
+            owner = next(one.name for one in reversed(state.slaves) if changed[0].startswith(f"{one.name}."))
             reason = "to repeat it, the run went back to a copy of its state"
             raise RunFailed([*discarded.failures(reason), FmuError(owner, "fmi2SetFMUstate", text, state.time)])
         if self._grid.refine(discarded.shrink) == 0:

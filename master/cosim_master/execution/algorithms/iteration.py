@@ -1,6 +1,6 @@
 """Iterates what depends on itself within a step, by going back: fixed point, and interface quasi-Newton.
 
-    iteration = Iteration(plan, places, living, coupling)
+    iteration = Iteration(plan, layout, slaves, master)
     iteration.step(t)      one macro step of all instances; failures are in the plan, as the compiled loop leaves them
     iteration.close()      frees the copies of states
 
@@ -34,7 +34,7 @@ from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.instances import step_each, step_together
 from cosim_master.stepping.kernels.tables import FAILURES, Plan
 from cosim_master.stepping.layout import KINDS, Layout
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 
 __all__ = ["Iteration"]
 
@@ -53,20 +53,20 @@ class _Loop:
 class Iteration:
     """The steps of one run. `close` it before the instances are freed."""
 
-    def __init__(self, plan: Plan, places: Layout, living: Sequence[Slave], coupling: Coupling) -> None:
-        self._plan, self._coupling, self._living = plan, coupling, living
-        self._states = {i: ctypes.c_void_p() for group in coupling.loops for i in group}
+    def __init__(self, plan: Plan, layout: Layout, slaves: Sequence[Slave], master: MasterSettings) -> None:
+        self._plan, self._master, self._slaves = plan, master, slaves
+        self._states = {i: ctypes.c_void_p() for group in master.loops for i in group}
         self._parts: list[NDArray[np.int64] | _Loop] = []
         alone: list[int] = []
-        inside = set(coupling.loops)
-        for group in coupling.groups:
+        inside = set(master.loops)
+        for group in master.groups:
             if group not in inside:
                 alone += group
                 continue
             if alone:
                 self._parts.append(np.array(alone, dtype=np.int64))
             alone = []
-            self._parts.append(_loop(group, places, coupling))
+            self._parts.append(_loop(group, layout, master))
         if alone:
             self._parts.append(np.array(alone, dtype=np.int64))
         self.evaluations = 0
@@ -88,17 +88,17 @@ class Iteration:
                 self._iterate(part, time)
 
     def _iterate(self, loop: _Loop, time: float) -> None:
-        plan, coupling = self._plan, self._coupling
+        plan, master = self._plan, self._master
         for i in loop.members:
-            self._living[i].time = time
-            self._living[i].save_state(self._states[int(i)])
+            self._slaves[i].time = time
+            self._slaves[i].save_state(self._states[int(i)])
         guess = plan.real_out[loop.reals].copy()
         discrete = plan.int_out[loop.wholes].copy()
         tries: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
-        for n in range(coupling.iterations):
+        for n in range(master.iterations):
             if n > 0:
                 for i in loop.members:
-                    self._living[i].restore_state(self._states[int(i)])
+                    self._slaves[i].restore_state(self._states[int(i)])
                 plan.real_out[loop.reals] = guess
                 plan.int_out[loop.wholes] = discrete
             step_together(plan, loop.members)
@@ -108,7 +108,7 @@ class Iteration:
             reals, wholes = plan.real_out[loop.reals].copy(), plan.int_out[loop.wholes].copy()
             residual = reals - guess
             same = np.array_equal(wholes, discrete)
-            if same and bool((np.abs(residual) <= coupling.tolerance * np.maximum(1.0, np.abs(reals))).all()):
+            if same and bool((np.abs(residual) <= master.tolerance * np.maximum(1.0, np.abs(reals))).all()):
                 return
             tries.append((reals, residual))
             last, before = guess, discrete
@@ -120,46 +120,46 @@ class Iteration:
         values = [*reals, *wholes]
         residuals = [*(reals - last), *(wholes - before)]
         rows = [(name, float(v), float(r)) for name, v, r in zip(names, values, residuals, strict=True) if r != 0.0]
-        raise NotConverged(coupling.algorithm, time, coupling.iterations, rows)
+        raise NotConverged(master.algorithm, time, master.iterations, rows)
 
     def _next(
         self, guess: NDArray[np.float64], tries: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
     ) -> NDArray[np.float64]:
         """What to try after these outputs and residuals, of which the last are those of `guess`."""
         reals, residual = tries[-1]
-        if self._coupling.algorithm == "fixed-point" or len(tries) == 1:
-            return guess + self._coupling.relaxation * residual
+        if self._master.algorithm == "fixed-point" or len(tries) == 1:
+            return guess + self._master.relaxation * residual
         scale = 1.0 / np.maximum(1.0, np.abs(reals))
         v = np.array([(other - residual) * scale for _, other in reversed(tries[:-1])]).T
         w = np.array([other - reals for other, _ in reversed(tries[:-1])]).T
         with np.errstate(all="ignore"):
             if not (np.isfinite(v).all() and np.isfinite(w).all()):
-                return guess + self._coupling.relaxation * residual
+                return guess + self._master.relaxation * residual
             c: Any = np.linalg.lstsq(v, -residual * scale, rcond=None)[0]
         return np.asarray(reals + w @ c, dtype=np.float64)
 
     def close(self) -> None:
         """Free the copies of states."""
         for i, state in self._states.items():
-            self._living[i].free_state(state)
+            self._slaves[i].free_state(state)
 
 
-def _loop(group: Sequence[int], places: Layout, coupling: Coupling) -> _Loop:
-    names = {places.instances[i].name for i in group}
+def _loop(group: Sequence[int], layout: Layout, master: MasterSettings) -> _Loop:
+    names = {layout.instances[i].name for i in group}
     sources = sorted(
         {
             link.source
-            for link in places.links
-            if link.source[0] in names and link.target[0] in names and link.target not in coupling.delays
+            for link in layout.links
+            if link.source[0] in names and link.target[0] in names and link.target not in master.delays
         }
     )
     found: dict[str, list[tuple[int, str]]] = {kind: [] for kind in KINDS}
     for source in sources:
-        kind = next(kind for kind in KINDS if source in places.ports[kind].index)
-        index = places.ports[kind].index[source]
-        wide = places.ports[kind].outputs[index][1].wide
+        kind = next(kind for kind in KINDS if source in layout.ports[kind].index)
+        index = layout.ports[kind].index[source]
+        wide = layout.ports[kind].outputs[index][1].wide
         found[kind] += [(index + half, ".".join(source)) for half in range(1 + wide)]
-    integers = len(places.ports["Integer"].outputs)
+    integers = len(layout.ports["Integer"].outputs)
     wholes = [*found["Integer"], *((i + integers, name) for i, name in found["Boolean"])]
     return _Loop(
         np.array(group, dtype=np.int64),

@@ -1,6 +1,6 @@
 """Steps of a size that the error decides: one of H against two of H/2 from the same state (Richardson extrapolation).
 
-    control = StepControl(plan, places, coupling, clock)
+    control = StepControl(plan, layout, master, clock)
     control.to(t, target, world)    steps until then; the last one ends there exactly
 
 Exchange is Jacobi's, of order 1: the result of two half steps is off by about as much as it differs from that of the
@@ -29,8 +29,8 @@ from cosim_master.execution.stimuli import Agenda
 from cosim_master.stepping.kernels.macro_step import record
 from cosim_master.stepping.kernels.tables import ROWS, K, Plan
 from cosim_master.stepping.layout import Layout, shows_error
-from cosim_master.system.settings.master import Coupling
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.master import MasterSettings
+from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["Richardson", "StepControl", "World"]
 
@@ -60,15 +60,15 @@ class StepControl:
         accepted, rejected: how many steps (of two halves) were, so far.
     """
 
-    def __init__(self, plan: Plan, places: Layout, coupling: Coupling, clock: Timing) -> None:
-        reals = places.ports["Real"]
+    def __init__(self, plan: Plan, layout: Layout, master: MasterSettings, clock: TimeGrid) -> None:
+        reals = layout.ports["Real"]
         chosen = [(i, ".".join(name)) for name, i in reals.index.items() if shows_error(reals.outputs[i][1])]
         self._plan = plan
         self._watched: NDArray[np.int64] = np.array([i for i, _ in chosen], dtype=np.int64)
         self._names = [name for _, name in chosen]
-        self._tolerance = coupling.tolerance
-        self._least = coupling.minimum_step or max(2, clock.base // 1024)
-        self._most = coupling.maximum_step or clock.steps * clock.base
+        self._tolerance = master.tolerance
+        self._least = master.minimum_step or max(2, clock.base // 1024)
+        self._most = master.maximum_step or clock.steps * clock.base
         self.h = min(max(clock.base, self._least), self._most)
         self.accepted = self.rejected = 0
 
@@ -165,14 +165,14 @@ class Richardson:
         self,
         state: RunState,
         writing: Writing,
-        coupling: Coupling,
+        master: MasterSettings,
         agenda: Agenda,
         change: Callable[[int], bool],
         every: int,
     ) -> None:
         self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
         self._every = every
-        self._control = StepControl(state.plan, state.places, coupling, state.clock)
+        self._control = StepControl(state.plan, state.layout, master, state.clock)
         self._trial = Trial(state, writing)
 
     @property

@@ -106,7 +106,7 @@ class Trial:
                     self.on_failure(last)
                 except Discarded:
                     raise Rejected from None
-                raise_failures(state.plan, state.places, state.living)
+                raise_failures(state.plan, state.layout, state.slaves)
 
     def close(self) -> None:
         """Frees the copies of FMU states."""

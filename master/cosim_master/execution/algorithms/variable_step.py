@@ -23,7 +23,7 @@ from cosim_master.stepping.kernels.macro_step import record
 from cosim_master.stepping.kernels.tables import ROWS, K
 from cosim_master.stepping.layout import Layout
 from cosim_master.system.settings.constraints import LIMIT
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 
 __all__ = ["VariableStep"]
 
@@ -44,7 +44,7 @@ class VariableStep:
         self,
         state: RunState,
         writing: Writing,
-        coupling: Coupling,
+        master: MasterSettings,
         agenda: Agenda,
         change: Callable[[int], bool],
         every: int,
@@ -52,19 +52,19 @@ class VariableStep:
         self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
         self._every = every
         self._trial = Trial(state, writing)
-        self._can_return = not coupling.irreversible
-        self._shortest = coupling.minimum_step or min(_SHORTEST, coupling.maximum_step or _SHORTEST)
-        self._longest = coupling.maximum_step or max(_LONGEST, self._shortest)
+        self._can_return = not master.irreversible
+        self._shortest = master.minimum_step or min(_SHORTEST, master.maximum_step or _SHORTEST)
+        self._longest = master.maximum_step or max(_LONGEST, self._shortest)
         self._sizes = StepSizes(
-            coupling.constraints,
-            state.plan.kept[state.plan.kept.size - coupling.memory :],
+            master.constraints,
+            state.plan.kept[state.plan.kept.size - master.memory :],
             first=min(state.clock.periods),
             shortest=self._shortest,
             longest=self._longest,
         )
-        self._ports = _places(state.places, [port for one in coupling.constraints for port in one.ports])
-        limited = any(one.type == LIMIT for one in coupling.constraints)
-        self._limiting = state.living if limited else []
+        self._ports = _places(state.layout, [port for one in master.constraints for port in one.ports])
+        limited = any(one.type == LIMIT for one in master.constraints)
+        self._limiting = state.slaves if limited else []
         self._violations: dict[str, tuple[int, float]] = {}
 
     @property
@@ -152,7 +152,7 @@ class VariableStep:
         return int(min(max(size, self._shortest), self._longest)) if math.isfinite(size) else self._longest
 
 
-def _places(places: Layout, ports: Sequence[tuple[str, str]]) -> list[tuple[bool, int]]:
+def _places(layout: Layout, ports: Sequence[tuple[str, str]]) -> list[tuple[bool, int]]:
     """Of each port whether it is among reals, and where."""
-    real, integer = places.ports["Real"].index, places.ports["Integer"].index
+    real, integer = layout.ports["Real"].index, layout.ports["Integer"].index
     return [(port in real, real[port] if port in real else integer[port]) for port in ports]

@@ -22,7 +22,7 @@ from cosim_master.stepping.kernels.macro_step import end_here
 from cosim_master.stepping.kernels.tables import BASE, BEGIN, END, FINER, PER_NS, SHOW, START, K, Plan
 from cosim_master.stepping.layout import KINDS, Layout, halves_of
 from cosim_master.stepping.strings import Texts
-from cosim_master.system.flatten.flat import CheckedSystem, Link
+from cosim_master.system.flatten.flat import CheckedSystem, FlatConnection
 from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.master import Delay
 
@@ -34,8 +34,8 @@ class EventMode:
 
     Args:
         checked: the system.
-        places: where values live.
-        living: instances, in the order of `places.instances`; not yet initialized.
+        layout: the places of all values.
+        slaves: instances, in the order of `layout.instances`; not yet initialized.
         start: time in ns.
         delayed: delays of connections, by target.
 
@@ -46,13 +46,13 @@ class EventMode:
     def __init__(
         self,
         checked: CheckedSystem,
-        places: Layout,
-        living: Sequence[Slave],
+        layout: Layout,
+        slaves: Sequence[Slave],
         start: int,
         delayed: Mapping[tuple[str, str], Delay],
     ) -> None:
-        self._checked, self._places, self._living, self._delayed = checked, places, living, delayed
-        self.events = Events(checked, living, start, delayed)
+        self._checked, self._layout, self._slaves, self._delayed = checked, layout, slaves, delayed
+        self.events = Events(checked, slaves, start, delayed)
         self._keep_clocked()
 
     def attach(self, plan: Plan, texts: Texts) -> None:
@@ -99,7 +99,7 @@ class EventMode:
         self.show(touched)
 
     def _ended(self, ended: EndedByEvent) -> RunTerminated:
-        return RunTerminated(self._living[ended.number].name, ended.time, said="terminateSimulation")
+        return RunTerminated(self._slaves[ended.number].name, ended.time, said="terminateSimulation")
 
     def handle(self) -> None:
         """Steps in which there are events: their rest, then the events at their end, then their outputs."""
@@ -132,7 +132,7 @@ class EventMode:
             self._one(i).pending = SHOW
         self.show(ends)
         collect_again(self._plan, np.array(sorted(touched & set(ends)), dtype=np.int64))
-        raise_failures(self._plan, self._places, self._living)
+        raise_failures(self._plan, self._layout, self._slaves)
 
     def _end_here(self, ends: Sequence[int]) -> None:
         """An FMU ends the run in Event Mode at the end of a macro step: all have stepped, so there is a row of it."""
@@ -141,7 +141,7 @@ class EventMode:
             return
         self.show(ends)
         collect_again(self._plan, np.array(ends, dtype=np.int64))
-        raise_failures(self._plan, self._places, self._living)
+        raise_failures(self._plan, self._layout, self._slaves)
         end_here(self._plan, np.zeros(0, dtype=np.int64))
 
     def _finish(self, pending: Mapping[int, int]) -> list[int]:
@@ -162,13 +162,13 @@ class EventMode:
             )
         return at_end
 
-    def _held_inputs(self, link: Link) -> Any:
+    def _held_inputs(self, link: FlatConnection) -> Any:
         """What an input got at the beginning of the present step of its instance."""
         number, name = self._number[link.target[0]], link.target[1]
         for kind, word in enumerate(KINDS):
             if (j := self._input_places[word].get((number, name))) is not None:
                 j += int(self._plan.feeds[number]["first_in"][kind])
-                variable = self._living[number].fmu.variables[name]
+                variable = self._slaves[number].fmu.variables[name]
                 return (
                     self._plan.real_in[j].item()
                     if kind == 0
@@ -176,15 +176,15 @@ class EventMode:
                 )
         return link.converted(self._texts.outputs[self._number[link.source[0]], link.source[1]])
 
-    def _held_outputs(self, link: Link) -> Any:
+    def _held_outputs(self, link: FlatConnection) -> Any:
         """What an output had when the last step of its instance ended; a delayed connection has what it had before."""
         if link.target in self._delayed:
             return self._held_inputs(link)
         for word in KINDS:
-            if (j := self._places.ports[word].index.get(link.source)) is not None:
+            if (j := self._layout.ports[word].index.get(link.source)) is not None:
                 if word == "Boolean":
-                    j += len(self._places.ports["Integer"].outputs)
-                variable = self._living[self._number[link.source[0]]].fmu.variables[link.source[1]]
+                    j += len(self._layout.ports["Integer"].outputs)
+                variable = self._slaves[self._number[link.source[0]]].fmu.variables[link.source[1]]
                 real = word == "Real"
                 return link.converted(
                     self._plan.real_out[j].item() if real else _whole(self._plan.int_out, j, variable)
@@ -196,13 +196,13 @@ class EventMode:
         self._number = {one.name: i for i, one in enumerate(self._checked.instances)}
         self._input_places: dict[str, dict[tuple[int, str], int]] = {word: {} for word in KINDS}
         for word in KINDS:
-            ports = self._places.ports[word]
+            ports = self._layout.ports[word]
             for i, (first, last) in enumerate(pairwise(ports.first_in)):
                 for j, v in enumerate(ports.inputs[first:last]):
                     self._input_places[word].setdefault((i, v.name), j)
             for instance, name in ports.index:
                 self._keep(instance, name)
-        for _, owner, variable in self._places.string_signals:
+        for _, owner, variable in self._layout.string_signals:
             self._keep(owner.name, variable.name)
 
     def _keep(self, instance: str, name: str) -> None:
@@ -213,16 +213,16 @@ class EventMode:
 
     def show(self, numbers: Sequence[int]) -> None:
         """Put what outputs that belong to Clocks had at their last tick to where the loop has their values."""
-        integers = len(self._places.ports["Integer"].outputs)
+        integers = len(self._layout.ports["Integer"].outputs)
         for (i, name), value in self.events.kept.items():
             if i not in numbers:
                 continue
-            key = (self._living[i].name, name)
+            key = (self._slaves[i].name, name)
             for word in KINDS:
-                if (j := self._places.ports[word].index.get(key)) is not None:
+                if (j := self._layout.ports[word].index.get(key)) is not None:
                     values = self._plan.real_out if word == "Real" else self._plan.int_out
                     j += integers if word == "Boolean" else 0
-                    halves = halves_of(value) if self._living[i].fmu.variables[name].wide else [value]
+                    halves = halves_of(value) if self._slaves[i].fmu.variables[name].wide else [value]
                     values[j : j + len(halves)] = halves
             if (i, name) in self._texts.outputs:
                 self._texts.outputs[i, name] = value
@@ -231,7 +231,7 @@ class EventMode:
                 self._one(i).pending = 0
 
     def _one(self, i: int) -> EventSlave:
-        one = self._living[i]
+        one = self._slaves[i]
         assert has_event_mode(one)
         return one
 

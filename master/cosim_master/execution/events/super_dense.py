@@ -1,6 +1,6 @@
 """Events of FMI 3.0 co-simulation FMUs: Event Mode, with super-dense iteration across connected FMUs (FMI 3.0.2, 4.2).
 
-    events = Events(checked, living, start)
+    events = Events(checked, slaves, start)
     events.begin()                         in initialization mode: intervals of Clocks
     events.settle(now, numbers)            the instances are in Event Mode: iterate, and out of it into Step Mode
     at_end = events.finish(members, t, end, ...)
@@ -31,7 +31,7 @@ from cosim_master.execution.events.clocks import Schedule, seconds
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.slaves.slave import EventSlave, Slave, has_event_mode
 from cosim_master.system.flatten.clock_groups import lockstep
-from cosim_master.system.flatten.flat import CheckedSystem, Link
+from cosim_master.system.flatten.flat import CheckedSystem, FlatConnection
 
 __all__ = ["EndedByEvent", "Events"]
 
@@ -76,7 +76,7 @@ class _Instant:
         self.again = set(self.active)
         self.ticking: dict[int, set[str]] = {}
         self.given: dict[int, list[Any]] = {}
-        self.held: Callable[[Link], Any] = lambda _: _KEPT
+        self.held: Callable[[FlatConnection], Any] = lambda _: _KEPT
 
 
 class Events:
@@ -84,7 +84,7 @@ class Events:
 
     Args:
         checked: the system.
-        living: its instances.
+        slaves: its instances.
         start: of the run, ns.
         delayed: inputs (instance, name) that get what their source had some time ago; events do not hurry that.
 
@@ -98,44 +98,44 @@ class Events:
     def __init__(
         self,
         checked: CheckedSystem,
-        living: Sequence[Slave],
+        slaves: Sequence[Slave],
         start: int,
         delayed: Collection[tuple[str, str]] = (),
     ) -> None:
-        self._living, self._delayed = living, delayed
-        self.numbers = [i for i, one in enumerate(living) if has_event_mode(one)]
+        self._slaves, self._delayed = slaves, delayed
+        self.numbers = [i for i, one in enumerate(slaves) if has_event_mode(one)]
         self.groups: dict[int, tuple[int, ...]] = {i: (i,) for i in self.numbers}
         for members in lockstep(checked):
             self.groups |= dict.fromkeys(members, members)
         self._schedules: dict[int, Schedule] = {}
         self._outgoing: dict[int, list[Variable]] = {}
         for i in self.numbers:
-            clocks = [v for v in living[i].fmu.variables.values() if v.clock is not None]
+            clocks = [v for v in slaves[i].fmu.variables.values() if v.clock is not None]
             if clocks:
                 self._schedules[i] = Schedule(self._one(i), start, checked.instances[i].clock_intervals())
                 self._outgoing[i] = [v for v in clocks if v.causality == "output"]
         self._announced = dict.fromkeys(self.numbers, math.inf)
-        number = {one.name: i for i, one in enumerate(living)}
-        self._links: dict[int, list[tuple[int, Link]]] = {i: [] for i in self.numbers}
+        number = {one.name: i for i, one in enumerate(slaves)}
+        self._links: dict[int, list[tuple[int, FlatConnection]]] = {i: [] for i in self.numbers}
         self._ticks: dict[tuple[int, str], list[tuple[int, Variable]]] = {}
         self._fired: dict[int, list[tuple[int, list[str]]]] = {}
         self.kept: dict[tuple[int, str], Any] = {}
         for link in checked.links:
             source, target = number[link.source[0]], number[link.target[0]]
-            variable = living[source].fmu.variables[link.source[1]]
+            variable = slaves[source].fmu.variables[link.source[1]]
             if variable.clock is not None:
-                end = living[target].fmu.variables[link.target[1]]
+                end = slaves[target].fmu.variables[link.target[1]]
                 self._ticks.setdefault((source, variable.name), []).append((target, end))
             elif target in self._links and not link.initial_only:
                 self._links[target].append((source, link))
-                of = living[source].fmu.variables
+                of = slaves[source].fmu.variables
                 if own := [name for name in variable.clocks if of[name].causality == "output"]:
                     self._fired.setdefault(target, []).append((source, own))
             if variable.clocks:
                 self.keep(source, variable)
 
     def _one(self, i: int) -> EventSlave:
-        one = self._living[i]
+        one = self._slaves[i]
         assert has_event_mode(one)
         return one
 
@@ -154,9 +154,9 @@ class Events:
         for schedule in self._schedules.values():
             schedule.begin()
         for i, name in self.kept:
-            variable = self._living[i].fmu.variables[name]
-            if name in self._living[i].fmu.initial_unknowns:
-                (self.kept[i, name],) = self._living[i].get([variable])
+            variable = self._slaves[i].fmu.variables[name]
+            if name in self._slaves[i].fmu.initial_unknowns:
+                (self.kept[i, name],) = self._slaves[i].get([variable])
 
     def saved(self) -> Any:
         """All that the future of events depends on, for `restore`; the instances' next events are in the plan."""
@@ -196,7 +196,9 @@ class Events:
             self._one(i).enter_event_mode()
         return entered
 
-    def change(self, i: int, variable: Variable, value: Any, now: int, held: Callable[[Link], Any]) -> list[int]:
+    def change(
+        self, i: int, variable: Variable, value: Any, now: int, held: Callable[[FlatConnection], Any]
+    ) -> list[int]:
         """Set a variable at a communication point, or the interval of a tunable Clock; returns who had Event Mode.
 
         Raises:
@@ -205,7 +207,7 @@ class Events:
         """
         clock = variable.clock is not None
         if not clock:
-            self._living[i].set([variable], [value])
+            self._slaves[i].set([variable], [value])
         if not clock and not (i in self._schedules and self._schedules[i].depends):
             return []
         self.enter([i])
@@ -219,7 +221,7 @@ class Events:
         numbers: Sequence[int],
         others: Iterable[int] = (),
         reached: Iterable[int] = (),
-        held: Callable[[Link], Any] | None = None,
+        held: Callable[[FlatConnection], Any] | None = None,
     ) -> list[int]:
         """Iterate at one time until no discrete state and no exchanged value changes; then all are in Step Mode.
 
@@ -256,7 +258,7 @@ class Events:
         raise self._endless(at, "fmi3UpdateDiscreteStates", "the discrete states of {}")
 
     def _endless(self, at: _Instant, function: str, what: str) -> FmuError:
-        names = ", ".join(self._living[i].name for i in sorted(at.again))
+        names = ", ".join(self._slaves[i].name for i in sorted(at.again))
         one = self._one(min(at.again, default=at.active[0]))
         text = UNSETTLED.text(what.format(names or one.name), _MOST_ITERATIONS)
         return FmuError(one.name, function, text, one.time, one.lines)
@@ -305,7 +307,7 @@ class Events:
         else:
             raise self._endless(at, "fmi3EnterEventMode", "the values that {} exchange")
         for i, name in self.kept:
-            variable = self._living[i].fmu.variables[name]
+            variable = self._slaves[i].fmu.variables[name]
             if not at.ticking.get(i, set()).isdisjoint(variable.clocks):
                 (self.kept[i, name],) = self._one(i).get([variable])
 
@@ -362,8 +364,8 @@ class Events:
 
     # ---- values ------------------------------------------------------------------------------------------------------
 
-    def _value(self, source: int, link: Link, at: _Instant) -> Any:
-        one = self._living[source]
+    def _value(self, source: int, link: FlatConnection, at: _Instant) -> Any:
+        one = self._slaves[source]
         variable = one.fmu.variables[link.source[1]]
         if source not in at.reached or link.target in self._delayed:
             return at.held(link)
@@ -374,7 +376,7 @@ class Events:
 
     def _inputs(self, i: int, at: _Instant) -> list[Any]:
         """What the connections of an instance would set now."""
-        ticking, variables = at.ticking.get(i, set()), self._living[i].fmu.variables
+        ticking, variables = at.ticking.get(i, set()), self._slaves[i].fmu.variables
         return [
             self._value(source, link, at)
             if not (clocks := variables[link.target[1]].clocks) or not ticking.isdisjoint(clocks)
@@ -383,7 +385,7 @@ class Events:
         ]
 
     def _forget_clocked(self, i: int, given: list[Any]) -> None:
-        variables = self._living[i].fmu.variables
+        variables = self._slaves[i].fmu.variables
         for j, (_, link) in enumerate(self._links[i]):
             if variables[link.target[1]].clocks:
                 given[j] = _KEPT
@@ -413,7 +415,7 @@ class Events:
         end: float,
         *,
         begun: bool,
-        held: Callable[[Link], Any] | None = None,
+        held: Callable[[FlatConnection], Any] | None = None,
         near: float = 0.0,
     ) -> list[int]:
         """The rest of a step from `t` to `end`, in parts if there are events between them.

@@ -34,10 +34,10 @@ __all__ = ["cannot_be_serialised", "restore", "save"]
 _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
 
 
-def cannot_be_serialised(living: Sequence[Slave]) -> str:
+def cannot_be_serialised(slaves: Sequence[Slave]) -> str:
     """Which instances keep a system from having checkpoints, and why; empty if none does."""
     lacking = []
-    for one in living:
+    for one in slaves:
         flags = [flag for flag in _FLAGS if not getattr(one.fmu.capabilities, flag)]
         if flags:
             lacking.append(f"{flags[0]} of {one.name} is false{one.fmu.remedy(flags[0])}")
@@ -62,13 +62,13 @@ def save(
     Raises:
         FmuError: an FMU cannot save its state after all.
     """
-    plan, radio, living = state.plan, state.radio, state.living
+    plan, radio, slaves = state.plan, state.radio, state.slaves
     arrays = changing(plan, ROLES, (STATE,))
     arrays |= {f"radio.{name}": array for name, array in changing(radio, RADIO_ROLES, (STATE,)).items()}
-    arrays["next_events"] = np.array([one.next_event for one in living])
-    arrays["pending"] = np.array([one.pending for one in living], dtype=np.int64)
+    arrays["next_events"] = np.array([one.next_event for one in slaves])
+    arrays["pending"] = np.array([one.pending for one in slaves], dtype=np.int64)
     sizes, states = [], []
-    for one in living:
+    for one in slaves:
         fmu_state = ctypes.c_void_p()
         one.save_state(fmu_state)
         try:
@@ -93,7 +93,7 @@ def save(
         "phase": int(plan.clock[PHASE]),
         **about,
         "events": state.event_mode.events.as_json(),
-        "texts": {f"{living[i].name}.{name}": text for (i, name), text in state.texts.outputs.items()},
+        "texts": {f"{slaves[i].name}.{name}": text for (i, name), text in state.texts.outputs.items()},
         "position": asdict(position),
     }
     (part / "checkpoint.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
@@ -110,7 +110,7 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
         SystemDescriptionError: the files are damaged.
         FmuError: an FMU does not take its state back.
     """
-    plan, radio, living = state.plan, state.radio, state.living
+    plan, radio, slaves = state.plan, state.radio, state.slaves
     try:
         with np.load(checkpoint.folder / "state.npz") as file:
             arrays = {name: file[name] for name in file.files}
@@ -128,12 +128,12 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
         )
         content = json.loads((checkpoint.folder / "checkpoint.json").read_text(encoding="utf-8"))
         plan.clock[K], plan.clock[PHASE] = checkpoint.k, content["phase"]
-        if len(states) != len(living):
-            raise ValueError(f"{len(states)} states of {len(living)} instances")
+        if len(states) != len(slaves):
+            raise ValueError(f"{len(states)} states of {len(slaves)} instances")
     except (OSError, ValueError, KeyError, EOFError) as error:
         text = f"the checkpoint is damaged: {error}"
         raise SystemDescriptionError([Problem(Where(str(checkpoint.folder)), text)]) from None
-    for one, bytes_, next_event, pending in zip(living, states, arrays["next_events"], arrays["pending"], strict=True):
+    for one, bytes_, next_event, pending in zip(slaves, states, arrays["next_events"], arrays["pending"], strict=True):
         one.time = checkpoint.time
         one.next_event, one.pending = float(next_event), int(pending)
         fmu_state = one.deserialise(bytes_)
@@ -142,5 +142,5 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
         finally:
             one.free_state(fmu_state)
     for i, name in state.texts.outputs:
-        state.texts.outputs[i, name] = checkpoint.texts[f"{living[i].name}.{name}"]
+        state.texts.outputs[i, name] = checkpoint.texts[f"{slaves[i].name}.{name}"]
     state.event_mode.events.from_json(checkpoint.events)

@@ -1,6 +1,6 @@
 """What can be saved when an FMU takes the process with it: it calls abort(), or writes where it must not.
 
-    with reported(living, now, rescue): ...    steps; on a crash rescue(error) is called, and the process then dies
+    with reported(slaves, now, rescue): ...    steps; on a crash rescue(error) is called, and the process then dies
 
 The signal comes in the FMU's own code, in the thread that stepped it. A Python function may run there, but nothing can
 go on behind it: it finds on the stack which FMU it was, says so, lets the recording be completed, and the signal ends
@@ -41,11 +41,11 @@ class _Symbol(ctypes.Structure):
 
 
 @contextmanager
-def reported(living: Sequence[Slave], now: Callable[[], float], rescue: Callable[[FmuError], None]) -> Iterator[None]:
+def reported(slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable[[FmuError], None]) -> Iterator[None]:
     """Reports crashes of FMUs in the main thread and completes what they would leave incomplete.
 
     Args:
-        living: the instances; looked at when one crashes.
+        slaves: the instances; looked at when one crashes.
         now: the time that all have reached, s.
         rescue: called with the error; the process ends behind it.
     """
@@ -61,7 +61,7 @@ def reported(living: Sequence[Slave], now: Callable[[], float], rescue: Callable
             libc.signal(other, None)  # SIG_DFL: a second crash, in here, ends the process
         libc.alarm(_SECONDS)
         with suppress(BaseException):
-            error = _error(libc, living, number, now())
+            error = _error(libc, slaves, number, now())
             os.write(2, f"error: {error}\n".encode())
             rescue(error)
         os.kill(os.getpid(), number)
@@ -81,9 +81,9 @@ def reported(living: Sequence[Slave], now: Callable[[], float], rescue: Callable
                 libc.signal(number, now_there)  # an FMU has brought its own meanwhile
 
 
-def _error(libc: Any, living: Sequence[Slave], number: int, time: float) -> FmuError:
+def _error(libc: Any, slaves: Sequence[Slave], number: int, time: float) -> FmuError:
     """Who crashed, by the libraries on the stack; and in which of FMI's functions."""
-    files = {os.path.realpath(one.library.file): one.library for one in living if one.library.file}
+    files = {os.path.realpath(one.library.file): one.library for one in slaves if one.library.file}
     frames = (ctypes.c_void_p * _FRAMES)()
     library, function = None, ""
     for at in frames[: libc.backtrace(frames, _FRAMES)]:
@@ -98,7 +98,7 @@ def _error(libc: Any, living: Sequence[Slave], number: int, time: float) -> FmuE
         if found is not None and found is library and "fmi" in name:
             function = name
             break
-    ours = [one for one in living if library is None or one.library is library]
+    ours = [one for one in slaves if library is None or one.library is library]
     names = [one.name for one in ours]
     who = names[0] if len(names) == 1 else f"one of {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}"
     what = "it crashed" if library is None else f"{library.fmu.path.name} crashed"

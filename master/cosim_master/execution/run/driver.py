@@ -106,7 +106,7 @@ class Driver:
 
     def _failed(self) -> None:
         self._on_failure()
-        raise_failures(self._state.plan, self._state.places, self._state.living)
+        raise_failures(self._state.plan, self._state.layout, self._state.slaves)
 
     def _handle_events(self) -> None:
         state = self._state

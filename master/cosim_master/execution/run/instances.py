@@ -15,11 +15,11 @@ class Instances:
     """Owns the instances and the libraries that they are of.
 
     Attributes:
-        living: in the order of the system's instances.
+        slaves: in the order of the system's instances.
     """
 
     def __init__(self) -> None:
-        self.living: list[Slave] = []
+        self.slaves: list[Slave] = []
         self._libraries = Libraries()
 
     def make(self, checked: CheckedSystem) -> None:
@@ -30,17 +30,17 @@ class Instances:
             FmuError: an FMU refuses; `end` frees the others.
         """
         check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
-        instantiate(checked, self._libraries, self.living)
+        instantiate(checked, self._libraries, self.slaves)
 
     def end(self) -> list[FmuError]:
         """Terminates and frees all instances, each once, whatever the others do; returns how that failed."""
         failures = []
-        for one in self.living:
+        for one in self.slaves:
             try:
                 one.terminate()
             except FmuError as error:
                 failures.append(error)
-        for one in self.living:
+        for one in self.slaves:
             try:
                 one.free()
             except FmuError as error:

@@ -16,9 +16,9 @@ from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.plan import make_plan
 from cosim_master.stepping.strings import Texts
 from cosim_master.system.flatten.flat import CheckedSystem
-from cosim_master.system.settings.master import Coupling
+from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["open_run"]
 
@@ -26,10 +26,10 @@ __all__ = ["open_run"]
 def open_run(
     instances: Instances,
     checked: CheckedSystem,
-    clock: Timing,
-    places: Layout,
+    clock: TimeGrid,
+    layout: Layout,
     network: Network,
-    coupling: Coupling,
+    master: MasterSettings,
     *,
     every: int,
     keep_packets: bool,
@@ -54,23 +54,23 @@ def open_run(
     tell(f"loading {len(checked.instances)} FMU instances")
     with phase("load and instantiate"):
         instances.make(checked)
-    living = instances.living
+    slaves = instances.slaves
     tell(f"initializing {len(checked.instances)} FMU instances")
     with phase("initialize"):
-        event_mode = EventMode(checked, places, living, clock.start_ns, coupling.delays)
-        initialize(checked, living, clock.time(0), clock.time(clock.steps), event_mode.events)
-    free = [i for i, one in enumerate(living) if one.library.thread_safe and not coupling.sequence]
+        event_mode = EventMode(checked, layout, slaves, clock.start_ns, master.delays)
+        initialize(checked, slaves, clock.time(0), clock.time(clock.steps), event_mode.events)
+    free = [i for i, one in enumerate(slaves) if one.library.thread_safe and not master.sequence]
     used = threads_for(len(free), threads)
     plan = make_plan(
-        places,
+        layout,
         clock,
         network,
-        living,
+        slaves,
         every,
         free=free,
         threads=used,
-        coupling=coupling,
-        grid=grid or coupling.variable,
+        master=master,
+        grid=grid or master.variable,
     )
-    radio = make_radio(network, places.ports["Real"].index, keep=keep_packets)
-    return RunState(checked, clock, places, network, living, plan, radio, event_mode, Texts(places, living)), used
+    radio = make_radio(network, layout.ports["Real"].index, keep=keep_packets)
+    return RunState(checked, clock, layout, network, slaves, plan, radio, event_mode, Texts(layout, slaves)), used

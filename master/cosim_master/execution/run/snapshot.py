@@ -26,7 +26,7 @@ class Snapshot:
 
     def __init__(self, state: RunState) -> None:
         self._state = state
-        self._fmu_states = [ctypes.c_void_p() for _ in state.living]
+        self._fmu_states = [ctypes.c_void_p() for _ in state.slaves]
         self._arrays: dict[str, np.ndarray[Any, Any]] = {}
         self._radio: Radio | None = None
         self._texts: dict[tuple[int, str], str] = {}
@@ -40,7 +40,7 @@ class Snapshot:
         """
         state = self._state
         try:
-            for one, fmu_state in zip(state.living, self._fmu_states, strict=True):
+            for one, fmu_state in zip(state.slaves, self._fmu_states, strict=True):
                 one.time = state.time
                 one.save_state(fmu_state)
         except FmuError as error:
@@ -58,7 +58,7 @@ class Snapshot:
         assert self._radio is not None
         state = self._state
         try:
-            for one, fmu_state in zip(state.living, self._fmu_states, strict=True):
+            for one, fmu_state in zip(state.slaves, self._fmu_states, strict=True):
                 one.time = state.time
                 one.restore_state(fmu_state)
         except FmuError as error:
@@ -72,7 +72,7 @@ class Snapshot:
 
     def close(self) -> None:
         """Frees the FMU states."""
-        for one, fmu_state in zip(self._state.living, self._fmu_states, strict=True):
+        for one, fmu_state in zip(self._state.slaves, self._fmu_states, strict=True):
             one.free_state(fmu_state)
 
 

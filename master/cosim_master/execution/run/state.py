@@ -21,7 +21,7 @@ from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.strings import Texts
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["RunState", "changing"]
 
@@ -31,8 +31,8 @@ class RunState:
     """A run between two steps.
 
     Attributes:
-        checked, clock, places, network: what is run; they do not change.
-        living: the FMU instances, in the order of `places.instances`.
+        checked, clock, layout, network: what is run; they do not change.
+        slaves: the FMU instances, in the order of `layout.instances`.
         plan: arrays of the compiled loop.
         radio: arrays of the radio; replaced by larger ones where they are too small.
         event_mode: events and Clocks of FMI 3.
@@ -40,10 +40,10 @@ class RunState:
     """
 
     checked: CheckedSystem
-    clock: Timing
-    places: Layout
+    clock: TimeGrid
+    layout: Layout
     network: Network
-    living: list[Slave]
+    slaves: list[Slave]
     plan: Plan
     radio: Radio
     event_mode: EventMode

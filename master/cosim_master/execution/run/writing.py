@@ -68,12 +68,12 @@ class Writing:
         except RunFailed:
             state.plan.clock[ROWS] -= int(recorded)  # a row without its strings is none
             raise
-        if recorded and self._recorder is not None and state.places.string_signals:
+        if recorded and self._recorder is not None and state.layout.string_signals:
             self._recorder.texts(state.texts.row)
 
     def by_signal(self) -> dict[str, np.ndarray[Any, Any]]:
         """The rows that have not been written out, by signal."""
-        plan, signals = self._state.plan, self._state.places.signals
+        plan, signals = self._state.plan, self._state.layout.signals
         n = int(plan.clock[ROWS])
         blocks = (
             (signals["Real"], plan.real_block),

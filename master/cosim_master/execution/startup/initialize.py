@@ -1,9 +1,9 @@
 """From a checked system to initialized instances, in the order of calls of FMI 2.0.5, section 4.2.4,
 and FMI 3.0.2, section 4.2.
 
-    instantiate(checked, libraries, living)     one after the other
-    initialize(checked, living, start, stop)    experiment, start values, initialization mode with its exchange, and out
-    answers(checked, living)                    the parameters as the FMUs have them now
+    instantiate(checked, libraries, slaves)     one after the other
+    initialize(checked, slaves, start, stop)    experiment, start values, initialization mode with its exchange, and out
+    answers(checked, slaves)                    the parameters as the FMUs have them now
     try_out(checked, start, stop)               the first two, and freed again
 
 Every start value is set, those of the FMU's own description too: some FMUs ignore them. Between fmi2SetupExperiment
@@ -29,7 +29,7 @@ from cosim_master.fmi.slaves.libraries import Libraries, check_sources
 from cosim_master.fmi.slaves.making import instantiate as make
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.system.flatten.clock_groups import lockstep
-from cosim_master.system.flatten.flat import CheckedSystem, Link
+from cosim_master.system.flatten.flat import CheckedSystem, FlatConnection
 
 __all__ = ["SettledLoop", "answers", "initialize", "instantiate", "try_out"]
 
@@ -48,28 +48,28 @@ _Terms = dict[tuple[str, str], dict[int, Any]]
 """Values of the terms of sums, by input and number."""
 
 
-def instantiate(checked: CheckedSystem, libraries: Libraries, living: list[Slave]) -> None:
-    """Append an instance to `living` for each of the system's.
+def instantiate(checked: CheckedSystem, libraries: Libraries, slaves: list[Slave]) -> None:
+    """Append an instance to `slaves` for each of the system's.
 
     Raises:
-        FmuError: an FMU refused; those in `living` are to be freed.
+        FmuError: an FMU refused; those in `slaves` are to be freed.
     """
     tied = {i for members in lockstep(checked) for i in members}
     for i, instance in enumerate(checked.instances):
         # Who returns early leaves those behind that it drives by Clocks, or is ahead of those that drive it.
         make_one = partial(make, fmu=instance.fmu, early_return=i not in tied, solver=instance.solver)
-        living.append(libraries.instantiate(instance.fmu, instance.name, make_one))
+        slaves.append(libraries.instantiate(instance.fmu, instance.name, make_one))
 
 
 def initialize(
-    checked: CheckedSystem, living: Sequence[Slave], start: float, stop: float, events: Events | None = None
+    checked: CheckedSystem, slaves: Sequence[Slave], start: float, stop: float, events: Events | None = None
 ) -> tuple[SettledLoop, ...]:
     """Initialize all instances.
 
     Args:
-        living: in the order of `checked.instances`.
+        slaves: in the order of `checked.instances`.
         start, stop: of the run, s.
-        events: those of `living`; made anew where None.
+        events: those of `slaves`; made anew where None.
 
     Returns:
         The loops of connections that had to be solved.
@@ -79,27 +79,27 @@ def initialize(
         LoopError: outputs depend on each other, and no values were found that fit.
     """
     values = [instance.effective_values() for instance in checked.instances]
-    for one, instance, starts in zip(living, checked.instances, values, strict=True):
+    for one, instance, starts in zip(slaves, checked.instances, values, strict=True):
         if sizes := instance.structural_values():
             one.configure([instance.fmu.variables[n] for n in sizes], list(sizes.values()))
         one.setup_experiment(start, stop)
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=False)
-    for one, instance, starts in zip(living, checked.instances, values, strict=True):
+    for one, instance, starts in zip(slaves, checked.instances, values, strict=True):
         one.enter_initialization_mode()
         if one.initializes_anew:
             exact = [v for n in starts if (v := instance.fmu.variables[n]).initial == "exact"]
             _set_all(one, exact, starts, inputs=False)
         _set_all(one, [instance.fmu.variables[n] for n in starts], starts, inputs=True)
-    loops = _exchange(checked, {one.name: one for one in living})
-    events = events or Events(checked, living, round(start * 1e9))
+    loops = _exchange(checked, {one.name: one for one in slaves})
+    events = events or Events(checked, slaves, round(start * 1e9))
     events.begin()
-    for one in living:
+    for one in slaves:
         one.exit_initialization_mode()
-    _first_events(events, living, round(start * 1e9))
+    _first_events(events, slaves, round(start * 1e9))
     return loops
 
 
-def answers(checked: CheckedSystem, living: Sequence[Slave]) -> tuple[dict[str, dict[str, Start]], tuple[str, ...]]:
+def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, dict[str, Start]], tuple[str, ...]]:
     """The parameters of all instances, by instance and name, as the FMUs answer after initialization.
 
     FMUs that this project compiled are not asked: a parameter is a field of the instance's record that only
@@ -114,7 +114,7 @@ def answers(checked: CheckedSystem, living: Sequence[Slave]) -> tuple[dict[str, 
     """
     found: dict[str, dict[str, Start]] = {}
     notes = []
-    for one, instance in zip(living, checked.instances, strict=True):
+    for one, instance in zip(slaves, checked.instances, strict=True):
         variables = instance.fmu.variables
         starts = {n: x for n, x in instance.effective_values().items() if _is_parameter(variables[n])}
         found[instance.name] = own = dict(starts)
@@ -147,15 +147,15 @@ def _same(answer: Start, value: Start, fmi_type: str | None) -> bool:
     return answer == value or (answer != answer and value != value)
 
 
-def _first_events(events: Events, living: Sequence[Slave], start: int) -> None:
+def _first_events(events: Events, slaves: Sequence[Slave], start: int) -> None:
     """Instances that use Event Mode are in it after initialization: events at the start, then Step Mode."""
     if not events.numbers:
         return
     try:
-        events.settle(start, events.numbers, reached=range(len(living)))
+        events.settle(start, events.numbers, reached=range(len(slaves)))
     except EndedByEvent as end:
         text = "it wants the run to end before its first step (terminateSimulation)"
-        raise FmuError(living[end.number].name, "fmi3UpdateDiscreteStates", text, end.time) from None
+        raise FmuError(slaves[end.number].name, "fmi3UpdateDiscreteStates", text, end.time) from None
 
 
 def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledLoop, ...]:
@@ -165,62 +165,64 @@ def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledL
         SystemDescriptionError, FmuError, LoopError: as a run would.
     """
     check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
-    living: list[Slave] = []
+    slaves: list[Slave] = []
     with Libraries() as libraries:
         try:
-            instantiate(checked, libraries, living)
-            loops = initialize(checked, living, start, stop)
-            for one in living:
+            instantiate(checked, libraries, slaves)
+            loops = initialize(checked, slaves, start, stop)
+            for one in slaves:
                 one.terminate()
         finally:
-            for one in living:
+            for one in slaves:
                 one.free()
     return loops
 
 
-def _exchange(checked: CheckedSystem, living: Mapping[str, Slave]) -> tuple[SettledLoop, ...]:
+def _exchange(checked: CheckedSystem, slaves: Mapping[str, Slave]) -> tuple[SettledLoop, ...]:
     """Stage by stage: get all sources of a stage at once, then set its targets."""
     loops = []
     terms: _Terms = {}
     for stage in checked.init_order:
         links = [checked.links[i] for i in stage.links]
         ends = list(dict.fromkeys(link.source for link in links))
-        got = _get(living, ends)
+        got = _get(slaves, ends)
         if not stage.loop:
-            _set(living, links, got, terms)
+            _set(slaves, links, got, terms)
             continue
         names = tuple(".".join(end) for end in ends)
-        rounds = settle(partial(_go_round, living, links, ends, terms), [got[end] for end in ends], names)
+        rounds = settle(partial(_go_round, slaves, links, ends, terms), [got[end] for end in ends], names)
         loops.append(SettledLoop(names, rounds))
     return tuple(loops)
 
 
 def _go_round(
-    living: Mapping[str, Slave],
-    links: Sequence[Link],
+    slaves: Mapping[str, Slave],
+    links: Sequence[FlatConnection],
     ends: Sequence[tuple[str, str]],
     terms: _Terms,
     values: list[Any],
 ) -> list[Any]:
-    _set(living, links, dict(zip(ends, values, strict=True)), terms)
-    got = _get(living, ends)
+    _set(slaves, links, dict(zip(ends, values, strict=True)), terms)
+    got = _get(slaves, ends)
     return [got[end] for end in ends]
 
 
-def _get(living: Mapping[str, Slave], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
+def _get(slaves: Mapping[str, Slave], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
     """Values of outputs, by instance and variable; one call per instance and type."""
     wanted: dict[str, list[Variable]] = {}
     for name, variable in ends:
-        wanted.setdefault(name, []).append(living[name].fmu.variables[variable])
+        wanted.setdefault(name, []).append(slaves[name].fmu.variables[variable])
     got: dict[tuple[str, str], Any] = {}
     for name, variables in wanted.items():
         for kind in _kinds(variables):
             chosen = [v for v in variables if set_kind(v) == kind]
-            got |= {(name, v.name): x for v, x in zip(chosen, living[name].get(chosen), strict=True)}
+            got |= {(name, v.name): x for v, x in zip(chosen, slaves[name].get(chosen), strict=True)}
     return got
 
 
-def _set(living: Mapping[str, Slave], links: Sequence[Link], got: Mapping[tuple[str, str], Any], terms: _Terms) -> None:
+def _set(
+    slaves: Mapping[str, Slave], links: Sequence[FlatConnection], got: Mapping[tuple[str, str], Any], terms: _Terms
+) -> None:
     """Set the targets of links from the values of their sources; `terms` are those of sums that are known so far."""
     targets: dict[str, dict[str, Any]] = {}
     for link in links:
@@ -231,7 +233,7 @@ def _set(living: Mapping[str, Slave], links: Sequence[Link], got: Mapping[tuple[
             value = sum(known[n] for n in sorted(known))
         targets.setdefault(link.target[0], {})[link.target[1]] = value
     for name, new in targets.items():
-        one = living[name]
+        one = slaves[name]
         _set_all(one, [one.fmu.variables[n] for n in new], new, inputs=None)
 
 

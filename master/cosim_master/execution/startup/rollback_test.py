@@ -18,11 +18,11 @@ from cosim_master.fmi.slaves.slave import Slave
 __all__ = ["self_test"]
 
 
-def self_test(living: Sequence[Slave], time: float, sizes: Sequence[Sequence[float]], why: str) -> list[FmuError]:
+def self_test(slaves: Sequence[Slave], time: float, sizes: Sequence[Sequence[float]], why: str) -> list[FmuError]:
     """Try whether instances come again to where they went, and leave them as they were.
 
     Args:
-        living: initialized, at `time` [s].
+        slaves: initialized, at `time` [s].
         sizes: of the steps that each is to try, s.
         why: what needs it, for the errors.
 
@@ -30,7 +30,7 @@ def self_test(living: Sequence[Slave], time: float, sizes: Sequence[Sequence[flo
         What is wrong, of every instance.
     """
     failures = []
-    for one, steps in zip(living, sizes, strict=True):
+    for one, steps in zip(slaves, sizes, strict=True):
         get, put = one.state_functions
         if not one.library.has(get, put):
             failures.append(FmuError(one.name, get, f"the binary does not have it, and {why} needs it", time))

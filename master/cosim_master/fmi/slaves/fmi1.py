@@ -14,7 +14,7 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import Variable
-from cosim_master.fmi.slaves.fmi2 import CALLBACK_TYPES, Instance, Library
+from cosim_master.fmi.slaves.fmi2 import CALLBACK_TYPES, Instance2, Library
 
 __all__ = ["Instance1", "Library1"]
 
@@ -77,8 +77,8 @@ class Library1(Library):
         return super().has(*map(self._named, functions))
 
 
-class Instance1(Instance):
-    """One living slave of FMI 1.0."""
+class Instance1(Instance2):
+    """A slave of FMI 1.0."""
 
     _instantiates = "fmiInstantiateSlave"
 

@@ -29,7 +29,7 @@ from typing import Any
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import FmuDescription, Variable
 
-__all__ = ["CALLBACK_TYPES", "STATUS", "Instance", "Library", "SharedHandle", "pending_exception", "set_kind"]
+__all__ = ["CALLBACK_TYPES", "STATUS", "Instance2", "Library", "SharedHandle", "pending_exception", "set_kind"]
 
 log = logging.getLogger(__name__)
 
@@ -137,18 +137,18 @@ class Library:
         """Whether the binary has all of these; many lack optional ones, whatever they declare."""
         return all(hasattr(self._dll, name) for name in functions)
 
-    def instantiate(self, name: str) -> Instance:
+    def instantiate(self, name: str) -> Instance2:
         """A new instance, in the state "instantiated".
 
         Raises:
             SharedHandle: the FMU is good for one instance only.
             FmuError: the FMU refused (a wrong GUID, a stale interpreted FMU); its log lines say why.
         """
-        return Instance(self, name, *self.memory)
+        return Instance2(self, name, *self.memory)
 
 
-class Instance:
-    """One living instance. Not to be used from two threads at once."""
+class Instance2:
+    """An instance. Not to be used from two threads at once."""
 
     fmi = 2
     _instantiates = "fmi2Instantiate"

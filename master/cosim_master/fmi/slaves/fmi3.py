@@ -59,7 +59,7 @@ _OF_FMI2 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2Ge
 
 
 class Instance3:
-    """One living instance. Not to be used from two threads at once.
+    """An instance. Not to be used from two threads at once.
 
     Args:
         fmu: its description, if it is not that of the library: with arrays of other sizes.

@@ -20,7 +20,7 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.variables import FmuDescription, ModelExchange, Variable
-from cosim_master.fmi.slaves.fmi2 import Instance, Library, set_kind
+from cosim_master.fmi.slaves.fmi2 import Instance2, Library, set_kind
 from cosim_master.fmi.slaves.fmi3 import Instance3
 from cosim_master.fmi.slaves.solvers import Choice, Rejected, Solver, SolverError, make
 
@@ -303,7 +303,7 @@ class _Exchanged:
             self._solver = None
 
 
-class Exchanged2(_Exchanged, Instance):
+class Exchanged2(_Exchanged, Instance2):
     """An instance of FMI 2.0 for Model Exchange."""
 
     kind = 0
@@ -322,13 +322,13 @@ class Exchanged2(_Exchanged, Instance):
             if (status := self._step(arguments[0].value, arguments[1].value)) > 1:
                 raise self.failure(function, status)
             return
-        Instance.call(self, function, *arguments)
+        Instance2.call(self, function, *arguments)
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
         return self._explained(super().failure(function, status, detail))
 
     def get(self, variables: Sequence[Variable]) -> list[Any]:
-        return Instance.get(self, variables)
+        return Instance2.get(self, variables)
 
     def counts(self) -> tuple[int, int]:
         exchange = self.fmu.model_exchange

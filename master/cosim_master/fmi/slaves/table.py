@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim_master.fmi.description.interpolation import interpolated
 from cosim_master.fmi.description.variables import FmuDescription, Variable
-from cosim_master.fmi.slaves.fmi2 import Instance, Library
+from cosim_master.fmi.slaves.fmi2 import Instance2, Library
 
 __all__ = ["TableInstance", "TableLibrary"]
 
@@ -98,7 +98,7 @@ class TableLibrary(Library):
         return TableInstance(self, name, None, None)
 
 
-class TableInstance(Instance):
+class TableInstance(Instance2):
     """An instance of a table."""
 
     library: TableLibrary

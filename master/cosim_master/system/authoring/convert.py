@@ -31,7 +31,7 @@ from cosim_master.diagnostics.limitations import (
 )
 from cosim_master.fmi.description.read import Variable
 from cosim_master.system.flatten.check import check
-from cosim_master.system.flatten.flat import CheckedSystem, Instance, Link
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection
 from cosim_master.system.reading.osp import OSP_DOCUMENT
 from cosim_master.system.reading.read import FMU_TYPE, ROOT_DOCUMENT, read_system
 from cosim_master.system.structure import Value, annotation
@@ -124,7 +124,7 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
             yield Problem(one.where, ENGINE_FMI.text(one.name, "3.0", engine))
 
 
-def _is_linear_csv(instance: Instance) -> bool:
+def _is_linear_csv(instance: ComponentInstance) -> bool:
     """Whether an instance is a CSV file with columns as OMSimulator reads them: Reals between rows, others held."""
     fmu = instance.fmu
     if fmu.table is None or fmu.path.suffix.lower() != ".csv":
@@ -197,13 +197,13 @@ class _Writing:
             }
             self.notes.append(f"start values are applied if {engine} is told to: {how[engine]}")
 
-    def _variables(self, instance: Instance) -> list[Variable]:
+    def _variables(self, instance: ComponentInstance) -> list[Variable]:
         """The variables of an instance that are connected or set, and all outputs."""
         ends = {end[1] for link in self.checked.links for end in (link.source, link.target) if end[0] == instance.name}
         ends |= {*instance.start_values}
         return [v for v in instance.fmu.variables.values() if v.name in ends or v.causality == "output"]
 
-    def _connectors(self, instance: Instance) -> list[Variable]:
+    def _connectors(self, instance: ComponentInstance) -> list[Variable]:
         """The variables that are connectors. FMPy knows no texts, and fails for inputs that nothing is connected to."""
         found = self._variables(instance)
         if self.engine != "fmpy":
@@ -215,7 +215,7 @@ class _Writing:
             if v.type not in ("String", "Binary") and (v.causality != "input" or (instance.name, v.name) in driven)
         ]
 
-    def _linear(self, link: Link) -> dict[str, str] | None:
+    def _linear(self, link: FlatConnection) -> dict[str, str] | None:
         if (link.factor, link.offset) == (1.0, 0.0):
             return None
         return {"factor": repr(float(link.factor)), "offset": repr(float(link.offset))}
@@ -247,7 +247,7 @@ class _Writing:
         _add(root, "ssd", "DefaultExperiment", given)
         return etree.ElementTree(root)
 
-    def _component(self, parent: etree._Element, instance: Instance, source: str) -> None:
+    def _component(self, parent: etree._Element, instance: ComponentInstance, source: str) -> None:
         kind = FMU_TYPE if instance.fmu.table is None else "text/csv"
         head = {"name": self._names[instance.name], "type": kind, "source": source}
         made = _add(parent, "ssd", "Component", head)
@@ -286,7 +286,7 @@ class _Writing:
         items = tuple((variable.items or {}).items())
         return self._enumerations.setdefault(items, f"Enumeration{len(self._enumerations) + 1}")
 
-    def _parameters(self, parent: etree._Element, named: Mapping[str, tuple[Instance, str]]) -> None:
+    def _parameters(self, parent: etree._Element, named: Mapping[str, tuple[ComponentInstance, str]]) -> None:
         parameters = _add(parent, "ssv", "Parameters")
         for name, (instance, variable_name) in named.items():
             variable, value = instance.fmu.variables[variable_name], instance.start_values[variable_name]
@@ -298,7 +298,7 @@ class _Writing:
             text = items.get(int(value), str(value)) if kind == "Enumeration" else _text(kind, value)
             _add(typed, "ssv", kind, {"value": text})
 
-    def _connection(self, parent: etree._Element, link: Link) -> None:
+    def _connection(self, parent: etree._Element, link: FlatConnection) -> None:
         ends = {
             "startElement": self._names[link.source[0]],
             "startConnector": link.source[1],
@@ -370,8 +370,8 @@ class _Writing:
         return etree.ElementTree(root)
 
     def _osp_connections(self, functions: etree._Element, connections: etree._Element) -> None:
-        terms: dict[tuple[str, str], list[Link]] = {}
-        linear: list[Link] = []
+        terms: dict[tuple[str, str], list[FlatConnection]] = {}
+        linear: list[FlatConnection] = []
         for link in self.checked.links:
             if link.term is not None:
                 terms.setdefault(link.target, []).append(link)
@@ -408,7 +408,7 @@ def _plain(name: str) -> str:
     return plain if not plain[0].isdigit() else f"x{plain}"
 
 
-def _plain_names(instances: Iterable[Instance], *, apart: bool) -> dict[str, str]:
+def _plain_names(instances: Iterable[ComponentInstance], *, apart: bool) -> dict[str, str]:
     """Plain names of instances, all different; `apart`: none begins with another one, as FMPy needs it."""
     found: dict[str, str] = {}
     for one in instances:

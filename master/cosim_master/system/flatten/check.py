@@ -21,7 +21,14 @@ from cosim_master.fmi.description.variables import INTEGER_RANGES
 from cosim_master.fmi.slaves.solvers import NAMES as SOLVERS
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.system.flatten.components import Part, assemble, measure
-from cosim_master.system.flatten.flat import Alias, CheckedSystem, Instance, Link, OwnedAnnotation, natural
+from cosim_master.system.flatten.flat import (
+    Alias,
+    CheckedSystem,
+    ComponentInstance,
+    FlatConnection,
+    OwnedAnnotation,
+    natural,
+)
 from cosim_master.system.flatten.init_order import Stage, exchange_order
 from cosim_master.system.flatten.parameters import Bindings
 from cosim_master.system.flatten.sizes import check_sizes
@@ -134,7 +141,9 @@ class _Check:
             settings=self.settings,
         )
 
-    def _initial_order(self, links: tuple[Link, ...], fmus: Mapping[str, FmuDescription]) -> tuple[Stage, ...]:
+    def _initial_order(
+        self, links: tuple[FlatConnection, ...], fmus: Mapping[str, FmuDescription]
+    ) -> tuple[Stage, ...]:
         """The stages of `CheckedSystem.init_order`.
 
         A local variable must not be read in initialization mode unless it is an unknown of it (FMI 2.0.5, 4.2.4).
@@ -269,8 +278,8 @@ class _Check:
                 )
             first[part.name] = part
 
-    def _links(self, parts: list[Part], wiring: Wiring) -> tuple[Link, ...]:
-        links: list[Link] = []
+    def _links(self, parts: list[Part], wiring: Wiring) -> tuple[FlatConnection, ...]:
+        links: list[FlatConnection] = []
         for part in parts:
             written: dict[tuple[str, int, int | None], str] = {}
             for port in part.ports.values():
@@ -294,13 +303,17 @@ class _Check:
                     recoded = "to bytes" if port.type == "Binary" else "to text"
                 term = 0 if port in wiring.further else None
                 links.append(
-                    Link(*ends, route.factor, route.offset, initial_only, connection.where, mapping, recoded, term)
+                    FlatConnection(
+                        *ends, route.factor, route.offset, initial_only, connection.where, mapping, recoded, term
+                    )
                 )
                 for number, (other, origin) in enumerate(wiring.further.get(port, ()), start=1):
                     route = wiring.hop(wiring.route(origin), other, port)
                     if route.source is not None:
                         source = (route.source.part.name, route.source.name)
-                        links.append(Link(source, ends[1], route.factor, route.offset, False, other.where, term=number))
+                        links.append(
+                            FlatConnection(source, ends[1], route.factor, route.offset, False, other.where, term=number)
+                        )
         return tuple(sorted(links, key=lambda link: (natural(link.target[0]), natural(link.target[1]))))
 
     def _aliases(self, root: Part, wiring: Wiring) -> tuple[Alias, ...]:
@@ -336,8 +349,8 @@ class _Check:
                 self.notes.append(f"{annotation.where}: {ANNOTATION.text(annotation.type)}")
         return tuple(owned)
 
-    def _instances(self, parts: list[Part], bindings: Bindings) -> tuple[Instance, ...]:
-        instances: list[Instance] = []
+    def _instances(self, parts: list[Part], bindings: Bindings) -> tuple[ComponentInstance, ...]:
+        instances: list[ComponentInstance] = []
         only_once: dict[str, str] = {}
         for part in sorted(parts, key=lambda item: natural(item.name)):
             step = self._step_size(part)
@@ -351,7 +364,7 @@ class _Check:
             values = bindings.values.get(part.name, {})
             size, source = (step, "system") if step else (part.fmu.step_size, "FMU" if part.fmu.step_size else "")
             solver = self._solver(part)
-            instance = Instance(part.name, part.fmu, values, size, part.element.where, step_source=source)
+            instance = ComponentInstance(part.name, part.fmu, values, size, part.element.where, step_source=source)
             if part.fmu.model_exchange is not None:
                 instance = instance.integrated(solver or Choice())
             instances.append(instance)
@@ -453,7 +466,7 @@ class _Check:
             return None
         return step
 
-    def _silent_clocks(self, instances: tuple[Instance, ...], links: tuple[Link, ...]) -> None:
+    def _silent_clocks(self, instances: tuple[ComponentInstance, ...], links: tuple[FlatConnection, ...]) -> None:
         """Triggered Clocks tick when another one makes them; time-based ones by themselves, connected or not."""
         driven = {link.target for link in links}
         for instance in instances:
@@ -462,7 +475,7 @@ class _Check:
                 if triggered and (instance.name, v.name) not in driven:
                     self.notes.append(SILENT_CLOCK.text(instance.name, v.name))
 
-    def _wide_items(self, instances: tuple[Instance, ...], links: tuple[Link, ...]) -> None:
+    def _wide_items(self, instances: tuple[ComponentInstance, ...], links: tuple[FlatConnection, ...]) -> None:
         """Enumerations of which a value might be carried that the master cannot carry."""
         low, high = INTEGER_RANGES["Integer"]
         wide: dict[Path, list[tuple[Variable, str, int]]] = {}
@@ -483,7 +496,7 @@ class _Check:
         wiring: Wiring,
         bindings: Bindings,
         fmus: Mapping[Path, FmuDescription | None],
-        instances: tuple[Instance, ...],
+        instances: tuple[ComponentInstance, ...],
     ) -> None:
         if self.structure.start_time is None:
             self.notes.append("the system names no start time: it starts at 0 s")

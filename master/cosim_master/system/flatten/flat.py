@@ -19,11 +19,11 @@ from cosim_master.system.flatten.init_order import Stage
 from cosim_master.system.flatten.parameters import Assignment, Unmatched
 from cosim_master.system.structure import Annotation, SystemStructure, Value
 
-__all__ = ["Alias", "CheckedSystem", "Instance", "Link", "OwnedAnnotation", "natural"]
+__all__ = ["Alias", "CheckedSystem", "ComponentInstance", "FlatConnection", "OwnedAnnotation", "natural"]
 
 
 @dataclass(frozen=True, slots=True)
-class Instance:
+class ComponentInstance:
     """An FMU instance to be.
 
     Attributes:
@@ -42,7 +42,7 @@ class Instance:
     solver: Choice | None = None
     step_source: str = ""
 
-    def integrated(self, solver: Choice) -> Instance:
+    def integrated(self, solver: Choice) -> ComponentInstance:
         """The same with a solver; the FMU's state says all only if the solver remembers nothing."""
         able, exchange = self.fmu.capabilities, self.fmu.model_exchange
         if exchange is not None:
@@ -75,7 +75,7 @@ class Instance:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class FlatConnection:
     """One variable driving another: value_target = factor * mapped(value_source) + offset.
 
     Unit conversions and linear transformations of all connections on the way are in factor and offset, which are
@@ -119,7 +119,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Alias:
-    """The connector of a system as a signal: value = factor * mapped(source) + offset, in `unit`, as for `Link`."""
+    """A system connector as a signal: value = factor * mapped(source) + offset, in `unit`; see `FlatConnection`."""
 
     name: str
     source: tuple[str, str]
@@ -157,8 +157,8 @@ class CheckedSystem:
     """
 
     structure: SystemStructure
-    instances: tuple[Instance, ...]
-    links: tuple[Link, ...]
+    instances: tuple[ComponentInstance, ...]
+    links: tuple[FlatConnection, ...]
     start_time: float
     stop_time: float | None
     init_order: tuple[Stage, ...]

@@ -14,7 +14,7 @@ from cosim_master.diagnostics.names import is_pattern, matching, near, near_patt
 from cosim_master.fmi.description.read import Start, Variable
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.overrides import SETTINGS
-from cosim_master.system.settings.time_grid import Timing
+from cosim_master.system.settings.time_grid import TimeGrid
 
 __all__ = ["Change", "changes"]
 
@@ -31,7 +31,7 @@ class Change:
     value: Start
 
 
-def changes(checked: CheckedSystem, clock: Timing, wanted: Sequence[tuple[float, str, str]]) -> tuple[Change, ...]:
+def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[float, str, str]]) -> tuple[Change, ...]:
     """Check changes and put them into the order of time; of two at one time the later one in `wanted` wins.
 
     Args:
@@ -91,7 +91,7 @@ def _targets(name: str, variables: Mapping[str, tuple[int, Variable]], driven: C
     return found
 
 
-def _base_step(clock: Timing, time: float) -> int | None:
+def _base_step(clock: TimeGrid, time: float) -> int | None:
     """The base step that begins at `time`, None if none does."""
     ticks = time * 1e9 * clock.per_ns - clock.start
     if not abs(ticks) < 2**62:
@@ -100,7 +100,7 @@ def _base_step(clock: Timing, time: float) -> int | None:
     return k if 0 <= k < clock.steps and abs(k * clock.base - ticks) < 0.5 * clock.per_ns else None
 
 
-def _expected(clock: Timing, period: int, name: str) -> str:
+def _expected(clock: TimeGrid, period: int, name: str) -> str:
     start, step = clock.time(0), clock.seconds(period)
     last = start + (clock.steps - 1) // period * step
     return CHANGE.text(name, f"{step:g}", f"{start:g}", f"{last:g}")

@@ -40,12 +40,12 @@ from cosim_master.diagnostics.limitations import (
 )
 from cosim_master.diagnostics.names import near
 from cosim_master.fmi.description.read import Start, Variable
-from cosim_master.system.flatten.flat import CheckedSystem, Instance, Link, natural
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection, natural
 from cosim_master.system.flatten.init_order import Stage, components, exchange_order
 from cosim_master.system.settings.annotation import Attributes, root_annotation
 from cosim_master.system.settings.constraints import Constraint, constraints_of, memory_of
 
-__all__ = ["ANNOTATION", "Coupling", "Delay", "Target", "connected", "coupling_of"]
+__all__ = ["ANNOTATION", "MasterSettings", "Delay", "Target", "connected", "master_settings_of"]
 
 ANNOTATION = "org.uav-cosim.master"
 
@@ -56,7 +56,7 @@ class Traits:
 
     Attributes:
         attributes: of <master>, those that not every algorithm has.
-        ordered: instances step one after the other, in the order of `Coupling.sequence`; otherwise all at once.
+        ordered: instances step one after the other, in the order of `MasterSettings.sequence`; otherwise all at once.
         iterating: instances that depend on each other repeat the step until their outputs agree.
         in_python: a `Steps` of `execution.algorithms.choice` makes all steps; otherwise the compiled loop makes those
             that are not iterated.
@@ -104,7 +104,7 @@ class Delay:
 
 
 @dataclass(frozen=True, slots=True)
-class Coupling:
+class MasterSettings:
     """The master of a system.
 
     Attributes:
@@ -213,7 +213,7 @@ class Coupling:
             raise SystemDescriptionError(problems)
 
 
-def coupling_of(checked: CheckedSystem) -> Coupling:
+def master_settings_of(checked: CheckedSystem) -> MasterSettings:
     """The master of a checked system.
 
     Raises:
@@ -222,7 +222,7 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "master", problems)
     if reader.element is None and not problems:
-        return Coupling()
+        return MasterSettings()
     algorithm = reader.choice("algorithm", "jacobi", tuple(ALGORITHMS))
     kind = ALGORITHMS[algorithm]
     order = tuple(reader.text("order", "").split())
@@ -253,7 +253,7 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     reader.finish()
     if problems:
         raise SystemDescriptionError(problems)
-    return Coupling(
+    return MasterSettings(
         algorithm,
         groups,
         delays,
@@ -268,15 +268,15 @@ def coupling_of(checked: CheckedSystem) -> Coupling:
     )
 
 
-def connected(checked: CheckedSystem, coupling: Coupling) -> CheckedSystem:
+def connected(checked: CheckedSystem, master: MasterSettings) -> CheckedSystem:
     """The system as it is initialized: delayed connections begin with their start values."""
-    if not coupling.delays:
+    if not master.delays:
         return checked
     starts: dict[str, dict[str, Start]] = {}
-    for (instance, name), delay in coupling.delays.items():
+    for (instance, name), delay in master.delays.items():
         starts.setdefault(instance, {})[name] = delay.start
     kept = {i for stage in checked.init_order for i in stage.links}
-    immediate = [i for i in sorted(kept) if checked.links[i].target not in coupling.delays]
+    immediate = [i for i in sorted(kept) if checked.links[i].target not in master.delays]
     stages = exchange_order(
         [(checked.links[i].source, checked.links[i].target) for i in immediate],
         {one.name: one.fmu for one in checked.instances},
@@ -360,7 +360,7 @@ def _extrapolated(
     return frozenset(found)
 
 
-def _start(child: Attributes, instance: Instance, variable: Variable, text: str) -> Start:
+def _start(child: Attributes, instance: ComponentInstance, variable: Variable, text: str) -> Start:
     """The value of a delayed input until the first value arrives."""
     if not text.strip():
         return instance.effective_values().get(variable.name, 0)
@@ -417,7 +417,7 @@ def _groups(
     return tuple(groups)
 
 
-def _immediate(links: Sequence[Link], delays: Mapping[Target, Delay]) -> list[Link]:
+def _immediate(links: Sequence[FlatConnection], delays: Mapping[Target, Delay]) -> list[FlatConnection]:
     return [link for link in links if not link.initial_only and link.target not in delays]
 
 

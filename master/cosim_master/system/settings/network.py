@@ -39,7 +39,7 @@ from cosim_master.diagnostics.limitations import DIALECT, SEVERAL_PORTS, SMALL_P
 from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.fmi.description.read import FmuDescription, Variable
-from cosim_master.system.flatten.flat import CheckedSystem, Instance
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
 from cosim_master.system.settings.annotation import Attributes, root_annotation
 
 if TYPE_CHECKING:
@@ -210,7 +210,7 @@ def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tu
     )
 
 
-def _lines(instance: Instance, ports: Sequence[Variable]) -> list[Endpoint]:
+def _lines(instance: ComponentInstance, ports: Sequence[Variable]) -> list[Endpoint]:
     """The lines to gateways of an instance that has other packet ports besides."""
     by_name = {v.name: v for v in ports}
     found = []
@@ -229,7 +229,7 @@ def _ends_of_line(fmu: FmuDescription, role: Role) -> tuple[str, str]:
     return (inputs[0], outputs[0]) if inputs and outputs else LINES[role]
 
 
-def _declared_positions(instances: Sequence[Instance]) -> dict[str, tuple[tuple[str, Variable], ...]]:
+def _declared_positions(instances: Sequence[ComponentInstance]) -> dict[str, tuple[tuple[str, Variable], ...]]:
     """By node, the variables that its only FMU with a position declares as such."""
     found: dict[str, list[tuple[tuple[str, Variable], ...]]] = {}
     for instance in instances:
@@ -258,7 +258,7 @@ def with_gateways(network: Network, gateways: Sequence[Gateway]) -> Network:
     return replace(network, nodes=nodes, gateways=tuple(gateways))
 
 
-def _position(node: str, path: str, instances: Mapping[str, Instance]) -> tuple[tuple[str, Variable], ...]:
+def _position(node: str, path: str, instances: Mapping[str, ComponentInstance]) -> tuple[tuple[str, Variable], ...]:
     component, _, name = path.rpartition(".")
     instance = instances.get(f"{node}.{component}" if component else node)
     if instance is None:

@@ -18,9 +18,9 @@ from fractions import Fraction
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.diagnostics.limitations import BASE_STEP, FINE_STEPS, OVERRUN, TIED_STEPS, WHOLE_TIMES
 from cosim_master.system.flatten.clock_groups import lockstep
-from cosim_master.system.flatten.flat import CheckedSystem, Instance
+from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
 
-__all__ = ["Timing", "exact", "timing"]
+__all__ = ["TimeGrid", "exact", "time_grid"]
 
 _NANO = 1_000_000_000
 _LARGEST_DENOMINATOR = 100_000
@@ -29,7 +29,7 @@ _LARGEST_TICK = 1 << 62
 
 
 @dataclass(frozen=True, slots=True)
-class Timing:
+class TimeGrid:
     """The clock of a run: start and base step in ticks, number of base steps, and periods of instances in base steps.
 
     Attributes:
@@ -89,9 +89,9 @@ def _ticks(seconds: float) -> int | None:
     return ticks if math.isclose(ticks, seconds * _NANO, rel_tol=1e-12, abs_tol=1e-4) else None
 
 
-def timing(
+def time_grid(
     checked: CheckedSystem, until: float | None = None, step: float | None = None, *, gridless: bool = False
-) -> Timing:
+) -> TimeGrid:
     """Choose the clock.
 
     Args:
@@ -134,7 +134,7 @@ def timing(
         raise SystemDescriptionError(problems)
     assert start_ticks is not None and stop_ticks is not None
     if not checked.instances:
-        return Timing(start_ticks, stop_ticks - start_ticks, 1, ())
+        return TimeGrid(start_ticks, stop_ticks - start_ticks, 1, ())
     if len(sizes) < len(checked.instances):
         sizes = _with_tables(checked.instances, sizes)
     if gridless:
@@ -142,13 +142,15 @@ def timing(
     return _clock(checked, start_ticks, stop_ticks - start_ticks, sizes, step)
 
 
-def _gridless(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Fraction], step: float | None) -> Timing:
+def _gridless(
+    checked: CheckedSystem, start: int, length: int, sizes: Sequence[Fraction], step: float | None
+) -> TimeGrid:
     sources = tuple("--step" if step is not None else one.step_source for one in checked.instances)
     periods = tuple(max(1, round(size)) for size in sizes)
-    return Timing(start, 1, length, periods, tuple(_step_notes(checked.instances, sources, step)), 1, sources)
+    return TimeGrid(start, 1, length, periods, tuple(_step_notes(checked.instances, sources, step)), 1, sources)
 
 
-def _with_tables(instances: Sequence[Instance], sizes: Sequence[Fraction]) -> list[Fraction]:
+def _with_tables(instances: Sequence[ComponentInstance], sizes: Sequence[Fraction]) -> list[Fraction]:
     """Step sizes of all instances, where tables without one have a new value whenever any other instance steps."""
     per_ns = math.lcm(*(size.denominator for size in sizes))
     shared = Fraction(math.gcd(*(int(size * per_ns) for size in sizes)), per_ns)
@@ -156,7 +158,7 @@ def _with_tables(instances: Sequence[Instance], sizes: Sequence[Fraction]) -> li
     return [shared if one.fmu.table is not None and one.step_size is None else next(given) for one in instances]
 
 
-def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Fraction], step: float | None) -> Timing:
+def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Fraction], step: float | None) -> TimeGrid:
     """The clock of a run of `length` ns whose instances step by `sizes`, ns."""
     where, problems = checked.structure.where, []
     per_ns = math.lcm(*(size.denominator for size in sizes))
@@ -187,10 +189,10 @@ def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Frac
             f"the base step is {base / per_second:.9g} s, that of no instance: rows are recorded where a step ends"
         )
     periods = tuple(size // base for size in ticks)
-    return Timing(start * per_ns, base, total // base, periods, tuple(notes), per_ns, sources)
+    return TimeGrid(start * per_ns, base, total // base, periods, tuple(notes), per_ns, sources)
 
 
-def _step_notes(instances: Sequence[Instance], sources: Sequence[str], step: float | None) -> list[str]:
+def _step_notes(instances: Sequence[ComponentInstance], sources: Sequence[str], step: float | None) -> list[str]:
     """Whose step sizes act, where that may surprise: --step over the system, and proposals of FMUs of others."""
     if step is not None:
         over = [one.name for one in instances if one.step_source == "system" and one.step_size != step]
@@ -207,7 +209,7 @@ def _step_notes(instances: Sequence[Instance], sources: Sequence[str], step: flo
     ]
 
 
-def _fractions(instances: Sequence[Instance], sizes: Sequence[Fraction], step: float | None) -> list[str]:
+def _fractions(instances: Sequence[ComponentInstance], sizes: Sequence[Fraction], step: float | None) -> list[str]:
     """Step sizes that are not whole nanoseconds."""
     shown = {
         size: one.step_size if step is None else step

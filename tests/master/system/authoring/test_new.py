@@ -21,7 +21,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.prepare import prepare
 from cosim_master.execution.simulate import simulate
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.system.authoring.new import fleet_of, new_system, number_of_drones
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
@@ -247,7 +247,7 @@ def _processor_time_to_check(folder: Path) -> float:
     began = time.process_time()
     with read_system(folder) as structure:
         ready = prepare(check(structure))
-        layout(ready.checked, ready.network, ready.recording.signals, ready.coupling)
+        make_layout(ready.checked, ready.network, ready.recording.signals, ready.master)
     return time.process_time() - began
 
 

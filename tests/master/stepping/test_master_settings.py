@@ -18,12 +18,12 @@ from cosim_master.network.radio.build import make_radio
 from cosim_master.stepping.kernels.instances import collect_all
 from cosim_master.stepping.kernels.macro_step import run
 from cosim_master.stepping.kernels.tables import DONE
-from cosim_master.stepping.layout import layout
+from cosim_master.stepping.layout import make_layout
 from cosim_master.stepping.plan import make_plan
 from cosim_master.system.flatten.flat import CheckedSystem
-from cosim_master.system.settings.master import Coupling, Delay, coupling_of
+from cosim_master.system.settings.master import Delay, MasterSettings, master_settings_of
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.time_grid import timing
+from cosim_master.system.settings.time_grid import time_grid
 from tests.master.scripted import HERE, Scripted, system_of, variable
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -34,14 +34,14 @@ U, Y = variable("u", "input"), variable("y", "output", reference=1)
 class Loop:
     """Scripted instances in the stepping loop, coupled as is said."""
 
-    def __init__(self, instances: list[Scripted], links: list[Any], until: float, coupling: Coupling) -> None:
-        self.living = sorted(instances, key=lambda one: one.name)
+    def __init__(self, instances: list[Scripted], links: list[Any], until: float, master: MasterSettings) -> None:
+        self.slaves = sorted(instances, key=lambda one: one.name)
         checked = system_of(instances, links)
         network = Network()
-        places = layout(checked, network, (), coupling)
-        clock = timing(checked, until)
-        self.plan = make_plan(places, clock, network, self.living, 1, coupling=coupling)  # type: ignore[arg-type]
-        self.radio = make_radio(network, places.ports["Real"].index, keep=True)
+        layout = make_layout(checked, network, (), master)
+        clock = time_grid(checked, until)
+        self.plan = make_plan(layout, clock, network, self.slaves, 1, master=master)  # type: ignore[arg-type]
+        self.radio = make_radio(network, layout.ports["Real"].index, keep=True)
         collect_all(self.plan)
         assert run(self.plan, self.radio, 0) == DONE
 
@@ -70,7 +70,9 @@ def clock(name: str, log: list[str], size: float = 1.0) -> Scripted:
 
 def test_each_takes_what_the_one_before_it_has_just_put_out() -> None:
     log: list[str] = []
-    loop = Loop([through("a", log), clock("b", log)], [("b.y", "a.u")], 2.0, Coupling("gauss-seidel", ((1,), (0,))))
+    loop = Loop(
+        [through("a", log), clock("b", log)], [("b.y", "a.u")], 2.0, MasterSettings("gauss-seidel", ((1,), (0,)))
+    )
     log.clear()
     loop.to(1)
     assert log == ["b: doStep 0 + 1", "b: get y", "a: set u = 1.0", "a: doStep 0 + 1", "a: get y"]
@@ -81,9 +83,9 @@ def test_a_chain_of_feed_throughs_has_no_delay() -> None:
     log: list[str] = []
     instances = [clock("a", log), *(through(name, log) for name in "bcd")]
     links = [("a.y", "b.u"), ("b.y", "c.u"), ("c.y", "d.u")]
-    loop = Loop(instances, links, 10.0, Coupling("gauss-seidel", ((0,), (1,), (2,), (3,))))
+    loop = Loop(instances, links, 10.0, MasterSettings("gauss-seidel", ((0,), (1,), (2,), (3,))))
     loop.to(10)
-    assert [one.values["y"] for one in loop.living] == [10.0] * 4
+    assert [one.values["y"] for one in loop.slaves] == [10.0] * 4
 
 
 def test_a_slow_one_is_seen_from_the_end_of_its_step_on() -> None:
@@ -92,7 +94,7 @@ def test_a_slow_one_is_seen_from_the_end_of_its_step_on() -> None:
     slow, fast = through("a", log, size=2.0), clock("b", log)
     reader = through("c", log)
     loop = Loop(
-        [slow, fast, reader], [("b.y", "a.u"), ("a.y", "c.u")], 4.0, Coupling("gauss-seidel", ((1,), (0,), (2,)))
+        [slow, fast, reader], [("b.y", "a.u"), ("a.y", "c.u")], 4.0, MasterSettings("gauss-seidel", ((1,), (0,), (2,)))
     )
     seen = []
     for k in range(1, 5):
@@ -106,7 +108,7 @@ def test_after_a_fatal_one_no_other_of_its_fmu_is_stepped() -> None:
     broken = Scripted("a", [U, Y], lambda *_: 4, {"u": 0.0, "y": 0.0}, log)
     same, other = through("b", log), through("c", log)
     loop = Loop(
-        [broken, same, other], [("a.y", "b.u"), ("b.y", "c.u")], 2.0, Coupling("gauss-seidel", ((0,), (1,), (2,)))
+        [broken, same, other], [("a.y", "b.u"), ("b.y", "c.u")], 2.0, MasterSettings("gauss-seidel", ((0,), (1,), (2,)))
     )
     loop.plan.instances["library"][1] = loop.plan.instances["library"][0]
     log.clear()
@@ -198,7 +200,7 @@ def test_groups_are_those_that_reach_each_other(drawn: tuple[int, set[tuple[int,
     assert all(place[a] <= place[b] for a, b in edges)
 
 
-def coupled(checked: CheckedSystem, declared: list[int]) -> Coupling:
+def coupled(checked: CheckedSystem, declared: list[int]) -> MasterSettings:
     from dataclasses import replace
 
     from lxml import etree
@@ -209,7 +211,7 @@ def coupled(checked: CheckedSystem, declared: list[int]) -> Coupling:
     order = " ".join(f"x{i}" for i in declared)
     text = f'<a><master xmlns="https://uav-cosim.org/ns/1" algorithm="gauss-seidel" order="{order}"/></a>'
     owned = OwnedAnnotation("", Annotation("org.uav-cosim.master", etree.fromstring(text), HERE))
-    return coupling_of(replace(checked, annotations=(owned,)))
+    return master_settings_of(replace(checked, annotations=(owned,)))
 
 
 # ---- delays -----------------------------------------------------------------------------------
@@ -220,11 +222,11 @@ def test_a_delayed_input_is_an_earlier_output(steps: int) -> None:
     log: list[str] = []
     delay = Delay(steps * 10**9, -7.0, HERE)
     links = [("a.y", "b.u", 2.0, 1.0)]
-    loop = Loop([clock("a", log), through("b", log)], links, 6.0, Coupling(delays={("b", "u"): delay}))
+    loop = Loop([clock("a", log), through("b", log)], links, 6.0, MasterSettings(delays={("b", "u"): delay}))
     seen = []
     for k in range(1, 7):
         loop.to(k)
-        seen.append(loop.living[1].values["y"])
+        seen.append(loop.slaves[1].values["y"])
     assert seen == [-7.0 if k < steps else 2.0 * (k - steps) + 1.0 for k in range(6)]
 
 
@@ -253,7 +255,7 @@ def test_integers_booleans_and_mapped_values_are_delayed() -> None:
         ("t", "k"): Delay(2 * 10**9, 8, HERE),
         ("t", "f"): Delay(10**9, True, HERE),
     }
-    loop = Loop([source, sink], links, 6.0, Coupling(delays=delays))
+    loop = Loop([source, sink], links, 6.0, MasterSettings(delays=delays))
     seen = []
     for k in range(1, 6):
         loop.to(k)
