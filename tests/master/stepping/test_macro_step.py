@@ -205,7 +205,7 @@ def test_an_output_that_is_no_number_is_a_failure_that_names_it() -> None:
     assert loop.to(1) == FAILED
     function, status, index = loop.plan.instances["failed"][0].tolist()
     assert (function, status) == (6, NOT_A_NUMBER)
-    assert loop.places.ports["Real"].outputs[index][1].name == "z"
+    assert loop.layout.ports["Real"].outputs[index][1].name == "z"
 
 
 # ---- packets ------------------------------------------------------------------------------------------------------
