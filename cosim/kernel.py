@@ -8,7 +8,8 @@ runs in three ways: compiled just in time, compiled ahead of time into an FMU wi
 Machine code of a package's kernels is kept in one folder per state of their sources: the module of the kernel and every
 module of its package and of this one that it imports, directly or through others. It is looked for in the package
 itself first (``compiled/DIGEST``, where a wheel brings it), then in the user's cache folder. Kernels of a single file
-outside a package are compiled anew each time.
+outside a package are compiled anew each time, and so are kernels that close over others: their sources are not told by
+the module they stand in.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ def kernel(function: F, *, inline: bool = False) -> F:
         return function
     compiled = Kernel(function, targetoptions={**_OPTIONS, "forceinline": inline})
     source = Path(function.__code__.co_filename)
-    if (source.parent / "__init__.py").is_file():
+    if function.__closure__ is None and (source.parent / "__init__.py").is_file():
         compiled.keep(_code_folders(source))
     return cast(F, compiled)
 

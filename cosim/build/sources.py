@@ -1,8 +1,8 @@
 """Which source files a model consists of, and what identifies them.
 
-The closure of a model is its own module and every module of its package and of `cosim` that it imports, found by
-reading the sources (nothing is executed). It decides what an interpreted FMU carries, the FMU's GUID, and whether
-an FMU is up to date.
+The closure of a model is its own module and every module that it imports of its package, of `cosim`, and of packages
+that are made for `cosim` as `cosim_models` is; found by reading the sources. It decides what an interpreted FMU
+carries, the FMU's GUID, and whether an FMU is up to date.
 """
 
 from __future__ import annotations
@@ -10,16 +10,19 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
+import re
 import sys
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from cosim.model import Model
 
 __all__ = ["Sources", "sources_of"]
 
+_USES_COSIM = re.compile(rb"^(?:from|import) cosim\b", re.MULTILINE)
 _NAMESPACE = uuid.UUID("6b1f3a52-5a0e-4b52-9a70-3f7d0c1e9a11")
 
 
@@ -45,7 +48,7 @@ def sources_of(model: type[Model]) -> Sources:
     module = sys.modules[model.__module__]
     if module.__file__ is None:
         raise ValueError(f"{model.__module__} has no source file")
-    own = model.__module__.partition(".")[0]
+    ours = {"cosim", model.__module__.partition(".")[0]}
     files: dict[str, Path] = {}
     packages: set[str] = set()
     waiting = {model.__module__: Path(module.__file__)}
@@ -58,8 +61,11 @@ def sources_of(model: type[Model]) -> Sources:
         if file.name == "__init__.py":
             packages.add(name)
         for imported in _imports(name, file):
-            ours = imported.partition(".")[0] in {own, "cosim"}
-            if ours and imported not in files and (found := _find(imported)):
+            top = imported.partition(".")[0]
+            if top not in ours and top != imported and _is_made_for_cosim(imported):
+                ours.add(top)
+                waiting[name] = file  # read again: what it imports of this package counts
+            if top in ours and imported not in files and (found := _find(imported)):
                 waiting[imported] = found
     digests = {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in sorted(files.items())}
     return Sources(files, digests, frozenset(packages))
@@ -72,6 +78,13 @@ def _find(name: str) -> Path | None:
     except (ModuleNotFoundError, ValueError):
         return None
     return Path(spec.origin) if spec and spec.origin else None
+
+
+@cache
+def _is_made_for_cosim(module: str) -> bool:
+    """Whether a module of a package imports `cosim` by itself."""
+    file = _find(module)
+    return file is not None and file.is_file() and _USES_COSIM.search(file.read_bytes()) is not None
 
 
 def _imports(name: str, file: Path) -> set[str]:

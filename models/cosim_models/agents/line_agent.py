@@ -23,8 +23,9 @@ from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter
 from cosim.kernel import kernel
 from cosim.verdict import Bound, Condition, Formation, Reason, Role
 from cosim_models.agents.consensus import consensus_step, consensus_terms
-from cosim_models.agents.packets import go
-from cosim_models.agents.script import ERRORS, NEVER, AgentState, Failure, StalePolicy, Trigger, act, finish, start
+from cosim_models.agents.conversation import CONVERSATION
+from cosim_models.agents.line import ERRORS, StalePolicy, Trigger, act, finish, go, start
+from cosim_models.agents.script import NEVER, SCRIPT, WHY, AgentState, Failure
 
 __all__ = ["LineAgent"]
 
@@ -42,16 +43,6 @@ _FORMATION = Formation(
     begin="first_step_time",
     period="period",
 )
-_WHY = {
-    Failure.no_heartbeat: "no HEARTBEAT of its autopilot: both need the same system id",
-    Failure.no_streams: "its autopilot has not accepted the streams that it asked for",
-    Failure.no_position_estimate: "its autopilot has had no GPS fix or position estimate",
-    Failure.not_guided: "its autopilot has not changed to GUIDED",
-    Failure.not_armed: "its autopilot has not armed",
-    Failure.not_at_altitude: "its vehicle has not reached the altitude",
-    Failure.left_guided: "its autopilot has left GUIDED",
-    Failure.disarmed: "its autopilot has disarmed in flight",
-}
 
 
 def _heard(side: str) -> Bound:
@@ -112,7 +103,7 @@ class LineAgent(Model):
             "failure",
             type=Failure,
             start=Failure.none,
-            verdict=Reason(tuple(_WHY.items())),
+            verdict=Reason(tuple(WHY.items())),
             description="why the agent has given up",
         ),
         Output("refusal", type=int, start=0, description="MAV_RESULT of the last command that was refused; 0: none"),
@@ -139,27 +130,13 @@ class LineAgent(Model):
             verdict=_heard("right"),
             description="of the right neighbour's position; -1: never heard",
         ),
-        Memory("payload", dtype="u1", shape=255),
-        Memory("sent", dtype="i4"),  # packets sent, modulo 256
-        Memory("heartbeat_due"),  # s
-        Memory("heard", dtype="?"),  # a heartbeat of the own autopilot; what it said:
-        Memory("armed", dtype="?"),
-        Memory("guided", dtype="?"),
-        Memory("estimate", dtype="?"),
-        Memory("fix", dtype="?"),
+        *CONVERSATION,
+        *SCRIPT,
         Memory("latitude", dtype="i4"),  # degE7
-        Memory("height"),  # m above home
-        Memory("position_heard"),  # s
         Memory("left_position"),  # m on the line
         Memory("left_heard"),  # s
         Memory("right_position"),
         Memory("right_heard"),
-        Memory("state_since"),  # s
-        Memory("streams", dtype="i4"),  # how many have been accepted
-        Memory("asked", dtype="i4"),  # command that waits for its answer
-        Memory("asked_at"),  # s
-        Memory("answer", dtype="i4"),  # its MAV_RESULT, -1 before
-        Memory("confirmation", dtype="i4"),  # how often it has been repeated
         Memory("start_latitude", dtype="i4"),  # degE7
         Memory("start_position"),  # m on the line
         Memory("period_step", dtype="i4"),  # number of the present period

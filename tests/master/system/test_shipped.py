@@ -36,6 +36,7 @@ def test_a_system_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         "line5-estimated",
         "line5-hexa",
         "line5-script",
+        "rendezvous",
     )
 
 

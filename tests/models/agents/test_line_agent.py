@@ -16,8 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim_models.agents.line import StalePolicy, Trigger
 from cosim_models.agents.line_agent import LineAgent
-from cosim_models.agents.script import AgentState, Failure, StalePolicy, Trigger
+from cosim_models.agents.script import AgentState, Failure
 
 H = 0.0125
 LATITUDE, LONGITUDE = -35.363262, 149.165237

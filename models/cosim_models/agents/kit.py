@@ -1,0 +1,409 @@
+"""The agent kit: all of an agent but its law.
+
+    @kernel
+    def law(m, t, h):
+        for k in range(m.neighbours):
+            for i in range(2):
+                m.setpoint_velocity[i] += m.gain * (m.near_position[k, i] - m.position[i])
+        return VELOCITY
+
+    class Rendezvous(Model):
+        step_size = STEP_SIZE
+        variables = (*agent_variables(), Parameter("gain", unit="1/s", start=0.1))
+        kernels = agent_kernels(law)
+        errors = ERRORS
+
+The agent flies one drone through MAVLink packets alone: it gets it into the air (`script`), keeps a table of who else
+is heard (`neighbours`), calls the law at every multiple of `period`, sends the set-points it gives, and lands at the
+end. All agents call their laws at the same instants, whenever they have joined. docs/agents.md is the author's side.
+
+Positions are NED from the origin that the agents share [m]; heights of different take-off places agree, since
+set-points and positions go by the height above mean sea level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import IntEnum
+from math import floor, radians, sqrt
+from typing import Any
+
+import numpy as np
+
+from cosim import Memory, Output, PacketInput, PacketOutput, Parameter, Variable
+from cosim.frames import deg_e7, geodetic_from_local
+from cosim.kernel import kernel
+from cosim.messages import (
+    GLOBAL_POSITION_INT,
+    SET_POSITION_TARGET_GLOBAL_INT,
+    encode_set_position_target_global_int,
+)
+from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, system, unpack
+from cosim.verdict import Condition, Reason, Role
+from cosim_models.agents.conversation import (
+    AUTOPILOT1,
+    CONVERSATION,
+    DO_SET_MODE,
+    MODE_FLAG_CUSTOM,
+    SLACK,
+    ask,
+    hear_autopilot,
+    heartbeat,
+    send,
+)
+from cosim_models.agents.neighbours import locate, neighbour_variables, note, select
+from cosim_models.agents.script import NEVER, SCRIPT, WHY, fail, prepare, stale, supervise
+
+__all__ = [
+    "ACCELERATION",
+    "ERRORS",
+    "NOTHING_NEW",
+    "POSITION",
+    "STEP_SIZE",
+    "VELOCITY",
+    "Task",
+    "Trouble",
+    "agent_kernels",
+    "agent_variables",
+    "decision",
+]
+
+STEP_SIZE = 0.0125
+"""Communication step for which agents are made [s]."""
+
+NOTHING_NEW, POSITION, VELOCITY, ACCELERATION = 0, 1, 2, 4
+"""What a law returns: the set-points that hold, added; NOTHING_NEW: none is sent."""
+
+
+class Task(IntEnum):
+    """What the agent waits for, or does."""
+
+    waiting = 1
+    """for a HEARTBEAT of its autopilot"""
+    streams = 2
+    """for the acceptance of the streams it asked for"""
+    estimate = 3
+    """for GPS fix, position estimate and its own position"""
+    mode = 4
+    """for mode GUIDED"""
+    arming = 5
+    """for the motors to be armed"""
+    takeoff = 6
+    """to reach 95 % of the altitude"""
+    ready = 7
+    """hovering, until its law begins"""
+    flying = 8
+    """as its law says"""
+    failed = 9
+    """given up, see `failure`; it commands nothing any more"""
+    landing = 10
+    """at the end"""
+    landed = 11
+    """and disarmed"""
+
+
+class Trouble(IntEnum):
+    """Why the agent has given up."""
+
+    none = 0
+    no_heartbeat = 1
+    no_streams = 2
+    no_position_estimate = 3
+    not_guided = 4
+    not_armed = 5
+    not_at_altitude = 6
+    left_guided = 7
+    disarmed = 8
+    not_landed = 9
+
+
+ERRORS = {
+    1: "sysid must be 1 to 255",
+    2: "period, position_rate and timeout must be positive",
+    3: "period must be less than 3 s: ArduCopter stops when it has not been given a velocity for so long",
+    4: "the law returned what is not a sum of POSITION, VELOCITY and ACCELERATION",
+}
+
+_CONDITION = Condition(
+    failed=(Task.failed,),
+    working=(Task.flying,),
+    commanding=(Task.arming, Task.takeoff, Task.ready, Task.flying),
+    by="first_step_time",
+    reason="failure",
+)
+_REASONS = {**{int(of): text for of, text in WHY.items()}, int(Trouble.not_landed): "its vehicle has not landed"}
+
+_WAITING, _ARMING, _TAKEOFF = int(Task.waiting), int(Task.arming), int(Task.takeoff)
+_READY, _FLYING, _FAILED = int(Task.ready), int(Task.flying), int(Task.failed)
+_LANDING, _LANDED = int(Task.landing), int(Task.landed)
+_NOT_LANDED = int(Trouble.not_landed)
+_COPTERS_LAND = 9  # ArduCopter's mode number
+_FRAME_GLOBAL_INT = 5  # MAV_FRAME: heights above mean sea level
+_IGNORE_ALL, _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x0DFF, 0x0007, 0x0038, 0x01C0
+_LEVEL_GAIN, _LEVEL_SPEED = 0.5, 1.0  # 1/s and m/s, of the vertical velocity that keeps the altitude
+
+
+def agent_variables(neighbours: int = 16) -> tuple[Variable, ...]:
+    """The variables of an agent: ports, parameters, outputs and what it remembers.
+
+    Args:
+        neighbours: how many it can have at once.
+    """
+    return (
+        PacketInput("mavlink_rx", capacity=16384, description="from the own autopilot and by radio"),
+        Parameter(
+            "sysid",
+            type=int,
+            start=1,
+            minimum=1,
+            maximum=255,
+            verdict=Role.SYSTEM_ID,
+            description="MAVLink system id of the drone",
+        ),
+        *neighbour_variables(neighbours),
+        *_PARAMETERS,
+        PacketOutput("mavlink_tx", capacity=256, description="to the own autopilot, and a heartbeat to all"),
+        *_OUTPUTS,
+        *CONVERSATION,
+        *SCRIPT,
+        Memory("home", shape=3),  # m, NED: where it was when its motors were armed
+        Memory("measured_position", shape=3),  # m, NED, at position_heard
+        Memory("turn", dtype="i4"),  # number of the present period
+    )
+
+
+_PARAMETERS = (
+    Parameter("period", unit="s", start=0.2, minimum=0.0, description="of the law"),
+    Parameter("first_step_time", unit="s", start=25.0, description="from when on it follows its law"),
+    Parameter("takeoff_time", unit="s", start=0.0, description="before which it stays on the ground"),
+    Parameter("land_time", unit="s", start=0.0, minimum=0.0, description="when it lands; 0: it does not"),
+    Parameter("altitude", unit="m", start=10.0, minimum=0.0, description="of the flight, above home; 0: no take-off"),
+    Parameter("speed_limit", unit="m/s", start=5.0, minimum=0.0, description="of horizontal velocity set-points"),
+    Parameter("origin_latitude", unit="rad", start=radians(-35.363262), description="of the origin that all share"),
+    Parameter("origin_longitude", unit="rad", start=radians(149.165237), description="of the origin"),
+    Parameter("origin_altitude", unit="m", start=584.0, description="of the origin, above mean sea level"),
+    Parameter("position_rate", unit="Hz", start=5.0, minimum=0.0, description="of GLOBAL_POSITION_INT asked for"),
+    Parameter("timeout", unit="s", start=60.0, minimum=0.0, description="of every state but hovering and flying"),
+)
+_OUTPUTS = (
+    Output("state", type=Task, start=Task.waiting, verdict=_CONDITION, description="what it waits for, or does"),
+    Output(
+        "failure",
+        type=Trouble,
+        start=Trouble.none,
+        verdict=Reason(tuple(_REASONS.items())),
+        description="why it has given up",
+    ),
+    Output("refusal", type=int, start=0, description="MAV_RESULT of the last command that was refused; 0: none"),
+    Output("step", type=int, start=0, description="how often its law has been called"),
+    Output("position", shape=3, unit="m", start=0.0, description="own measured position, NED from the origin"),
+    Output("velocity", shape=3, unit="m/s", start=0.0, description="own measured velocity, NED"),
+    Output("setpoint_position", shape=3, unit="m", start=0.0, description="what its law gave last, NED"),
+    Output("setpoint_velocity", shape=3, unit="m/s", start=0.0, description="what its law gave last, NED"),
+    Output("setpoint_acceleration", shape=3, unit="m/s2", start=0.0, description="what its law gave last, NED"),
+)
+
+
+# ---- receiving ---------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _receive(m: Any, now: float) -> None:
+    """Take what concerns this agent out of the packets of the step; anything else is passed over."""
+    p = 0
+    while True:
+        begin, p, status = find(m.mavlink_rx, p, m.mavlink_rx_len)
+        if status in (NOTHING, TRUNCATED):
+            return
+        if (status != GOOD and status != SIGNED) or component(m.mavlink_rx, begin) != AUTOPILOT1:
+            continue
+        sender = system(m.mavlink_rx, begin)
+        message = message_id(m.mavlink_rx, begin)
+        if sender == m.sysid:
+            unpack(m.mavlink_rx, begin, m.payload)
+            if message == GLOBAL_POSITION_INT:
+                _own_position(m, now)
+            else:
+                hear_autopilot(m, message)
+        elif message == GLOBAL_POSITION_INT and sender != 0:
+            unpack(m.mavlink_rx, begin, m.payload)
+            note(m, sender, now)
+
+
+@kernel
+def _own_position(m: Any, now: float) -> None:
+    known, north, east, down, vn, ve, vd, height = locate(m)
+    if known:
+        m.measured_position[0], m.measured_position[1], m.measured_position[2] = north, east, down
+        m.velocity[0], m.velocity[1], m.velocity[2] = vn, ve, vd
+        m.height = height
+        m.position_heard = now
+
+
+# ---- acting ------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _begin(m: Any, now: float) -> bool:
+    """All of a step that comes before the law; returns whether the law is to be called."""
+    m.mavlink_tx_len = 0
+    _receive(m, now)
+    if m.position_heard >= 0.0:
+        for i in range(3):
+            m.position[i] = m.measured_position[i] + m.velocity[i] * (now - m.position_heard)
+    heartbeat(m, now)
+    turn = floor(now / m.period + SLACK)
+    begins = turn > m.turn and now >= m.first_step_time - SLACK
+    m.turn = turn
+    if m.state >= _LANDING:
+        _land(m, now)
+        return False
+    supervise(m)
+    if m.state < _READY and now >= m.takeoff_time - SLACK:
+        was_arming = m.state == _ARMING
+        prepare(m, now)
+        if was_arming and m.state == _TAKEOFF:
+            m.home[:] = m.position
+    elif m.state in (_READY, _FLYING):
+        if m.land_time > 0.0 and now >= m.land_time - SLACK:
+            m.state, m.state_since, m.asked = _LANDING, now, 0
+            return False
+        if begins:
+            m.state = _FLYING
+            return not stale(m, m.position_heard, now)
+    return False
+
+
+@kernel
+def _land(m: Any, now: float) -> None:
+    if m.state == _LANDED:
+        return
+    if not m.armed:
+        m.state = _LANDED
+    elif now - m.state_since >= m.timeout - SLACK:
+        fail(m, _NOT_LANDED)
+    else:
+        ask(m, now, DO_SET_MODE, float(MODE_FLAG_CUSTOM), float(_COPTERS_LAND), 0.0)
+
+
+@kernel
+def _propose(m: Any, now: float) -> None:
+    """What the law finds: its neighbours of now, and set-points that keep place and altitude."""
+    select(m, now)
+    m.step += 1
+    level = m.home[2] - m.altitude
+    for i in range(3):
+        m.setpoint_position[i] = m.position[i]
+        m.setpoint_velocity[i] = 0.0
+        m.setpoint_acceleration[i] = 0.0
+    m.setpoint_position[2] = level
+    m.setpoint_velocity[2] = min(max(_LEVEL_GAIN * (level - m.position[2]), -_LEVEL_SPEED), _LEVEL_SPEED)
+
+
+@kernel
+def _limit(m: Any) -> None:
+    """Shorten the velocity set-point to `speed_limit`, in the plane."""
+    speed = sqrt(m.setpoint_velocity[0] * m.setpoint_velocity[0] + m.setpoint_velocity[1] * m.setpoint_velocity[1])
+    if speed > m.speed_limit:
+        m.setpoint_velocity[0] *= m.speed_limit / speed
+        m.setpoint_velocity[1] *= m.speed_limit / speed
+
+
+@kernel
+def _steer(m: Any, now: float, which: int) -> None:
+    """Send the set-points that hold."""
+    mask = _IGNORE_ALL
+    if which & POSITION != 0:
+        mask &= ~_IGNORE_POSITION
+    if which & VELOCITY != 0:
+        mask &= ~_IGNORE_VELOCITY
+    if which & ACCELERATION != 0:
+        mask &= ~_IGNORE_ACCELERATION
+    latitude, longitude, altitude = geodetic_from_local(
+        m.setpoint_position[0],
+        m.setpoint_position[1],
+        m.setpoint_position[2],
+        m.origin_latitude,
+        m.origin_longitude,
+        m.origin_altitude,
+    )
+    zero = 0.0
+    encode_set_position_target_global_int(
+        m.payload,
+        int(1000.0 * now + 0.5),
+        m.sysid,
+        AUTOPILOT1,
+        _FRAME_GLOBAL_INT,
+        mask,
+        deg_e7(latitude),
+        deg_e7(longitude),
+        altitude,
+        m.setpoint_velocity[0],
+        m.setpoint_velocity[1],
+        m.setpoint_velocity[2],
+        m.setpoint_acceleration[0],
+        m.setpoint_acceleration[1],
+        m.setpoint_acceleration[2],
+        zero,
+        zero,
+    )
+    send(m, int(np.int64(SET_POSITION_TARGET_GLOBAL_INT)))
+
+
+# ---- the kernels of the FMU --------------------------------------------------------------------------------------
+
+
+@kernel
+def _start(m: Any) -> int:
+    """Check the parameters; nothing has been heard yet."""
+    if m.sysid < 1 or m.sysid > 255:
+        return 1
+    if not (m.period > 0.0 and m.position_rate > 0.0 and m.timeout > 0.0):
+        return 2
+    if m.period >= 3.0:
+        return 3
+    m.state = _WAITING
+    m.state_since = NEVER
+    m.position_heard = NEVER
+    m.answer = -1
+    return 0
+
+
+def agent_kernels(law: Callable[[Any, float, float], int]) -> tuple[Any, Any]:
+    """Returns the kernels of a model that follows `law`.
+
+    Args:
+        law: a kernel of (record, time [s], period [s]). It reads `position`, `velocity`, `home`, the first `neighbours`
+            rows of `near_id`, `near_position`, `near_velocity`, `near_age`, `near_distance`, and the model's own
+            variables; writes `setpoint_position`, `setpoint_velocity`, `setpoint_acceleration`; returns which of them
+            hold, or minus a key of the model's errors. It finds set-points that keep place and altitude: a law in the
+            plane leaves their third elements.
+    """
+    decide = decision(law)
+
+    @kernel
+    def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
+        if _begin(m, t):
+            which = decide(m, t)
+            if which < 0:
+                return -which
+            if which > POSITION + VELOCITY + ACCELERATION:
+                return 4
+            if which != NOTHING_NEW:
+                _steer(m, t, which)
+        return 0
+
+    return _start, advance
+
+
+def decision(law: Callable[[Any, float, float], int]) -> Callable[[Any, float], int]:
+    """Returns a kernel of (record, time [s]): one call of `law` with all around it, from table to set-points."""
+
+    @kernel
+    def decide(m: Any, t: float) -> int:
+        _propose(m, t)
+        which = law(m, t, m.period)
+        _limit(m)
+        return which
+
+    return decide

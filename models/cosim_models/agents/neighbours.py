@@ -1,0 +1,189 @@
+"""The neighbour table of an agent, as kernels over its record: who is heard, where, and how long ago.
+
+A row is filled from GLOBAL_POSITION_INT of whoever is heard, not from LOCAL_POSITION_NED, whose origin each autopilot
+has for itself. Rows are for `capacity` system ids; with more, those that are nearest keep theirs. What a law sees are
+the *neighbours* among them: fresh, in the air, in the list if there is one, within the radius, the nearest of these, in
+the order of their system ids, so that nothing depends on the order in which packets arrive.
+
+A neighbour is where it would be if it had flown straight on since it was heard: at 4 Hz and 5 m/s what it said last is
+up to 1.25 m old.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import Any
+
+from cosim import Memory, Output, Parameter, Variable
+from cosim.frames import local_from_geodetic, radians_from_deg_e7
+from cosim.kernel import kernel
+from cosim.messages import decode_global_position_int
+from cosim.verdict import Bound
+
+__all__ = ["locate", "neighbour_variables", "note", "select"]
+
+
+def neighbour_variables(capacity: int) -> tuple[Variable, ...]:
+    """What an agent with a neighbour table of `capacity` rows declares for it."""
+    return (
+        Parameter(
+            "neighbour_ids",
+            type=int,
+            shape=capacity,
+            start=0,
+            minimum=0,
+            maximum=255,
+            description="system ids that may be neighbours, 0: none; all 0: whoever is heard",
+        ),
+        Parameter("nearest", type=int, start=0, minimum=0, description="so many of them, the nearest; 0: all"),
+        Parameter("radius", unit="m", start=1e6, minimum=0.0, description="within which they are"),
+        Parameter("stale_time", unit="s", start=1.0, minimum=0.0, description="age at which they no longer are"),
+        Parameter(
+            "airborne_height",
+            unit="m",
+            start=1.0,
+            description="above their homes, below which they are not; negative: on the ground they are",
+        ),
+        Parameter("social", type=bool, start=False, description="to fly without a neighbour is a finding"),
+        Output(
+            "neighbours",
+            type=int,
+            start=0,
+            verdict=Bound(least=1.0, of="social", text="it has no neighbours: is anybody in reach, and in the air?"),
+            description="how many it has",
+        ),
+        Memory("near_id", dtype="i4", shape=capacity),
+        Memory("near_position", shape=(capacity, 3)),  # m, NED
+        Memory("near_velocity", shape=(capacity, 3)),  # m/s, NED
+        Memory("near_age", shape=capacity),  # s
+        Memory("near_distance", shape=capacity),  # m
+        Memory("heard_id", dtype="i4", shape=capacity),  # 0: a free row
+        Memory("heard_at", shape=capacity),  # s
+        Memory("heard_position", shape=(capacity, 3)),
+        Memory("heard_velocity", shape=(capacity, 3)),
+    )
+
+
+@kernel
+def locate(m: Any) -> tuple[bool, float, float, float, float, float, float, float]:
+    """Returns what the GLOBAL_POSITION_INT in the payload buffer says.
+
+    Whether its sender knows where it is; north, east, down [m]; velocity, NED [m/s]; height above home [m].
+    """
+    _, latitude, longitude, altitude, relative_alt, vx, vy, vz, _ = decode_global_position_int(m.payload)
+    north, east, down = local_from_geodetic(
+        radians_from_deg_e7(latitude),
+        radians_from_deg_e7(longitude),
+        0.001 * altitude,
+        m.origin_latitude,
+        m.origin_longitude,
+        m.origin_altitude,
+    )
+    known = latitude != 0 or longitude != 0
+    return known, north, east, down, 0.01 * vx, 0.01 * vy, 0.01 * vz, 0.001 * relative_alt
+
+
+@kernel
+def note(m: Any, sender: int, now: float) -> None:
+    """Enter what `sender` says in the payload buffer into the table, if it may be a neighbour and there is room."""
+    if not _may_be(m, sender):
+        return
+    known, north, east, down, vn, ve, vd, height = locate(m)
+    if not known:
+        return
+    row = _row(m, sender, _distance(m, north, east, down), now)
+    if row < 0:
+        return
+    if height < m.airborne_height:
+        if m.heard_id[row] == sender:
+            m.heard_id[row] = 0
+        return
+    m.heard_id[row] = sender
+    m.heard_at[row] = now
+    m.heard_position[row, 0], m.heard_position[row, 1], m.heard_position[row, 2] = north, east, down
+    m.heard_velocity[row, 0], m.heard_velocity[row, 1], m.heard_velocity[row, 2] = vn, ve, vd
+
+
+@kernel
+def _may_be(m: Any, sender: int) -> bool:
+    listed = False
+    for i in range(m.neighbour_ids.size):
+        if m.neighbour_ids[i] == sender:
+            return True
+        listed = listed or m.neighbour_ids[i] != 0
+    return not listed
+
+
+@kernel
+def _distance(m: Any, north: float, east: float, down: float) -> float:
+    n, e, d = north - m.position[0], east - m.position[1], down - m.position[2]
+    return sqrt(n * n + e * e + d * d)
+
+
+@kernel
+def _row(m: Any, sender: int, distance: float, now: float) -> int:
+    """The row of `sender`: its own, a free one, that of one no longer heard, or that of one farther away; else -1."""
+    free, farthest, far = -1, -1, distance
+    for row in range(m.heard_id.size):
+        if m.heard_id[row] == sender:
+            return row
+        if m.heard_id[row] == 0 or now - m.heard_at[row] > m.stale_time:
+            if free < 0:
+                free = row
+            continue
+        away = _distance(m, m.heard_position[row, 0], m.heard_position[row, 1], m.heard_position[row, 2])
+        if away > far:
+            farthest, far = row, away
+    return free if free >= 0 else farthest
+
+
+@kernel
+def select(m: Any, now: float) -> None:
+    """Fill `near_*` with the neighbours of this moment."""
+    m.neighbours = 0
+    for row in range(m.heard_id.size):
+        age = now - m.heard_at[row]
+        if m.heard_id[row] == 0 or age > m.stale_time:
+            continue
+        north = m.heard_position[row, 0] + age * m.heard_velocity[row, 0]
+        east = m.heard_position[row, 1] + age * m.heard_velocity[row, 1]
+        down = m.heard_position[row, 2] + age * m.heard_velocity[row, 2]
+        distance = _distance(m, north, east, down)
+        if distance <= m.radius:
+            k = _place(m, m.heard_id[row])
+            m.near_id[k], m.near_age[k], m.near_distance[k] = m.heard_id[row], age, distance
+            m.near_position[k, 0], m.near_position[k, 1], m.near_position[k, 2] = north, east, down
+            for i in range(3):
+                m.near_velocity[k, i] = m.heard_velocity[row, i]
+    while 0 < m.nearest < m.neighbours:
+        _leave_out_farthest(m)
+
+
+@kernel
+def _place(m: Any, sender: int) -> int:
+    """Make room for a neighbour, in the order of system ids; returns its index."""
+    k = m.neighbours
+    while k > 0 and m.near_id[k - 1] > sender:
+        _move(m, k - 1, k)
+        k -= 1
+    m.neighbours += 1
+    return int(k)
+
+
+@kernel
+def _leave_out_farthest(m: Any) -> None:
+    farthest, far = 0, -inf
+    for k in range(m.neighbours):
+        if m.near_distance[k] > far:
+            farthest, far = k, m.near_distance[k]
+    for k in range(farthest, m.neighbours - 1):
+        _move(m, k + 1, k)
+    m.neighbours -= 1
+
+
+@kernel
+def _move(m: Any, k: int, to: int) -> None:
+    m.near_id[to], m.near_age[to], m.near_distance[to] = m.near_id[k], m.near_age[k], m.near_distance[k]
+    for i in range(3):
+        m.near_position[to, i] = m.near_position[k, i]
+        m.near_velocity[to, i] = m.near_velocity[k, i]

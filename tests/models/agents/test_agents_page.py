@@ -1,0 +1,76 @@
+"""docs/agents.md: its law is built and flown by the commands as printed; its tables are those of the code."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as parquet
+import pytest
+
+from cosim.build import models_of_package
+from cosim_models.agents.kit import agent_variables
+
+PAGE = (Path(__file__).parents[3] / "docs" / "agents.md").read_text(encoding="utf-8")
+COMMON = {v.name for v in agent_variables()}
+
+
+def blocks(kind: str) -> list[tuple[str, str]]:
+    """(file, content) of the code blocks of one language."""
+    return re.findall(rf"^```{kind}(?: file=(\S+))?\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def table(title: str) -> dict[str, str]:
+    """First and second column of the table below a title, code marks left out."""
+    text = PAGE.split(f"# {title}\n", 1)[1].split("\n#", 1)[0]
+    rows = re.findall(r"^\| (`.+?) \| (.+?) \|", text, re.MULTILINE)
+    return {name.replace("`", ""): value for name, value in rows}
+
+
+@pytest.mark.slow
+def test_the_law_flies_as_printed(fmus: Path, tmp_path: Path) -> None:
+    ((file, content),) = blocks("python")
+    (tmp_path / file).write_text(content)
+    ((_, commands),) = blocks("sh")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for command in commands.splitlines():
+        environment = {**os.environ, "PATH": path}
+        done = subprocess.run(
+            shlex.split(command), cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    signals = parquet.read_table(tmp_path / "out" / "circle" / "signals.parquet")
+    places = np.array([[signals[f"drone{i}.vehicle.position[{k}]"].to_numpy() for k in (1, 2)] for i in range(1, 6)])
+    ways = np.roll(places, -1, axis=0) - places
+    assert np.hypot(*ways[:, :, -1].T) == pytest.approx(np.full(5, 35.0), abs=1.0)
+    centred = places - places.mean(axis=0)
+    bearings = np.unwrap(np.arctan2(centred[:, 1], centred[:, 0]), axis=1)
+    seconds = int(np.searchsorted(signals["time"].to_numpy(), 50.0))
+    assert (bearings[:, -1] - bearings[:, seconds] > np.radians(30.0)).all()  # clockwise
+
+
+def test_the_law_has_as_many_lines_as_are_promised() -> None:
+    ((_, content),) = blocks("python")
+    law = content.split("@kernel\n")[1].split("class ")[0].strip().splitlines()
+    assert len(law) <= 20
+
+
+def test_every_parameter_of_the_kit_is_in_the_table() -> None:
+    names = {name.replace("[]", "") for name in table("Parameters of every agent")}
+    names |= {f"origin_{axis}" for axis in ("latitude", "longitude", "altitude")}
+    names = {name for name in names if ", " not in name}
+    assert names == {v.name for v in agent_variables() if v.role == "parameter"}
+
+
+def test_every_law_has_its_parameters_in_a_table() -> None:
+    laws = [model for model in models_of_package("cosim_models") if {v.name for v in model.variables} >= COMMON]
+    assert {"Rendezvous"} <= {model.__name__ for model in laws}
+    for model in laws:
+        own = {v.name for v in model.variables if v.role == "parameter"} - COMMON
+        names = {name.strip() for row in table(model.__name__) for name in row.replace("[]", "").split(",")}
+        assert names == own, model.__name__
