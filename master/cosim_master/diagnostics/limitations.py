@@ -59,13 +59,13 @@ OTHER_SSD = Limitation(
 CLOCK = Limitation("SSP 2.0, 6", "clocks in signal dictionaries", "error", 'clocks of entry "{}" are not supported')
 OPEN_SIZE = Limitation(
     "SSP 2.0, 4.5.3",
-    "array connectors of systems whose size is open, and not that of anything they are connected to",
+    "array connectors of systems whose size is open and not determined by any connection",
     "error",
     'the size of array connector "{}" is open, and nothing that it is connected to has one',
 )
 SIZE_CONNECTOR = Limitation(
     "SSP 2.0, 4.5.3",
-    "sizes that are those of a connector (sizeConnector), other than a structural parameter or constant of an FMU",
+    "sizes given by a connector (sizeConnector) that is not a structural parameter or constant of an FMU",
     "error",
     'the size of array connector "{}" is that of "{}", which is no structural parameter or constant of an FMU',
 )
@@ -83,7 +83,7 @@ NARROWING = Limitation(
 )
 MAPPED_BACK = Limitation(
     "SSP 2.0, 5.2.3",
-    "start values of a system's output behind a mapping transformation",
+    "start values of a system's output that is connected by a mapping transformation",
     "error",
     '"{}" cannot be set: a mapping transformation leads to {}',
 )
@@ -104,7 +104,7 @@ ENTRIES = Limitation("SSP 2.0, 3", "archives of more than 50000 entries", "error
 ENCRYPTED = Limitation("SSP 2.0, 3", "encrypted entries of archives", "error", 'entry "{}" is encrypted')
 COMPRESSION = Limitation(
     "SSP 2.0, 3",
-    "archives with other compressions than deflate",
+    "archives with compression methods other than deflate",
     "error",
     'entry "{}" uses compression method {}; only stored and deflated are allowed',
 )
@@ -112,13 +112,13 @@ LINK = Limitation("SSP 2.0, 3", "links in archives", "error", 'entry "{}" is a l
 LARGE_DOCUMENT = Limitation("SSP 2.0, 3", "XML files of more than 256 MiB", "error", "is larger than {} bytes")
 ENCODING = Limitation(
     "SSP 2.0, 3",
-    "changing (swap, save) files in other encodings than UTF-8; they are read",
+    "changing (swap, save) files in encodings other than UTF-8; reading them is supported",
     "error",
     "is not encoded in UTF-8; save it as UTF-8 to change it",
 )
 INNER_FILE = Limitation(
     "SSP 2.0, 5.4",
-    "saving what has changed inside of a component that is an .ssd or .ssp of its own",
+    "saving changes inside a component that is a separate .ssd or .ssp",
     "error",
     'what is inside of "{}" is a file of its own: change it there',
 )
@@ -126,19 +126,19 @@ META_DATA = Limitation("SSP 2.0, 4.5.4", "meta data and signatures (they are not
 ANNOTATION = Limitation("SSP 2.0, 4.2", "annotations of other tools", "note", 'annotation "{}" is ignored')
 OMS_MASTER = Limitation(
     "SSP 2.0, 4.2",
-    "OMSimulator's masters with variable steps (oms-mav); docs/masters.md has another one (richardson)",
+    "OMSimulator's masters with variable steps (oms-mav); docs/masters.md describes an alternative (richardson)",
     "note",
     "OMSimulator's master with variable steps is not taken over ({}): steps have one size",
 )
 OMS_IGNORED = Limitation(
     "SSP 2.0, 4.2",
-    "OMSimulator's other settings: tolerances of a master with fixed steps, files of results",
+    "other settings of OMSimulator: tolerances of a master with fixed steps, result files",
     "note",
     "settings of OMSimulator that are ignored: {}",
 )
 NO_SOURCE = Limitation(
     "SSP 2.0, 5.4",
-    "components without a source: nothing comes from them",
+    "components without a source, which have no outputs",
     "note",
     'component "{}" has no source: it is taken for an empty system',
 )
@@ -150,13 +150,13 @@ SIGNAL_START = Limitation(
 )
 LOCAL = Limitation(
     "SSP 2.0, 5.2.1",
-    "connections from local variables of FMI 2, which must not be read while initializing",
+    "connections from local variables of FMI 2, which must not be read during initialization",
     "note",
     "{}.{} is local: it is exchanged from the first step on only",
 )
 UNIT_GAP = Limitation(
     "SSP 2.0, 4.5.1",
-    "connections that join a unit to no unit",
+    "connections between a port with a unit and a port without",
     "note",
     "{} connections join a unit to a port without one, unconverted; the first: {}",
 )
@@ -196,7 +196,7 @@ NO_LIBRARY = Limitation(
 )
 SOURCE_LIBRARY = Limitation(
     "FMI",
-    "FMUs that are compiled from sources and link libraries of their own",
+    "FMUs compiled from sources that link their own libraries",
     "error",
     '<Library> "{}" is not external: sources that need a library of the FMU\'s own are not supported',
 )
@@ -211,13 +211,13 @@ ONLY_ONCE = Limitation(
 )
 PYTHON_SOURCES = Limitation(
     "FMI",
-    "Python FMUs (pythonfmu) that bring different modules of one name: they share an interpreter",
+    "Python FMUs (pythonfmu) with different modules of the same name, because they share an interpreter",
     "error",
     "was built from another {} than {}; both would share one; {}",
 )
 DISCARDED = Limitation(
     "FMI",
-    "discarded steps, where one FMU cannot go back or steps of a thousandth do not help either",
+    "discarded steps, if an FMU cannot go back, or if steps of a thousandth of the size are discarded as well",
     "failure",
     "fmi{}Discard: it could not step from {} s to {} s{}; {}",
 )
@@ -229,7 +229,7 @@ TOLERANCE = Limitation(
 
 PENDING = Limitation(
     "FMI 2.0.5, 4.2.2",
-    "steps that go on in the background (fmi2Pending)",
+    "steps that continue in the background (fmi2Pending)",
     "failure",
     "fmi2Pending: it goes on in the background, which is not supported",
 )
@@ -238,31 +238,31 @@ PENDING = Limitation(
 
 CLOCK_END = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "connections to Clocks that tick by themselves; those from them to triggered ones are made",
+    "connections to time-based Clocks; connections from them to triggered Clocks are supported",
     "error",
     "{} is a {} Clock, which ticks by itself: it can drive a triggered input Clock, but {} is none",
 )
 SILENT_CLOCK = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "triggered Clocks that nothing is connected to",
+    "triggered Clocks without a connection",
     "note",
     "{}.{}: nothing is connected to this Clock: it never ticks",
 )
 TIED_STEPS = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "connections of Clocks between instances of different step sizes",
+    "connections of Clocks between instances with different step sizes",
     "error",
     "instances that are connected by Clocks must have one step size, but step {}",
 )
 MISSED_TICK = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "Clocks that tick within a step of an FMU whose steps have one size",
+    "Clocks that tick during a step of an FMU whose steps must have one size",
     "failure",
     "a Clock ticks at {} s, in the middle of a step, and it cannot take a shorter one",
 )
 CLOCKED_CHANGE = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "changes (--at) of what belongs to a Clock",
+    "changes (--at) of clocked variables",
     "error",
     "it belongs to the Clock {}: it can be set only while that ticks",
 )
@@ -286,7 +286,7 @@ LARGE_VARIABLE = Limitation(
 )
 WIDE_INTEGER = Limitation(
     "FMI 3.0.2, 2.4.7",
-    "values of enumerations that need more than 32 bits and are those of no item",
+    "values of enumerations that need more than 32 bits and belong to no item",
     "failure",
     "an integer does not fit: the master carries 32 bits of an enumeration, and the variable may have fewer",
 )
@@ -334,18 +334,18 @@ DIALECT = Limitation(
 )
 ADDRESS = Limitation(
     "MAVLink",
-    "gateways that are no TCP server and no UDP socket (serial ports, TCP clients)",
+    "gateways other than TCP servers and UDP sockets (such as serial ports and TCP clients)",
     "error",
     "{} is no address: write KIND:[HOST:]PORT, its kind one of {}",
 )
 NO_AUTOPILOT = Limitation(
     "MAVLink",
-    'ports (--ports) of components that neither declare to be autopilots nor are called "autopilot"',
+    'ports (--ports) of components that are neither declared as autopilots nor named "autopilot"',
     "error",
     "no autopilot has packet ports: an FMU declares to be one, or its component is called {}; those that have are: {}",
 )
 SIGNATURE = Limitation(
-    "MAVLink", "signatures of packets from instance to instance: neither made nor checked", "silent", ""
+    "MAVLink", "signatures of packets between instances, which are neither created nor checked", "silent", ""
 )
 
 # ---- multi-models of INTO-CPS ----------------------------------------------------------------------------------------
@@ -361,19 +361,19 @@ VAR_STEP = Limitation(
 )
 STABILISATION = Limitation(
     "Multi-models",
-    "stabilisation that stops after a number of tries, settled or not",
+    "stabilisation that stops after a number of tries without convergence",
     "note",
     "{}: with stabilisation every loop is iterated to {}; Maestro stops after {} tries, settled or not",
 )
 TRANSFER = Limitation(
-    "Multi-models", "models that move on to another run", "error", "{}: model transfer is not supported"
+    "Multi-models", "transfer of models to another run", "error", "{}: model transfer is not supported"
 )
-SWAP = Limitation("Multi-models", "models that are replaced during a run", "error", "{}: model swap is not supported")
+SWAP = Limitation("Multi-models", "replacement of models during a run", "error", "{}: model swap is not supported")
 FAULTS = Limitation("Multi-models", "fault injection", "error", "{}: fault injection is not supported")
 LARGE_FILE = Limitation("Multi-models", "files of more than 64 MB", "error", "is larger than {} MB")
 OTHER_KEYS = Limitation(
     "Multi-models",
-    "what only tells Maestro what to log or to show",
+    "settings of Maestro that only affect logging or display",
     "note",
     "{}: ignored, since it changes no values: {}",
 )
@@ -388,7 +388,7 @@ OSP_ALGORITHM = Limitation(
 )
 OSP_BOND = Limitation(
     "OspSystemStructure",
-    "power bonds, which are for ecco",
+    "power bonds, which only ecco uses",
     "note",
     'powerBond="{}" is ignored: only ecco uses it, and steps have one size',
 )
@@ -402,7 +402,7 @@ CONVERTED_LINK = Limitation(
 )
 FMPY_TRANSFORMATION = Limitation(
     "Conversion",
-    "for FMPy: connections with a factor or an offset, which it does not apply",
+    "for FMPy: connections with a factor or an offset, which FMPy does not apply",
     "error",
     "{}: FMPy applies no factor, offset or unit",
 )
@@ -421,7 +421,7 @@ ENGINE_FMI = Limitation(
 
 ENGINE_TABLE = Limitation(
     "Conversion",
-    "components that are CSV or Parquet files, but for linear ones of CSV for OMSimulator",
+    "components that are CSV or Parquet files, except linear CSV files for OMSimulator",
     "error",
     "{} is a file of values ({}), which {} does not read so",
 )
@@ -430,12 +430,15 @@ ENGINE_TABLE = Limitation(
 
 FINE_STEPS = Limitation(
     "Masters",
-    "step sizes without a common unit that is large enough for the run (fractions such as 1/30 have one)",
+    "step sizes without a common unit that is large enough for the run (fractions such as 1/30 are supported)",
     "error",
     "step size {} s: to count the time of this run exactly takes more than 62 bits; try {}",
 )
 WHOLE_TIMES = Limitation(
-    "Masters", "start and stop times that are not", "error", "start and stop time must be whole nanoseconds"
+    "Masters",
+    "start and stop times that are not whole nanoseconds",
+    "error",
+    "start and stop time must be whole nanoseconds",
 )
 BASE_STEP = Limitation(
     "Masters",
@@ -445,7 +448,7 @@ BASE_STEP = Limitation(
 )
 OVERRUN = Limitation(
     "Masters",
-    "runs that end within a step of an FMU whose steps have one size",
+    "runs that end during a step of an FMU whose steps must have one size",
     "error",
     "{} steps by {} s only (canHandleVariableCommunicationStepSize is false): a run of {} s is not a multiple of it",
 )
@@ -457,7 +460,7 @@ RECORDING_INTERVAL = Limitation(
 )
 CHANGE = Limitation(
     "Masters",
-    "changes (--at) within a step",
+    "changes (--at) during a step",
     "error",
     "no step of {} begins then; its steps begin every {} s from {} to {} s",
 )
@@ -469,7 +472,7 @@ NOT_A_NUMBER = Limitation(
 )
 INITIAL_LOOP = Limitation(
     "Masters",
-    "loops at initialization that neither going round nor Newton's method solves",
+    "loops at initialization that neither fixed-point iteration nor Newton's method solves",
     "failure",
     "these outputs depend on each other at initialization, and do not settle in {} rounds:",
 )
@@ -481,7 +484,7 @@ CHECKPOINT = Limitation(
 )
 EXTRAPOLATION = Limitation(
     "Masters",
-    "extrapolated inputs that are no Reals, of FMI 3, without canInterpolateInputs, or with iterating masters",
+    "extrapolated inputs other than Reals, of FMI 3, without canInterpolateInputs, or with iterating masters",
     "error",
     "{}.{} cannot be extrapolated: {}",
 )
@@ -523,13 +526,13 @@ STEP_DELAY = Limitation(
 )
 STEP_FRACTION = Limitation(
     "Masters",
-    "steps that the error decides, where a base step is not a whole number of ns",
+    "error-controlled steps with a base step that is not a whole number of ns",
     "error",
     "richardson: its rows lie on whole nanoseconds, but the base step is {} s; try --step with one that is whole",
 )
 FINE_GRID = Limitation(
     "Masters",
-    "delays, or steps that the error decides, where the base step is far below the step of any instance",
+    "delays, or error-controlled steps, if the base step is far below the step of any instance",
     "error",
     "{} need each base step, {} s here, where the shortest step is {} s; try step sizes with a larger common divisor",
 )
@@ -537,7 +540,7 @@ FINE_GRID = Limitation(
 LIMITATIONS = tuple(value for value in tuple(globals().values()) if isinstance(value, Limitation))
 
 
-_HAPPENS = {"error": "refused", "failure": "the run fails", "note": "ignored, with a note", "silent": "ignored"}
+_HAPPENS = {"error": "error", "failure": "the run fails", "note": "ignored, with a note", "silent": "ignored"}
 
 
 def table() -> str:
@@ -545,19 +548,19 @@ def table() -> str:
     lines = [
         "# Limitations",
         "",
-        "What the standards have and `uav-cosim` does not do, and what it says then. Generated by",
-        "`python -m cosim_master.diagnostics.limitations > docs/limitations.md` from the words that the code itself",
-        "uses; a test provokes every one of them.",
+        "This page lists the features of the standards that `uav-cosim` does not support, and its messages. It is",
+        "generated by `python -m cosim_master.diagnostics.limitations > docs/limitations.md` from the messages in the",
+        "code; a test provokes every one of them.",
     ]
     for standard in dict.fromkeys(one.standard.partition(",")[0] for one in LIMITATIONS):
         rows = [one for one in LIMITATIONS if one.standard.partition(",")[0] == standard]
         with_sections = any(one.standard != standard for one in rows)
-        head = "| section | what " if with_sections else "| what "
+        head = "| section | feature " if with_sections else "| feature "
         lines += [
             "",
             f"## {standard}",
             "",
-            f"{head}| what happens | what is said |",
+            f"{head}| behaviour | message |",
             "|---" * (3 + with_sections) + "|",
         ]
         for one in rows:
