@@ -42,6 +42,7 @@ ANYWHERE = {
     "nearest": "a topology of the network",
     "neighbours": "of the network, and a word",
     "period": "of stepping, and an attribute of the annotation of verdicts",
+    "radius": "a word",
     "refusal": "a word",
     "restarts": "a word",
     "seed": "of the network",
