@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
@@ -31,7 +31,7 @@ from cosim.build.objects import object_code
 from cosim.build.sources import Sources
 from cosim.model import Model, Variable, busy_part, flat_variables, record_layout
 
-__all__ = ["HOST", "TARGETS", "CannotCompile", "build_compiled"]
+__all__ = ["HOST", "TARGETS", "CannotCompile", "build_compiled", "kernel_code"]
 
 
 class CannotCompile(Exception):
@@ -90,17 +90,15 @@ def build_compiled(
     described = model_description3(model, guid) if fmi == 3 else model_description(model, guid, compiled=True)
     description = as_text(described).encode()
     dtype, head = record_layout(model.variables)
-    ir = cache(lambda: _lower(model, dtype, checked))
     binaries: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory(prefix="uav-cosim-build-") as temporary:
         folder = Path(temporary)
         header = (_header3 if fmi == 3 else _header)(model, guid, dtype, head)
         (folder / "model.h").write_text(f"#define CHECKED {int(checked)}\n{header}", encoding="utf-8")
-        for name in targets:
+        for name, machine_code in kernel_code(model, sources, targets, checked=checked):
             target = TARGETS[name]
             code = folder / f"{name}.o"
-            how = f"{name} {'checked' if checked else 'unchecked'}"
-            code.write_bytes(object_code(model, sources, dtype, how, partial(_emit, ir, target, model)))
+            code.write_bytes(machine_code)
             library = folder / f"{model.__name__}{target.suffix}"
             _link(code, library, name, model.__name__, fmi)
             folder_in_fmu = target.folder3 if fmi == 3 else target.folder
@@ -117,6 +115,21 @@ def build_compiled(
         for entry, content in sorted(entries.items()):
             archive.writestr(zipfile.ZipInfo(entry, (2020, 1, 1, 0, 0, 0)), content, zipfile.ZIP_DEFLATED)
     part.replace(file)
+
+
+def kernel_code(
+    model: type[Model], sources: Sources, targets: Sequence[str], *, checked: bool
+) -> Iterator[tuple[str, bytes]]:
+    """Yields each of `targets` with object code for it, which defines `model_start` and `model_advance` (see fmi2.c).
+
+    Raises:
+        CannotCompile: as `build_compiled`.
+    """
+    dtype, _ = record_layout(model.variables)
+    ir = cache(lambda: _lower(model, dtype, checked))
+    for name in targets:
+        how = f"{name} {'checked' if checked else 'unchecked'}"
+        yield name, object_code(model, sources, dtype, how, partial(_emit, ir, TARGETS[name], model))
 
 
 def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:

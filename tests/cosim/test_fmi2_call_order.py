@@ -9,7 +9,7 @@ from pathlib import Path
 import fmpy
 import pytest
 
-SEQUENCES = 2000
+SEQUENCES = 500
 
 
 @pytest.mark.slow

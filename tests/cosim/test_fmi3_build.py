@@ -25,7 +25,7 @@ from cosim.vehicle import MOTION_INPUTS
 
 MODELS = {model.__name__: model for model in models_of_package("cosim_models") if model.kernels is not None}
 every_model = pytest.mark.parametrize("name", sorted(MODELS))
-SEQUENCES = 2000
+SEQUENCES = 500
 TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Int64", "Packets": "Binary"}
 
 

@@ -17,6 +17,7 @@ from cosim_models.autopilot.autopilot import Autopilot
 from cosim_models.vehicles import quadrotor
 from cosim_models.vehicles.quadrotor import Quadrotor
 from cosim_models.vehicles.rotor import MotorCurve
+from tests.models.shipped_kernels import kernels
 
 H = 0.0025
 STABILIZE, GUIDED, LOITER, RTL, LAND = 0, 4, 5, 6, 9
@@ -82,8 +83,8 @@ class Copter:
         self.v, self.m = self.vehicle_model.record(), Autopilot.record()
         set_values(self.v, self.vehicle)
         set_values(self.m, {"SYSID_THISMAV": self.system, **self.autopilot})
-        self.start_vehicle, self.advance_vehicle = self.vehicle_model.kernels
-        start, self.advance_autopilot = Autopilot.kernels
+        self.start_vehicle, self.advance_vehicle = kernels(self.vehicle_model)
+        start, self.advance_autopilot = kernels(Autopilot)
         assert self.start_vehicle(self.v) == 0
         self._pairs = [(self.m[name], self.v[name]) for name in MOTION]
         self._commands, self._motor = self.v["motor"], self.m["motor"]

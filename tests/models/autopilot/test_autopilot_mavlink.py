@@ -28,6 +28,7 @@ from tests.models.copter import (
     Decoder,
     H,
 )
+from tests.models.shipped_kernels import kernels
 
 NAN = float("nan")
 LAT, LON = -353632620, 1491652370
@@ -577,7 +578,7 @@ def test_no_packet_breaks_it(noise: bytes, seed: int, values: list[float]) -> No
     """Random commands, parameters and bytes: motor commands stay within 0 and 1, and what is said is well-formed."""
     rng = np.random.default_rng(seed)
     m = Autopilot.record()
-    start, advance = Autopilot.kernels  # type: ignore[misc]
+    start, advance = kernels(Autopilot)
     assert start(m) == 0
     station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
     command = int(rng.choice([20, 21, 22, 115, 176, 178, 192, 400, 410, 511, 512, 520, int(rng.integers(65536))]))
@@ -613,7 +614,7 @@ def test_no_packet_breaks_it(noise: bytes, seed: int, values: list[float]) -> No
 
 
 def test_errors_of_start() -> None:
-    start = Autopilot.kernels[0]  # type: ignore[index]
+    start = kernels(Autopilot)[0]
     for field, value, word in (
         ("airframe", 42, "airframe"),
         ("SYSID_THISMAV", 0, "SYSID_THISMAV"),
@@ -632,7 +633,7 @@ def test_errors_of_start() -> None:
 
 @pytest.mark.parametrize("bad", [NAN, math.inf])
 def test_a_motion_that_is_no_number_is_an_error(bad: float) -> None:
-    start, advance = Autopilot.kernels  # type: ignore[misc]
+    start, advance = kernels(Autopilot)
     m = Autopilot.record()
     assert start(m) == 0
     m["velocity"][1] = bad
@@ -640,7 +641,7 @@ def test_a_motion_that_is_no_number_is_an_error(bad: float) -> None:
 
 
 def test_start_may_run_again() -> None:
-    start = Autopilot.kernels[0]  # type: ignore[index]
+    start = kernels(Autopilot)[0]
     once, twice = Autopilot.record(), Autopilot.record()
     start(once)
     start(twice)
