@@ -198,8 +198,16 @@ class Copter:
     def in_the_air(self, height: float = 10.0, settle: float = 14.0) -> Copter:
         """In GUIDED, armed, hovering at `height`."""
         self.run(2.1)
-        assert self.ask(176, 1, GUIDED)[0] == ("ACK", 176, ACCEPTED)
-        assert self.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
-        assert self.ask(22, 0, 0, 0, 0, 0, 0, height)[0] == ("ACK", 22, ACCEPTED)
+        assert self.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
+        assert self.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+            "ACK",
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+            ACCEPTED,
+        )
+        assert self.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height)[0] == (
+            "ACK",
+            mavlink.MAV_CMD_NAV_TAKEOFF,
+            ACCEPTED,
+        )
         self.run(settle)
         return self

@@ -143,7 +143,7 @@ class Vehicle:
         self.unsent = b""
         for message in self.mavlink.parse_buffer(self.serial.read()) or []:
             if message.get_type() == "COMMAND_LONG":
-                self.armed = message.command == 400
+                self.armed = message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM
                 ack = self.mavlink.command_ack_encode(message.command, 0, 0, 0, message.get_srcSystem(), 0)
                 self.unsent += ack.pack(self.mavlink)
                 self.beat = -1.0

@@ -372,7 +372,9 @@ def test_packets_pass_its_serial_port_both_ways_and_say_how_it_is(flight: Any) -
         k, found = k + 1, one.packets()
     assert {(m.get_type(), m.get_srcSystem()) for m in found} == {("HEARTBEAT", 3)}
     assert (bool(one.slave.m.armed), one.slave.m.mode, bool(one.slave.m.on_ground)) == (False, 4, True)
-    one.step(k, packets=me.command_long_encode(3, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(me))
+    one.step(
+        k, packets=me.command_long_encode(3, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(me)
+    )
     answers = [m.get_type() for m in one.packets()]
     while not one.slave.m.armed and time.monotonic() < end:
         k += 1

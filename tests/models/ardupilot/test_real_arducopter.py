@@ -43,7 +43,7 @@ def real(tmp_path: Path) -> Iterator[Callable[..., RealCopter]]:
 
 
 def version(copter: Copter) -> tuple[int, int]:
-    copter.command(512, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     copter.run(0.2)
     number = copter.messages("AUTOPILOT_VERSION")[-1].flight_sw_version
     return number >> 24, number >> 16 & 0xFF
@@ -60,7 +60,11 @@ def rates(copter: Copter, duration: float) -> dict[str, float]:
 def fly(copter: RealCopter) -> NDArray[np.float64]:
     """Ready, up to 10 m, and 8 m north."""
     rows = [copter.run(READY)]
-    for command in ((176, 1, GUIDED), (400, 1), (22, 0, 0, 0, 0, 0, 0, 10.0)):
+    for command in (
+        (mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED),
+        (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1),
+        (mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0),
+    ):
         assert ("ACK", command[0], ACCEPTED) in copter.ask(*command)
     rows.append(copter.run(14.0))
     copter.go(8.0, 0.0, -10.0)
@@ -110,7 +114,7 @@ def test_its_first_words_are_those_of_the_stand_in(
 def test_its_clock_is_the_masters(real: Callable[..., RealCopter]) -> None:
     copter = real()
     copter.run(20.0)
-    copter.ask(511, mavlink.MAVLINK_MSG_ID_ATTITUDE, 100_000)
+    copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 100_000)
     copter.heard.clear()
     copter.run(20.0)
     last, message = [(t, m) for t, m in copter.heard if m.get_type() == "ATTITUDE"][-1]
@@ -120,7 +124,9 @@ def test_its_clock_is_the_masters(real: Callable[..., RealCopter]) -> None:
 def test_it_reboots_and_the_flight_goes_on(real: Callable[..., RealCopter]) -> None:
     copter = real()
     copter.run(5.0)
-    assert ("ACK", 246, ACCEPTED) in copter.ask(246, 1)
+    assert ("ACK", mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, ACCEPTED) in copter.ask(
+        mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1
+    )
     copter.heard.clear()
     copter.run(5.0)
     assert copter.m["restarts"] == 1
@@ -199,7 +205,7 @@ def test_its_parameters_streams_and_messages_are_ours(real: Callable[..., RealCo
         copter.send(mavlink.MAVLink_request_data_stream_message(0, 0, 0, 0, 0))
         copter.run(1.0)
         for message, interval in ((30, 20_000), (33, 250_000), (193, 1_000_000)):
-            copter.ask(511, message, interval)
+            copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, interval)
         found.append({"quiet": quiet, "parameters": parameters, "streams": streams, "asked": rates(copter, 10.0)})
     real_, own = found
     own["parameters"]["PSC_VELXY_D"] = (0.25 if version(theirs) >= (4, 7) else 0.5, 9)

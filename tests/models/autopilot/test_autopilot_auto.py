@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.autopilot.test_autopilot_missions import AUTO, HOME, item, upload
 from tests.models.autopilot.test_autopilot_sticks import heading
@@ -20,7 +21,7 @@ def flying(*items: Any, **autopilot: float) -> Copter:
     copter = Copter(autopilot=autopilot).in_the_air(6.0, 10.0)
     upload(copter, HOME, *items)
     copter.heard.clear()
-    assert copter.ask(176, 1, AUTO)[0] == ("ACK", 176, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
     return copter
 
 
@@ -138,9 +139,9 @@ def test_speeds_up_and_down_are_the_missions_until_auto_is_entered_anew() -> Non
     down = flight[:, 6]
     assert np.median(down[down < -0.5]) == pytest.approx(-1.0, abs=0.02)
     assert np.median(down[down > 0.25]) == pytest.approx(0.5, abs=0.02)
-    copter.ask(176, 1, 4)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     assert copter.m["speed_up"] == 2.5
-    copter.ask(176, 1, AUTO)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)
     assert list(copter.m["auto_speed"]) == [0.0, 1.0, 0.0]  # the first item is done again, the second comes next
     copter.run(0.02)
     assert list(copter.m["auto_speed"]) == [0.0, 1.0, 0.5]
@@ -148,7 +149,11 @@ def test_speeds_up_and_down_are_the_missions_until_auto_is_entered_anew() -> Non
 
 def test_a_command_changes_the_speed_of_a_mission_too() -> None:
     copter = flying(item(1, 16, north=30.0, z=6.0), item(2, 16, north=80.0, z=6.0))
-    assert copter.ask(178, 1, 2.0, -1)[0] == ("ACK", 178, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 2.0, -1)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_DO_CHANGE_SPEED,
+        ACCEPTED,
+    )
     flight = copter.run(20.0)
     assert flight[:, 4].max() < 2.2
 
@@ -176,8 +181,8 @@ def test_jumps_are_counted_anew_when_the_mission_begins_again() -> None:
         copter.heard.clear()
         copter.run(22.0)
         assert reached(copter) == [1, 2, 1, 2]
-        copter.ask(176, 1, 4)
-        copter.ask(176, 1, AUTO)
+        copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+        copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)
 
 
 # ---- the nose ------------------------------------------------------------------------------------------------------
@@ -198,7 +203,7 @@ def test_condition_yaw_turns_by_its_rate_and_direction(
 ) -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     start = heading(copter)
-    assert copter.ask(115, *parameters)[0] == ("ACK", 115, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_CONDITION_YAW, *parameters)[0] == ("ACK", mavlink.MAV_CMD_CONDITION_YAW, ACCEPTED)
     angle, last, fastest = 0.0, start, 0.0
     for _ in range(round(seconds / 0.1)):
         copter.run(0.1)
@@ -211,7 +216,7 @@ def test_condition_yaw_turns_by_its_rate_and_direction(
 @pytest.mark.parametrize("parameters", [(361.0, 0.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (10.0, 0.0, 0.0, 2.0)])
 def test_condition_yaw_that_means_nothing_fails(parameters: tuple[float, ...]) -> None:
     copter = Copter().in_the_air(5.0, 10.0)
-    assert copter.ask(115, *parameters)[0] == ("ACK", 115, FAILED)
+    assert copter.ask(mavlink.MAV_CMD_CONDITION_YAW, *parameters)[0] == ("ACK", mavlink.MAV_CMD_CONDITION_YAW, FAILED)
 
 
 def test_a_heading_that_was_asked_for_outlasts_waypoints_that_do_not_turn_the_nose() -> None:

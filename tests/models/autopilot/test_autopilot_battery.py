@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, RTL, Copter
 
@@ -17,8 +18,8 @@ def texts(copter: Copter) -> list[tuple[int, str]]:
 
 def battery(copter: Copter) -> tuple[Any, Any]:
     copter.heard.clear()
-    copter.command(512, 147)
-    copter.command(512, 1)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SYS_STATUS)
     copter.tick()
     (status,), (system,) = copter.messages("BATTERY_STATUS"), copter.messages("SYS_STATUS")
     return status, system
@@ -115,14 +116,14 @@ def test_first_low_then_critical_by_charge() -> None:
 def test_a_landing_goes_on_and_the_ground_disarms() -> None:
     values = {"BATT_LOW_TIMER": 1.0, "BATT_FS_LOW_ACT": 2, "FS_OPTIONS": 8}
     copter = Copter(autopilot=values).in_the_air(5.0, 10.0)
-    copter.ask(176, 1, LAND)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LAND)
     copter.m["SIM_BATT_VOLTAGE"] = 10.4
     copter.run(1.5)
     assert texts(copter)[-1] == (4, "Battery Failsafe - Continuing Landing")
     assert copter.m["mode"] == LAND
     copter = Copter(autopilot=values)
     copter.run(2.1)
-    copter.ask(400, 1)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     copter.m["SIM_BATT_VOLTAGE"] = 10.4
     copter.run(1.5)
     assert (4, "Battery Failsafe - Disarming") in texts(copter)
@@ -139,5 +140,12 @@ def test_a_landing_goes_on_and_the_ground_disarms() -> None:
 def test_what_arming_needs(values: dict[str, float], text: str) -> None:
     copter = Copter(autopilot=values)
     copter.run(2.1)
-    assert copter.ask(400, 1) == [("ACK", 400, FAILED), ("TEXT", 2, text)]
-    assert copter.ask(400, 1, 2989)[0] == ("ACK", 400, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ("ACK", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
+        ("TEXT", 2, text),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, 2989)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        ACCEPTED,
+    )

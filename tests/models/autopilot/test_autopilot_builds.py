@@ -32,15 +32,15 @@ def digest_of_a_flight() -> str:
 
     fly(0.06)
     for version in (1, 2):
-        copter.command(176, 1, GUIDED, version=version)
-    copter.command(400, 1)
+        copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED, version=version)
+    copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     for message in (1, 2, 24, 26, 29, 30, 32, 33, 36, 65, 74, 147, 152, 162, 163, 178, 193, 241, 242, 245):
-        copter.command(511, message, 40000.0)
-    copter.command(519)
-    copter.command(511, 4242, 1e6)
+        copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, 40000.0)
+    copter.command(mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION)
+    copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 4242, 1e6)
     fly(0.02)
     copter.m["armed_at"] = -2.0  # spare the interpreted run two seconds of waiting
-    copter.command(22, 0, 0, 0, 0, 0, 0, 2.0)
+    copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 2.0)
     fly(0.9)
     copter.go(3.0, 2.0, -3.0)
     fly(0.3)
@@ -51,10 +51,10 @@ def digest_of_a_flight() -> str:
     copter.go(0.0, 0.0, 0.0, 0xC3F, 1, afx=0.5, afz=-0.2)
     fly(0.1)
     for mode in (LOITER, LAND, RTL, GUIDED, 77, 0):
-        copter.command(176, 1, mode)
+        copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
         fly(0.08)
     for mode in (ALT_HOLD, LOITER, CIRCLE, 0):
-        copter.command(176, 1, mode)
+        copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
         copter.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 1350, 1570, 1720, *[65535] * 4))
         fly(0.1)
     copter.send(mavlink.MAVLink_manual_control_message(1, 300, -200, 600, 100, 0))

@@ -52,7 +52,7 @@ def test_on_the_ground_it_disarms() -> None:
     copter = Copter(autopilot={"FS_GCS_ENABLE": 1, "FS_GCS_TIMEOUT": 1.0})
     copter.run(2.1)
     copter.send(STATION)
-    copter.ask(400, 1)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     copter.run(1.3)
     assert not copter.m["armed"]
 
@@ -87,22 +87,25 @@ def test_brake_stops() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
     copter.run(2.5)
-    assert copter.ask(176, 1, BRAKE) == [("ACK", 176, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, BRAKE) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
     copter.run(8.0)
     hold = copter.run(5.0)
     assert np.ptp(hold[:, 1]) < 0.1
     assert np.ptp(hold[:, 3]) < 0.1
     copter = Copter()
     copter.run(2.1)
-    copter.ask(176, 1, BRAKE)
-    assert copter.ask(400, 1) == [("ACK", 400, FAILED), ("TEXT", 2, "Arm: Mode not armable")]
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, BRAKE)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ("ACK", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
+        ("TEXT", 2, "Arm: Mode not armable"),
+    ]
 
 
 def test_alt_hold_keeps_height_and_lets_go_of_place() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
     copter.run(2.5)
-    assert copter.ask(176, 1, ALT_HOLD) == [("ACK", 176, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
     copter.run(1.0)
     drift = copter.run(4.0)
     assert np.ptp(drift[:, 3]) < 0.2

@@ -40,15 +40,19 @@ def recorded_body() -> Copter:
     """On the body of the recorded flights, in GUIDED on the ground, 1.8675 s after arming as in the recording."""
     copter = Copter(autopilot=RECORDED_AUTOPILOT, vehicle=preset("ardupilot_json"))
     copter.run(3.0)
-    assert copter.ask(176, 1, GUIDED) == [("ACK", 176, ACCEPTED)]
-    assert copter.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        ACCEPTED,
+    )
     copter.run(1.8675 - 2 * H)
     return copter
 
 
 def test_takeoff_follows_the_recorded_one(recorded_body: Copter) -> None:
     _, real = recording("json_takeoff_10m")
-    recorded_body.command(22, 0, 0, 0, 0, 0, 0, 10.0)
+    recorded_body.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0)
     flight = recorded_body.run(18.0)
     time, up = flight[:, 0] - flight[0, 0] + H, -flight[:, 3]
     for height in (0.05, 0.5, 5.0, 9.0):
@@ -63,7 +67,7 @@ def test_takeoff_follows_the_recorded_one(recorded_body: Copter) -> None:
 def test_moves_follow_the_recorded_ones(recorded_body: Copter, distance: int) -> None:
     """ArduCopter's flights: times and speed within 5 %, 0.25 m rms, 0.1 m in the end."""
     if recorded_body.time < 20.0:
-        recorded_body.command(22, 0, 0, 0, 0, 0, 0, 10.0)
+        recorded_body.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0)
         recorded_body.run(18.0)
     first_line, real = recording(f"json_north_{distance}m")
     begin = float(recorded_body.v["position"][0])
@@ -119,7 +123,7 @@ def test_speed_is_limited_as_asked() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.go(0.0, 0.0, -5.0)
     copter.tick()
-    assert copter.ask(178, 1, 3.0) == [("ACK", 178, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0) == [("ACK", mavlink.MAV_CMD_DO_CHANGE_SPEED, ACCEPTED)]
     copter.go(40.0, 0.0, -5.0)
     flight = copter.run(10.0)
     assert 2.9 < flight[:, 4].max() < 3.15
@@ -186,7 +190,7 @@ def test_global_targets_in_every_frame(frame: int) -> None:
 
 def test_land_descends_fast_then_slowly_and_disarms() -> None:
     copter = Copter().in_the_air(14.0, 16.0)
-    assert copter.ask(21) == [("ACK", 21, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_NAV_LAND) == [("ACK", mavlink.MAV_CMD_NAV_LAND, ACCEPTED)]
     flight = copter.run(32.0)
     up, sink = -flight[:, 3], flight[:, 6]
     assert sink[(up > 12.0) & (up < 13.0)].max() > 0.8
@@ -203,7 +207,7 @@ def test_rtl_climbs_returns_waits_and_lands() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.go(30.0, 20.0, -8.0)
     copter.run(12.0)
-    assert copter.ask(20) == [("ACK", 20, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [("ACK", mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, ACCEPTED)]
     flight = copter.run(60.0)
     assert -flight[:, 3].min() == pytest.approx(15.0, abs=0.15)
     away = np.hypot(flight[:, 1], flight[:, 2])
@@ -230,7 +234,7 @@ def test_rtl_near_home_needs_not_climb_to_fifteen_metres(
     copter = Copter(autopilot=parameters).in_the_air(5.0, 10.0)
     copter.go(away, 0.0, -5.0)
     copter.run(15.0)
-    copter.command(20)
+    copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     assert -copter.run(12.0)[:, 3].min() == pytest.approx(height, abs=0.15)
 
 
@@ -240,7 +244,7 @@ def test_rtl_in_fast_flight_climbs_where_it_comes_to_rest() -> None:
     copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
     copter.run(2.5)
     at, speed = copter.v["position"][0], copter.v["velocity"][0]
-    copter.command(20)
+    copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     copter.run(0.0025)
     rest = copter.m["guided_position"][0]
     assert rest - at == pytest.approx(speed**2 / 5.0 + 1.25, abs=0.03)
@@ -255,7 +259,7 @@ def test_rtl_points_as_at_arming_before_it_lands_if_it_looks_along_its_way(behav
     copter.go(0.0, 12.0, -5.0)
     copter.run(8.0)
     assert abs(copter.v["attitude"][3]) > 0.6  # looks east
-    copter.command(20)
+    copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     copter.run(45.0)
     assert not copter.m["armed"]
     assert (abs(copter.v["attitude"][3]) < 0.05) == turned  # north
@@ -265,7 +269,7 @@ def test_loiter_brakes_and_holds() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=4.0)
     copter.run(2.5)
-    assert copter.ask(176, 1, LOITER) == [("ACK", 176, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
     copter.run(6.0)
     hold = copter.run(10.0)
     assert np.ptp(hold[:, 1]) < 0.15
@@ -276,7 +280,7 @@ def test_loiter_brakes_and_holds() -> None:
 def test_stabilize_in_the_air_is_zero_throttle() -> None:
     """As ArduCopter without a radio, whose throttle stick is down."""
     copter = Copter().in_the_air(10.0)
-    copter.command(176, 1, STABILIZE)
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, STABILIZE)
     copter.run(1.0)
     assert copter.m["motor"][:4] == pytest.approx(0.1)
     assert copter.v["velocity"][2] > 4.0
@@ -285,8 +289,8 @@ def test_stabilize_in_the_air_is_zero_throttle() -> None:
 def test_motors_wait_for_two_seconds_after_arming_then_idle_then_stop_after_ten() -> None:
     copter = Copter()
     copter.run(2.1)
-    copter.ask(176, 1, GUIDED)
-    copter.ask(400, 1)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     armed = copter.time - 2 * H
     copter.run(1.99)
     assert (copter.m["motor"] == 0.0).all()
@@ -302,8 +306,8 @@ def test_motors_wait_for_two_seconds_after_arming_then_idle_then_stop_after_ten(
 def test_targets_on_the_ground_do_not_lift_it_off() -> None:
     copter = Copter()
     copter.run(2.1)
-    copter.ask(176, 1, GUIDED)
-    copter.ask(400, 1)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     copter.go(5.0, 0.0, -10.0)
     copter.run(5.0)
     assert np.linalg.norm(copter.v["position"]) < 0.02
@@ -312,7 +316,7 @@ def test_targets_on_the_ground_do_not_lift_it_off() -> None:
 def test_mode_changes_in_flight_do_not_jerk() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     for mode in (LOITER, GUIDED, LAND, GUIDED, RTL, GUIDED):
-        copter.command(176, 1, mode)
+        copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
         flight = copter.run(0.5)
         assert np.abs(flight[:, 4:6]).max() < 0.1
         assert np.abs(flight[:, 6]).max() < 0.8

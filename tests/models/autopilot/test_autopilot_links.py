@@ -59,7 +59,7 @@ def test_a_rate_is_that_of_the_link_by_which_it_was_asked_for(copter: Copter, as
 def test_every_link_has_its_own_rates_at_the_same_time(copter: Copter) -> None:
     copter.send(stream(50), line="serial")
     copter.send(stream(4), line="telemetry")
-    copter.send(command(511, LOCAL_POSITION, 1e5), line="mavlink")
+    copter.send(command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, LOCAL_POSITION, 1e5), line="mavlink")
     copter.run(0.1)
     forget(copter)
     copter.run(2.0)
@@ -70,7 +70,7 @@ def test_every_link_has_its_own_rates_at_the_same_time(copter: Copter) -> None:
 
 
 def test_stopping_all_streams_of_one_link_leaves_the_others(copter: Copter) -> None:
-    copter.send(command(511, LOCAL_POSITION, 1e5), line="mavlink")
+    copter.send(command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, LOCAL_POSITION, 1e5), line="mavlink")
     copter.send(stream(10), line="telemetry")
     copter.run(0.5)
     copter.send(stream(0, start=0), line="telemetry")
@@ -82,11 +82,11 @@ def test_stopping_all_streams_of_one_link_leaves_the_others(copter: Copter) -> N
 
 
 def test_an_interval_is_told_as_it_is_on_the_link_that_asks(copter: Copter) -> None:
-    copter.send(command(511, ATTITUDE, 2e4), line="serial")
+    copter.send(command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, ATTITUDE, 2e4), line="serial")
     copter.run(0.1)
     forget(copter)
     for line in ALL:
-        copter.send(command(510, ATTITUDE), line=line)
+        copter.send(command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, ATTITUDE), line=line)
     copter.tick()
     told = {line: [m.interval_us for m in heard(copter, line) if m.get_type() == "MESSAGE_INTERVAL"] for line in ALL}
     assert told == {"mavlink": [-1], "telemetry": [-1], "serial": [20000]}
@@ -104,7 +104,7 @@ def test_every_link_has_rates_of_its_own_parameters() -> None:
 @pytest.mark.parametrize("asked", ALL)
 def test_answers_go_where_the_question_came_from(copter: Copter, asked: str) -> None:
     copter.send(
-        command(520, 1),
+        command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1),
         mavlink.MAVLink_param_request_read_message(1, 1, b"RTL_ALT", -1),
         mavlink.MAVLink_mission_request_list_message(1, 1, 0),
         mavlink.MAVLink_timesync_message(0, 7),
@@ -130,7 +130,11 @@ def test_lists_of_parameters_and_files_go_by_one_link_each(copter: Copter) -> No
 
 def test_what_all_must_know_goes_out_by_every_link(copter: Copter) -> None:
     copter.send(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 2000.0, 9), line="serial")
-    copter.send(command(176, 1, GUIDED), command(400, 1), line="telemetry")
+    copter.send(
+        command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED),
+        command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1),
+        line="telemetry",
+    )
     copter.run(0.1)
     for line in ALL:
         found = counts(copter, line)

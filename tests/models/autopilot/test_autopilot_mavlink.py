@@ -66,8 +66,8 @@ def reposition(
 
 
 def test_arming_before_the_attitude_is_estimated() -> None:
-    assert copter_at(0.1).ask(400, 1) == [
-        ack(400, FAILED),
+    assert copter_at(0.1).ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
         text(2, "Arm: Accels inconsistent"),
         text(2, "Arm: EKF attitude is bad"),
         text(2, "Arm: AHRS: not using configured AHRS type"),
@@ -75,58 +75,85 @@ def test_arming_before_the_attitude_is_estimated() -> None:
 
 
 def test_arming_before_home_is_known() -> None:
-    assert copter_at(EARLY).ask(400, 1) == [ack(400, FAILED), text(2, "Arm: AHRS: waiting for home")]
+    assert copter_at(EARLY).ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
+        text(2, "Arm: AHRS: waiting for home"),
+    ]
 
 
 def test_the_recorded_probes_before_the_position_estimate() -> None:
     copter = copter_at(CHECKED)
-    assert copter.ask(400, 1) == [ack(400, ACCEPTED), text(6, "Arming motors")]
-    assert copter.ask(176, 1, GUIDED) == [
-        ack(176, FAILED),
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, ACCEPTED),
+        text(6, "Arming motors"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [
+        ack(mavlink.MAV_CMD_DO_SET_MODE, FAILED),
         text(4, "Mode change to GUIDED failed: requires position"),
     ]
-    assert copter.ask(400, 0) == [ack(400, ACCEPTED), text(6, "Disarming motors")]
-    assert copter.ask(176, 1, GUIDED) == [ack(176, ACCEPTED), text(2, "PreArm: Need Position Estimate")]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, ACCEPTED),
+        text(6, "Disarming motors"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [
+        ack(mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED),
+        text(2, "PreArm: Need Position Estimate"),
+    ]
     assert copter.m["mode"] == GUIDED
-    assert copter.ask(400, 1) == [ack(400, FAILED), text(2, "Arm: Need Position Estimate")]
-    assert copter.ask(176, 1, STABILIZE) == [ack(176, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
+        text(2, "Arm: Need Position Estimate"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, STABILIZE) == [ack(mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
 
 
 def test_the_recorded_probes_with_a_position_estimate() -> None:
     copter = copter_at(2.1)
-    assert copter.ask(22, 0, 0, 0, 0, 0, 0, 10) == [ack(22, FAILED)]
-    assert reposition(copter, 0) == [ack(192, DENIED)]
-    assert copter.ask(400, 1) == [ack(400, ACCEPTED), text(6, "Arming motors")]
-    assert copter.ask(22, 0, 0, 0, 0, 0, 0, 10) == [ack(22, FAILED)]
-    assert reposition(copter, 0) == [ack(192, DENIED)]
+    assert copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ack(mavlink.MAV_CMD_NAV_TAKEOFF, FAILED)]
+    assert reposition(copter, 0) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, ACCEPTED),
+        text(6, "Arming motors"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ack(mavlink.MAV_CMD_NAV_TAKEOFF, FAILED)]
+    assert reposition(copter, 0) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
     assert copter.m["mode"] == STABILIZE
-    assert reposition(copter, 1) == [ack(192, ACCEPTED)]
+    assert reposition(copter, 1) == [ack(mavlink.MAV_CMD_DO_REPOSITION, ACCEPTED)]
     assert copter.m["mode"] == GUIDED
-    assert copter.ask(400, 1) == [ack(400, ACCEPTED)]
-    assert copter.ask(400, 0) == [ack(400, ACCEPTED), text(6, "Disarming motors")]
-    assert copter.ask(400, 0) == [ack(400, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, ACCEPTED),
+        text(6, "Disarming motors"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == [ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, ACCEPTED)]
 
 
 @pytest.mark.parametrize(("mode", "name"), [(LOITER, "LOITER"), (RTL, "RTL")])
 def test_modes_that_need_a_position_are_refused_while_armed_without(mode: int, name: str) -> None:
     copter = copter_at(CHECKED)
-    copter.ask(400, 1)
-    expected = [ack(176, FAILED), text(4, f"Mode change to {name} failed: requires position")]
-    assert copter.ask(176, 1, mode) == expected
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    expected = [ack(mavlink.MAV_CMD_DO_SET_MODE, FAILED), text(4, f"Mode change to {name} failed: requires position")]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode) == expected
 
 
 def test_mode_commands() -> None:
     copter = copter_at(2.1)
-    assert copter.ask(176, 1, 99) == [ack(176, FAILED), text(4, "No such mode 99")]
-    assert copter.ask(176, 0, GUIDED) == [ack(176, DENIED)]
-    assert copter.ask(176, NAN, GUIDED) == [ack(176, DENIED)]
-    assert copter.ask(176, 1, NAN) == [ack(176, DENIED)]
-    assert copter.ask(176, 81, GUIDED) == [ack(176, ACCEPTED)]
-    assert copter.ask(176, 129, GUIDED) == [ack(176, ACCEPTED)]
-    assert copter.ask(20) == [ack(20, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, 99) == [
+        ack(mavlink.MAV_CMD_DO_SET_MODE, FAILED),
+        text(4, "No such mode 99"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 0, GUIDED) == [ack(mavlink.MAV_CMD_DO_SET_MODE, DENIED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, NAN, GUIDED) == [ack(mavlink.MAV_CMD_DO_SET_MODE, DENIED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, NAN) == [ack(mavlink.MAV_CMD_DO_SET_MODE, DENIED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 81, GUIDED) == [ack(mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 129, GUIDED) == [ack(mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [ack(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, ACCEPTED)]
     assert copter.m["mode"] == RTL
-    assert copter.ask(400, 1) == [ack(400, FAILED), text(2, "Arm: Mode not armable")]
-    assert copter.ask(21) == [ack(21, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
+        text(2, "Arm: Mode not armable"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_NAV_LAND) == [ack(mavlink.MAV_CMD_NAV_LAND, ACCEPTED)]
     assert copter.m["mode"] == LAND
 
 
@@ -144,13 +171,20 @@ def test_set_mode_is_obeyed_and_not_acknowledged(version: int) -> None:
 
 def test_arming_can_be_forced_and_disarming_in_flight_must_be() -> None:
     copter = copter_at(EARLY)
-    assert copter.ask(400, 1, 21196)[0] == ack(400, ACCEPTED)
-    assert copter.ask(400, 2) == [ack(400, UNSUPPORTED)]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, 21196)[0] == ack(
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM, ACCEPTED
+    )
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 2) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, UNSUPPORTED)
+    ]
     copter = Copter().in_the_air(5.0, 10.0)
-    assert copter.ask(22, 0, 0, 0, 0, 0, 0, 20) == [ack(22, FAILED)]
-    assert copter.ask(400, 0) == [ack(400, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 20) == [ack(mavlink.MAV_CMD_NAV_TAKEOFF, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == [ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED)]
     assert copter.m["armed"]
-    assert copter.ask(400, 0, 21196) == [ack(400, ACCEPTED), text(6, "Disarming motors")]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196) == [
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, ACCEPTED),
+        text(6, "Disarming motors"),
+    ]
     assert not copter.m["armed"]
     copter.run(0.05)
     assert (copter.m["motor"] == 0.0).all()
@@ -158,14 +192,14 @@ def test_arming_can_be_forced_and_disarming_in_flight_must_be() -> None:
 
 def test_takeoff_needs_a_height_above_the_ground() -> None:
     copter = copter_at(2.1)
-    copter.ask(176, 1, GUIDED)
-    assert copter.ask(22, 0, 0, 0, 0, 0, 0, 10) == [ack(22, FAILED)]
-    copter.ask(400, 1)
-    assert copter.ask(22, 0, 0, 0, 0, 0, 0, 0) == [ack(22, FAILED)]
-    assert copter.ask(22, 0, 0, 0, 0, 0, 0, NAN) == [ack(22, FAILED)]
-    assert copter.ask(22, 0, 0, 0, 0, 0, 0, 3) == [ack(22, ACCEPTED)]
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    assert copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ack(mavlink.MAV_CMD_NAV_TAKEOFF, FAILED)]
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    assert copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 0) == [ack(mavlink.MAV_CMD_NAV_TAKEOFF, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, NAN) == [ack(mavlink.MAV_CMD_NAV_TAKEOFF, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 3) == [ack(mavlink.MAV_CMD_NAV_TAKEOFF, ACCEPTED)]
     copter.run(6.0)
-    assert copter.ask(22, 0, 0, 0, 0, 0, 0, 10) == [ack(22, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ack(mavlink.MAV_CMD_NAV_TAKEOFF, FAILED)]
 
 
 # ---- other commands ----------------------------------------------------------------------------------------------
@@ -178,20 +212,22 @@ def test_unknown_commands_are_unsupported(command: int) -> None:
 
 def test_reposition_refuses_what_is_no_place() -> None:
     copter = copter_at(2.1)
-    copter.ask(176, 1, GUIDED)
-    assert reposition(copter, 0, frame=21) == [ack(192, DENIED)]
-    assert reposition(copter, 0, lat=900000001) == [ack(192, DENIED)]
-    assert reposition(copter, 0, lon=-1800000001) == [ack(192, DENIED)]
-    assert reposition(copter, 0, lat=0, lon=0) == [ack(192, DENIED)]
-    assert reposition(copter, 0, z=NAN) == [ack(192, DENIED)]
-    assert reposition(copter, NAN) == [ack(192, ACCEPTED)]
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    assert reposition(copter, 0, frame=21) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
+    assert reposition(copter, 0, lat=900000001) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
+    assert reposition(copter, 0, lon=-1800000001) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
+    assert reposition(copter, 0, lat=0, lon=0) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
+    assert reposition(copter, 0, z=NAN) == [ack(mavlink.MAV_CMD_DO_REPOSITION, DENIED)]
+    assert reposition(copter, NAN) == [ack(mavlink.MAV_CMD_DO_REPOSITION, ACCEPTED)]
     for frame in (0, 3, 5, 6):
-        assert reposition(copter, 0, frame=frame) == [ack(192, ACCEPTED)]
+        assert reposition(copter, 0, frame=frame) == [ack(mavlink.MAV_CMD_DO_REPOSITION, ACCEPTED)]
 
 
 def test_reposition_flies_there() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
-    assert reposition(copter, 1, frame=6, lat=LAT + 900, lon=LON, z=6.0) == [ack(192, ACCEPTED)]
+    assert reposition(copter, 1, frame=6, lat=LAT + 900, lon=LON, z=6.0) == [
+        ack(mavlink.MAV_CMD_DO_REPOSITION, ACCEPTED)
+    ]
     copter.run(9.0)
     assert copter.v["position"] == pytest.approx((900 * 0.011131884502145034, 0.0, -6.0), abs=0.1)
 
@@ -203,40 +239,52 @@ def test_command_int_is_as_good_as_command_long() -> None:
     copter.send(mavlink.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, 1, 0, 0, 0, 0, 0, 0))
     copter.send(mavlink.MAVLink_command_int_message(1, 1, 3, 22, 0, 0, 0, 0, 0, 0, 0, 0, 4.0))
     copter.run(2 * H)
-    assert [a for a in copter.answers() if a[0] == "ACK"] == [ack(176, 0), ack(400, 0), ack(22, 0)]
+    assert [a for a in copter.answers() if a[0] == "ACK"] == [
+        ack(mavlink.MAV_CMD_DO_SET_MODE, 0),
+        ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0),
+        ack(mavlink.MAV_CMD_NAV_TAKEOFF, 0),
+    ]
     assert copter.m["takeoff_to"] == 4.0
 
 
 def test_speed_changes() -> None:
     copter = copter_at(2.1)
-    assert copter.ask(178, 1, 3) == [ack(178, FAILED)]  # STABILIZE has no speed
-    copter.ask(176, 1, GUIDED)
+    assert copter.ask(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3) == [
+        ack(mavlink.MAV_CMD_DO_CHANGE_SPEED, FAILED)
+    ]  # STABILIZE has no speed
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
     for kind, name in ((0, "speed_max"), (1, "speed_max"), (2, "speed_up"), (3, "speed_down")):
-        assert copter.ask(178, kind, 1.5 + kind) == [ack(178, ACCEPTED)]
+        assert copter.ask(mavlink.MAV_CMD_DO_CHANGE_SPEED, kind, 1.5 + kind) == [
+            ack(mavlink.MAV_CMD_DO_CHANGE_SPEED, ACCEPTED)
+        ]
         assert copter.m[name] == 1.5 + kind
     for wrong in (0.0, -1.0, NAN, math.inf):
-        assert copter.ask(178, 1, wrong) == [ack(178, DENIED)]
-    assert copter.ask(178, 4, 3.0) == [ack(178, DENIED)]
+        assert copter.ask(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, wrong) == [ack(mavlink.MAV_CMD_DO_CHANGE_SPEED, DENIED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_CHANGE_SPEED, 4, 3.0) == [ack(mavlink.MAV_CMD_DO_CHANGE_SPEED, DENIED)]
     for unknown in (-1, 5, NAN):
-        assert copter.ask(178, unknown, 3.0) == [ack(178, FAILED)]
+        assert copter.ask(mavlink.MAV_CMD_DO_CHANGE_SPEED, unknown, 3.0) == [
+            ack(mavlink.MAV_CMD_DO_CHANGE_SPEED, FAILED)
+        ]
 
 
 def test_the_nose_can_be_turned() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
-    assert copter.ask(115, 90, 0, 0, 0) == [ack(115, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_CONDITION_YAW, 90, 0, 0, 0) == [ack(mavlink.MAV_CMD_CONDITION_YAW, ACCEPTED)]
     copter.run(4.0)
     assert copter.messages("ATTITUDE") == []
-    assert copter.ask(512, 30)[0] == ack(512, ACCEPTED)
-    copter.command(512, 30)
+    assert copter.ask(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_ATTITUDE)[0] == ack(
+        mavlink.MAV_CMD_REQUEST_MESSAGE, ACCEPTED
+    )
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_ATTITUDE)
     copter.run(2 * H)
     assert copter.messages("ATTITUDE")[-1].yaw == pytest.approx(math.pi / 2, abs=0.05)
-    assert copter.ask(115, 45, 0, -1, 1) == [ack(115, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_CONDITION_YAW, 45, 0, -1, 1) == [ack(mavlink.MAV_CMD_CONDITION_YAW, ACCEPTED)]
     copter.run(4.0)
-    copter.command(512, 30)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_ATTITUDE)
     copter.run(2 * H)
     assert copter.messages("ATTITUDE")[-1].yaw == pytest.approx(math.pi / 4, abs=0.08)
-    assert copter.ask(115, 400) == [ack(115, FAILED)]
-    assert copter.ask(115, NAN) == [ack(115, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_CONDITION_YAW, 400) == [ack(mavlink.MAV_CMD_CONDITION_YAW, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_CONDITION_YAW, NAN) == [ack(mavlink.MAV_CMD_CONDITION_YAW, FAILED)]
 
 
 def test_a_position_target_can_carry_a_heading_or_a_turn_rate() -> None:
@@ -257,19 +305,21 @@ def test_a_position_target_can_carry_a_heading_or_a_turn_rate() -> None:
 
 @pytest.mark.parametrize("target", [(0, 0), (7, 0), (7, 1), (0, 1)])
 def test_commands_to_this_system_or_to_all_are_answered(target: tuple[int, int]) -> None:
-    assert copter_at(2.1, system=7).ask(176, 1, GUIDED, target=target) == [ack(176, ACCEPTED)]
+    assert copter_at(2.1, system=7).ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED, target=target) == [
+        ack(mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
+    ]
 
 
 @pytest.mark.parametrize("target", [(2, 1), (255, 0), (7, 190), (0, 2)])
 def test_commands_to_others_are_not_answered(target: tuple[int, int]) -> None:
     copter = copter_at(2.1, system=7)
-    assert copter.ask(176, 1, GUIDED, target=target) == []
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED, target=target) == []
     assert copter.m["mode"] == STABILIZE
 
 
 def test_targets_outside_guided_are_ignored_and_never_answered() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
-    copter.ask(176, 1, LOITER)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER)
     copter.go(30.0, 0.0, -5.0)
     copter.run(2.0)
     assert abs(copter.v["position"][0]) < 0.1
@@ -320,12 +370,12 @@ def test_a_fresh_link_hears_heartbeats_and_home_only() -> None:
 def test_heartbeats_tell_of_changes_at_once() -> None:
     copter = copter_at(2.1)
     copter.heard.clear()
-    copter.command(176, 1, GUIDED)
-    copter.command(400, 1)
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     copter.tick()
     (beat,) = copter.messages("HEARTBEAT")
     assert (beat.base_mode, beat.custom_mode, beat.system_status) == (217, GUIDED, 3)
-    copter.command(22, 0, 0, 0, 0, 0, 0, 5)
+    copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 5)
     copter.run(6.0)
     assert copter.messages("HEARTBEAT")[-1].system_status == 4
 
@@ -334,7 +384,7 @@ def test_the_start_up_is_arducopters() -> None:
     """Times scaled to `estimate_ready_time`; at 41.5 s they are those of a simulated ArduCopter."""
     copter = Copter(autopilot={"estimate_ready_time": 41.5})
     for message in (1, 24, 193, 32, 33):
-        copter.command(511, message, 100000)
+        copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, 100000)
     copter.run(43.0)
 
     def changes(name: str, pick: Any) -> list[tuple[float, Any]]:
@@ -356,7 +406,7 @@ def test_the_start_up_is_arducopters() -> None:
 
 def test_sensor_bits_when_armed() -> None:
     copter = Copter().in_the_air(5.0, 8.0)
-    copter.command(512, 1)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SYS_STATUS)
     copter.run(2 * H)
     status = copter.messages("SYS_STATUS")[-1]
     assert status.onboard_control_sensors_present == 0x5371FC2F
@@ -366,27 +416,42 @@ def test_sensor_bits_when_armed() -> None:
 
 def test_streams_are_asked_for_by_interval() -> None:
     copter = copter_at(2.1)
-    assert copter.ask(511, 33, 250000) == [ack(511, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 250000) == [
+        ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, ACCEPTED)
+    ]
     begin = copter.time
     copter.run(2.0)
     times = [t for t, m in copter.heard if m.get_type() == "GLOBAL_POSITION_INT"]
     assert len(times) == 8
     assert np.diff(times) == pytest.approx(0.25)
     assert times[0] - begin == pytest.approx(0.25, abs=3 * H)
-    assert copter.ask(511, 33, -5) == [ack(511, DENIED)]
-    assert copter.ask(511, 33, -1) == [ack(511, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, -5) == [
+        ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, DENIED)
+    ]
+    assert copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, -1) == [
+        ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, ACCEPTED)
+    ]
     copter.run(1.0)
     assert copter.messages("GLOBAL_POSITION_INT") == []
-    assert copter.ask(511, 33, 100) == [ack(511, ACCEPTED)]  # 1 ms at the fastest, and every step is slower
+    assert copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 100) == [
+        ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, ACCEPTED)
+    ]  # 1 ms at the fastest, and every step is slower
     copter.run(0.1)
     assert len(copter.messages("GLOBAL_POSITION_INT")) == 40
-    copter.ask(511, 33, 0)  # back to the parameters: off
+    copter.ask(
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 0
+    )  # back to the parameters: off
     copter.run(0.5)
     assert copter.messages("GLOBAL_POSITION_INT") == []
     for wrong in (12345, -3, NAN, 1e30):
         number = 12345 if wrong == 12345 else 0
-        assert copter.ask(511, wrong, 1e6) == [ack(511, DENIED), text(6, f"No ap_message for mavlink id ({number})")]
-    assert copter.ask(511, 33, math.inf) == [ack(511, ACCEPTED)]
+        assert copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, wrong, 1e6) == [
+            ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, DENIED),
+            text(6, f"No ap_message for mavlink id ({number})"),
+        ]
+    assert copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, math.inf) == [
+        ack(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, ACCEPTED)
+    ]
 
 
 def test_parameters_set_the_rates_of_a_fresh_link() -> None:
@@ -431,24 +496,24 @@ def test_streams_are_asked_for_by_group() -> None:
 def test_messages_on_request(number: int, name: str) -> None:
     copter = copter_at(2.5)
     copter.heard.clear()
-    copter.command(512, number)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
     copter.tick()
     assert len(copter.messages(name)) == 1
-    assert copter.answers() == [ack(512, ACCEPTED)]
+    assert copter.answers() == [ack(mavlink.MAV_CMD_REQUEST_MESSAGE, ACCEPTED)]
 
 
 def test_other_requests() -> None:
     copter = copter_at(2.1)
-    assert copter.ask(512, 9999) == [ack(512, FAILED)]
-    assert copter.ask(512, NAN) == [ack(512, FAILED)]
-    copter.command(410)
-    copter.command(520, 1)
+    assert copter.ask(mavlink.MAV_CMD_REQUEST_MESSAGE, 9999) == [ack(mavlink.MAV_CMD_REQUEST_MESSAGE, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_REQUEST_MESSAGE, NAN) == [ack(mavlink.MAV_CMD_REQUEST_MESSAGE, FAILED)]
+    copter.command(mavlink.MAV_CMD_GET_HOME_POSITION)
+    copter.command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1)
     copter.tick()
     assert len(copter.messages("HOME_POSITION")) == 1
     (version,) = copter.messages("AUTOPILOT_VERSION")
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_FTP
-    assert copter_at(0.3).ask(410) == [ack(410, FAILED)]
+    assert copter_at(0.3).ask(mavlink.MAV_CMD_GET_HOME_POSITION) == [ack(mavlink.MAV_CMD_GET_HOME_POSITION, FAILED)]
 
 
 def test_telemetry_is_the_motion_of_the_vehicle() -> None:
@@ -456,7 +521,7 @@ def test_telemetry_is_the_motion_of_the_vehicle() -> None:
     copter.go(13.0, -10.0, -8.0)
     copter.run(2.0)
     for message in (33, 32, 30, 74, 24, 36, 245):
-        copter.command(512, message)
+        copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, message)
     p, v = copter.v["position"].copy(), copter.v["velocity"].copy()
     motor = copter.m["motor"].copy()
     rates = copter.v["angular_velocity"].copy()
@@ -484,12 +549,12 @@ def test_telemetry_is_the_motion_of_the_vehicle() -> None:
 
 def test_landed_state_through_a_flight() -> None:
     copter = copter_at(2.1)
-    copter.ask(176, 1, GUIDED)
-    copter.ask(400, 1)
-    copter.ask(511, 245, 100000)
-    copter.ask(22, 0, 0, 0, 0, 0, 0, 3)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 100000)
+    copter.ask(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 3)
     copter.run(12.0)
-    copter.command(21)
+    copter.command(mavlink.MAV_CMD_NAV_LAND)
     copter.run(14.0)
     states = [m.landed_state for m in copter.messages("EXTENDED_SYS_STATE")]
     assert [s for i, s in enumerate(states) if i == 0 or states[i - 1] != s] == [1, 3, 2, 4, 1]
@@ -503,14 +568,18 @@ def test_answers_come_in_the_version_last_heard() -> None:
     assert copter.sent[0] == 0xFD
     for version, magic in ((1, 0xFE), (2, 0xFD), (1, 0xFE)):
         copter.sent.clear()
-        assert copter.ask(520, version=version) == [ack(520, FAILED)]
-        assert copter.ask(520, 1, version=version) == [ack(520, ACCEPTED)]
+        assert copter.ask(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, version=version) == [
+            ack(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, FAILED)
+        ]
+        assert copter.ask(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1, version=version) == [
+            ack(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, ACCEPTED)
+        ]
         assert copter.sent[0] == magic
 
 
 def test_one_sequence_without_gaps() -> None:
     copter = copter_at(2.1)
-    copter.command(511, 30, 2500)
+    copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 2500)
     copter.run(2.0)
     sequence, p = [], 0
     while p < len(copter.sent):

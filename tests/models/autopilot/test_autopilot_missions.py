@@ -54,15 +54,15 @@ def copter() -> Copter:
     return copter
 
 
-HOME = item(0, 16)
+HOME = item(0, mavlink.MAV_CMD_NAV_WAYPOINT)
 FLIGHT = (
     HOME,
-    item(1, 22, z=5.0),
-    item(2, 178, 1, 4.0),
-    item(3, 16, north=10.0, z=6.0),
-    item(4, 16, 1.0, north=20.0, z=6.0),
-    item(5, 93, 1.0),
-    item(6, 21, north=20.0),
+    item(1, mavlink.MAV_CMD_NAV_TAKEOFF, z=5.0),
+    item(2, mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 4.0),
+    item(3, mavlink.MAV_CMD_NAV_WAYPOINT, north=10.0, z=6.0),
+    item(4, mavlink.MAV_CMD_NAV_WAYPOINT, 1.0, north=20.0, z=6.0),
+    item(5, mavlink.MAV_CMD_NAV_DELAY, 1.0),
+    item(6, mavlink.MAV_CMD_NAV_LAND, north=20.0),
 )
 
 
@@ -104,11 +104,11 @@ def test_without_a_mission_there_is_home_only(copter: Copter) -> None:
 @pytest.mark.parametrize(
     ("bad", "result"),
     [
-        (item(1, 82, north=1.0), 3),
-        (item(1, 16, north=1.0, frame=10), 2),
-        (item(1, 16, float("nan"), north=1.0), 5),
+        (item(1, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT, north=1.0), 3),
+        (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=1.0, frame=10), 2),
+        (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, float("nan"), north=1.0), 5),
         (mavlink.MAVLink_mission_item_int_message(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, 900000001, 0, 1.0, 0), 10),
-        (item(2, 16, north=1.0), 13),
+        (item(2, mavlink.MAV_CMD_NAV_WAYPOINT, north=1.0), 13),
     ],
 )
 def test_items_that_cannot_be_flown_are_refused(copter: Copter, bad: Any, result: int) -> None:
@@ -128,7 +128,7 @@ def test_who_comes_while_another_uploads_is_denied(copter: Copter) -> None:
     copter.station, mine = other, copter.station
     for one in (
         mavlink.MAVLink_mission_count_message(1, 1, 1, 0),
-        item(0, 16, north=1.0),
+        item(0, mavlink.MAV_CMD_NAV_WAYPOINT, north=1.0),
         mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
         mavlink.MAVLink_mission_request_list_message(1, 1, 0),
     ):
@@ -136,7 +136,7 @@ def test_who_comes_while_another_uploads_is_denied(copter: Copter) -> None:
         assert (ack.get_type(), ack.type, ack.target_system) == ("MISSION_ACK", 14, 254)
     copter.station = mine
     assert [m.seq for m in replies(copter, HOME)] == [1]
-    assert replies(copter, item(1, 16, north=5.0, z=5.0))[0].type == 0
+    assert replies(copter, item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=5.0, z=5.0))[0].type == 0
     copter.station = other
     assert [m.count for m in replies(copter, mavlink.MAVLink_mission_request_list_message(1, 1, 0))] == [2]
 
@@ -151,17 +151,23 @@ def test_lost_items_are_asked_for_again_and_given_up(copter: Copter) -> None:
 
 
 def test_auto_needs_a_mission_that_begins_with_a_takeoff(copter: Copter) -> None:
-    assert copter.ask(176, 1, AUTO) == [("ACK", 176, FAILED), ("TEXT", 4, "Mode change to AUTO failed: init failed")]
-    upload(copter, HOME, item(1, 16, north=5.0, z=5.0))
-    copter.ask(400, 1)
-    assert copter.ask(300) == [("ACK", 300, FAILED), ("TEXT", 4, "Auto: Missing Takeoff Cmd")]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO) == [
+        ("ACK", mavlink.MAV_CMD_DO_SET_MODE, FAILED),
+        ("TEXT", 4, "Mode change to AUTO failed: init failed"),
+    ]
+    upload(copter, HOME, item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=5.0, z=5.0))
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    assert copter.ask(mavlink.MAV_CMD_MISSION_START) == [
+        ("ACK", mavlink.MAV_CMD_MISSION_START, FAILED),
+        ("TEXT", 4, "Auto: Missing Takeoff Cmd"),
+    ]
 
 
 def test_a_mission_is_flown(copter: Copter) -> None:
     upload(copter, *FLIGHT)
-    copter.ask(176, 1, GUIDED)
-    copter.ask(400, 1)
-    assert copter.ask(300)[0] == ("ACK", 300, ACCEPTED)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    assert copter.ask(mavlink.MAV_CMD_MISSION_START)[0] == ("ACK", mavlink.MAV_CMD_MISSION_START, ACCEPTED)
     copter.heard.clear()
     flight = copter.run(48.0)
     assert [m.text for m in copter.messages("STATUSTEXT")] == [
@@ -185,8 +191,14 @@ def test_a_mission_is_flown(copter: Copter) -> None:
 def test_a_jump_is_taken_as_often_as_it_says() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.heard.clear()
-    upload(copter, HOME, item(1, 16, north=6.0, z=5.0), item(2, 16, north=12.0, z=5.0), item(3, 177, 1, 2))
-    assert copter.ask(176, 1, AUTO)[0] == ("ACK", 176, ACCEPTED)
+    upload(
+        copter,
+        HOME,
+        item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=6.0, z=5.0),
+        item(2, mavlink.MAV_CMD_NAV_WAYPOINT, north=12.0, z=5.0),
+        item(3, mavlink.MAV_CMD_DO_JUMP, 1, 2),
+    )
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
     copter.run(30.0)
     reached = [m.seq for m in copter.messages("MISSION_ITEM_REACHED")]
     assert reached == [1, 2, 1, 2, 1, 2]
@@ -196,8 +208,13 @@ def test_a_jump_is_taken_as_often_as_it_says() -> None:
 
 def test_the_current_item_can_be_set() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
-    upload(copter, HOME, item(1, 16, north=50.0, z=5.0), item(2, 20))
-    assert copter.ask(176, 1, AUTO)[0] == ("ACK", 176, ACCEPTED)
+    upload(
+        copter,
+        HOME,
+        item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=50.0, z=5.0),
+        item(2, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH),
+    )
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
     current, *_ = replies(copter, mavlink.MAVLink_mission_set_current_message(1, 1, 2))
     assert (current.get_type(), current.seq, current.total) == ("MISSION_CURRENT", 2, 2)
     assert replies(copter, mavlink.MAVLink_mission_set_current_message(1, 1, 9)) == []
@@ -217,7 +234,7 @@ def test_items_are_guided_targets(whole: bool) -> None:
     assert (ack.get_type(), ack.type, ack.target_system, ack.target_component) == ("MISSION_ACK", 0, 255, 190)
     copter.run(8.0)
     assert copter.v["position"] == pytest.approx((8.0, 0.0, -7.0), abs=0.1 if whole else 1.0)
-    copter.ask(176, 1, 5)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, 5)
     (ack,) = replies(copter, one)
     assert ack.type == 1
 
@@ -228,15 +245,23 @@ def test_a_mission_goes_on_or_begins_again(copter: Copter, restart: int, current
     upload(copter, *FLIGHT)
     copter.send(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
     copter.run(0.01)
-    copter.ask(176, 1, AUTO)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)
     assert copter.m["mission_current"] == current
 
 
 def test_auto_can_be_armed_in_and_begin_at_once(copter: Copter) -> None:
     upload(copter, *FLIGHT)
-    copter.ask(176, 1, AUTO)
-    assert copter.ask(400, 1)[0] == ("ACK", 400, FAILED)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        FAILED,
+    )
     copter.m["AUTO_OPTIONS"] = 3
-    assert copter.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        ACCEPTED,
+    )
     copter.run(6.0)
     assert copter.v["position"][2] < -1.0

@@ -116,9 +116,9 @@ def test_values_the_laws_cannot_work_with_are_denied(copter: Copter, name: str, 
 def test_a_parameter_that_is_set_acts() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     write(copter, "WPNAV_SPEED", 200.0)
-    copter.command(176, 1, 5)
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 5)
     copter.run(0.1)
-    copter.command(176, 1, GUIDED)
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
     copter.go(30.0, 0.0, -5.0)
     assert copter.run(6.0)[:, 4].max() < 2.2
 
@@ -139,7 +139,7 @@ def test_there_are_a_few_hundred() -> None:
 def test_pulses_of_the_motors_are_told_in_their_range() -> None:
     copter = Copter(autopilot={"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}).in_the_air(5.0, 10.0)
     copter.heard.clear()
-    copter.command(512, 36)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
     copter.tick()
     (servos,) = copter.messages("SERVO_OUTPUT_RAW")
     assert servos.servo1_raw == pytest.approx(1100 + 800 * copter.m["motor"][0], abs=1)
@@ -169,7 +169,7 @@ def test_commands_are_slewed() -> None:
 
 def test_limits_of_turning_and_leaning() -> None:
     copter = Copter(autopilot={"ATC_RATE_Y_MAX": 20.0, "PSC_ANGLE_MAX": 8.0}).in_the_air(5.0, 10.0)
-    copter.command(115, 170, 0, 0, 0)
+    copter.command(mavlink.MAV_CMD_CONDITION_YAW, 170, 0, 0, 0)
     turned = [0.0]
     for _ in range(1200):
         copter.tick()
@@ -188,7 +188,7 @@ def test_the_way_back_is_as_the_parameters_say() -> None:
     copter = Copter(autopilot=values).in_the_air(20.0, 20.0)
     copter.go(15.0, 0.0, -20.0)
     copter.run(10.0)
-    copter.command(20)
+    copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     path = copter.run(22.0)
     assert (-path[:, 3]).max() == pytest.approx(23.0, abs=0.3)
     assert np.hypot(path[:, 4], path[:, 5]).max() == pytest.approx(2.0, abs=0.25)
@@ -203,7 +203,11 @@ def test_arming_checks_can_be_left_out() -> None:
     for check, result in ((1, FAILED), (0, ACCEPTED)):
         copter = Copter(autopilot={"ARMING_CHECK": check})
         copter.run(0.05)
-        assert copter.ask(400, 1)[0] == ("ACK", 400, result)
+        assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+            "ACK",
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+            result,
+        )
 
 
 def test_motors_spool_down_as_slowly_as_asked_for() -> None:

@@ -32,7 +32,7 @@ def hold(copter: Copter, duration: float, *pulses: int) -> np.ndarray[Any, Any]:
 
 def channels(copter: Copter) -> Any:
     copter.heard.clear()
-    copter.command(512, 65)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_RC_CHANNELS)
     copter.tick()
     (message,) = copter.messages("RC_CHANNELS")
     return message
@@ -57,7 +57,7 @@ def flown(mode: int, **autopilot: Any) -> Copter:
     """In `mode` at 5 m, sticks centred by an override."""
     copter = Copter(autopilot=autopilot).in_the_air(5.0, 10.0)
     override(copter, 1500, 1500, 1500, 1500)
-    assert copter.ask(176, 1, mode) == [("ACK", 176, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
     return copter
 
 
@@ -125,7 +125,11 @@ def test_stabilize_from_the_ground_up() -> None:
     copter = Copter(autopilot={"MOT_THST_HOVER": 0.53})  # of this vehicle: the throttle with the stick in its middle
     copter.run(2.1)
     override(copter, 1500, 1500, 1000, 1500)
-    assert copter.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        ACCEPTED,
+    )
     hold(copter, 3.0, 1500, 1500, 1000, 1500)
     assert copter.m["on_ground"]
     hold(copter, 1.5, 1500, 1500, 1650, 1500)
@@ -144,9 +148,13 @@ def test_stabilize_from_the_ground_up() -> None:
 def test_alt_hold_takes_off_climbs_and_lands_by_the_throttle() -> None:
     copter = Copter()
     copter.run(2.1)
-    assert copter.ask(176, 1, ALT_HOLD) == [("ACK", 176, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
     override(copter, 1500, 1500, 1000, 1500)
-    assert copter.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        ACCEPTED,
+    )
     hold(copter, 3.0, 1500, 1500, 1500, 1500)
     assert copter.m["on_ground"]
     up = hold(copter, 6.0, 1500, 1500, 2000, 1500)
@@ -166,9 +174,13 @@ def test_alt_hold_takes_off_climbs_and_lands_by_the_throttle() -> None:
 def test_a_takeoff_that_climbs_by_itself() -> None:
     copter = Copter(autopilot={"PILOT_TKOFF_ALT": 300.0})
     copter.run(2.1)
-    copter.ask(176, 1, LOITER)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER)
     override(copter, 1500, 1500, 1500, 1500)
-    assert copter.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        ACCEPTED,
+    )
     hold(copter, 3.0, 1500, 1500, 1500, 1500)
     hold(copter, 1.5, 1500, 1500, 1700, 1500)
     assert not copter.m["on_ground"]
@@ -212,9 +224,13 @@ def test_loit_speed_acts() -> None:
 def test_loiter_takes_off_and_lands_by_the_throttle() -> None:
     copter = Copter()
     copter.run(2.1)
-    copter.ask(176, 1, LOITER)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LOITER)
     override(copter, 1500, 1500, 1000, 1500)
-    assert copter.ask(400, 1)[0] == ("ACK", 400, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)[0] == (
+        "ACK",
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        ACCEPTED,
+    )
     hold(copter, 3.0, 1500, 1500, 1500, 1500)
     hold(copter, 5.0, 1500, 1500, 1800, 1500)
     assert copter.v["position"][2] < -3.0
@@ -226,7 +242,7 @@ def test_loiter_takes_off_and_lands_by_the_throttle() -> None:
 
 def test_circle_is_flown_round_its_centre() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
-    assert copter.ask(176, 1, CIRCLE) == [("ACK", 176, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, CIRCLE) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
     copter.run(10.0)
     path = copter.run(18.0)
     radius = np.hypot(path[:, 1] - 10.0, path[:, 2])
@@ -245,7 +261,7 @@ def test_circle_is_flown_round_its_centre() -> None:
 
 def test_circle_backwards_small_and_changed_by_the_sticks() -> None:
     copter = Copter(autopilot={"CIRCLE_RADIUS": 300.0, "CIRCLE_RATE": -30.0}).in_the_air(5.0, 10.0)
-    copter.ask(176, 1, CIRCLE)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, CIRCLE)
     path = copter.run(12.0)
     angle = np.unwrap(np.arctan2(path[-2400:, 2], path[-2400:, 1] - 3.0))
     assert angle[-1] < angle[0]
@@ -258,13 +274,19 @@ def test_circle_backwards_small_and_changed_by_the_sticks() -> None:
 def test_circle_needs_a_position_and_cannot_be_armed_in() -> None:
     copter = Copter(autopilot={"estimate_ready_time": 30.0})
     copter.run(20.0)
-    copter.ask(400, 1)
-    refused = [("ACK", 176, FAILED), ("TEXT", 4, "Mode change to CIRCLE failed: requires position")]
-    assert copter.ask(176, 1, CIRCLE) == refused
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    refused = [
+        ("ACK", mavlink.MAV_CMD_DO_SET_MODE, FAILED),
+        ("TEXT", 4, "Mode change to CIRCLE failed: requires position"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, CIRCLE) == refused
     copter = Copter()
     copter.run(2.1)
-    copter.ask(176, 1, CIRCLE)
-    assert copter.ask(400, 1) == [("ACK", 400, FAILED), ("TEXT", 2, "Arm: Mode not armable")]
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, CIRCLE)
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ("ACK", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
+        ("TEXT", 2, "Arm: Mode not armable"),
+    ]
 
 
 # ---- arming and switches -------------------------------------------------------------------------------------------
@@ -274,19 +296,25 @@ def test_circle_needs_a_position_and_cannot_be_armed_in() -> None:
 def test_open_throttle_does_not_arm(mode: int, pulse: int) -> None:
     copter = Copter()
     copter.run(2.1)
-    copter.ask(176, 1, mode)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
     override(copter, 1500, 1500, pulse, 1500)
-    assert copter.ask(400, 1) == [("ACK", 400, FAILED), ("TEXT", 2, "Arm: Throttle too high")]
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ("ACK", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
+        ("TEXT", 2, "Arm: Throttle too high"),
+    ]
 
 
 def test_open_throttle_does_not_switch_to_stabilize_on_the_ground() -> None:
     copter = Copter()
     copter.run(2.1)
-    copter.ask(176, 1, GUIDED)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
     override(copter, 1500, 1500, 1700, 1500)
     copter.run(0.1)
-    refused = [("ACK", 176, FAILED), ("TEXT", 4, "Mode change to STABILIZE failed: throttle too high")]
-    assert copter.ask(176, 1, STABILIZE) == refused
+    refused = [
+        ("ACK", mavlink.MAV_CMD_DO_SET_MODE, FAILED),
+        ("TEXT", 4, "Mode change to STABILIZE failed: throttle too high"),
+    ]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, STABILIZE) == refused
 
 
 def test_the_yaw_stick_arms_and_disarms() -> None:
@@ -356,7 +384,7 @@ def test_without_pulses_the_radio_is_lost_when_overrides_lapse() -> None:
 )
 def test_what_goes_on_without_radio(options: int, mode: int, text: str) -> None:
     copter = Copter(autopilot={"FS_OPTIONS": options}).in_the_air(5.0, 10.0)
-    copter.ask(176, 1, mode)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
     override(copter, 1500, 1500, 900, 1500)
     copter.run(0.3)
     assert texts(copter) == [(4, text)]
@@ -373,7 +401,7 @@ def test_what_goes_on_without_radio(options: int, mode: int, text: str) -> None:
 )
 def test_what_goes_on_without_ground_station(options: int, mode: int, text: str, then: int) -> None:
     copter = Copter(autopilot={"FS_GCS_ENABLE": 1, "FS_GCS_TIMEOUT": 1.0, "FS_OPTIONS": options}).in_the_air(5.0, 10.0)
-    copter.ask(176, 1, mode)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
     copter.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     copter.heard.clear()
     copter.run(1.5)
@@ -392,7 +420,7 @@ def test_flying_by_hand_is_a_sign_of_life_of_the_ground_station() -> None:
 def test_on_the_ground_a_lost_radio_disarms() -> None:
     copter = Copter()
     copter.run(2.1)
-    copter.ask(400, 1)
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     override(copter, 1500, 1500, 900, 1500)
     copter.run(0.3)
     assert not copter.m["armed"]

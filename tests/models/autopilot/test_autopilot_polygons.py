@@ -16,7 +16,12 @@ from cosim_models.autopilot.mission.fences import fence_is_whole, keep_fence_ite
 from tests.models.copter import GUIDED, RTL, Copter
 
 FENCE = 1
-INCLUSION, EXCLUSION, CIRCLE_IN, CIRCLE_OUT, RETURN = 5001, 5002, 5003, 5004, 5000
+INCLUSION = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+EXCLUSION = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
+CIRCLE_IN = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
+CIRCLE_OUT = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION
+RETURN = mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT
+WAYPOINT, TAKEOFF = mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_TAKEOFF
 LAT, LON = -35.363262, 149.165237
 DEG_PER_M = 1e-7 / 0.011131884502145034
 Item = tuple[int, float, float, float]  # command, param 1, north and east of the origin [m]
@@ -82,7 +87,7 @@ def test_a_fence_is_read_back_as_it_was_sent(copter: Copter) -> None:
 
 
 def test_missions_and_fences_do_not_disturb_each_other(copter: Copter) -> None:
-    mission = [(16, 0.0, 0.0, 0.0), (22, 0.0, 0.0, 0.0), (16, 0.0, 5.0, 5.0)]
+    mission = [(WAYPOINT, 0.0, 0.0, 0.0), (TAKEOFF, 0.0, 0.0, 0.0), (WAYPOINT, 0.0, 5.0, 5.0)]
     assert upload(copter, mission, kind=0) == 0
     assert upload(copter, square(INCLUSION, 40.0), whole=False) == 0
     assert (copter.m["mission_count"], copter.m["fence_count"]) == (3, 4)
@@ -106,7 +111,7 @@ def test_missions_and_fences_do_not_disturb_each_other(copter: Copter) -> None:
         ([*square(INCLUSION, 9.0)[:2], *square(EXCLUSION, 9.0)[:2]], 1),
         ([(INCLUSION, 2.0, 0.0, 0.0)], 6),
         ([(CIRCLE_IN, 0.0, 0.0, 0.0)], 6),
-        ([(16, 0.0, 0.0, 0.0)], 3),
+        ([(WAYPOINT, 0.0, 0.0, 0.0)], 3),
         (square(INCLUSION, 9.0) * 18, 4),  # no space
     ],
 )
@@ -116,7 +121,7 @@ def test_fences_that_cannot_be(copter: Copter, items: list[Item], result: int) -
 
 
 def test_other_kinds_of_items_are_unsupported(copter: Copter) -> None:
-    assert upload(copter, [(5100, 0.0, 0.0, 0.0)], kind=3) == 3
+    assert upload(copter, [(mavlink.MAV_CMD_NAV_RALLY_POINT, 0.0, 0.0, 0.0)], kind=3) == 3
 
 
 @pytest.mark.parametrize(
@@ -141,7 +146,7 @@ def test_crossing_a_fence_returns(items: list[Item], way: tuple[float, float]) -
         assert copter.time < began + 8.0
     assert copter.m["mode"] == RTL
     assert max(abs(x) for x in copter.v["position"][:2]) == pytest.approx(10.0, abs=1.5)
-    copter.command(512, 162)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_FENCE_STATUS)
     copter.run(0.01)
     assert (4, "Polygon fence breached") in [(m.severity, m.text) for m in copter.messages("STATUSTEXT")]
     (status,) = copter.messages("FENCE_STATUS")
@@ -152,13 +157,15 @@ def test_crossing_a_fence_returns(items: list[Item], way: tuple[float, float]) -
 def test_a_fence_is_switched_by_command() -> None:
     copter = Copter(autopilot={"FENCE_TYPE": 4}).in_the_air(5.0, 10.0)
     upload(copter, square(INCLUSION, 4.0))
-    assert copter.ask(512, 162) == [("ACK", 512, 0)]
+    assert copter.ask(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_FENCE_STATUS) == [
+        ("ACK", mavlink.MAV_CMD_REQUEST_MESSAGE, 0)
+    ]
     assert copter.messages("FENCE_STATUS") == []  # not watched: nothing to say
     copter.go(10.0, 0.0, -5.0)
     copter.run(4.0)
     assert copter.m["mode"] == GUIDED
-    assert copter.ask(207, 2) == [("ACK", 207, 4)]
-    copter.command(207, 1)
+    assert copter.ask(mavlink.MAV_CMD_DO_FENCE_ENABLE, 2) == [("ACK", mavlink.MAV_CMD_DO_FENCE_ENABLE, 4)]
+    copter.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 1)
     copter.run(0.3)
     assert copter.m["mode"] == RTL
 

@@ -12,7 +12,7 @@ from tests.models.autopilot.test_autopilot_missions import LAT, LON, METRE, repl
 from tests.models.copter import ACCEPTED, RTL, Copter
 
 RALLY = 2
-POINT = 5100
+POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
 EAST = METRE / 0.8155  # 1e-7 degrees of longitude per metre at 35.363 degrees south
 
 
@@ -143,7 +143,7 @@ def test_rtl_lands_at_the_point_and_climbs_to_its_height() -> None:
     copter = Copter(autopilot={"RALLY_INCL_HOME": 0, "RTL_ALT": 800.0, "RTL_CONE_SLOPE": 0.0})
     copter.in_the_air(5.0, 10.0)
     upload(copter, point(0, 12.0, -9.0, z=11.0))
-    assert copter.ask(176, 1, RTL) == [("ACK", 176, ACCEPTED)]
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL) == [("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)]
     flight = copter.run(60.0)
     assert -flight[:, 3].min() == pytest.approx(11.0, abs=0.3)
     assert copter.v["position"] == pytest.approx((12.0, -9.0, 0.0), abs=0.4)

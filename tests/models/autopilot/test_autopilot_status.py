@@ -18,7 +18,7 @@ def under_way() -> Copter:
     copter.run(2.0)
     copter.heard.clear()
     for message in (62, 87, 85, 27, 164, 147, 125, 42):
-        copter.command(512, message)
+        copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, message)
     copter.tick()
     return copter
 
@@ -64,24 +64,26 @@ def test_without_a_destination_none_is_told() -> None:
     copter = Copter()
     copter.run(2.1)
     copter.answers()
-    copter.command(512, 87)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT)
     copter.tick()
     assert copter.messages("POSITION_TARGET_GLOBAL_INT") == []
-    assert copter.answers() == [("ACK", 512, ACCEPTED)]
+    assert copter.answers() == [("ACK", mavlink.MAV_CMD_REQUEST_MESSAGE, ACCEPTED)]
 
 
 def test_intervals_are_told() -> None:
     copter = Copter()
     copter.run(0.1)
-    copter.ask(511, 33, 250000)
+    copter.ask(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 250000)
     for question in ((510, 33), (512, 244, 33)):
         copter.command(*question)
-    copter.command(510, 30)
-    copter.command(510, 9999)
+    copter.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE)
+    copter.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 9999)
     copter.tick()
     told = [(m.message_id, m.interval_us) for m in copter.messages("MESSAGE_INTERVAL")]
     assert told == [(33, 250000), (33, 250000), (30, -1), (9999, 0)]
-    assert copter.ask(510, -1.0) == [("ACK", 510, FAILED)]
+    assert copter.ask(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, -1.0) == [
+        ("ACK", mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, FAILED)
+    ]
 
 
 def test_timesync_is_answered_and_answers_are_not() -> None:
@@ -99,7 +101,7 @@ def test_timesync_is_answered_and_answers_are_not() -> None:
 def test_attitude_sensors_and_memory_on_request(under_way: Copter) -> None:
     under_way.heard.clear()
     for message in (178, 163, 241, 152, 26, 29, 30, 33):
-        under_way.command(512, message)
+        under_way.command(mavlink.MAV_CMD_REQUEST_MESSAGE, message)
     under_way.tick()
     (second,), (first,) = under_way.messages("AHRS2"), under_way.messages("ATTITUDE")
     assert (second.roll, second.pitch, second.yaw) == (first.roll, first.pitch, first.yaw)

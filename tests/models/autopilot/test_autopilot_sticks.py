@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.autopilot.test_autopilot_missions import AUTO, HOME, item, upload
 from tests.models.autopilot.test_autopilot_pilot import BRAKE, CIRCLE, hold, override
@@ -55,7 +56,7 @@ def test_the_yaw_stick_turns_the_nose_in_guided_until_the_next_target(copter: Co
 def test_an_option_ignores_the_yaw_stick_and_brake_always_does(mode: int, option: str) -> None:
     copter = Copter(autopilot={option: 4} if option else {}).in_the_air(6.0, 10.0)
     upload(copter, HOME, item(1, 17, north=0.01, z=6.0))
-    assert copter.ask(176, 1, mode)[0] == ("ACK", 176, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
     turned(copter, 1.0, *CENTRED)
     assert abs(turned(copter, 1.5, *YAW_RIGHT)) < 3.0
     if option:
@@ -77,7 +78,7 @@ def test_the_nose_is_held_when_the_radio_is_lost(copter: Copter) -> None:
 
 def test_the_yaw_stick_takes_the_nose_off_the_centre_of_a_circle(copter: Copter) -> None:
     copter.m["CIRCLE_RADIUS"] = 500.0
-    assert copter.ask(176, 1, CIRCLE)[0] == ("ACK", 176, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, CIRCLE)[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
     assert turned(copter, 5.0, *CENTRED) > 40.0
     turned(copter, 1.0, *YAW_RIGHT)
     hold(copter, 3.0, *CENTRED)
@@ -100,15 +101,15 @@ def test_roll_and_pitch_stick_move_the_landing_place(
     copter: Copter, sticks: tuple[int, ...], expected: tuple[float, float]
 ) -> None:
     """Full sticks: half of WPNAV_ACCEL, as a speed."""
-    assert copter.ask(176, 1, LAND)[0] == ("ACK", 176, ACCEPTED)
+    assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LAND)[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
     assert moved(copter, sticks) == pytest.approx(expected, abs=0.08)
     assert np.hypot(*moved(copter, CENTRED)) < 0.15
 
 
 def test_the_landing_place_moves_with_the_heading(copter: Copter) -> None:
-    copter.command(115, 90.0, 0.0, 0.0, 0.0)
+    copter.command(mavlink.MAV_CMD_CONDITION_YAW, 90.0, 0.0, 0.0, 0.0)
     copter.run(4.0)
-    copter.ask(176, 1, LAND)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, LAND)
     assert moved(copter, FORWARD) == pytest.approx((0.0, 1.25), abs=0.1)
 
 
@@ -117,7 +118,7 @@ def test_rtl_and_auto_land_where_the_pilot_wants_them_if_they_may(reposition: in
     for mode in (RTL, AUTO):
         copter = Copter(autopilot={"RTL_LOIT_TIME": 100.0, "LAND_REPOSITION": reposition}).in_the_air(6.0, 10.0)
         upload(copter, HOME, item(1, 21))
-        assert copter.ask(176, 1, mode)[0] == ("ACK", 176, ACCEPTED)
+        assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)[0] == ("ACK", mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
         hold(copter, 5.0, *CENTRED)
         velocity = moved(copter, FORWARD, 3.0)
         assert velocity == pytest.approx((1.25 * reposition, 0.0), abs=0.1), mode
@@ -130,7 +131,7 @@ def test_rtl_and_auto_land_where_the_pilot_wants_them_if_they_may(reposition: in
 def test_rtl_that_stays_in_the_air_can_be_moved_there() -> None:
     copter = Copter(autopilot={"RTL_LOIT_TIME": 100.0, "RTL_ALT_FINAL": 400.0, "RTL_OPTIONS": 4})
     copter.in_the_air(6.0, 10.0)
-    copter.ask(176, 1, RTL)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL)
     hold(copter, 5.0, *CENTRED)
     assert moved(copter, RIGHT, 3.0) == pytest.approx((0.0, 1.25), abs=0.1)
     assert turned(copter, 1.5, *YAW_RIGHT) > 30.0  # free again, since the place is
@@ -152,6 +153,6 @@ def test_guided_can_be_armed_by_the_sticks_if_it_may() -> None:
     for option in (0, 1):
         copter = Copter(autopilot={"GUID_OPTIONS": option})
         copter.run(2.1)
-        copter.ask(176, 1, GUIDED)
+        copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
         hold(copter, 3.0, 1500, 1500, 1000, 2000)
         assert bool(copter.m["armed"]) == bool(option)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_models.sensing.estimator import Estimator
 from cosim_models.sensing.random_numbers import normal_pair, threefry
@@ -119,7 +120,7 @@ def test_a_flight_on_estimates_stays_within_bounds(identity: int) -> None:
     assert attitude < 3.0
     assert np.linalg.norm(hold[:, 1:4] - (20.0, -10.0, -10.0), axis=1).max() < 2.5
     assert np.linalg.norm(hold[:, 4:7], axis=1).max() < 0.8
-    copter.command(176, 1, 9)
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9)
     copter.run(40.0)
     assert not copter.m["armed"]
 

@@ -11,6 +11,14 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.kernel import kernel
+from cosim.messages import (
+    MAV_CMD_CONDITION_YAW,
+    MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_NAV_TAKEOFF,
+    MAV_RESULT_ACCEPTED,
+    MAV_RESULT_FAILED,
+    MAV_RESULT_UNSUPPORTED,
+)
 from cosim_models.autopilot.commander.readiness import attitude_ready, prearm_ready
 from cosim_models.autopilot.flight.modes import set_mode
 from cosim_models.autopilot.flight.state import arm, disarm, needs_position, position_ready
@@ -46,20 +54,13 @@ from cosim_models.autopilot.mission.missions import COMMAND, mission_count
 from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, BRAKE, CIRCLE, GUIDED, LAND, LOITER, RTL, STABILIZE
 
 __all__ = [
-    "ACCEPTED",
-    "DENIED",
-    "FAILED",
-    "UNSUPPORTED",
     "arm_checked",
     "arm_or_disarm",
     "change_mode",
     "start_mission",
 ]
 
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
-"""MAV_RESULT."""
 
-_TAKEOFF, _YAW, _SPEED = 22, 115, 178  # MAV_CMD
 _ARM_IN_AUTO, _FLY_AT_ONCE = 1, 2  # AUTO_OPTIONS
 _ARM_BY_STICK = 1  # GUID_OPTIONS
 _FORCE_ARM, _FORCE = 2989.0, 21196.0
@@ -79,9 +80,11 @@ def _mission_can_begin(m: Any) -> bool:
         return False
     if m.armed and m.on_ground:
         row = 1
-        while row < count and (m.mission[row, COMMAND] == _YAW or m.mission[row, COMMAND] == _SPEED):
+        while row < count and (
+            m.mission[row, COMMAND] == MAV_CMD_CONDITION_YAW or m.mission[row, COMMAND] == MAV_CMD_DO_CHANGE_SPEED
+        ):
             row += 1
-        if row >= count or m.mission[row, COMMAND] != _TAKEOFF:
+        if row >= count or m.mission[row, COMMAND] != MAV_CMD_NAV_TAKEOFF:
             say(m, WARNING, MISSING_TAKEOFF, NO_NUMBER)
             return False
     return True
@@ -90,10 +93,10 @@ def _mission_can_begin(m: Any) -> bool:
 @kernel
 def start_mission(m: Any, t: float) -> int:
     """Fly the mission from the ground on; a MAV_RESULT."""
-    if change_mode(m, AUTO, t) != ACCEPTED:
-        return FAILED
+    if change_mode(m, AUTO, t) != MAV_RESULT_ACCEPTED:
+        return MAV_RESULT_FAILED
     m.auto_armed = m.armed
-    return ACCEPTED
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
@@ -101,12 +104,12 @@ def change_mode(m: Any, mode: int, t: float) -> int:
     """Switch to a mode by ArduCopter's number; a MAV_RESULT."""
     if not _is_mode(mode):
         say(m, WARNING, NO_SUCH_MODE, mode)
-        return FAILED
+        return MAV_RESULT_FAILED
     if mode == AUTO and m.mode != AUTO and not _mission_can_begin(m):
-        return FAILED
+        return MAV_RESULT_FAILED
     if mode == STABILIZE and m.mode != STABILIZE and m.on_ground and pilot_throttle(m, t) > 0.5 * m.throttle_hover:
         say(m, WARNING, STABILIZE_REFUSED, NO_NUMBER)
-        return FAILED
+        return MAV_RESULT_FAILED
     if not set_mode(m, mode, t):
         text = GUIDED_REFUSED if mode == GUIDED else LOITER_REFUSED if mode == LOITER else RTL_REFUSED
         if mode == AUTO:
@@ -116,53 +119,53 @@ def change_mode(m: Any, mode: int, t: float) -> int:
         elif mode == BRAKE:
             text = BRAKE_REFUSED
         say(m, WARNING, text, NO_NUMBER)
-        return FAILED
+        return MAV_RESULT_FAILED
     if not m.armed and needs_position(mode) and not position_ready(m, t):
         say(m, CRITICAL, PREARM_NEEDS_POSITION, NO_NUMBER)
-    return ACCEPTED
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
 def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
     """Arm after ArduCopter's checks, as far as they can fail here; a MAV_RESULT."""
     if m.armed:
-        return ACCEPTED
+        return MAV_RESULT_ACCEPTED
     auto = m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0
     guided = m.mode == GUIDED and by_stick and (m.GUID_OPTIONS & _ARM_BY_STICK) == 0
     if m.mode in (LAND, RTL, BRAKE, CIRCLE) or auto or guided:
         say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
-        return FAILED
+        return MAV_RESULT_FAILED
     if not forced:
         checked = m.ARMING_CHECK != 0
         if checked and not attitude_ready(m, t):
             say(m, CRITICAL, ACCELS_INCONSISTENT, NO_NUMBER)
             say(m, CRITICAL, ATTITUDE_BAD, NO_NUMBER)
             say(m, CRITICAL, AHRS_TYPE, NO_NUMBER)
-            return FAILED
+            return MAV_RESULT_FAILED
         if needs_position(m.mode) and not position_ready(m, t):
             say(m, CRITICAL, ARM_NEEDS_POSITION, NO_NUMBER)
-            return FAILED
+            return MAV_RESULT_FAILED
         if checked and not prearm_ready(m, t):
             say(m, CRITICAL, WAITING_FOR_HOME, NO_NUMBER)
-            return FAILED
+            return MAV_RESULT_FAILED
         if (
             checked
             and m.mode not in (GUIDED, AUTO)
             and (pilot_climb_rate(m, t) > 0.0 or (m.mode == STABILIZE and throttle_open(m, t)))
         ):
             say(m, CRITICAL, ARM_THROTTLE, NO_NUMBER)
-            return FAILED
+            return MAV_RESULT_FAILED
         if checked and 0.0 < m.battery_voltage < m.BATT_ARM_VOLT:
             say(m, CRITICAL, ARM_VOLTAGE, NO_NUMBER)
-            return FAILED
+            return MAV_RESULT_FAILED
         if checked and m.BATT_ARM_MAH > 0.0 and m.BATT_CAPACITY - m.battery_used < m.BATT_ARM_MAH:
             say(m, CRITICAL, ARM_CHARGE, NO_NUMBER)
-            return FAILED
+            return MAV_RESULT_FAILED
     arm(m, t)
     if m.mode == AUTO and (m.AUTO_OPTIONS & _FLY_AT_ONCE) != 0:
         m.auto_armed = True
     say(m, INFO, ARMING, NO_NUMBER)
-    return ACCEPTED
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
@@ -172,7 +175,7 @@ def arm_or_disarm(m: Any, p1: float, p2: float, t: float) -> int:
         return arm_checked(m, p2 in (_FORCE_ARM, _FORCE), False, t)
     if p1 == 0.0:
         if m.armed and not m.on_ground and p2 != _FORCE:
-            return FAILED
+            return MAV_RESULT_FAILED
         disarm(m)
-        return ACCEPTED
-    return UNSUPPORTED
+        return MAV_RESULT_ACCEPTED
+    return MAV_RESULT_UNSUPPORTED

@@ -19,6 +19,21 @@ import numpy as np
 
 from cosim.frames import local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
+from cosim.messages import (
+    MAV_CMD_CONDITION_DELAY,
+    MAV_CMD_CONDITION_YAW,
+    MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_JUMP,
+    MAV_CMD_NAV_DELAY,
+    MAV_CMD_NAV_LAND,
+    MAV_CMD_NAV_LAST,
+    MAV_CMD_NAV_LOITER_TIME,
+    MAV_CMD_NAV_LOITER_TURNS,
+    MAV_CMD_NAV_LOITER_UNLIM,
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_NAV_WAYPOINT,
+)
 from cosim_models.autopilot.control.motors import THROTTLE_UNLIMITED
 from cosim_models.autopilot.control.position import initialise_up, stop_ne, stopping_ne
 from cosim_models.autopilot.control.shaping import clip
@@ -54,9 +69,22 @@ from cosim_models.autopilot.record.modes import AUTO, TAKEOFF
 
 __all__ = ["change_speed", "run_auto"]
 
-_WAYPOINT, _LOITER, _TURNS, _LOITER_TIME, _RTL, _LAND, _TAKEOFF = 16, 17, 18, 19, 20, 21, 22  # MAV_CMD
-_DELAY, _LAST_FLOWN, _WAIT, _YAW, _JUMP, _SPEED = 93, 95, 112, 115, 177, 178
-_COMMANDS = np.array((16, 17, 19, 20, 21, 22, 93, 112, 115, 178, 18), dtype=np.int64)  # in the order of MISSION_TEXTS
+_COMMANDS = np.array(
+    (
+        MAV_CMD_NAV_WAYPOINT,
+        MAV_CMD_NAV_LOITER_UNLIM,
+        MAV_CMD_NAV_LOITER_TIME,
+        MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        MAV_CMD_NAV_LAND,
+        MAV_CMD_NAV_TAKEOFF,
+        MAV_CMD_NAV_DELAY,
+        MAV_CMD_CONDITION_DELAY,
+        MAV_CMD_CONDITION_YAW,
+        MAV_CMD_DO_CHANGE_SPEED,
+        MAV_CMD_NAV_LOITER_TURNS,
+    ),
+    dtype=np.int64,
+)  # in the order of MISSION_TEXTS
 _AT_REST = 0.1  # m between the shaped path and a waypoint at which the vehicle has come to rest
 _JUMPS_AT_ONCE = 64
 _AT_CENTRE = 3.0  # m from a circle's centre within which it begins at once
@@ -102,7 +130,7 @@ def _place(m: Any, row: int) -> tuple[float, float, float]:
         )
     if r[FRAME] == 0.0 or r[FRAME] == 5.0:
         u = r[Z] - m.origin_altitude
-    elif r[Z] != 0.0 or r[COMMAND] == _WAYPOINT:
+    elif r[Z] != 0.0 or r[COMMAND] == MAV_CMD_NAV_WAYPOINT:
         u = r[Z] + m.home[2]
     return n, e, u
 
@@ -213,20 +241,20 @@ def _begin(m: Any, row: int, t: float) -> None:
     m.auto_landing = False
     m.auto_since = t
     p = m.position_desired
-    if command == _TAKEOFF and m.on_ground:
+    if command == MAV_CMD_NAV_TAKEOFF and m.on_ground:
         start_takeoff(m, m.home[2] + m.mission[row, Z])
-    elif command == _TAKEOFF:
+    elif command == MAV_CMD_NAV_TAKEOFF:
         _, _, up = _place(m, row)
         _go_to(m, p[0], p[1], up, t)
-    elif command == _RTL:
+    elif command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
         start_rtl(m)
-    elif command == _DELAY:
+    elif command == MAV_CMD_NAV_DELAY:
         _go_to(m, p[0], p[1], p[2], t)
-    elif command == _TURNS:
+    elif command == MAV_CMD_NAV_LOITER_TURNS:
         _begin_turns(m, row, t)
     else:
         n, e, u = _place(m, row)
-        _go_to(m, n, e, p[2] if command == _LAND else u, t)
+        _go_to(m, n, e, p[2] if command == MAV_CMD_NAV_LAND else u, t)
 
 
 @kernel
@@ -234,21 +262,21 @@ def _is_done(m: Any, t: float) -> bool:
     """Whether the command that is flown has come to its end."""
     command = m.auto_command
     hold = m.mission[m.mission_current, P1]
-    if command == _TAKEOFF:
+    if command == MAV_CMD_NAV_TAKEOFF:
         return bool(m.takeoff_done if m.submode == TAKEOFF else _arrived(m, False))
-    if command == _WAYPOINT and hold <= 0.0:
+    if command == MAV_CMD_NAV_WAYPOINT and hold <= 0.0:
         last = m.mission_current + 1 >= mission_count(m)
         return _arrived(m, not last)
-    if command in (_WAYPOINT, _LOITER_TIME):
+    if command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_TIME):
         if m.auto_stage == _GOING and _arrived(m, False):
             m.auto_stage = _THERE
             m.auto_since = t
         return bool(m.auto_stage == _THERE and t - m.auto_since >= hold)
-    if command == _TURNS:
+    if command == MAV_CMD_NAV_LOITER_TURNS:
         return _has_gone_round(m)
-    if command == _DELAY:
+    if command == MAV_CMD_NAV_DELAY:
         return bool(t - m.auto_since >= hold)
-    if command == _LAND:
+    if command == MAV_CMD_NAV_LAND:
         return bool(m.auto_stage == _THERE and m.on_ground)
     return False
 
@@ -264,18 +292,18 @@ def _do(m: Any, row: int, t: float) -> None:
     m.auto_do = row
     m.auto_doing = True
     m.auto_do_since = t
-    if r[COMMAND] == _SPEED and r[P2] > 0.0:
+    if r[COMMAND] == MAV_CMD_DO_CHANGE_SPEED and r[P2] > 0.0:
         change_speed(m, int(clip(r[P1], 0.0, 3.0)), r[P2])
-    elif r[COMMAND] == _YAW:
+    elif r[COMMAND] == MAV_CMD_CONDITION_YAW:
         turn_by(m, math.radians(r[P1]), math.radians(r[P2]), r[P3], r[P4] > 0.0)
 
 
 @kernel
 def _has_done(m: Any, t: float) -> bool:
     r = m.mission[m.auto_do]
-    if r[COMMAND] == _WAIT:
+    if r[COMMAND] == MAV_CMD_CONDITION_DELAY:
         return bool(t - m.auto_do_since >= r[P1])
-    return has_turned(m) if r[COMMAND] == _YAW else True
+    return has_turned(m) if r[COMMAND] == MAV_CMD_CONDITION_YAW else True
 
 
 @kernel
@@ -289,7 +317,7 @@ def _do_next(m: Any, t: float) -> None:
             m.auto_doing = False
         return
     row = _next(m, m.auto_do + 1, False)
-    if row < 0 or m.mission[row, COMMAND] <= _LAST_FLOWN:
+    if row < 0 or m.mission[row, COMMAND] <= MAV_CMD_NAV_LAST:
         m.auto_do = 0
     else:
         _do(m, row, t)
@@ -306,7 +334,7 @@ def _next(m: Any, row: int, taking: bool) -> int:
         if row >= mission_count(m):
             return -1
         r = m.mission[row]
-        if r[COMMAND] != _JUMP:
+        if r[COMMAND] != MAV_CMD_DO_JUMP:
             return row
         if not 1.0 <= r[P1] < mission_count(m) or (not taking and first_jump == row):
             return -1
@@ -332,7 +360,7 @@ def _advance(m: Any, row: int, t: float) -> None:
         row = _next(m, row, True)
         if row < 0:
             break
-        if m.mission[row, COMMAND] <= _LAST_FLOWN:
+        if m.mission[row, COMMAND] <= MAV_CMD_NAV_LAST:
             _begin(m, row, t)
             return
         if m.auto_do == 0:
@@ -358,7 +386,7 @@ def _follow(m: Any, t: float) -> None:
         return
     if _is_done(m, t):
         send_reached(m, m.mission_current)
-        if m.auto_command == _WAYPOINT or m.auto_command == _LOITER_TIME:
+        if m.auto_command == MAV_CMD_NAV_WAYPOINT or m.auto_command == MAV_CMD_NAV_LOITER_TIME:
             say(m, INFO, REACHED, m.mission_current)
         _advance(m, m.mission_current + 1, t)
     _do_next(m, t)
@@ -371,22 +399,22 @@ def run_auto(m: Any, t: float, dt: float) -> None:
         rest_on_ground(m, dt)
         return
     _follow(m, t)
-    if m.auto_command == _TAKEOFF and m.submode == TAKEOFF:
+    if m.auto_command == MAV_CMD_NAV_TAKEOFF and m.submode == TAKEOFF:
         run_takeoff(m, dt)
-    elif m.auto_command == _RTL:
+    elif m.auto_command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
         run_rtl(m, t, dt)
-    elif m.auto_command == _LAND and m.auto_stage == _THERE:
+    elif m.auto_command == MAV_CMD_NAV_LAND and m.auto_stage == _THERE:
         run_land(m, dt)
     elif m.on_ground:
         rest_on_ground(m, dt)
         if m.auto_command == _FINISHED:
             disarm(m)
-    elif m.auto_command == _TURNS and m.auto_stage == _THERE:
+    elif m.auto_command == MAV_CMD_NAV_LOITER_TURNS and m.auto_stage == _THERE:
         m.spool_wanted = THROTTLE_UNLIMITED
         go_round(m, 0.0, dt)
     else:
         fly_to_point(m, dt)
-        if m.auto_command == _LAND and _arrived(m, False):
+        if m.auto_command == MAV_CMD_NAV_LAND and _arrived(m, False):
             m.auto_stage = _THERE
             m.auto_landing = True
             start_land(m)

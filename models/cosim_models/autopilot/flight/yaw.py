@@ -13,6 +13,9 @@ from typing import Any
 
 from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
+from cosim.messages import (
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+)
 from cosim_models.autopilot.control.attitude import follow_heading, follow_yaw_rate
 from cosim_models.autopilot.control.position import GRAVITY
 from cosim_models.autopilot.control.shaping import clip, wrap_pi
@@ -37,7 +40,6 @@ __all__ = [
 _HOLD, _ALONG_PATH, _FIXED, _TURN, _PILOT, _ROUND = range(6)
 _IGNORE_STICK = 4  # GUID_OPTIONS, AUTO_OPTIONS and RTL_OPTIONS
 _TURNED = math.radians(2.0)
-_RTL_COMMAND = 20  # MAV_CMD
 
 
 @kernel
@@ -179,7 +181,7 @@ def _is_free(m: Any) -> bool:
     if m.mode == AUTO:
         if (m.AUTO_OPTIONS & _IGNORE_STICK) == 0 or m.auto_landing:
             return True
-        return bool(m.auto_command == _RTL_COMMAND and _is_returning_free(m))
+        return bool(m.auto_command == MAV_CMD_NAV_RETURN_TO_LAUNCH and _is_returning_free(m))
     if m.mode == RTL:
         return _is_returning_free(m)
     return bool(m.mode != BRAKE)

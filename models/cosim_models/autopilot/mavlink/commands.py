@@ -22,6 +22,28 @@ from cosim.messages import (
     HEARTBEAT,
     HOME_POSITION,
     MANUAL_CONTROL,
+    MAV_CMD_COMPONENT_ARM_DISARM,
+    MAV_CMD_CONDITION_YAW,
+    MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_FENCE_ENABLE,
+    MAV_CMD_DO_REPOSITION,
+    MAV_CMD_DO_SET_MISSION_CURRENT,
+    MAV_CMD_DO_SET_MODE,
+    MAV_CMD_GET_HOME_POSITION,
+    MAV_CMD_GET_MESSAGE_INTERVAL,
+    MAV_CMD_MISSION_START,
+    MAV_CMD_NAV_LAND,
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+    MAV_CMD_REQUEST_MESSAGE,
+    MAV_CMD_SET_MESSAGE_INTERVAL,
+    MAV_DO_REPOSITION_FLAGS_CHANGE_MODE,
+    MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+    MAV_RESULT_ACCEPTED,
+    MAV_RESULT_DENIED,
+    MAV_RESULT_FAILED,
+    MAV_RESULT_UNSUPPORTED,
     MESSAGE_INTERVAL,
     MISSION_CLEAR_ALL,
     MISSION_COUNT,
@@ -34,6 +56,9 @@ from cosim.messages import (
     PARAM_REQUEST_LIST,
     PARAM_REQUEST_READ,
     PARAM_SET,
+    POSITION_TARGET_TYPEMASK_FORCE_SET,
+    POSITION_TARGET_TYPEMASK_YAW_IGNORE,
+    POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE,
     RC_CHANNELS_OVERRIDE,
     REQUEST_DATA_STREAM,
     SET_MODE,
@@ -70,10 +95,6 @@ from cosim.packets import (
 )
 from cosim_models.autopilot.commander.failsafes import hear_station
 from cosim_models.autopilot.commander.mode_requests import (
-    ACCEPTED,
-    DENIED,
-    FAILED,
-    UNSUPPORTED,
     arm_or_disarm,
     change_mode,
     start_mission,
@@ -121,17 +142,10 @@ from cosim_models.autopilot.record.streams import STREAM_COUNT, stream_group, st
 __all__ = ["receive"]
 
 
-# MAV_CMD
-_RTL, _LAND, _TAKEOFF, _YAW, _SET_MODE, _SPEED, _REPOSITION = 20, 21, 22, 115, 176, 178, 192
-_ENABLE_FENCE, _SET_ITEM, _START_MISSION = 207, 224, 300
-_ARM, _GET_HOME, _GET_INTERVAL, _INTERVAL, _REQUEST, _CAPABILITIES = 400, 410, 510, 511, 512, 520
-
-_CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COMPONENT = 1
 _SHORTEST, _ACK = 13, 22  # bytes of a COMMAND_LONG of nothing but zeros, and of its COMMAND_ACK
-_NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
-_FORCE_SET, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
+# Sums of POSITION_TARGET_TYPEMASK_X_IGNORE and the like.
+_NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0
 _ABSOLUTE, _RELATIVE = 0, 1
 
 
@@ -142,19 +156,19 @@ _ABSOLUTE, _RELATIVE = 0, 1
 def _turn(m: Any, angle: float, rate: float, direction: float, relative: float) -> int:
     """CONDITION_YAW: angle [deg] at a rate [deg/s]; relative 1 turns by it in `direction`, 0 to it."""
     if not 0.0 <= angle <= 360.0 or not (relative == 0.0 or relative == 1.0) or not math.isfinite(rate + direction):
-        return FAILED
+        return MAV_RESULT_FAILED
     turn_by(m, math.radians(angle), math.radians(rate), direction, relative == 1.0)
-    return ACCEPTED
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
 def _change_speed(m: Any, kind: float, speed: float) -> int:
     if not 0.0 < speed < math.inf or 4.0 <= kind < 5.0:  # MAVLink's number behind the last kind
-        return DENIED
+        return MAV_RESULT_DENIED
     if not 0.0 <= kind < 4.0 or m.mode not in (AUTO, GUIDED, RTL):
-        return FAILED
+        return MAV_RESULT_FAILED
     change_speed(m, 3 if kind >= 3.0 else 2 if kind >= 2.0 else 1, speed)
-    return ACCEPTED
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
@@ -166,24 +180,24 @@ def _set_message_interval(m: Any, message: float, microseconds: float, t: float)
         row = stream_of(number)
     if row < 0:
         say(m, INFO, NO_SUCH_MESSAGE, number)
-        return DENIED
+        return MAV_RESULT_DENIED
     interval = default_interval(m, row)
     if microseconds == -1.0:
         interval = 0.0
     elif microseconds < 0.0:
-        return DENIED
+        return MAV_RESULT_DENIED
     elif microseconds > 0.0:
         interval = max(math.floor(min(microseconds, 6e7) / 1000.0), 1.0) * 1e-3
     set_interval(m, row, interval, t)
-    return ACCEPTED
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
 def _tell_interval(m: Any, message: float) -> int:
     if not 0.0 <= message < 65536.0 or not can_answer(m):
-        return FAILED
+        return MAV_RESULT_FAILED
     tell_interval(m, int(message), stream_of(int(message)))
-    return ACCEPTED
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
@@ -194,51 +208,51 @@ def _request_message(m: Any, message: float, argument: float, t: float) -> int:
     if 0.0 <= message < 16777216.0:
         row = stream_of(int(message))
     if row < 0 or not can_answer(m):
-        return FAILED
-    return ACCEPTED if send_message(m, row, t) else FAILED
+        return MAV_RESULT_FAILED
+    return MAV_RESULT_ACCEPTED if send_message(m, row, t) else MAV_RESULT_FAILED
 
 
 @kernel
 def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, height: float, t: float) -> int:
     """Commands that COMMAND_LONG and COMMAND_INT share; `height` is param7 or z. Returns a MAV_RESULT."""
-    if command == _ARM:
+    if command == MAV_CMD_COMPONENT_ARM_DISARM:
         return arm_or_disarm(m, p1, p2, t)
-    if command == _TAKEOFF:
-        return ACCEPTED if height > 0.0 and take_off(m, height) else FAILED
-    if command == _SET_MODE:
-        if not 0.0 <= p1 <= 255.0 or (int(p1) & _CUSTOM_MODE) == 0 or not 0.0 <= p2 < 16777216.0:
-            return DENIED
+    if command == MAV_CMD_NAV_TAKEOFF:
+        return MAV_RESULT_ACCEPTED if height > 0.0 and take_off(m, height) else MAV_RESULT_FAILED
+    if command == MAV_CMD_DO_SET_MODE:
+        if not 0.0 <= p1 <= 255.0 or (int(p1) & MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) == 0 or not 0.0 <= p2 < 16777216.0:
+            return MAV_RESULT_DENIED
         return change_mode(m, int(p2), t)
-    if command == _LAND:
+    if command == MAV_CMD_NAV_LAND:
         return change_mode(m, LAND, t)
-    if command == _RTL:
+    if command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
         return change_mode(m, RTL, t)
-    if command == _INTERVAL:
+    if command == MAV_CMD_SET_MESSAGE_INTERVAL:
         return _set_message_interval(m, p1, p2, t)
-    if command == _START_MISSION:
+    if command == MAV_CMD_MISSION_START:
         return start_mission(m, t)
-    if command == _SET_ITEM:
-        return ACCEPTED if 0.0 <= p1 < 65536.0 and set_current(m, int(p1)) else FAILED
-    if command == _GET_INTERVAL:
+    if command == MAV_CMD_DO_SET_MISSION_CURRENT:
+        return MAV_RESULT_ACCEPTED if 0.0 <= p1 < 65536.0 and set_current(m, int(p1)) else MAV_RESULT_FAILED
+    if command == MAV_CMD_GET_MESSAGE_INTERVAL:
         return _tell_interval(m, p1)
-    if command == _REQUEST:
+    if command == MAV_CMD_REQUEST_MESSAGE:
         return _request_message(m, p1, p2, t)
-    if command == _GET_HOME:
-        return _request_message(m, float(HOME_POSITION), 0.0, t) if home_ready(m, t) else FAILED
-    if command == _CAPABILITIES:
+    if command == MAV_CMD_GET_HOME_POSITION:
+        return _request_message(m, float(HOME_POSITION), 0.0, t) if home_ready(m, t) else MAV_RESULT_FAILED
+    if command == MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
         if p1 != 1.0:
-            return FAILED
+            return MAV_RESULT_FAILED
         return _request_message(m, float(AUTOPILOT_VERSION), 0.0, t)
-    if command == _SPEED:
+    if command == MAV_CMD_DO_CHANGE_SPEED:
         return _change_speed(m, p1, p2)
-    if command == _ENABLE_FENCE:
+    if command == MAV_CMD_DO_FENCE_ENABLE:
         if p1 != 0.0 and p1 != 1.0:
-            return FAILED
+            return MAV_RESULT_FAILED
         m.FENCE_ENABLE = int(p1)
-        return ACCEPTED
-    if command == _YAW:
+        return MAV_RESULT_ACCEPTED
+    if command == MAV_CMD_CONDITION_YAW:
         return _turn(m, p1, p2, p3, p4)
-    return UNSUPPORTED
+    return MAV_RESULT_UNSUPPORTED
 
 
 # ---- targets -------------------------------------------------------------------------------------------------------
@@ -272,25 +286,25 @@ def _is_place(lat: int, lon: int) -> bool:
 
 @kernel
 def _reposition(m: Any, frame: int, flags: float, lat: int, lon: int, altitude: float, t: float) -> int:
-    change = 0.0 <= flags < 16777216.0 and (int(flags) & _CHANGE_MODE) != 0
+    change = 0.0 <= flags < 16777216.0 and (int(flags) & MAV_DO_REPOSITION_FLAGS_CHANGE_MODE) != 0
     if m.mode != GUIDED and not change:
-        return DENIED
+        return MAV_RESULT_DENIED
     reference = _altitude_reference(frame)
     if reference < 0 or not _is_place(lat, lon) or (lat == 0 and lon == 0) or not math.isfinite(altitude):
-        return DENIED
-    if m.mode != GUIDED and change_mode(m, GUIDED, t) != ACCEPTED:
-        return FAILED
+        return MAV_RESULT_DENIED
+    if m.mode != GUIDED and change_mode(m, GUIDED, t) != MAV_RESULT_ACCEPTED:
+        return MAV_RESULT_FAILED
     n, e, u = _locate(m, lat, lon, altitude, reference)
     guide_position(m, n, e, u, t)
-    return ACCEPTED
+    return MAV_RESULT_ACCEPTED
 
 
 @kernel
 def _set_nose(m: Any, mask: int, yaw: float, yaw_rate: float, relative: bool) -> None:
-    if (mask & _NO_YAW) == 0 and math.isfinite(yaw):
+    if (mask & POSITION_TARGET_TYPEMASK_YAW_IGNORE) == 0 and math.isfinite(yaw):
         offset = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2] if relative else 0.0
         turn_to(m, wrap_pi(yaw + offset))
-    elif (mask & _NO_YAW_RATE) == 0 and math.isfinite(yaw_rate):
+    elif (mask & POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE) == 0 and math.isfinite(yaw_rate):
         turn_at(m, yaw_rate)
 
 
@@ -323,7 +337,7 @@ def _guide(
         total += vn + ve + vu
     if acceleration:
         total += an + ae + au
-    if not math.isfinite(total) or (acceleration and (mask & _FORCE_SET) != 0):
+    if not math.isfinite(total) or (acceleration and (mask & POSITION_TARGET_TYPEMASK_FORCE_SET) != 0):
         guide_stop(m, t)
         return
     if not acceleration:
@@ -479,14 +493,14 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         acknowledge(m, command, result, sender, part)
     elif message == COMMAND_INT:
         _, _, frame, command, _, _, p1, p2, p3, p4, x, y, z = decode_command_int(m.received)
-        if command == _REPOSITION:
+        if command == MAV_CMD_DO_REPOSITION:
             result = _reposition(m, frame, p2, x, y, z, t)
         else:
             result = _command(m, command, p1, p2, p3, p4, z, t)
         acknowledge(m, command, result, sender, part)
     elif message == SET_MODE:
         _, base_mode, mode = decode_set_mode(m.received)
-        if (base_mode & _CUSTOM_MODE) != 0:
+        if (base_mode & MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) != 0:
             change_mode(m, mode, t)
     elif message == SET_POSITION_TARGET_LOCAL_NED:
         _local_target(m, t)

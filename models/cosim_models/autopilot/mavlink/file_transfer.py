@@ -15,7 +15,15 @@ from typing import Any, cast
 import numpy as np
 
 from cosim.kernel import kernel
-from cosim.messages import FILE_TRANSFER_PROTOCOL, FILE_TRANSFER_PROTOCOL_LENGTH, FILE_TRANSFER_PROTOCOL_PAYLOAD
+from cosim.messages import (
+    FILE_TRANSFER_PROTOCOL,
+    FILE_TRANSFER_PROTOCOL_LENGTH,
+    FILE_TRANSFER_PROTOCOL_PAYLOAD,
+    MAV_PARAM_TYPE_INT8,
+    MAV_PARAM_TYPE_INT16,
+    MAV_PARAM_TYPE_INT32,
+    MAV_PARAM_TYPE_REAL32,
+)
 from cosim.packets import clear, get_u8, get_u16, get_u32, put_f32, put_i8, put_i16, put_i32, put_u8, put_u16, put_u32
 from cosim_models.autopilot.link.links import can_answer, send
 from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, PARAMETER_NAMES, parameter_type, parameter_value
@@ -45,9 +53,8 @@ _FILE_TRANSFER = _whole(FILE_TRANSFER_PROTOCOL)
 _MESSAGE_LENGTH = _whole(FILE_TRANSFER_PROTOCOL_LENGTH)
 
 _MAGIC = 0x671B
-_INT8, _INT16, _INT32, _REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
-_PACKED_TYPE = {_INT8: 1, _INT16: 2, _INT32: 3, _REAL32: 4}
-_PACKED_SIZE = {_INT8: 1, _INT16: 2, _INT32: 4, _REAL32: 4}
+_PACKED_TYPE = {MAV_PARAM_TYPE_INT8: 1, MAV_PARAM_TYPE_INT16: 2, MAV_PARAM_TYPE_INT32: 3, MAV_PARAM_TYPE_REAL32: 4}
+_PACKED_SIZE = {MAV_PARAM_TYPE_INT8: 1, MAV_PARAM_TYPE_INT16: 2, MAV_PARAM_TYPE_INT32: 4, MAV_PARAM_TYPE_REAL32: 4}
 
 
 def _packed() -> tuple[bytes, list[int]]:
@@ -96,11 +103,11 @@ def _put_piece(m: Any, at: int, count: int) -> None:
         if first >= at + count or first + width <= at:
             continue
         value, kind = parameter_value(m, p), parameter_type(p)
-        if kind == _REAL32:
+        if kind == MAV_PARAM_TYPE_REAL32:
             put_f32(m.received, _NOTHING, value)
-        elif kind == _INT32:
+        elif kind == MAV_PARAM_TYPE_INT32:
             put_i32(m.received, _NOTHING, int(value))
-        elif kind == _INT16:
+        elif kind == MAV_PARAM_TYPE_INT16:
             put_i16(m.received, _NOTHING, int(value))
         else:
             put_i8(m.received, _NOTHING, int(value))

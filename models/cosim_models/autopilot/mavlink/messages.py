@@ -36,6 +36,10 @@ from cosim.messages import (
     HEARTBEAT,
     HOME_POSITION,
     LOCAL_POSITION_NED,
+    MAV_SYS_STATUS_AHRS,
+    MAV_SYS_STATUS_PREARM_CHECK,
+    MAV_SYS_STATUS_SENSOR_BATTERY,
+    MAV_SYS_STATUS_SENSOR_GPS,
     MEMINFO,
     MESSAGE_INTERVAL,
     MISSION_CURRENT,
@@ -144,11 +148,7 @@ _VFR_HUD = cast(int, np.int64(VFR_HUD))
 _MULTICOPTER = 3  # MAV_VTOL_STATE_MC
 
 _EKF_UNINITIALISED, _EKF_CONSTANT, _EKF_GOOD = 1024, 167, 831  # EKF_STATUS_FLAGS, as ArduCopter sets them
-_PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
-_GPS_BIT = 0x20  # MAV_SYS_STATUS_SENSOR_GPS
-_AHRS_BIT = 0x200000  # MAV_SYS_STATUS_AHRS
 _PRESENT, _SENSORS, _HEALTHY = 0x5371FC0F, 0x52419C0F, 0x47519C0F  # as ArduCopter sets them, without GPS and AHRS
-_BATTERY_BIT = 0x2000000  # MAV_SYS_STATUS_SENSOR_BATTERY
 _POSITION_CONTROL = 0x6000  # altitude and position control: healthy, and enabled, when armed
 _ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
 # MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, file transfer, both
@@ -215,19 +215,19 @@ def _send_sys_status(m: Any, t: float) -> bool:
     present = _PRESENT
     more = 0
     if reached(m, t, GPS_AT):
-        present += _GPS_BIT
-        more += _GPS_BIT
+        present += MAV_SYS_STATUS_SENSOR_GPS
+        more += MAV_SYS_STATUS_SENSOR_GPS
     if reached(m, t, AHRS_AT):
-        more += _AHRS_BIT
+        more += MAV_SYS_STATUS_AHRS
     enabled = _SENSORS + more
     health = _HEALTHY + more
     if m.armed:
         enabled += _ENABLED_ARMED
         health += _POSITION_CONTROL
     if m.armed or prearm_ready(m, t):
-        health += _PREARM
+        health += MAV_SYS_STATUS_PREARM_CHECK
     if m.battery_alarm != 0:
-        health -= _BATTERY_BIT
+        health -= MAV_SYS_STATUS_SENSOR_BATTERY
     encode_sys_status(
         m.payload,
         present,

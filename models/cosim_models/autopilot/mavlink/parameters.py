@@ -17,6 +17,10 @@ import numpy as np
 
 from cosim.kernel import get_real, get_whole, kernel, set_real, set_whole
 from cosim.messages import (
+    MAV_PARAM_TYPE_INT8,
+    MAV_PARAM_TYPE_INT16,
+    MAV_PARAM_TYPE_INT32,
+    MAV_PARAM_TYPE_REAL32,
     PARAM_REQUEST_READ_PARAM_ID,
     PARAM_SET_PARAM_ID,
     PARAM_VALUE,
@@ -47,7 +51,6 @@ __all__ = [
 ]
 
 _ID_LENGTH = 16
-_INT8, _INT16, _INT32, _REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
 _SHARE = 0.005  # s between two values of a list
 _CHANGED = 65535  # index of a value that is told because it was set
 _NEARLY = 0.01  # that is added to an integer's value before its fraction is cut off
@@ -62,10 +65,10 @@ PARAMETER_COUNT = len(_TABLE)
 
 def _type(name: str) -> int:
     if name in INT8:
-        return _INT8
+        return MAV_PARAM_TYPE_INT8
     if name in INT16:
-        return _INT16
-    return _INT32 if name in INT32 else _REAL32
+        return MAV_PARAM_TYPE_INT16
+    return MAV_PARAM_TYPE_INT32 if name in INT32 else MAV_PARAM_TYPE_REAL32
 
 
 def _ids() -> np.ndarray[Any, np.dtype[np.uint8]]:
@@ -182,7 +185,7 @@ def set_parameter(m: Any) -> None:
     i = _find(m, PARAM_SET_PARAM_ID)
     if i < 0 or not math.isfinite(value):
         return
-    if _TYPES[i] != _REAL32:
+    if _TYPES[i] != MAV_PARAM_TYPE_REAL32:
         value = float(math.trunc(value + math.copysign(_NEARLY, value)))
     if _LEAST[i] <= value <= _MOST[i]:
         if _IS_WHOLE[i] != 0:

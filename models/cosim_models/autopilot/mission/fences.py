@@ -15,7 +15,23 @@ import numpy as np
 
 from cosim.frames import local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
-from cosim.messages import MISSION_ITEM, MISSION_ITEM_INT, encode_mission_item, encode_mission_item_int
+from cosim.messages import (
+    MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
+    MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
+    MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+    MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    MAV_CMD_NAV_FENCE_RETURN_POINT,
+    MAV_MISSION_ACCEPTED,
+    MAV_MISSION_INVALID_PARAM1,
+    MAV_MISSION_INVALID_PARAM5_X,
+    MAV_MISSION_INVALID_PARAM6_Y,
+    MAV_MISSION_UNSUPPORTED,
+    MAV_MISSION_UNSUPPORTED_FRAME,
+    MISSION_ITEM,
+    MISSION_ITEM_INT,
+    encode_mission_item,
+    encode_mission_item_int,
+)
 from cosim_models.autopilot.link.links import send
 
 __all__ = [
@@ -41,8 +57,6 @@ _COMMAND, _SIZE, _LATITUDE, _LONGITUDE, _NORTH, _EAST = range(6)
 FENCE_ITEM = 6
 """Columns of the table of fence items: as uploaded, places in 1e-7 degrees and, from the local origin, in m."""
 
-_RETURN, _INCLUSION, _EXCLUSION, _CIRCLE_INCLUSION, _CIRCLE_EXCLUSION = 5000, 5001, 5002, 5003, 5004  # MAV_CMD
-_ACCEPTED, _BAD_FRAME, _UNSUPPORTED, _BAD_SIZE, _BAD_LATITUDE, _BAD_LONGITUDE = 0, 2, 3, 6, 10, 11
 _LEAST_VERTICES = 3
 _MISSION_ITEM = cast(int, np.int64(MISSION_ITEM))
 _MISSION_ITEM_INT = cast(int, np.int64(MISSION_ITEM_INT))
@@ -51,17 +65,17 @@ _MISSION_ITEM_INT = cast(int, np.int64(MISSION_ITEM_INT))
 @kernel
 def check_fence_item(command: int, frame: int, size: float, latitude: float, longitude: float) -> int:
     """MAV_MISSION_RESULT of an item; `size` is its param 1: vertices or radius [m]."""
-    if not _RETURN <= command <= _CIRCLE_EXCLUSION:
-        return _UNSUPPORTED
+    if not MAV_CMD_NAV_FENCE_RETURN_POINT <= command <= MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION:
+        return MAV_MISSION_UNSUPPORTED
     if frame not in (0, 2, 3, 5, 6):
-        return _BAD_FRAME
-    polygon = command in (_INCLUSION, _EXCLUSION)
-    circle = command in (_CIRCLE_INCLUSION, _CIRCLE_EXCLUSION)
+        return MAV_MISSION_UNSUPPORTED_FRAME
+    polygon = command in (MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
+    circle = command in (MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
     if (polygon and not _LEAST_VERTICES <= size <= FENCE_CAPACITY) or (circle and not 0.0 < size < 1e7):
-        return _BAD_SIZE
+        return MAV_MISSION_INVALID_PARAM1
     if not abs(latitude) <= 9e8:
-        return _BAD_LATITUDE
-    return _ACCEPTED if abs(longitude) <= 1.8e9 else _BAD_LONGITUDE
+        return MAV_MISSION_INVALID_PARAM5_X
+    return MAV_MISSION_ACCEPTED if abs(longitude) <= 1.8e9 else MAV_MISSION_INVALID_PARAM6_Y
 
 
 @kernel
@@ -78,7 +92,7 @@ def fence_is_whole(m: Any, count: int) -> bool:
     while i < count:
         command = m.fence[i, _COMMAND]
         vertices = 1
-        if command in (_INCLUSION, _EXCLUSION):
+        if command in (MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION):
             vertices = int(m.fence[i, _SIZE])
             if i + vertices > count:
                 return False
@@ -158,17 +172,19 @@ def within_polygons(m: Any, n: float, e: float) -> bool:
     i = 0
     while i < m.fence_count:
         command, size = int(m.fence[i, _COMMAND]), m.fence[i, _SIZE]
-        if command in (_INCLUSION, _EXCLUSION):
+        if command in (MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION):
             inside = _is_inside(m, i, int(size), n, e)
-            if command == _EXCLUSION and inside:
+            if command == MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION and inside:
                 return False
-            wanted = wanted or command == _INCLUSION
-            found = found or (command == _INCLUSION and inside)
+            wanted = wanted or command == MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+            found = found or (command == MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION and inside)
             i += int(size)
             continue
         dn, de = n - m.fence[i, _NORTH], e - m.fence[i, _EAST]
         near = dn * dn + de * de < size * size
-        if (command == _CIRCLE_INCLUSION and not near) or (command == _CIRCLE_EXCLUSION and near):
+        if (command == MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION and not near) or (
+            command == MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION and near
+        ):
             return False
         i += 1
     return found or not wanted

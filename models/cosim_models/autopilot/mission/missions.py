@@ -18,6 +18,31 @@ import numpy as np
 from cosim.frames import deg_e7, geodetic_from_local
 from cosim.kernel import kernel
 from cosim.messages import (
+    MAV_CMD_CONDITION_DELAY,
+    MAV_CMD_CONDITION_YAW,
+    MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_JUMP,
+    MAV_CMD_NAV_DELAY,
+    MAV_CMD_NAV_LAND,
+    MAV_CMD_NAV_LOITER_TIME,
+    MAV_CMD_NAV_LOITER_TURNS,
+    MAV_CMD_NAV_LOITER_UNLIM,
+    MAV_CMD_NAV_RALLY_POINT,
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_NAV_WAYPOINT,
+    MAV_FRAME_GLOBAL,
+    MAV_MISSION_ACCEPTED,
+    MAV_MISSION_DENIED,
+    MAV_MISSION_ERROR,
+    MAV_MISSION_INVALID,
+    MAV_MISSION_INVALID_PARAM5_X,
+    MAV_MISSION_INVALID_PARAM6_Y,
+    MAV_MISSION_INVALID_SEQUENCE,
+    MAV_MISSION_NO_SPACE,
+    MAV_MISSION_OPERATION_CANCELLED,
+    MAV_MISSION_UNSUPPORTED,
+    MAV_MISSION_UNSUPPORTED_FRAME,
     MISSION_ACK,
     MISSION_COUNT,
     MISSION_CURRENT,
@@ -44,7 +69,6 @@ from cosim_models.autopilot.mission.fences import (
 )
 from cosim_models.autopilot.mission.rally import (
     RALLY_CAPACITY,
-    RALLY_COMMAND,
     RALLY_FRAME,
     RALLY_PLACE,
     check_rally_item,
@@ -87,11 +111,25 @@ COMMAND, FRAME, P1, P2, P3, P4, LATITUDE, LONGITUDE, Z, AUTOCONTINUE, DONE = ran
 ITEM = 11
 """Columns of the table of items: as uploaded, places in 1e-7 degrees; DONE counts the jumps taken."""
 
-ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5  # MAV_MISSION_RESULT
-BAD_LATITUDE, BAD_LONGITUDE, BAD_SEQUENCE, DENIED, CANCELLED = 10, 11, 13, 14, 15
 _ASK_AGAIN, _GIVE_UP = 1.0, 8.0  # s
 
-_FLOWN = np.array((16, 17, 18, 19, 20, 21, 22, 93, 112, 115, 177, 178), dtype=np.int64)  # MAV_CMD
+_FLOWN = np.array(
+    (
+        MAV_CMD_NAV_WAYPOINT,
+        MAV_CMD_NAV_LOITER_UNLIM,
+        MAV_CMD_NAV_LOITER_TURNS,
+        MAV_CMD_NAV_LOITER_TIME,
+        MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        MAV_CMD_NAV_LAND,
+        MAV_CMD_NAV_TAKEOFF,
+        MAV_CMD_NAV_DELAY,
+        MAV_CMD_CONDITION_DELAY,
+        MAV_CMD_CONDITION_YAW,
+        MAV_CMD_DO_JUMP,
+        MAV_CMD_DO_CHANGE_SPEED,
+    ),
+    dtype=np.int64,
+)
 _MISSION_ACK = cast(int, np.int64(MISSION_ACK))
 _MISSION_COUNT = cast(int, np.int64(MISSION_COUNT))
 _MISSION_CURRENT = cast(int, np.int64(MISSION_CURRENT))
@@ -121,7 +159,7 @@ def mission_count(m: Any) -> int:
 def send_count(m: Any, kind: int, system: int, component: int) -> None:
     """Answer MISSION_REQUEST_LIST."""
     if kind > RALLY or (m.uploading and kind == m.upload_kind):
-        ack_mission(m, UNSUPPORTED if kind > RALLY else DENIED, kind, system, component)
+        ack_mission(m, MAV_MISSION_UNSUPPORTED if kind > RALLY else MAV_MISSION_DENIED, kind, system, component)
         return
     count = m.fence_count if kind == FENCE else m.rally_count if kind == RALLY else mission_count(m)
     encode_mission_count(m.payload, system, component, count, kind)
@@ -138,7 +176,9 @@ def send_item(m: Any, sequence: int, kind: int, system: int, component: int, who
         _send_rally_item(m, sequence, system, component, whole)
         return
     if kind != 0 or sequence >= mission_count(m):
-        ack_mission(m, UNSUPPORTED if kind > RALLY else BAD_SEQUENCE, kind, system, component)
+        ack_mission(
+            m, MAV_MISSION_UNSUPPORTED if kind > RALLY else MAV_MISSION_INVALID_SEQUENCE, kind, system, component
+        )
         return
     r = m.mission[sequence]
     command, frame, carry_on = int(r[COMMAND]), int(r[FRAME]), int(r[AUTOCONTINUE])
@@ -147,7 +187,7 @@ def send_item(m: Any, sequence: int, kind: int, system: int, component: int, who
         phi, psi, z = geodetic_from_local(
             m.home[0], m.home[1], -m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
         )
-        command, frame, carry_on, lat, lon = 16, 0, 1, deg_e7(phi), deg_e7(psi)
+        command, frame, carry_on, lat, lon = MAV_CMD_NAV_WAYPOINT, MAV_FRAME_GLOBAL, 1, deg_e7(phi), deg_e7(psi)
     current = 1 if sequence == m.mission_current else 0
     p, place = (r[P1], r[P2], r[P3], r[P4]), (lat, lon, z)
     _send_item(m, system, component, sequence, frame, command, current, carry_on, p, place, 0, whole)
@@ -158,7 +198,7 @@ def _send_rally_item(m: Any, sequence: int, system: int, component: int, whole: 
     r = m.rally[sequence]
     frame, place = int(r[RALLY_FRAME]), (int(r[RALLY_PLACE]), int(r[RALLY_PLACE + 1]), float(r[RALLY_PLACE + 2]))
     none = (0.0, 0.0, 0.0, 0.0)
-    _send_item(m, system, component, sequence, frame, RALLY_COMMAND, 0, 0, none, place, RALLY, whole)
+    _send_item(m, system, component, sequence, frame, MAV_CMD_NAV_RALLY_POINT, 0, 0, none, place, RALLY, whole)
 
 
 @kernel
@@ -243,10 +283,10 @@ def send_reached(m: Any, sequence: int) -> None:
 def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
     """MISSION_CLEAR_ALL of one kind; ArduCopter knows no "all kinds" (255)."""
     if kind > RALLY:
-        ack_mission(m, UNSUPPORTED, kind, system, component)
+        ack_mission(m, MAV_MISSION_UNSUPPORTED, kind, system, component)
         return
     if m.uploading and not is_uploading(m, system, component):
-        ack_mission(m, DENIED, kind, system, component)
+        ack_mission(m, MAV_MISSION_DENIED, kind, system, component)
         return
     if kind == 0:
         m.mission_count = 1
@@ -256,7 +296,7 @@ def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
     if kind == RALLY:
         m.rally_count = 0
     m.uploading = False
-    ack_mission(m, ACCEPTED, kind, system, component)
+    ack_mission(m, MAV_MISSION_ACCEPTED, kind, system, component)
 
 
 @kernel
@@ -269,13 +309,13 @@ def is_uploading(m: Any, system: int, component: int) -> bool:
 def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: float) -> None:
     """MISSION_COUNT: forget the items of this kind and ask for the first one."""
     if kind > RALLY:
-        ack_mission(m, UNSUPPORTED, kind, system, component)
+        ack_mission(m, MAV_MISSION_UNSUPPORTED, kind, system, component)
         return
     if m.uploading and not is_uploading(m, system, component):
-        ack_mission(m, DENIED, kind, system, component)
+        ack_mission(m, MAV_MISSION_DENIED, kind, system, component)
         return
     if count > (FENCE_CAPACITY if kind == FENCE else RALLY_CAPACITY if kind == RALLY else MISSION_CAPACITY):
-        ack_mission(m, NO_SPACE, kind, system, component)
+        ack_mission(m, MAV_MISSION_NO_SPACE, kind, system, component)
         return
     if kind == FENCE:
         m.fence_count = 0
@@ -288,7 +328,7 @@ def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: 
     m.uploading = count > 0
     m.transferring = True
     if count == 0:
-        ack_mission(m, ACCEPTED, kind, system, component)
+        ack_mission(m, MAV_MISSION_ACCEPTED, kind, system, component)
         return
     m.upload_link = m.link
     m.upload_kind = kind
@@ -305,7 +345,7 @@ def continue_upload(m: Any, t: float) -> None:
     """Ask for the next item when it is time to, or give the upload up."""
     if t - m.upload_heard >= _GIVE_UP:
         m.uploading = False
-        ack_mission(m, CANCELLED, m.upload_kind, m.upload_system, m.upload_component)
+        ack_mission(m, MAV_MISSION_OPERATION_CANCELLED, m.upload_kind, m.upload_system, m.upload_component)
     elif t - m.upload_asked >= _ASK_AGAIN - 1e-9 and can_answer(m):
         encode_mission_request(m.payload, m.upload_system, m.upload_component, m.upload_next, m.upload_kind)
         if send(m, _MISSION_REQUEST):
@@ -319,16 +359,16 @@ def _check_item(command: int, frame: int, values: Any, latitude: float, longitud
     for i in range(_FLOWN.shape[0]):
         known = known or command == _FLOWN[i]
     if not known:
-        return UNSUPPORTED
+        return MAV_MISSION_UNSUPPORTED
     if command < 90 and frame not in (0, 2, 3, 5, 6):
-        return BAD_FRAME
+        return MAV_MISSION_UNSUPPORTED_FRAME
     if not math.isfinite(values[0] + values[1] + values[2]) or not math.isfinite(z):
-        return INVALID
+        return MAV_MISSION_INVALID
     if command < 90 and not abs(latitude) <= 9e8:
-        return BAD_LATITUDE
+        return MAV_MISSION_INVALID_PARAM5_X
     if command < 90 and not abs(longitude) <= 1.8e9:
-        return BAD_LONGITUDE
-    return ACCEPTED
+        return MAV_MISSION_INVALID_PARAM6_Y
+    return MAV_MISSION_ACCEPTED
 
 
 @kernel
@@ -350,16 +390,16 @@ def receive_item(
     kind = m.upload_kind
     m.upload_heard = t
     if sequence != m.upload_next:
-        ack_mission(m, BAD_SEQUENCE, kind, m.upload_system, m.upload_component)
+        ack_mission(m, MAV_MISSION_INVALID_SEQUENCE, kind, m.upload_system, m.upload_component)
         return
-    result = ACCEPTED
+    result = MAV_MISSION_ACCEPTED
     if kind == FENCE:
         result = check_fence_item(command, frame, values[0], latitude, longitude)
     elif kind == RALLY:
         result = check_rally_item(command, frame, latitude, longitude, z)
     elif sequence > 0:
         result = _check_item(command, frame, values, latitude, longitude, z)
-    if result != ACCEPTED:
+    if result != MAV_MISSION_ACCEPTED:
         m.uploading = False
         ack_mission(m, result, kind, m.upload_system, m.upload_component)
         return
@@ -379,7 +419,7 @@ def receive_item(
 def _finish_upload(m: Any) -> None:
     """All items are there."""
     m.uploading = False
-    result = ACCEPTED
+    result = MAV_MISSION_ACCEPTED
     if m.upload_kind == 0:
         m.mission_count = m.upload_count
     elif m.upload_kind == RALLY:
@@ -387,7 +427,7 @@ def _finish_upload(m: Any) -> None:
     elif fence_is_whole(m, m.upload_count):
         place_fence(m, m.upload_count)
     else:
-        result = ERROR
+        result = MAV_MISSION_ERROR
     ack_mission(m, result, m.upload_kind, m.upload_system, m.upload_component)
 
 

@@ -14,11 +14,19 @@ from typing import Any
 
 from cosim.frames import local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
+from cosim.messages import (
+    MAV_CMD_NAV_RALLY_POINT,
+    MAV_MISSION_ACCEPTED,
+    MAV_MISSION_INVALID_PARAM5_X,
+    MAV_MISSION_INVALID_PARAM6_Y,
+    MAV_MISSION_INVALID_PARAM7,
+    MAV_MISSION_UNSUPPORTED,
+    MAV_MISSION_UNSUPPORTED_FRAME,
+)
 from cosim_models.autopilot.mission.fences import CIRCLE, HIGHEST, LOWEST, POLYGON, within_polygons
 
 __all__ = [
     "RALLY_CAPACITY",
-    "RALLY_COMMAND",
     "RALLY_ITEM",
     "RALLY_FRAME",
     "RALLY_PLACE",
@@ -33,23 +41,21 @@ RALLY_FRAME, RALLY_PLACE = _FRAME, _LATITUDE
 RALLY_ITEM = 6
 """Columns of the table of rally points: MAV_FRAME (0 or 3), place in 1e-7 degrees, altitude in whole m, place in m."""
 
-RALLY_COMMAND = 5100  # MAV_CMD_NAV_RALLY_POINT
-_ACCEPTED, _BAD_FRAME, _UNSUPPORTED, _BAD_LATITUDE, _BAD_LONGITUDE, _BAD_ALTITUDE = 0, 2, 3, 10, 11, 12
 _MOST = 32767.0  # m
 
 
 @kernel
 def check_rally_item(command: int, frame: int, latitude: float, longitude: float, z: float) -> int:
     """MAV_MISSION_RESULT of an item."""
-    if command != RALLY_COMMAND:
-        return _UNSUPPORTED
+    if command != MAV_CMD_NAV_RALLY_POINT:
+        return MAV_MISSION_UNSUPPORTED
     if not abs(latitude) <= 9e8:
-        return _BAD_LATITUDE
+        return MAV_MISSION_INVALID_PARAM5_X
     if not abs(longitude) <= 1.8e9:
-        return _BAD_LONGITUDE
+        return MAV_MISSION_INVALID_PARAM6_Y
     if not -_MOST - 1.0 <= z <= _MOST:
-        return _BAD_ALTITUDE
-    return _ACCEPTED if frame in (0, 3, 5, 6) else _BAD_FRAME
+        return MAV_MISSION_INVALID_PARAM7
+    return MAV_MISSION_ACCEPTED if frame in (0, 3, 5, 6) else MAV_MISSION_UNSUPPORTED_FRAME
 
 
 @kernel
