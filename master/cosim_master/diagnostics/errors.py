@@ -1,4 +1,4 @@
-"""What can go wrong, as exceptions a caller can act on.
+"""The exceptions of this project, in one tree.
 
     CosimError
     ├── SystemDescriptionError   the description of a system or an FMU is wrong; nothing has been loaded yet
@@ -149,7 +149,7 @@ class RunFailed(CosimError):
 
 
 class RunTerminated(CosimError):
-    """An FMU wants the simulation to end; that is no failure.
+    """An FMU requested the end of the simulation; this is not a failure.
 
     Attributes:
         instance: which.

@@ -1,4 +1,4 @@
-"""What the standards have and we do not do: each with the words in which a user is told, in one table.
+"""The features of the standards that are not supported, each with its message to the user, in one table.
 
 Code that refuses or ignores something takes its words from here, so that the table is what happens:
 

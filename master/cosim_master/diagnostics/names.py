@@ -19,7 +19,7 @@ _NUMBER = re.compile(r"(?<![\[0-9,])[0-9]+(?![\],0-9])")
 
 
 def is_pattern(text: str) -> bool:
-    """Whether a text stands for the names that it matches, and not for one name."""
+    """Returns whether a text is a pattern of names rather than one name."""
     return "*" in text or "?" in text
 
 

@@ -137,7 +137,7 @@ class Execution:
             raise
 
     def _begin(self, checkpoint: Checkpoint | None) -> None:
-        """From the outputs at the start to the first communication point, or to that of a checkpoint."""
+        """Proceeds from the outputs at the start to the first communication point, or to that of a checkpoint."""
         assert self._algorithm is not None and self._writing is not None
         if checkpoint is not None:
             self.refuse_checkpoints()
@@ -154,7 +154,7 @@ class Execution:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where parameters are not the values set, and what is to be said of the steps made."""
+        """Notes on parameters that differ from the values set, and on the steps made."""
         assert self._algorithm is not None
         return (*self._notes, *self._algorithm.notes)
 
@@ -252,7 +252,7 @@ class Execution:
             raise RunFailed(failures)
 
     def _free(self) -> list[FmuError]:
-        """Terminate and free what is alive, each once, whatever the others do."""
+        """Terminates and frees all instances, each once, even if others fail."""
         self._workers.stop()
         if self._algorithm is not None:
             self._algorithm.close()

@@ -1,4 +1,4 @@
-"""What the recording of a run depends on, as digests: runs of equal ones record the same, bit for bit.
+"""Digests of the inputs of a run: runs with equal digests record the same bits.
 
 Not among them: the number of threads, the pace, profiles and checkpoints, which change no bit.
 """
@@ -88,7 +88,7 @@ def _fields(settings: MasterSettings | Network, without: Collection[str]) -> lis
 
 
 def _digest(parts: Iterable[object]) -> str:
-    """Of plain values: their repr is one text for one value."""
+    """Returns the digest of plain values, by their repr."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(repr(part).encode())

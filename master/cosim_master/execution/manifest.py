@@ -1,4 +1,4 @@
-"""manifest.json: what was run, with what, and how it ended."""
+"""The manifest of a run, manifest.json: its inputs and its outcome."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def _in_json(value: Any) -> Any:
 
 
 def digest_of_system(checked: CheckedSystem) -> str:
-    """Of the root document and every document below it, in the order of their paths."""
+    """Returns the digest of the root document and of every document below it, in the order of their paths."""
     documents: set[Path] = {checked.structure.document}
 
     def visit(system: System) -> None:

@@ -1,4 +1,4 @@
-"""What a run is asked for, and the functions that are told how it goes."""
+"""Options of a run, and functions that are told about its progress."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Listener", "RunOptions", "going_on"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions:
-    """What a run is asked for, beyond its system. The defaults run a system as it is described and record nothing.
+    """Options of a run. The defaults run a system as it is described and record nothing.
 
     Attributes:
         variant: which of several .ssd in an archive or folder.

@@ -94,7 +94,7 @@ class Checkpoints:
 
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C has been pressed; pressed again, it interrupts whatever is going on.
+    """Yields a function that returns whether Ctrl-C has been pressed; pressed again, it interrupts at once.
 
     A KeyboardInterrupt anywhere in a step would strike the Python code of an FMU, which is then lost, or leave a
     file half written.

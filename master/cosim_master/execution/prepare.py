@@ -44,7 +44,7 @@ class Prepared:
     limits: Limits = field(default_factory=Limits)
 
     def verdict(self) -> Judgement:
-        """What can be known before the run about how the swarm will do."""
+        """Returns the findings about the swarm that are known before the run."""
         set_later = [(self.checked.instances[c.instance].name, c.variable, c.value) for c in self.changes]
         clock = self.clock
         span = (clock.time(0), clock.time(clock.steps))

@@ -33,7 +33,7 @@ _LIMIT = 256 << 20
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far a variable is from its reference at worst: absolutely, when (s), and how much is allowed."""
+    """The largest difference of a variable from its reference, its time (s), and the allowed difference."""
 
     name: str
     largest: float

@@ -1,4 +1,4 @@
-"""How far a run is, and how it ended."""
+"""Progress and outcome of a run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Outcome", "Overruns", "Progress", "RunResult", "failing"]
 
 
 class Outcome(StrEnum):
-    """How a run ended."""
+    """The outcome of a run."""
 
     DONE = "done"
     INTERRUPTED = "interrupted"
@@ -32,7 +32,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is: simulated time and wall-clock time since the first step, s; packets sent by radio."""
+    """Progress of a run: simulated time and wall-clock time since the first step, s; packets sent by radio."""
 
     time: float
     start: float
@@ -43,7 +43,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Overruns:
-    """How often a paced run was late, and by how much at worst, s."""
+    """The number of times that a paced run was late, and its largest delay, s."""
 
     count: int = 0
     worst_s: float = 0.0
@@ -51,7 +51,7 @@ class Overruns:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How a run ended.
+    """The outcome of a run and its figures.
 
     Attributes:
         outcome: equal to its word ("done").

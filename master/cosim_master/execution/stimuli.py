@@ -105,7 +105,7 @@ class Stimuli:
 
 
 class Agenda:
-    """What is set during a run, in the order of time: changes, and before them the stimuli of the same time.
+    """The values to be set during a run, in the order of time; stimuli come before changes of the same time.
 
     Args:
         changes: in the order of time.
@@ -125,7 +125,7 @@ class Agenda:
         return change if self._stimulus is None else min(change, self._stimulus)
 
     def take(self, k: int) -> list[Change]:
-        """What is to be set at base step `k`; it is taken off the agenda."""
+        """Removes and returns the values to be set at base step `k`."""
         found: list[Change] = []
         if self._stimuli is not None and self._stimulus == k:
             found += self._stimuli.at(k)

@@ -48,7 +48,7 @@ def _entry_problem(entry: zipfile.ZipInfo) -> str | None:
 
 
 def _ambiguous(entries: Sequence[zipfile.ZipInfo]) -> list[str]:
-    """Names that stand for several files: which one counts would depend on who reads the archive."""
+    """Returns names that stand for several files, of which different readers would take different ones."""
     first: dict[str, zipfile.ZipInfo] = {}
     for entry in entries:
         first.setdefault(entry.filename, entry)
@@ -87,7 +87,7 @@ def member_names(path: Path, shown: str) -> tuple[str, ...]:
 
 
 def read_member(path: Path, name: str, shown: str, *, limit: int) -> bytes | None:
-    """Content of the file `name` in the archive, None if there is none.
+    """Returns the content of the file `name` in the archive, or None if it does not exist.
 
     Raises:
         SystemDescriptionError: not a ZIP archive, one that is refused, or the member is larger than `limit` bytes.

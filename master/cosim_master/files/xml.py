@@ -65,7 +65,7 @@ def parse(data: bytes, shown: str) -> etree._Element:
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """What one element may hold.
+    """The attributes and children that an element may have.
 
     Attributes:
         required: attributes that must be there.
@@ -251,7 +251,7 @@ class Reader:
 
 
 def whole(text: str, low: int, high: int) -> int | None:
-    """The integer from low to high that is written in `text`, None if there is none."""
+    """Returns the integer from low to high that `text` holds, or None if it holds none."""
     text = text.strip()
     if not _INTEGER.fullmatch(text) or len(text) > 22 or not low <= int(text) <= high:
         return None
@@ -259,7 +259,7 @@ def whole(text: str, low: int, high: int) -> int | None:
 
 
 def double(text: str) -> float | None:
-    """The number that is written in `text` as XML Schema does (xs:double), None if there is none."""
+    """Returns the number that `text` holds in the form of XML Schema (xs:double), or None if it holds none."""
     text = text.strip()
     return float(text.replace("INF", "inf")) if _DOUBLE.fullmatch(text) else None
 

@@ -25,7 +25,7 @@ FORMAT = 3
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What must be the same for a run to go on: of FMUs their digests by instance, of time ticks and base steps.
+    """The properties that must be equal for a run to go on: digests of the FMUs by instance, and the time grid.
 
     A file of inputs is known by its digest, too.
     """
@@ -43,7 +43,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """How much of the recording lies before a checkpoint: row groups of the Parquet files, bytes of each .tlog."""
+    """The part of the recording before a checkpoint: row groups of the Parquet files, bytes of each .tlog."""
 
     signals: int = 0
     packets: int = 0
@@ -52,7 +52,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """A checkpoint that was found: where, at which base step, and what it was made with."""
+    """A checkpoint in a run folder: its place, its base step and its contents."""
 
     folder: Path
     run: Path
@@ -67,7 +67,7 @@ class Checkpoint:
     verdict: Mapping[str, Any]
 
     def check(self, identity: Identity) -> None:
-        """Whether this is a checkpoint of the very system that is to go on.
+        """Checks that this is a checkpoint of the same system.
 
         Raises:
             SystemDescriptionError: all that differs.

@@ -45,7 +45,7 @@ _CAUSES = (
 
 @dataclass(frozen=True, slots=True)
 class SignalComparison:
-    """How far one signal of two runs is apart.
+    """The difference of one signal between two runs.
 
     Attributes:
         differing: at how many of the common times the values are not equal within the tolerances.
@@ -66,13 +66,13 @@ class SignalComparison:
 
     @property
     def equal(self) -> bool:
-        """Whether the signal is the same in both, within the tolerances."""
+        """True if the signal is equal in both runs, within the tolerances."""
         return self.differing == 0 and not self.units
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What `compare` found.
+    """The result of `compare`.
 
     Attributes:
         signals: all that both runs have, the worst first.
@@ -96,7 +96,7 @@ class Comparison:
 
     @property
     def equal(self) -> bool:
-        """Whether the runs are equal within the tolerances."""
+        """True if the runs are equal within the tolerances."""
         alike = all(signal.equal for signal in self.signals) and not any(self.only)
         return alike and not self.packets and _keys(self.spans[0]) == _keys(self.spans[1])
 
@@ -134,7 +134,7 @@ class _Recording:
         )
 
     def take_as_text(self, other: _Recording) -> None:
-        """Read what is text of the other as text here, too: a CSV file does not say what "01" is."""
+        """Reads signals as text if they are text in the other run: a CSV file does not tell the type of "01"."""
         texts = [name for name in self.fields if name in other.fields and other.is_text(name)]
         if self.is_csv and texts and not other.is_csv:
             self._table = self._read_csv(texts)
@@ -252,7 +252,7 @@ def _only(
 
 
 def _is_text_only(name: str, one: _Recording, other: _Recording) -> bool:
-    """Whether a signal is text of a run and missing in the CSV file beside it."""
+    """Returns whether a signal is text in one run and missing in the CSV file beside it."""
     run, file = (other, one) if one.is_csv else (one, other)
     return name in run.fields and name not in file.fields and run.is_text(name)
 
@@ -262,7 +262,7 @@ def _fields(one: SignalComparison) -> tuple[str, int, float, float, float | None
 
 
 def _badness(one: SignalComparison) -> tuple[bool, float, str]:
-    """Sort key: unequal ones first, of them those farthest apart for their size, text behind numbers."""
+    """Returns a sort key: unequal signals first, by their relative difference; texts after numbers."""
     return one.equal, -(0.0 if math.isnan(one.relative) else one.relative), one.name
 
 
@@ -329,7 +329,7 @@ def _compare_values(name: str, time: _Values, a: _Values, b: _Values, atol: floa
 
 
 def _causes(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run came from, flat: by path. FMUs are told by their contents, not by where they are."""
+    """Returns the inputs of a run by path. FMUs are identified by their contents, not by their files."""
     fmus = manifest.get("fmus", {})
     flat: dict[str, Any] = {}
 

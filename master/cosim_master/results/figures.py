@@ -175,7 +175,7 @@ def draw_snapshots(flight: Flight) -> Figure | None:
 
 
 def draw_errors(flight: Flight) -> Figure | None:
-    """Distance of mobile drones to the law's fixed point, and its bound; None if there is no law or no step."""
+    """Draws the distance of mobile drones from the law's fixed point, and its bound; None without a law or a step."""
     from matplotlib.figure import Figure
 
     if flight.law is None or not flight.steps:
@@ -263,7 +263,7 @@ def _moments(flight: Flight) -> list[tuple[str, float]]:
 
 
 def _end_of_step(flight: Flight, k: int) -> float:
-    """The last instant of a step, when drones have come to where it sent them: the next begins behind it."""
+    """Returns the last instant of a step, when drones have reached its targets; the next step begins after it."""
     if k + 1 not in flight.steps:
         return float(flight.time[-1])
     return float(flight.time[max(0, int(np.searchsorted(flight.time, flight.steps[k + 1])) - 1)])

@@ -1,4 +1,4 @@
-"""What a recording tells of drones: where they were and should have been, when steps began, what law they follow.
+"""The drones of a recording: actual and desired positions, begins of steps, and the law that they follow.
 
 A drone is a component that outputs its position (m, NED), and the agent beside it in the same system, a component that
 outputs the number of its step and its desired position (m east of the origin); or either of them alone. Which outputs
@@ -38,7 +38,7 @@ _ROWS = 5000
 
 @dataclass(frozen=True, slots=True)
 class Drone:
-    """What was recorded of one drone, at the instants of its `Flight`; what was not is None.
+    """The recorded values of one drone, at the instants of its `Flight`; None for values that were not recorded.
 
     Attributes:
         name: of the system that holds vehicle and agent, or of the component if it is alone.
@@ -56,13 +56,13 @@ class Drone:
 
     @property
     def mobile(self) -> bool:
-        """Whether it has an agent that is not told to stay."""
+        """True if the drone has an agent that may move."""
         return self.target is not None and not self.stays
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What the figures are drawn from.
+    """The data that figures are drawn from.
 
     Attributes:
         time: (n,) s, recorded instants, thinned out to a few thousand.
@@ -99,7 +99,7 @@ class Flight:
 
 @dataclass(frozen=True, slots=True)
 class _Instance:
-    """What the manifest tells of an instance: the values of its parameters, and the meanings that its FMU declares."""
+    """The instance in the manifest: parameter values, and the meanings that its FMU declares."""
 
     parameters: Mapping[str, Any]
     verdicts: Mapping[str, Verdict]
@@ -117,7 +117,7 @@ _UNKNOWN = _Instance({}, {})
 
 
 def read_flight(run: Path) -> Flight:
-    """Find the drones in the signals of a run folder and read what the figures need.
+    """Finds the drones in the signals of a run folder and reads the data for figures.
 
     Raises:
         CosimError: the run is not complete, or there is nothing to draw.
@@ -168,7 +168,7 @@ def read_flight(run: Path) -> Flight:
 
 
 def _instances(manifest: Path) -> Mapping[str, _Instance]:
-    """What a manifest tells of each instance."""
+    """Returns the instances of a manifest."""
     try:
         told = json.loads(manifest.read_text(encoding="utf-8"))
         fmus = {path: verdicts_of_json(fmu.get("verdicts", {})) for path, fmu in told.get("fmus", {}).items()}
@@ -181,7 +181,7 @@ def _instances(manifest: Path) -> Mapping[str, _Instance]:
 
 
 def _parts(columns: Mapping[str, str], instances: Mapping[str, _Instance]) -> list[tuple[str, str, str]]:
-    """(name of the drone, its vehicle, its agent) in natural order; "" for what is not there."""
+    """Returns (drone's name, vehicle, agent) in natural order; "" for a missing part."""
     vehicles: set[str] = set()
     agents: set[str] = set()
     for name in {component for column in columns if (component := column.rpartition(".")[0])}:

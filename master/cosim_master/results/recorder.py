@@ -1,4 +1,4 @@
-"""What a run leaves behind: signals, packets, and a manifest of how it came about.
+"""The files of a run: signals, packets, and a manifest of its inputs and outcome.
 
     OUT/manifest.json     what was run, with what, and how it ended
     OUT/signals.parquet   column `time` [s], then `component.variable`; units and descriptions in the field metadata
@@ -104,7 +104,7 @@ class Recorder:
             self._take_over(checkpoint)
 
     def position(self) -> Position:
-        """How much has been recorded by now, all of it written out."""
+        """Returns the position of the recording, after writing everything out."""
         for file in self._tlogs.values():
             file.flush()
         tlogs = {str(Path(file.name).relative_to(self.folder)): file.tell() for file in self._tlogs.values()}
@@ -131,7 +131,7 @@ class Recorder:
         return done
 
     def _take_over(self, checkpoint: Checkpoint) -> None:
-        """Begin with what the run of a checkpoint recorded until then: the same row groups, the same bytes."""
+        """Copies the recording of a checkpoint's run up to the checkpoint: the same row groups, the same bytes."""
         sources = (
             ("signals", self._signals, self._schema, checkpoint.position.signals),
             *((("packets", self._events, self._event_schema, checkpoint.position.packets),) if self._keep else ()),
@@ -179,11 +179,11 @@ class Recorder:
         self._text_rows.append(values)
 
     def unwritten_texts(self) -> list[list[str]]:
-        """What was said by `texts` since rows were last written."""
+        """Returns the rows given to `texts` since rows were last written."""
         return list(self._text_rows)
 
     def take_back(self) -> None:
-        """Forget what was said since rows were last written: the run has gone back to there."""
+        """Discards the rows given to `texts` since rows were last written: the run has gone back to that time."""
         self._text_rows.clear()
 
     def rows(self, plan: Plan) -> None:
@@ -281,7 +281,7 @@ def _readable(checkpoint: Checkpoint, name: str) -> list[Path]:
 
 
 def _file_name(node: str) -> str:
-    """A node's name with what a file's name cannot hold percent-encoded, as in a URI."""
+    """Returns a node's name as a file name: characters that are not allowed there are percent-encoded, as in a URI."""
     return re.sub(r'[%/\\:*?"<>|\x00-\x1f]|^\.+', lambda found: "".join(f"%{ord(c):02X}" for c in found[0]), node)
 
 

@@ -27,7 +27,7 @@ _HEAD = 65536
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """Where a run is to leave its results.
+    """The choice of a folder for the results of a run.
 
     Attributes:
         path: the folder.
@@ -101,7 +101,7 @@ def clear(folder: Path) -> None:
 
 
 def stamp(run: Path) -> str:
-    """What a figure carries: of which data it was drawn, as the SHA-256 of the run's signals."""
+    """Returns the stamp of a figure: the SHA-256 of the signals that it shows."""
     digest = hashlib.sha256()
     with (run / "signals.parquet").open("rb") as file:
         while block := file.read(1 << 20):
@@ -110,7 +110,7 @@ def stamp(run: Path) -> str:
 
 
 def is_figure(file: Path) -> bool:
-    """Whether a file is a figure that `uav-cosim plot` drew: the figures carry a stamp."""
+    """Returns whether a file is a figure that `uav-cosim plot` drew: such figures have a stamp."""
     if file.suffix not in _DRAWN or not file.is_file():
         return False
     with file.open("rb") as opened:

@@ -1,4 +1,4 @@
-"""How a run ends that does not reach its end: what instances have said, as errors that name them."""
+"""The errors with which a run ends early, made from the statuses of instances and naming them."""
 
 from __future__ import annotations
 

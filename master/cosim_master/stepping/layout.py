@@ -1,4 +1,4 @@
-"""Which outputs are fetched, which inputs are fed from where, and what is recorded: places of all values.
+"""The layout of a run's values: outputs fetched, sources of inputs, and signals recorded.
 
 Needs descriptions only; `plan` makes arrays and calls of it for instances.
 """
@@ -44,7 +44,7 @@ class Ports:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where every value of the loop lives."""
+    """The places of all values of the loop."""
 
     instances: tuple[ComponentInstance, ...]
     ports: Mapping[str, Ports]
@@ -162,7 +162,7 @@ def _recorded(ports: Ports, chosen: Container[tuple[str, str]]) -> tuple[tuple[s
 
 
 def shows_error(variable: Variable) -> bool:
-    """Whether the error of a step is seen in it."""
+    """Returns whether the error of a step shows in a variable."""
     return (variable.causality, variable.type, variable.variability) == ("output", "Real", "continuous")
 
 
@@ -175,12 +175,12 @@ def _by_type(fmu: FmuDescription) -> _InOrder:
 
 
 def call_of(v: Variable) -> tuple[str, bool, bool]:
-    """What the variables of an instance that are set or got in one call have in common."""
+    """Returns a grouping key: variables of an instance with equal keys are accessed in one call."""
     return v.fmi_type, v.wide, bool(v.clocks)
 
 
 def _array(v: Variable) -> tuple[str, int] | None:
-    """What the elements of one array have in common; aliases of it are other arrays."""
+    """Returns a grouping key for the elements of one array; aliases of it are other arrays."""
     return None if v.element is None else (v.name.rpartition("[")[0], v.value_reference)
 
 

@@ -43,7 +43,7 @@ class Seen:
 
 
 class Observer(Protocol):
-    """Who looks at a run."""
+    """An observer of a run."""
 
     every: int
     """Base steps between two looks; 0: this observer has nothing to look at in this system."""
@@ -149,7 +149,7 @@ class Observers:
         return Seen(self._run.time, self._reals, self._integers)
 
     def advance(self, k_stop: int) -> None:
-        """As `Execution.advance`, with looks on the way."""
+        """Steps like `Execution.advance`, and shows the run to its observers on the way."""
         stop = min(k_stop, self._last)
         while self._run.k < stop:
             self._run.advance(min([stop, *self._next.values()]))

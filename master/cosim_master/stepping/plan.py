@@ -1,4 +1,4 @@
-"""From layout of values to flat arrays: what the stepping loop needs of instances."""
+"""The plan of a run: flat arrays for the stepping loop, made from layout and instances."""
 
 from __future__ import annotations
 
@@ -287,7 +287,7 @@ def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any, Any]:
-    """Feeds of neighbouring instances with one period as one: their inputs lie behind each other."""
+    """Returns the feeds with those of neighbouring instances of one period joined: their inputs are adjacent."""
     if not len(feeds):
         return feeds
     begins = np.ones(len(feeds), dtype=bool)
@@ -300,7 +300,7 @@ def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any
 
 @dataclass(frozen=True, slots=True)
 class _Values:
-    """Where values and their references live: see `Plan`."""
+    """The arrays of values and value references: see `Plan`."""
 
     in_reference: np.ndarray[Any, Any]
     real_in: np.ndarray[Any, Any]
@@ -383,7 +383,7 @@ def _slope_call(
 def _packet_call(
     verb: str, one: Slave, ports: np.ndarray[Any, Any], endpoint: int, native: _Native
 ) -> list[tuple[int, ...]]:
-    """The call that sets or gets the packets of an instance, if it has such a port."""
+    """Returns the call that sets or gets the packets of an instance, if it has such a port."""
     has, reference, text, size = (
         ("has_rx", "rx", "text", "rx_size") if verb == "Set" else ("has_tx", "tx", "got", "got_size")
     )

@@ -1,4 +1,4 @@
-"""Where the time of a run goes: per FMU in setting, stepping and getting, and per phase of the run.
+"""The time profile of a run: per FMU in setting, stepping and getting, and per phase of the run.
 
 The stepping loop calls FMI functions by address with a handle. A profiler puts functions of its own in their place,
 and in place of the handle a row that holds the real function, the real handle, and what it took so far. So the loop is
@@ -41,7 +41,7 @@ _TIMED = np.dtype([("function", "u8"), ("handle", "u8"), ("ns", "i8"), ("calls",
 
 @dataclass(frozen=True, slots=True)
 class FmuTime:
-    """What the instances of one FMU took together: s in all calls that set, step and get; `steps` of all of them."""
+    """The time that the instances of one FMU took, s, to set, step and get; `steps` is the sum of their steps."""
 
     fmu: str
     instances: int
@@ -57,7 +57,7 @@ class FmuTime:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """Where the time of a run went.
+    """The time profile of a run.
 
     Attributes:
         fmus: the slowest first.
@@ -120,7 +120,7 @@ class Profiler:
         return table.ctypes.data + _TIMED.itemsize * np.arange(len(table), dtype=np.uint64)
 
     def profile(self) -> Profile:
-        """What was measured so far."""
+        """Returns the times measured so far."""
         groups: dict[str, list[int]] = {}
         for i, one in enumerate(self._slaves):
             groups.setdefault(one.fmu.path.name, []).append(i)

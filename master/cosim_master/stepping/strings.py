@@ -1,4 +1,4 @@
-"""Strings that are no packets: rare, and slow to exchange, so Python does it, between macro steps."""
+"""Strings other than packets: rare and slow to exchange, so Python exchanges them between macro steps."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Texts:
                     slave.set([variable], [link.converted(self.outputs[source])])
 
     def get_outputs(self, plan: Plan, kept: Collection[tuple[int, str]]) -> None:
-        """Outputs of the instances whose step has just ended: what the others would answer now is of the future.
+        """Gets the outputs of the instances whose step has just ended; the others are in the middle of a step.
 
         Args:
             kept: outputs that belong to Clocks, which nobody may ask for.
@@ -75,5 +75,5 @@ class Texts:
 
     @property
     def row(self) -> list[str]:
-        """What is recorded, in the order of `Layout.string_signals`."""
+        """The values to be recorded, in the order of `Layout.string_signals`."""
         return [self.outputs[key] for key in self._recorded]

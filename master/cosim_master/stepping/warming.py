@@ -65,7 +65,7 @@ def _empty(kind: type[Any]) -> Any:
 
 
 def _element(hint: Any) -> np.dtype[Any]:
-    """Of NDArray[float64]: float64; up to numpy 2.4 this means ndarray[..., dtype[float64]], later it is an alias."""
+    """Returns the element type of an array type: float64 for NDArray[float64]."""
     last = get_args(hint)[-1]
     kind: np.dtype[Any] = np.dtype((get_args(last) or (last,))[0])
     return kind

@@ -1,4 +1,4 @@
-"""What follows from the law that agents declare (`cosim.verdict.Formation`): where a line settles, and how fast.
+"""Consequences of the law that agents declare (`cosim.verdict.Formation`): where a line settles, and how fast.
 
 In each step an agent that moves adds to its position the sum of its terms, gain times (position of the neighbour - own
 position): x(k+1) = x(k) - G x(k). Row i of G has the sum of the gains of agent i in column i and minus the gain of

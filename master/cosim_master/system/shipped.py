@@ -62,7 +62,7 @@ def fmus() -> Path:
 
 
 def fmu(model: str) -> Path | None:
-    """The FMU of the model with this name; None where there is none, or where it has not been built.
+    """Returns the FMU of the model with this name, or None if it does not exist or has not been built.
 
     Raises:
         RuntimeError, ValueError, ImportError: as `find`.
@@ -94,7 +94,7 @@ def _root() -> Path:
 
 
 def _has_own_fmus() -> bool:
-    """Whether the installed FMUs are for this platform and from the sources that are installed."""
+    """Returns whether the installed FMUs are for this platform and built from the installed sources."""
     from cosim.build import HOST
 
     stamp = _INSTALLED / "fmus" / "built-from"

@@ -1,4 +1,4 @@
-"""A system as it is described: what a system structure says, hierarchically, and where it says it.
+"""The hierarchical description of a system, with the place of every item in its files.
 
 Plain data: nothing here has been compared with an FMU, and nothing is executed. `reading.read.read_system` makes it,
 `check.check` compares it with the FMUs and flattens it. Everything carries the place it was read from.
@@ -64,7 +64,7 @@ MAX_PARTS = 200_000
 
 @dataclass(frozen=True, slots=True)
 class Annotation:
-    """What a tool wrote for itself: its reverse-domain type and the `ssc:Annotation` element, as it is."""
+    """An annotation of another tool: its reverse-domain type and the `ssc:Annotation` element, unchanged."""
 
     type: str
     element: etree._Element
@@ -135,7 +135,7 @@ class LinearTransformation:
 
 @dataclass(frozen=True, slots=True)
 class MappingTransformation:
-    """A table of values; what is not in it stays as it is.
+    """A table of values; values that it does not contain stay unchanged.
 
     Attributes:
         type: "Boolean", "Integer" or "Enumeration".
@@ -339,7 +339,7 @@ class SystemStructure:
     generation_tool: str = ""
 
     def close(self) -> None:
-        """Remove the unpacked archives; the paths inside them are no longer valid."""
+        """Removes the unpacked archives; the paths inside them are no longer valid."""
         for archive in self.archives:
             archive.close()
 

@@ -1,4 +1,4 @@
-"""How a swarm did: what can be known before a run, what was seen in it, and the words for both.
+"""The judgement of a swarm: predictions before a run, observations during it, and their messages.
 
 findings    one finding, and the judgement of a run
 prior       known before: open inputs, system ids used twice, angles in degrees

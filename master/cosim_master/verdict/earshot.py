@@ -1,4 +1,4 @@
-"""Who hears whom by radio, and which of them have the same MAVLink system id."""
+"""Radio reachability of nodes, and nodes in reach of each other with the same MAVLink system id."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def repeated(ids: Sequence[dict[str, int]]) -> dict[int, list[int]]:
 
 
 def depends_on_places(network: Network) -> bool:
-    """Whether who hears whom changes with where they are."""
+    """Returns whether radio reachability depends on positions."""
     return network.topology == "nearest" or math.isfinite(network.range)
 
 

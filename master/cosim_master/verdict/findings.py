@@ -49,7 +49,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What was found of a run.
+    """The findings about a run.
 
     Attributes:
         findings: failures first, then warnings, then notes; each of them in the order of time and names.
@@ -76,7 +76,7 @@ class Judgement:
 
     @property
     def good(self) -> bool:
-        """Whether there are neither failures nor warnings."""
+        """True if there are neither failures nor warnings."""
         return all(finding.severity == "note" for finding in self.findings)
 
     def as_json(self) -> dict[str, Any]:

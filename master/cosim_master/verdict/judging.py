@@ -1,4 +1,4 @@
-"""The judgement of a run: what was known before it, what was seen in it, and what radio and gateways have counted."""
+"""The judgement of a run, from predictions, observations, and the counters of radio and gateways."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def judgement(
 
 
 def _of_radio(packets: Mapping[str, int]) -> Iterator[Finding]:
-    """What the counters of the radio say."""
+    """Returns the findings from the counters of the radio."""
     sent, delivered, on_the_way = (packets.get(what, 0) for what in ("sent", "delivered", "in flight"))
     if sent and not delivered and not on_the_way:
         causes = ", ".join(f"{n} {cause}" for cause, n in packets.items() if cause.startswith("lost: ") and n)

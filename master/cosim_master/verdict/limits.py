@@ -1,4 +1,4 @@
-"""What a system calls too near and too far, from its annotation.
+"""The limits of distances that a system sets, from its annotation.
 
 <ssc:Annotation type="org.uav-cosim.verdict">
   <verdict xmlns="https://uav-cosim.org/ns/1" contact="0.5" deviation="5"/>

@@ -1,4 +1,4 @@
-"""What a watch remembers, as plain values for a checkpoint: a run that goes on is judged as one that never stopped.
+"""The memory of a watch as plain values for a checkpoint, so that a resumed run is judged like an uninterrupted one.
 
 Everything is kept by name, since a branch may change which bounds hold, and what is recorded beside them.
 """

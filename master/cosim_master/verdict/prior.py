@@ -1,4 +1,4 @@
-"""What can be known of a swarm before it flies.
+"""Findings about a swarm before it flies.
 
 Nothing here is an error: the system can be run, and each finding says what will probably come of it.
 """
@@ -51,7 +51,7 @@ def known_before(
 
 
 def _open_inputs(checked: CheckedSystem, set_later: Collection[tuple[str, str]]) -> Iterator[Finding]:
-    """Inputs that nothing drives and that nobody has set; of many instances of an FMU one finding for each input.
+    """Yields inputs without source and value; one finding for each input of an FMU, not of each instance.
 
     One FMU that runs alone has them, and is meant to.
     """
@@ -152,7 +152,7 @@ def _misspelt(checked: CheckedSystem) -> Iterator[Finding]:
 
 
 def _out_of_range(checked: CheckedSystem) -> Iterator[Finding]:
-    """Parameters whose own start value is outside of their range; what a system sets is checked when it is read."""
+    """Yields parameters whose own start value is out of range; values from the system are checked when read."""
     told: set[tuple[str, str]] = set()
     for instance in checked.instances:
         values = instance.effective_values()
@@ -202,7 +202,7 @@ def _degrees(
 
 
 def _cut_off(network: Network, span: tuple[float, float]) -> Iterator[Finding]:
-    """Nodes that can hear nobody all the run."""
+    """Yields nodes that cannot hear any other node during the whole run."""
     if len(network.nodes) < 2:
         return
     linked = {name for link in network.links for name in link}

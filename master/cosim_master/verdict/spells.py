@@ -1,4 +1,4 @@
-"""How long, how often and how much something was not as it should be, for many at once."""
+"""Spells: how long, how often and how far values were out of bounds, for many at once."""
 
 from __future__ import annotations
 

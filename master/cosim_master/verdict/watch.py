@@ -63,7 +63,7 @@ def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
 
 @dataclass(slots=True)
 class _Agent:
-    """An instance that says what it does."""
+    """An instance that declares its activity."""
 
     instance: ComponentInstance
     variable: str
@@ -135,7 +135,7 @@ class _Columns:
     integers: list[int] = field(default_factory=list)
 
     def of(self, places: Layout, instance: str, name: str) -> tuple[bool, int]:
-        """Whether it is a real, and its column."""
+        """Returns whether the variable is a real, and its column."""
         for kind in ("Real", "Integer", "Boolean"):
             index = places.ports[kind].index.get((instance, name))
             if index is None:
@@ -257,7 +257,7 @@ class Watch:
             )
 
     def _beside(self, name: str) -> int:
-        """The only vehicle of the system that an instance is in; -1 if there is none, or more."""
+        """Returns the only vehicle in the system of an instance; -1 if there is none, or several."""
         found = [b for b, body in enumerate(self.bodies) if body.group == _group(name)]
         return found[0] if len(found) == 1 else -1
 
@@ -270,7 +270,7 @@ class Watch:
         self.stepped(seen)
 
     def stepped(self, seen: Seen) -> None:
-        """Copy what is watched."""
+        """Copies the watched values."""
         row = self._used
         self._times[row] = self.end = seen.time
         np.take(seen.reals, self._real_places, out=self._reals[row])
@@ -286,7 +286,7 @@ class Watch:
             self._used = 0
 
     def settle(self) -> None:
-        """Work through what has been copied; the last look stays, since motion goes on from there."""
+        """Evaluates the copied values; the last look is kept, since motion continues from it."""
         if self._used:
             self._look()
             for kept in (self._times, self._reals, self._integers):
@@ -381,7 +381,7 @@ class Watch:
         self.outside.look(times, outside, np.maximum(values - most, least - values))
 
     def _working(self, integers: Array) -> Array:
-        """Whether each agent works at each look; one that does not say when it does always does."""
+        """Returns whether each agent is active at each look; without a declaration it always is."""
         working = np.ones((len(integers), len(self.agents)), dtype=bool)
         for values in {agent.condition.working for agent in self.agents} - {()}:
             of = [a for a, agent in enumerate(self.agents) if agent.condition.working == values]
@@ -397,7 +397,7 @@ class Watch:
 
     @property
     def hears_by_place(self) -> bool:
-        """Whether it has watched who hears two nodes of one system id."""
+        """True if it has watched the reachability of nodes with the same system id."""
         return bool(self._nodes)
 
     def findings(self) -> list[Finding]:

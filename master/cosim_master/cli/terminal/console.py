@@ -64,7 +64,7 @@ class _Verbosity:
 
 @dataclass(slots=True)
 class _Spoken:
-    """What the present verb has printed: its errors, and whether its JSON document is out."""
+    """The output of the present verb so far: its errors, and whether its JSON document has been printed."""
 
     errors: list[dict[str, Any]] = field(default_factory=list)
     document: bool = False
@@ -96,23 +96,23 @@ def set_verbosity(*, quiet: bool | None = None, verbose: bool | None = None) -> 
 
 
 def is_quiet() -> bool:
-    """Whether only data and errors are to be printed."""
+    """Returns whether only data and errors are printed."""
     return _verbosity.quiet
 
 
 def is_live() -> bool:
-    """Whether standard error is a terminal on which a line can be drawn anew."""
+    """Returns whether standard error is a terminal on which a line can be redrawn."""
     return err.file.isatty() and err.is_terminal and not err.is_dumb_terminal
 
 
 def say(text: str) -> None:
-    """Print what a verb did; with -q, nothing."""
+    """Prints the result of a verb; with -q, nothing."""
     if not _verbosity.quiet:
         out.print(text, markup=False)
 
 
 def note(text: str) -> None:
-    """Print what was assumed or is worth knowing; with -q, nothing."""
+    """Prints an assumption or other note; with -q, nothing."""
     if not _verbosity.quiet:
         err.print(Text.assemble(("note:", "bold dim"), (f" {text}", "dim")))
 
@@ -130,7 +130,7 @@ def print_json(document: Any) -> None:
 
 
 def print_tables(tables: Iterable[Table | str]) -> None:
-    """Print tables and lines; tables are not cut where standard output is no terminal."""
+    """Prints tables and lines; tables are not truncated if standard output is not a terminal."""
     if not out.is_terminal:
         out.width = 10_000  # a file or a pipe has no width: one line per row
     for table in tables:
@@ -181,7 +181,7 @@ _EXTRAS = {"matplotlib": "plot", "pymavlink": "build"}
 
 
 def begin_verb() -> None:
-    """Forget what an earlier verb of this process has printed."""
+    """Clears the record of an earlier verb of this process."""
     _spoken.errors.clear()
     _spoken.document = False
 

@@ -1,4 +1,4 @@
-"""Options that several verbs have, and what is read out of their texts."""
+"""Options that several verbs share, and the parsing of their values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a verb is doing, said on standard error while it takes long.
+"""Progress messages of a verb on standard error.
 
 In a terminal: one line that is drawn anew, with the time it has taken; of a run a bar. Elsewhere (a pipe, a file,
 TERM=dumb): a line for each stage that takes longer than a second, none for the others. With -q: nothing.
@@ -31,7 +31,7 @@ LONG = 1.0
 
 
 class Activity:
-    """What is being done. Does nothing by itself: with -q it stays so."""
+    """The present activity of a verb. This base class shows nothing; -q uses it."""
 
     def stage(self, text: str, *, long: bool = False) -> None:
         """Begin a stage, which ends the one before.
@@ -157,7 +157,7 @@ def _clock(seconds: float) -> str:
 
 @contextmanager
 def activity() -> Iterator[Activity]:
-    """What a verb is doing; at the end nothing of it is left on a terminal."""
+    """Yields the activity of a verb, and removes it from the terminal at the end."""
     doing = Activity() if is_quiet() else _Drawn() if is_live() else _Lines()
     try:
         yield doing
@@ -167,7 +167,7 @@ def activity() -> Iterator[Activity]:
 
 @contextmanager
 def compiling(doing: Activity) -> Iterator[None]:
-    """Say so when numba compiles what is not in its cache, within this block.
+    """Announces compilation by numba within this block.
 
     The compiler tells of functions that it compiles, not of those that it loads from its cache.
     """

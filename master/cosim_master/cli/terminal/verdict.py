@@ -23,7 +23,7 @@ _STYLES = {"failure": "bold red", "warning": "yellow", "note": "dim"}
 
 
 def show_findings(verdict: Judgement | None) -> None:
-    """Print the findings, of each kind the first few; nothing if there are none. With -q, notes are left out."""
+    """Prints the findings, limited to the first few of each kind. With -q, notes are left out."""
     if verdict is None:
         return
     findings = [one for one in verdict.findings if one.severity != "note" or not is_quiet()]

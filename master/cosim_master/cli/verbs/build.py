@@ -1,4 +1,4 @@
-"""Verbs that make what a system consists of: `build`, `dialect`."""
+"""Verbs that make parts of a system: `build`, `dialect`."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def _row(table: Table, *cells: str) -> None:
 
 
 def _document(found: Comparison) -> dict[str, Any]:
-    """As JSON: all signals that differ, and how many were compared."""
+    """Returns the JSON document: all signals that differ, and the number of signals compared."""
     return {
         "equal": found.equal,
         "compared": len(found.signals),

@@ -28,7 +28,7 @@ def info(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Show what an FMU or a system consists of, or how a run went."""
+    """Show the contents of an FMU or a system, or the outcome of a run."""
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
         from cosim_master.cli.views import inspection

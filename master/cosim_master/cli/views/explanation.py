@@ -1,4 +1,4 @@
-"""Where the value of a variable comes from: who sets it, who was overridden, what drives it, what was ignored."""
+"""The origin of a variable's value: the parameter sets, connections and defaults that apply or are overridden."""
 
 from __future__ import annotations
 

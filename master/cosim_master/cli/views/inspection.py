@@ -1,4 +1,4 @@
-"""What FMUs and systems consist of, and where the time of a run went: as JSON documents, and as tables of them."""
+"""The contents of FMUs and systems, and the time profile of a run, as JSON documents and as tables."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _table(*columns: str) -> Table:
 
 
 def _row(table: Table, *cells: str) -> None:
-    """A row of plain texts: names and descriptions may hold brackets, which are no markup."""
+    """Adds a row of plain texts; brackets in names and descriptions are not interpreted as markup."""
     table.add_row(*(Text(cell) for cell in cells))
 
 
@@ -77,7 +77,7 @@ def fmu_document(path: Path) -> dict[str, Any]:
 
 
 def fmu_tables(path: Path, *, every: bool = True) -> Iterator[Table | str]:
-    """The same for people; if not `every`, of many variables only how many there are, by causality."""
+    """Returns the sheet of an FMU as tables; without `every`, long lists of variables become counts by causality."""
     fmu = fmu_document(path)
     yield f"{fmu['model']}: {fmu['description']}" if fmu["description"] else fmu["model"]
     yield f"FMI {fmu['fmi_version']}, GUID {fmu['guid']}, {_step(fmu['step_size'])}"
@@ -106,7 +106,7 @@ def _step(size: float | None) -> str:
 
 
 def _sheet(fmu: Mapping[str, Any]) -> Iterator[str]:
-    """Lines about what an FMU is for, where it runs, and what comes with it."""
+    """Returns lines about the purpose of an FMU, the platforms it supports, and the files it contains."""
     for name, flags in fmu["interfaces"].items():
         yield f"{name}: {', '.join(flags) or 'no capabilities'}"
     sources = f"; {fmu['sources']} files of sources" if fmu["sources"] else ""
@@ -155,7 +155,7 @@ def system_document(path: str, variant: str | None = None) -> dict[str, Any]:
 
 
 def system_tables(path: str, variant: str | None = None) -> Iterator[Table | str]:
-    """The same for people."""
+    """Returns the sheet of a system as tables."""
     system = system_document(path, variant)
     yield f"{system['name']}: SSP {system['version']}, {len(system['instances'])} instances"
     table = _table("instance", "FMU", "step [s]", "set by the system")
@@ -172,14 +172,14 @@ def system_tables(path: str, variant: str | None = None) -> Iterator[Table | str
 
 
 def _plain(value: Any) -> Any:
-    """A value as JSON has it: what is not finite is written as in XML Schema."""
+    """Returns a value for JSON; numbers that are not finite are written as in XML Schema."""
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"
     return list(map(_plain, value)) if isinstance(value, tuple | list) else value
 
 
 def profile_tables(profile: Profile) -> Iterator[Table | str]:
-    """Where the time of a run went."""
+    """Returns the time profile of a run as tables."""
     whole = sum(one.total for one in profile.fmus) or 1.0
     table = _table("FMU", "instances", "steps", "set [s]", "doStep [s]", "get [s]", "us per step", "share")
     for one in profile.fmus:

@@ -1,4 +1,4 @@
-"""A run on one page: how it ended, who took part, what the radio carried, and what was recorded."""
+"""The overview of a run on one page: outcome, participants, radio traffic and recordings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MESSAGES, _FINDINGS, _GATEWAYS, _NAMES = 7, 3, 2, 6
 
 
 def overview(folder: Path) -> dict[str, Any]:
-    """What `uav-cosim info` tells about a run, as the JSON document that docs/command-line.md describes.
+    """Returns the JSON document that `uav-cosim info` prints about a run; docs/command-line.md describes it.
 
     Raises:
         SystemDescriptionError: the folder does not hold the complete results of a run.

@@ -28,7 +28,7 @@ class Algorithm(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a run must say of the steps that it has made, at its end."""
+        """Notes on the steps made, for the end of the run."""
 
     def prepare(self) -> None:
         """Takes the copies it needs of the state before the first step.

@@ -54,7 +54,7 @@ _APPROACHING, _DISTANCING, _CROSSED = 1.0, 2.0, 3.0
 
 @dataclass(frozen=True, slots=True)
 class _Past:
-    """The step that has been made: its size, that of the last one that nothing has cut short, s, and what has cut it.
+    """The last step: its size, the size of the last step that was not cut short, s, and the constraint that cut it.
 
     points: how many values of each port are known, the present ones included, up to 3.
     """
@@ -181,7 +181,7 @@ def _advance(port: NDArray[np.float64], x: float, past: _Past, order: int) -> No
 
 
 class _ZeroCrossing:
-    """Of a port, or of the difference of two: steps end near it, within a tolerance."""
+    """A zero crossing of a port, or of the difference of two: steps end near it, within a tolerance."""
 
     def __init__(self, constraint: Constraint, memory: NDArray[np.float64], range: _Range) -> None:
         self.constraint, self._memory, self._range = constraint, memory, range
@@ -225,7 +225,7 @@ class _ZeroCrossing:
         return held(h * (_TIGHTEN if steps <= _CLOSE else _RELAX if steps <= _FAR else _RELAX_STRONGLY))
 
     def _oscillates(self, past: _Past) -> bool:
-        """Whether the value has changed its sign twice, and grows."""
+        """Returns whether the value has changed its sign twice and grows."""
         now, before, earlier = self._of(_X), self._of(_X1), self._of(_X2)
         return (
             past.points == 3 and now * before < 0.0 and now * earlier >= 0.0 and abs(earlier) < abs(before) < abs(now)
@@ -252,7 +252,7 @@ class _ZeroCrossing:
 
 
 class _Difference:
-    """Of a port from one step to the next, or between several ports: it stays below two tolerances."""
+    """A bounded difference, of a port between two steps or between several ports."""
 
     def __init__(self, constraint: Constraint, memory: NDArray[np.float64], range: _Range) -> None:
         self.constraint, self._memory, self._range = constraint, memory, range
@@ -285,13 +285,13 @@ class _Difference:
 
 
 def _spread(values: Sequence[float]) -> tuple[float, float]:
-    """By how much values differ, and that divided by the largest of them."""
+    """Returns the span of the values, absolute and relative to their largest magnitude."""
     low, high = min(values), max(values)
     return high - low, (high - low) / max(abs(low), abs(high), _LEAST)
 
 
 def _factor(difference: float, tolerance: float, safety: float) -> float:
-    """What a step is multiplied by where a difference has come to so much of its tolerance."""
+    """Returns the factor for the next step size, given the part of the tolerance that a difference has reached."""
     for part, factor in _BINS:
         if difference <= tolerance * part * (1.0 / (1.0 + safety)):
             return factor

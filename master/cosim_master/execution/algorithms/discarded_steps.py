@@ -35,7 +35,7 @@ _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 
 
 def cannot_be_repeated(state: RunState) -> str:
-    """Why discarded steps of a run cannot be repeated; empty if they can."""
+    """Returns the reason why discarded steps of a run cannot be repeated; empty if they can."""
     return _incapable(state.slaves) or (
         "what has passed a gateway cannot be taken back" if state.network.gateways else ""
     )
@@ -68,7 +68,7 @@ class Discarded(Exception):
 
 
 def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = True) -> None:
-    """Raises what it means that instances failed only by discarding their steps or by ending the run.
+    """Raises the error that follows from instances that only discarded their steps or ended the run.
 
     Returns where an instance failed otherwise: that is for others to raise.
 

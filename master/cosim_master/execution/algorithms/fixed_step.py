@@ -136,7 +136,7 @@ class FixedStep:
 
 
 def _failures_of(error: Exception) -> list[FmuError]:
-    """What went wrong in a repetition, where it is more than another discarded step."""
+    """Returns the failures of a repetition other than another discarded step."""
     if isinstance(error, FmuError):
         return [error]
     return list(error.failures) if isinstance(error, RunFailed) else []

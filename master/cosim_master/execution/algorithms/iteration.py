@@ -125,7 +125,7 @@ class Iteration:
     def _next(
         self, guess: NDArray[np.float64], tries: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
     ) -> NDArray[np.float64]:
-        """What to try after these outputs and residuals, of which the last are those of `guess`."""
+        """Returns the next guess, given these outputs and residuals; the last ones belong to `guess`."""
         reals, residual = tries[-1]
         if self._master.algorithm == "fixed-point" or len(tries) == 1:
             return guess + self._master.relaxation * residual

@@ -38,7 +38,7 @@ _SAFETY, _SMALLEST_CHANGE, _LARGEST_CHANGE = 0.8, 0.1, 2.0
 
 
 class World(Protocol):
-    """What is stepped."""
+    """The system that is stepped."""
 
     def save(self) -> None:
         """Keep the present state."""
@@ -74,7 +74,7 @@ class StepControl:
 
     @property
     def h(self) -> int:
-        """What the next step tries, ns."""
+        """The size of the next step, ns."""
         return int(self._plan.kept[0])
 
     @h.setter

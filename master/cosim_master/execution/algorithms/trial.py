@@ -49,7 +49,7 @@ class Trial:
         self._unrepeatable = cannot_be_repeated(state)
 
     def on_failure(self, last: str = "") -> None:
-        """Raises what it means that instances discard their steps; `last`: why no shorter one follows."""
+        """Raises the error for instances that discard their steps; `last` says why no shorter step follows."""
         judge_failures(self._state, self._unrepeatable or last)
 
     def save(self) -> None:
@@ -57,7 +57,7 @@ class Trial:
         self._snapshot.save()
 
     def begin(self) -> None:
-        """What every step needs, whether it can be taken back or not: Strings exchanged, and room for packets."""
+        """Prepares a step, whether it can be taken back or not: exchanges Strings and makes room for packets."""
         state = self._state
         if state.texts:
             state.plan.instances["period"] = 1

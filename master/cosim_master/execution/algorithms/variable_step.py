@@ -76,7 +76,7 @@ class VariableStep:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Of each constraint, how many steps count although they violate it."""
+        """Notes for each constraint on the number of steps that count although they violate it."""
         why = "FMUs cannot go back" if not self._can_return else f"{self._shortest / 1e9:g} s is the shortest step"
         return tuple(
             f'var-step: {count} steps count although they violate constraint "{name}", '
@@ -139,7 +139,7 @@ class VariableStep:
             self._violations[name] = (count + 1, first)
 
     def _values(self) -> list[float]:
-        """Of the ports of all constraints."""
+        """Returns the values of the ports of all constraints."""
         plan = self._state.plan
         return [float((plan.real_out if real else plan.int_out)[place]) for real, place in self._ports]
 
@@ -153,6 +153,6 @@ class VariableStep:
 
 
 def _places(layout: Layout, ports: Sequence[tuple[str, str]]) -> list[tuple[bool, int]]:
-    """Of each port whether it is among reals, and where."""
+    """Returns, for each port, whether it is a real, and its index."""
     real, integer = layout.ports["Real"].index, layout.ports["Integer"].index
     return [(port in real, real[port] if port in real else integer[port]) for port in ports]

@@ -1,4 +1,4 @@
-"""When the time-based Clocks of FMI 3.0 tick, and which instances they tie together (FMI 3.0.2, sections 2.2.8, 2.3).
+"""Ticks of the time-based Clocks of FMI 3.0, and the instances that they tie together (FMI 3.0.2, sections 2.2.8, 2.3).
 
     schedule = Schedule(one, start, intervals)
     schedule.begin()                     in initialization mode: ask for intervals, or say them
@@ -29,7 +29,7 @@ _PERIODIC = ("constant", "fixed", "tunable")
 
 @dataclass(slots=True)
 class _Ticks:
-    """Of one Clock. Periodic: tick n is at first + n*interval. All in ns; `when` is the next one, None if not known."""
+    """The ticks of one Clock, in ns. Periodic: tick n is at first + n*interval; `when`: the next, if known."""
 
     interval: Fraction | None = None
     first: Fraction = Fraction(0)
@@ -64,7 +64,7 @@ class Schedule:
 
     @property
     def depends(self) -> bool:
-        """Whether an interval follows from tunable parameters: when one is changed, the FMU must be asked."""
+        """True if an interval follows from tunable parameters: after a change of one, the FMU must be asked again."""
         return any(v.clock is not None and v.clock.kind == "tunable" and v.clock.interval is None for v in self._clocks)
 
     @property
@@ -85,7 +85,7 @@ class Schedule:
             self._ticks[clock.name].when = None
 
     def begin(self) -> None:
-        """In initialization mode: intervals and shifts, from the system, the description, or the FMU.
+        """Gets intervals and shifts from the system, the description or the FMU, in initialization mode.
 
         Raises:
             FmuError: the FMU refused, or says something that is no interval.
@@ -108,7 +108,7 @@ class Schedule:
             ticks.restart(self._start + shift, self._checked(v, interval))
 
     def update(self, now: int, ticked: Collection[str]) -> None:
-        """In Event Mode, after the discrete states were updated: new intervals.
+        """Gets new intervals in Event Mode, after the discrete states were updated.
 
         Args:
             now: ns.
@@ -127,7 +127,7 @@ class Schedule:
                     self._from_now(v, now, interval)
 
     def retune(self, clock: Variable, interval: float, now: int) -> None:
-        """In Event Mode: give a tunable Clock another interval in s, from now on."""
+        """Sets the interval of a tunable Clock, in s, in Event Mode, from the present time on."""
         new = self._checked(clock, whole_nanoseconds(interval))
         self._one.set_interval(clock, new / 10**9)
         self._from_now(clock, now, new)
@@ -159,7 +159,7 @@ class Schedule:
             self._ticks[name] = _Ticks(t.interval, t.first, t.n, t.when)
 
     def as_json(self) -> list[Any]:
-        """The same as plain data, for `from_json` of another run."""
+        """Returns the same as plain data, for `from_json` of another run."""
         return [[None if t.interval is None else str(t.interval), str(t.first), t.n, t.when] for t in self.saved()]
 
     def from_json(self, content: Sequence[Sequence[Any]]) -> None:

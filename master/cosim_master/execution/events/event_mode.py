@@ -72,11 +72,11 @@ class EventMode:
 
     @property
     def pending(self) -> bool:
-        """Whether an instance waits for `handle`."""
+        """True if an instance waits for `handle`."""
         return any(self._one(i).pending for i in self.events.numbers)
 
     def next_event(self) -> float:
-        """Time of the next event that an FMU has announced, s; infinity if there is none."""
+        """Returns the time of the next event that an FMU has announced, s; infinity if there is none."""
         return min((self._one(i).next_event for i in self.events.numbers), default=math.inf)
 
     def returned_early(self) -> float:
@@ -145,7 +145,7 @@ class EventMode:
         end_here(self._plan, np.zeros(0, dtype=np.int64))
 
     def _finish(self, pending: Mapping[int, int]) -> list[int]:
-        """The rest of the steps that the loop has left to events; returns who has an event at the end of it."""
+        """Completes the steps that the loop has left to events; returns the instances with an event at their end."""
         at_end: list[int] = []
         near = 0.0 if self._plan.clock[PER_NS] == 1 else 6e-10
         for i in pending:
@@ -163,7 +163,7 @@ class EventMode:
         return at_end
 
     def _held_inputs(self, link: FlatConnection) -> Any:
-        """What an input got at the beginning of the present step of its instance."""
+        """Returns the value that an input received at the beginning of the present step of its instance."""
         number, name = self._number[link.target[0]], link.target[1]
         for kind, word in enumerate(KINDS):
             if (j := self._input_places[word].get((number, name))) is not None:
@@ -177,7 +177,7 @@ class EventMode:
         return link.converted(self._texts.outputs[self._number[link.source[0]], link.source[1]])
 
     def _held_outputs(self, link: FlatConnection) -> Any:
-        """What an output had when the last step of its instance ended; a delayed connection has what it had before."""
+        """Returns an output at the end of its instance's last step; for a delayed connection, its earlier value."""
         if link.target in self._delayed:
             return self._held_inputs(link)
         for word in KINDS:

@@ -146,7 +146,7 @@ class Events:
         self.kept.setdefault((i, variable.name), start)
 
     def begin(self) -> None:
-        """In initialization mode, after values were exchanged.
+        """Starts the schedules of Clocks and gets the outputs that belong to them, in initialization mode.
 
         Raises:
             FmuError: an FMU refused.
@@ -169,7 +169,7 @@ class Events:
             schedule.restore(schedules[i])
 
     def as_json(self) -> Any:
-        """What `saved` has, as plain data, for `from_json` of another run."""
+        """Returns the content of `saved` as plain data, for `from_json` of another run."""
         return {
             "schedules": {str(i): schedule.as_json() for i, schedule in self._schedules.items()},
             "kept": [[i, name, value] for (i, name), value in self.kept.items()],
@@ -199,7 +199,7 @@ class Events:
     def change(
         self, i: int, variable: Variable, value: Any, now: int, held: Callable[[FlatConnection], Any]
     ) -> list[int]:
-        """Set a variable at a communication point, or the interval of a tunable Clock; returns who had Event Mode.
+        """Sets a variable or the interval of a tunable Clock, at a communication point; returns instances with events.
 
         Raises:
             FmuError: an FMU refused.
@@ -312,7 +312,7 @@ class Events:
                 (self.kept[i, name],) = self._one(i).get([variable])
 
     def _gets_fired(self, i: int, at: _Instant) -> bool:
-        """Whether an input of an instance gets a value that belongs to an output Clock which ticks now.
+        """Returns whether an input of an instance gets a value that belongs to an output Clock which ticks now.
 
         Such a value is there already, where one that belongs to an input Clock may only now be computed: of some FMUs
         (buses of FMI-LS-BUS) no input can be set in an instant in which an output has been got.
@@ -375,7 +375,7 @@ class Events:
         return link.converted(value)
 
     def _inputs(self, i: int, at: _Instant) -> list[Any]:
-        """What the connections of an instance would set now."""
+        """Returns the values that the connections of an instance would set now."""
         ticking, variables = at.ticking.get(i, set()), self._slaves[i].fmu.variables
         return [
             self._value(source, link, at)
@@ -479,7 +479,7 @@ class Events:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two values are the same; what is not a number is the same as what is not."""
+    """Returns whether two values are equal; two NaNs are equal."""
     return a is b or bool(a == b) or (a != a and b != b)
 
 

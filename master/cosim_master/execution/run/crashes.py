@@ -1,4 +1,4 @@
-"""What can be saved when an FMU takes the process with it: it calls abort(), or writes where it must not.
+"""Rescue of a recording when an FMU crashes the process: it calls abort() or writes to forbidden memory.
 
     with reported(slaves, now, rescue): ...    steps; on a crash rescue(error) is called, and the process then dies
 
@@ -82,7 +82,7 @@ def reported(slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable
 
 
 def _error(libc: Any, slaves: Sequence[Slave], number: int, time: float) -> FmuError:
-    """Who crashed, by the libraries on the stack; and in which of FMI's functions."""
+    """Returns the error that names the instance that crashed, by the libraries on the stack, and the FMI function."""
     files = {os.path.realpath(one.library.file): one.library for one in slaves if one.library.file}
     frames = (ctypes.c_void_p * _FRAMES)()
     library, function = None, ""

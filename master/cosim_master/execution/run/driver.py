@@ -40,7 +40,7 @@ class Steps(Protocol):
         """
 
     def close(self) -> None:
-        """Frees what it keeps, before the instances are freed."""
+        """Frees the saved states, before the instances are freed."""
 
 
 class Driver:

@@ -1,4 +1,4 @@
-"""Where packets of gateways enter and leave a run."""
+"""The entrance and exit for packets of gateways in a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a checked system to a run at its start: instances initialized, plan and radio made."""
+"""The start of a run from a checked system: instances initialized, plan and radio made."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class RunState:
 
     @property
     def now(self) -> int:
-        """The same, ns."""
+        """Simulation time reached, ns."""
         clock = self.plan.clock
         ticks, per_ns = int(clock[START] + max(clock[K], 0) * clock[BASE]), int(clock[PER_NS])
         return (ticks + per_ns // 2) // per_ns

@@ -15,7 +15,7 @@ _WORTH_THREADS = 64
 
 
 def threads_for(free: int, wanted: int | None) -> int:
-    """How many threads step: for few instances, handing them over costs more than it gains."""
+    """Returns the number of threads that step; for few instances, handing them over costs more than it gains."""
     if wanted is None:
         wanted = (os.cpu_count() or 1) if free >= _WORTH_THREADS else 1
     return max(1, min(wanted, free))

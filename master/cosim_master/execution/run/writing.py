@@ -24,7 +24,7 @@ __all__ = ["Recorded", "Writing"]
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What had been recorded, and not written out, when a run went back to repeat steps."""
+    """The part of the recording not yet written out when a run went back to repeat steps."""
 
     k: int
     radio: Radio
@@ -95,7 +95,7 @@ class Writing:
         return Recorded(int(plan.clock[K]), self._state.radio, blocks, texts)
 
     def put_back(self, done: Recorded) -> None:
-        """Brings the recording back to what it was before a repetition that failed."""
+        """Restores the recording to its state before a repetition that failed."""
         plan, n = self._state.plan, len(done.blocks[0])
         plan.ticks[:n], plan.real_block[:n], plan.int_block[:n] = done.blocks
         plan.clock[ROWS], plan.clock[K], self._state.radio = n, done.k, done.radio
@@ -144,7 +144,7 @@ class Writing:
     # ---- the files ---------------------------------------------------------------------------------------------------
 
     def position(self) -> Position:
-        """How far the recording is."""
+        """Returns the position reached in the recording."""
         return Position() if self._recorder is None else self._recorder.position()
 
     def segments(self) -> Sequence[Path]:

@@ -1,1 +1,1 @@
-"""From loaded FMUs to initialised instances."""
+"""Start-up: from loaded FMUs to initialized instances."""

@@ -1,4 +1,4 @@
-"""From a checked system to initialized instances, in the order of calls of FMI 2.0.5, section 4.2.4,
+"""Initialization of a checked system, in the order of calls of FMI 2.0.5, section 4.2.4,
 and FMI 3.0.2, section 4.2.
 
     instantiate(checked, libraries, slaves)     one after the other
@@ -159,7 +159,7 @@ def _first_events(events: Events, slaves: Sequence[Slave], start: int) -> None:
 
 
 def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledLoop, ...]:
-    """Initialize a system and free it again: what a run does before its first step.
+    """Initializes a system and frees it again, as a run does before its first step.
 
     Raises:
         SystemDescriptionError, FmuError, LoopError: as a run would.

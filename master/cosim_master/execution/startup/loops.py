@@ -98,7 +98,7 @@ class _Loop:
         return values, new
 
     def _jacobian(self, values: _Values, new: _Values) -> NDArray[np.float64]:
-        """Of the change, by differences."""
+        """Returns the Jacobian of the change, by finite differences."""
         columns = []
         x, f = self._vector(values), self._change(values, new)
         for place in range(x.size):

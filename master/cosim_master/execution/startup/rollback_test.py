@@ -1,4 +1,4 @@
-"""Whether FMUs can go back to an earlier state: tried before a master counts on it.
+"""Tests of whether FMUs can return to an earlier state, made before a master relies on it.
 
 Save, step, step; restore, step, step: the outputs must be the same, bit for bit. Many FMUs declare that they can, and
 leave out what is no variable of theirs.

@@ -1,1 +1,1 @@
-"""What FMUs (and tables) say about themselves, as plain data."""
+"""Descriptions of FMUs (and tables), as plain data."""

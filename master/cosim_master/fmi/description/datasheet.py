@@ -1,4 +1,4 @@
-"""What any FMU says about itself, whether it runs here or not, and all that is wrong with it. Executes nothing."""
+"""The data sheet of an FMU, whether it runs here or not, with all its problems. Executes nothing."""
 
 from __future__ import annotations
 

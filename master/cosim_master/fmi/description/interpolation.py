@@ -1,4 +1,4 @@
-"""Columns of values over time: what a column has at a time, held or linear between its rows."""
+"""Interpolation of columns of values over time, constant or linear between rows."""
 
 from __future__ import annotations
 

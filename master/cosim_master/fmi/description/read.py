@@ -1,4 +1,4 @@
-"""What an FMU says about itself: reads and judges modelDescription.xml, and unpacks an FMU. Executes nothing.
+"""Reading and checking of modelDescription.xml, and unpacking of FMUs. Executes nothing.
 
 FMPy parses; this module decides what is fatal (we could not run the FMU, or not run it right) and what is a note
 (the description breaks a rule that does not matter for a run; many exporters do). The only module that imports FMPy.
@@ -126,7 +126,7 @@ def _terminals(path: Path, shown: str, reading: _Reading) -> dict[str, tuple[str
 
 
 def _source_files(path: Path, shown: str, names: Sequence[str], reading: _Reading) -> SourceFiles | None:
-    """What an FMU without a library is compiled from: its buildDescription.xml before its SourceFiles."""
+    """Returns the build description of an FMU without a library: its buildDescription.xml, else its SourceFiles."""
     member = "sources/buildDescription.xml"
     data = archive.read_member(path, member, shown, limit=_MAX_DESCRIPTION_BYTES)
     problems, notes, found = reading.problems, reading.notes, None
@@ -228,7 +228,7 @@ class _Reading:
                 self._problem(root, "<fmiModelDescription> needs <ModelVariables>")
 
     def _chosen(self) -> etree._Element | None:
-        """The element of the interface that is used; co-simulation before Model Exchange, if nobody says which."""
+        """Returns the element of the interface to be used: Co-Simulation before Model Exchange, unless chosen."""
         wanted = ("CoSimulation", "ModelExchange") if self.implementation == "any" else (self.implementation,)
         for name in wanted:
             if (interface := self.root.find(name)) is not None:

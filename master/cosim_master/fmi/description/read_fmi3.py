@@ -37,7 +37,7 @@ _SECONDS = Unit("s", BaseUnit(tuple(int(name == "s") for name in BASE_UNITS), 1.
 
 
 def element_names(name: str, shape: Sequence[int]) -> Iterator[str]:
-    """Of an array, in row-major order: a[1], a[2]; m[1,1], m[1,2], m[2,1], ..."""
+    """Returns the names of the elements of an array, in row-major order: a[1], a[2]; m[1,1], m[1,2], m[2,1], ..."""
     for indices in product(*(range(1, size + 1) for size in shape)):
         yield f"{name}[{','.join(map(str, indices))}]"
 
@@ -279,7 +279,7 @@ def _clocks(read: Any) -> tuple[str, ...]:
 
 
 def dependencies3(unknowns: Sequence[Any], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[str, ...] | None]:
-    """What each element of an unknown depends on: all elements of what the array depends on; None: on everything."""
+    """Returns the dependencies of each element of an unknown: all elements of the named arrays; None means all."""
 
     def names(name: str) -> list[str]:
         return list(element_names(name, shapes[name])) if name in shapes else [name]

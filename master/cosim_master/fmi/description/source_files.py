@@ -1,4 +1,4 @@
-"""What an FMU says about compiling its sources: files, folders, definitions, options and libraries, judged.
+"""The build description of an FMU's sources: files, folders, definitions, options and libraries, checked.
 
 A stranger's file names what a compiler is called with. So a name leads to a file of the FMU's own sources/ or is
 refused, nothing can be taken for an option of the compiler, and options are those of a list. Compiles nothing.
@@ -40,7 +40,7 @@ _OURS = ("", "gcc", "g++", "clang", "clang++", "cc", "c++")
 
 @dataclass(frozen=True, slots=True)
 class SourceFiles:
-    """What a library is compiled from.
+    """The inputs of the compilation of a library.
 
     Attributes:
         files: below sources/, in the order of the description.
@@ -54,7 +54,7 @@ class SourceFiles:
 
     @property
     def is_cpp(self) -> bool:
-        """Whether any of them is C++."""
+        """True if any of the files is C++."""
         return any(not name.lower().endswith(".c") for name in self.files)
 
 
@@ -88,7 +88,7 @@ class _Judge:
         return None
 
     def file(self, element: etree._Element) -> str | None:
-        """A file to be compiled; headers are none, and need not be listed."""
+        """Returns the path of a file to be compiled; None for a header, or after a problem."""
         name = self.path(element)
         if name is None or name.lower().endswith(_HEADERS):
             return None
@@ -154,7 +154,7 @@ def configured(
     problems: list[Problem],
     notes: list[str],
 ) -> SourceFiles | None:
-    """What buildDescription.xml says (FMI 3.0.2, 2.5.1.4); None if it has nothing on a model.
+    """Returns the build configuration of buildDescription.xml (FMI 3.0.2, 2.5.1.4) for the model, or None.
 
     Args:
         root: of the document.
@@ -188,7 +188,7 @@ def configured(
 def listed(
     interface: etree._Element, shown: str, members: Sequence[str], problems: list[Problem], notes: list[str]
 ) -> SourceFiles:
-    """What the SourceFiles of an interface of FMI 2 say; arguments as of `configured`."""
+    """Returns the build configuration from the SourceFiles of an FMI 2 interface; arguments as for `configured`."""
     judge = _Judge(shown, members, problems, notes)
     files = _each(judge.file, interface.findall("SourceFiles/File"))
     if not files and not problems:

@@ -48,7 +48,7 @@ class Unit:
     base: BaseUnit | None = None
 
     def relative(self) -> Unit:
-        """The same unit for a difference of two values (FMI's relativeQuantity): without offset."""
+        """Returns the unit for a difference of two values (FMI's relativeQuantity): the same unit without offset."""
         return self if self.base is None else replace(self, base=replace(self.base, offset=0.0))
 
 

@@ -1,4 +1,4 @@
-"""What an FMU says about itself, as plain data: the same for FMI 2 and FMI 3. `read` reads it."""
+"""The description of an FMU as plain data, the same for FMI 2 and FMI 3; `read` makes it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """When a Clock of FMI 3 ticks, as its FMU says (FMI 3.0.2, section 2.2.8).
+    """The ticks of a Clock of FMI 3 as its FMU describes them (FMI 3.0.2, section 2.2.8).
 
     Attributes:
         kind: its intervalVariability: "constant", "fixed", "tunable" (periodic), "changing", "countdown" (these five
@@ -85,12 +85,12 @@ class Variable:
 
     @property
     def wide(self) -> bool:
-        """Whether it is a whole number that may need more than 32 bits: it takes two places among integers."""
+        """True for integers that may need more than 32 bits; they take two places among integers."""
         return self.type == "Integer" and self.fmi_type in ("UInt32", "Int64", "UInt64")
 
     @property
     def settable(self) -> bool:
-        """Whether a start value may be set before initialization (FMI 2.0.5, 2.2.7); of a Clock, its interval."""
+        """True if a start value may be set before initialization (FMI 2.0.5, 2.2.7); of a Clock, its interval."""
         if self.clock is not None:
             return self.clock.kind in ("fixed", "tunable") and self.clock.interval is not None
         if self.variability == "constant":
@@ -152,7 +152,7 @@ class Capabilities:
 
 @dataclass(frozen=True, slots=True)
 class ModelExchange:
-    """What a solver needs to know about an FMU for Model Exchange.
+    """The properties of an FMU for Model Exchange that a solver needs.
 
     Attributes:
         states, derivatives: value references of the continuous states and of their derivatives, scalars only.
@@ -179,7 +179,7 @@ _REMEDY = (
 
 @dataclass(frozen=True, slots=True)
 class FmuDescription:
-    """What a co-simulation needs to know about one FMU file.
+    """The description of one FMU file, as far as co-simulation needs it.
 
     Attributes:
         path: the .fmu, absolute.

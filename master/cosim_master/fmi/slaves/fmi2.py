@@ -69,7 +69,7 @@ class _Callbacks(ctypes.Structure):
 
 
 def set_kind(variable: Variable) -> str:
-    """Which of fmi2SetReal, -Integer, -Boolean, -String a variable is set with."""
+    """Returns the type in the name of the setter of a variable: fmi2SetReal, -Integer, -Boolean or -String."""
     return "Integer" if variable.type == "Enumeration" else variable.type
 
 
@@ -134,7 +134,7 @@ class Library:
         return function
 
     def has(self, *functions: str) -> bool:
-        """Whether the binary has all of these; many lack optional ones, whatever they declare."""
+        """Returns whether the binary has all of these functions; many lack optional ones, whatever they declare."""
         return all(hasattr(self._dll, name) for name in functions)
 
     def instantiate(self, name: str) -> Instance2:
@@ -205,7 +205,7 @@ class Instance2:
 
     @property
     def initializes_anew(self) -> bool:
-        """Whether parameters are to be set once more in initialization mode, since the FMU loses them."""
+        """True if parameters must be set again in initialization mode, because the FMU loses them."""
         return self.fmu.generation_tool.startswith(_INITIALIZES_ANEW)
 
     def configure(self, _variables: Sequence[Variable], _values: Sequence[Any]) -> None:

@@ -210,7 +210,7 @@ class Instance3:
             self._set(fmi_type, list(given), [x for whole in given.values() for x in whole])
 
     def _whole(self, reference: int) -> list[Any]:
-        """What an array was set to last, at first its start values."""
+        """Returns the last value set for an array, at first its start value."""
         if reference not in self._given:
             missing = {"String": "", "Binary": ""}
             self._given[reference] = [
@@ -245,7 +245,7 @@ class Instance3:
         self.call("fmi3SetClock", _references(clocks), ctypes.c_size_t(n), (ctypes.c_bool * n)(*[True] * n))
 
     def get_clocks(self, clocks: Sequence[Variable]) -> list[bool]:
-        """Whether output Clocks are active, in Event Mode."""
+        """Returns whether output Clocks are active, in Event Mode."""
         values = (ctypes.c_bool * len(clocks))()
         self.call("fmi3GetClock", _references(clocks), ctypes.c_size_t(len(clocks)), values)
         return list(values)
@@ -307,7 +307,7 @@ class Instance3:
         return self.library.address("fmi3DoStep")
 
     def use_answers(self, address: int) -> None:
-        """Where the stepping loop keeps what fmi3DoStep answers (`tables.ANSWERS`): `do_step` writes there, too."""
+        """Takes the address at which the stepping loop keeps the answers of fmi3DoStep (`tables.ANSWERS`)."""
         own, next_event = (ctypes.c_ubyte * _ANSWERS).from_address(address), self.next_event
         self._answers = own
         self.next_event, own[24] = next_event, int(self.event_mode)
@@ -332,12 +332,12 @@ class Instance3:
 
     @property
     def answers(self) -> tuple[bool, bool, bool, float]:
-        """Of the last step: event handling needed, terminate simulation, early return; last successful time, s."""
+        """Answers of the last step: event handling needed, terminate simulation, early return; last time, s."""
         event, ends, early = (bool(flag) for flag in self._answers[:3])
         return event, ends, early, ctypes.c_double.from_buffer(self._answers, 8).value
 
     def do_step(self, t: float, h: float) -> None:
-        """fmi3DoStep; `answers` has what it answers."""
+        """Calls fmi3DoStep; its answers are in `answers`."""
         at = ctypes.addressof(self._answers)
         places = [ctypes.c_void_p(at + offset) for offset in (0, 1, 2, 8)]
         self.call("fmi3DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_bool(self.final), *places)
@@ -413,7 +413,7 @@ class Instance3:
         return state
 
     def cancel_step(self) -> None:
-        """There are no pending steps in FMI 3; the instance is not stepped any more."""
+        """Stops stepping the instance; FMI 3 has no pending steps that could be cancelled."""
         self.stepping = False
 
     def configure(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:

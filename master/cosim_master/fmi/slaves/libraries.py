@@ -1,4 +1,4 @@
-"""From FMU files to loaded libraries: each file is unpacked and loaded once, whatever the number of its instances.
+"""Loading of FMU files; each file is unpacked and loaded once, whatever the number of its instances.
 
 Python FMUs of one process share one interpreter and its modules. So before anything is loaded, the sources that each
 of them brings along are compared with each other and with the modules of this process.
@@ -87,7 +87,7 @@ def check_sources(fmus: Iterable[FmuDescription]) -> None:
 
 
 def _digest(file: Path) -> str:
-    """Of a file's contents; empty if it is gone."""
+    """Returns the digest of a file's contents; empty if the file does not exist."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:

@@ -59,7 +59,7 @@ class _Terminated(Exception):
 
 
 class _Equations:
-    """What a solver sees of an instance."""
+    """The view that a solver has of an instance."""
 
     def __init__(self, one: _Exchanged, exchange: ModelExchange) -> None:
         self._one, self._exchange = one, exchange
@@ -111,7 +111,7 @@ class _Equations:
 
 
 class _Exchanged:
-    """What both versions of FMI share: the steps of an instance of Model Exchange.
+    """Steps of a Model Exchange instance, common to both versions of FMI.
 
     Args:
         choice: the solver.
@@ -144,7 +144,7 @@ class _Exchanged:
         raise NotImplementedError
 
     def counts(self) -> tuple[int, int]:
-        """How many states and event indicators there are."""
+        """Returns the numbers of states and of event indicators."""
         raise NotImplementedError
 
     def _updated(self) -> tuple[bool, bool, float]:
@@ -197,7 +197,7 @@ class _Exchanged:
         raise FmuError(self.name, self._update_function, text, self.time, self.lines)
 
     def _step(self, t: float, h: float) -> int:
-        """A step by the solver; returns an FMI status, and keeps what was wrong."""
+        """Makes a step by the solver; returns an FMI status and stores the error, if any."""
         self._cause = self._ends_at = None
         try:
             self._integrate(t, h)
@@ -274,7 +274,7 @@ class _Exchanged:
             self._told = time
 
     def _situation(self, x: Any) -> Any:
-        """What the solver's next step depends on, without the solver's memory; None for solvers that have none."""
+        """Returns the inputs of the solver's next step other than its memory; None for solvers without memory."""
         if self._choice.can_go_back or not self._equations.states:
             return None
         self._equations.read_states(ctypes.addressof(self._slopes))
@@ -285,12 +285,12 @@ class _Exchanged:
         return states, x.tobytes(), bytes(self._slopes), inputs
 
     def _continue(self, solver: Solver, time: float, h: float) -> None:
-        """From Event Mode to continuous time, where the solver begins anew."""
+        """Changes from Event Mode to Continuous-Time Mode, where the solver restarts."""
         self.ask("EnterContinuousTimeMode")
         solver.reset(time, h)
 
     def _explained(self, error: FmuError) -> FmuError:
-        """The error of a step, with what was wrong in it."""
+        """Returns the error of a step, with its cause."""
         if self._cause is None or not error.function.endswith("DoStep"):
             return error
         cause, self._cause = self._cause, None

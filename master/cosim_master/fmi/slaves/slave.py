@@ -83,7 +83,7 @@ class Slave(Protocol):
         """The address of the function that makes a step."""
 
     def use_answers(self, address: int) -> None:
-        """Where the loop keeps what the step answers beyond its status (`tables.ANSWERS`)."""
+        """Takes the address at which the loop keeps the answers of a step beyond its status (`tables.ANSWERS`)."""
 
     def try_step(self, t: float, h: float) -> bool:
         """A step from t, or up to the next event; returns whether all of it has been made. Times in s."""
@@ -113,7 +113,7 @@ class Slave(Protocol):
         """The state that `serialise` wrote, for `restore_state` and then `free_state`."""
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
-        """The error for a bad status; the instance knows from then on what is still legal."""
+        """Returns the error for a bad status, and notes which calls are still legal."""
 
     def function_name(self, name: str) -> str:
         """The function that the loop's tables name in FMI 2's words, in those of this version."""
@@ -129,13 +129,13 @@ class EventSlave(Slave, Protocol):
     def early_return(self) -> bool: ...
     @property
     def answers(self) -> tuple[bool, bool, bool, float]:
-        """Of the last step: event handling needed, terminate simulation, early return; last successful time, s."""
+        """Answers of the last step: event handling needed, terminate simulation, early return; last time, s."""
 
     def do_step(self, t: float, h: float) -> None: ...
     def enter_event_mode(self) -> None: ...
     def enter_step_mode(self) -> None: ...
     def update_discrete_states(self) -> tuple[bool, bool, float]:
-        """Whether it must be called again, whether the FMU wants the simulation to end, time of its next event, s."""
+        """Returns whether to call it again, whether the FMU requests the end, and the time of its next event, s."""
 
     def set_clocks(self, clocks: Sequence[Variable]) -> None: ...
     def get_clocks(self, clocks: Sequence[Variable]) -> list[bool]: ...
@@ -145,5 +145,5 @@ class EventSlave(Slave, Protocol):
 
 
 def has_event_mode(slave: Slave) -> TypeGuard[EventSlave]:
-    """Whether a slave has Event Mode."""
+    """Returns whether a slave has Event Mode."""
     return slave.event_mode

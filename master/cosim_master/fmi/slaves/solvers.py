@@ -47,7 +47,7 @@ class Rejected(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which solver, and how accurate.
+    """The choice of a solver and of its accuracy.
 
     Attributes:
         name: one of NAMES.
@@ -63,7 +63,7 @@ class Choice:
 
     @property
     def can_go_back(self) -> bool:
-        """Whether the solver has no memory beyond states, inputs and time."""
+        """True if the solver has no memory beyond states, inputs and time."""
         return self.restart or self.name != "cvode"
 
     @staticmethod
@@ -89,7 +89,7 @@ class Choice:
 
 
 class Equations(Protocol):
-    """What is integrated; vectors are addresses of doubles."""
+    """The equations that are integrated; vectors are addresses of doubles."""
 
     states: int
     indicators: int
@@ -112,7 +112,7 @@ class Equations(Protocol):
 
 
 class Solver(Protocol):
-    """What all solvers do."""
+    """The interface of all solvers."""
 
     time: float
     x: Any
@@ -291,7 +291,7 @@ class _Cvode:
         return ctypes.cast(self._s.NV_DATA_S(vector), ctypes.c_void_p).value or 0
 
     def _guarded(self, call: Any) -> int:
-        """What CVODE is answered: 0 done, 1 try a shorter step, -1 give up; errors are kept."""
+        """Returns the answer to CVODE: 0 done, 1 try a shorter step, -1 give up; stores the error."""
         try:
             call()
         except Rejected:

@@ -33,7 +33,7 @@ _GOT: dict[str, type[Any]] = {
 
 
 class TableLibrary(Library):
-    """What takes the place of the binary of an FMU."""
+    """A stand-in for the binary of an FMU."""
 
     def __init__(self, fmu: FmuDescription, folder: Path) -> None:
         assert fmu.table is not None
@@ -75,7 +75,7 @@ class TableLibrary(Library):
         return time
 
     def value(self, reference: int, time: float) -> Any:
-        """Of a column, at a time in s."""
+        """Returns the value of a column at a time in s."""
         column = self._columns[reference]
         return interpolated(self.table.times, column.values, np.array([time]), held=column.held)[0].item()
 

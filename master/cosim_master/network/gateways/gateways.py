@@ -65,7 +65,7 @@ class Air(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where the socket of a gateway is, and the key of its signatures."""
+    """The address of a gateway's socket, and the key of its signatures."""
 
     kind: str
     host: str
@@ -178,7 +178,7 @@ def _number(text: str, high: float) -> float:
 
 
 class Parser:
-    """Cuts packets out of what comes in, and counts what is none.
+    """Splits a byte stream into packets, and counts the bytes that belong to none.
 
     Args:
         stream: a packet may be cut and joined; otherwise every piece is a datagram and ends its last packet.
@@ -298,7 +298,7 @@ class Gateways:
             one.socket.start()
 
     def exchange(self, air: Air) -> None:
-        """Bring in what the sockets have received, and out what has arrived at the gateways."""
+        """Admits the packets that the sockets have received, and sends those that have arrived at the gateways."""
         for g, crossing in enumerate(self._open):
             readers = 1 if crossing.gateway.wired else max(1, len(air.network.nodes))
             if air.waiting(g) > _WAITING * readers:
@@ -308,7 +308,7 @@ class Gateways:
             crossing.outgoing(air.take(g))
 
     def counts(self) -> dict[str, dict[str, int | str]]:
-        """What has crossed and what has not, by gateway: packets, but for connections and times held back."""
+        """Returns packets carried and refused by gateway; also connections and times held back."""
         return {
             one.gateway.name: {"address": str(one.address), **{name: n for name, n in one.counts.items() if n}}
             for one in self._open

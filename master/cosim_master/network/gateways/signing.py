@@ -68,7 +68,7 @@ class Signing:
         return int((self._clock() - _EPOCH) / _TICK)
 
     def refusal(self, packet: bytes) -> str:
-        """Why a complete packet must be dropped, one of `REFUSALS`; "" if it is genuine and new."""
+        """Returns the reason, one of `REFUSALS`, to drop a complete packet; "" if it is genuine and new."""
         if not signed(np.frombuffer(packet, np.uint8), 0):
             return "unsigned"
         digest = hashlib.sha256(self._key + packet[:-6]).digest()[:6]
@@ -102,7 +102,7 @@ def _crc(block: bytes) -> int:
 
 @cache
 def _table() -> tuple[int, ...]:
-    """What the low byte of a CRC does to the high one."""
+    """Returns the effect of the low byte of a CRC on the high one."""
     return tuple(_crc(bytes([low ^ 0xFF])) ^ 0xFF for low in range(256))
 
 

@@ -37,16 +37,16 @@ class Socket(Protocol):
     """That it is bound to."""
 
     def start(self) -> None:
-        """Let others connect, from now on. Before, they are refused: who connects wants an answer."""
+        """Accepts connections from now on. Until then clients are refused, since they expect answers."""
 
     def receive(self) -> list[bytes]:
-        """What has come in since the last call; b"" between the streams of two clients."""
+        """Returns the bytes received since the last call; b"" between the streams of two clients."""
 
     def send(self, packets: Sequence[bytes]) -> int:
-        """Send packets to those who listen; returns how many somebody has taken."""
+        """Sends packets to the listeners; returns the number of packets that reached one."""
 
     def close(self) -> None:
-        """Give the rest to those who listen, and hang up."""
+        """Sends the remaining bytes to the listeners and closes the connections."""
 
 
 class TcpServer:

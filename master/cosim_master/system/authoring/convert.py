@@ -54,7 +54,7 @@ _SSP1 = {"Float64": "Real", "Int32": "Integer"}
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """What has been written: the file of the system, and what its user has to know."""
+    """The files written by a conversion: the file of the system, and notes for its user."""
 
     file: Path
     notes: tuple[str, ...]
@@ -125,7 +125,7 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
 
 
 def _is_linear_csv(instance: ComponentInstance) -> bool:
-    """Whether an instance is a CSV file with columns as OMSimulator reads them: Reals between rows, others held."""
+    """Returns whether an instance is a CSV file that OMSimulator reads alike: Reals linear, others held."""
     fmu = instance.fmu
     if fmu.table is None or fmu.path.suffix.lower() != ".csv":
         return False

@@ -1,4 +1,4 @@
-"""Where two descriptions differ in what they say."""
+"""The differences in meaning between two descriptions."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class _Geometry:
         self._documents: dict[Path, dict[tuple[int | None, str], etree._Element]] = {}
 
     def of(self, document: Path, where: Where, tag: str, child: str) -> etree._Element | None:
-        """The geometry `child` of the element `tag` at a place; None if there is none."""
+        """Returns the geometry `child` of the element `tag` at a place, or None."""
         if document.suffix.lower() != ".ssd":
             return None
         if document not in self._documents:
@@ -134,7 +134,7 @@ def _of_element(element: Element, geometry: _Geometry) -> _Box:
 
 
 def _size(box: _Box, inner: tuple[float, float]) -> None:
-    """Large enough for title and connectors, and for what is inside."""
+    """Sets a size that fits title, connectors and contents."""
     left = [p.connector.name for p in box.ports.values() if p.on_left]
     right = [p.connector.name for p in box.ports.values() if not p.on_left]
     names = _LETTER * (max(map(len, left), default=0) + max(map(len, right), default=0)) + 30.0
@@ -267,7 +267,7 @@ def _columns(after: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _direction(box: _Box, connection: Connection) -> tuple[str | None, str | None]:
-    """From which element to which, by the kinds of the connectors."""
+    """Returns the direction of a connection, by the kinds of its connectors."""
     start, end = connection.start_element, connection.end_element
     port = box.children[start].ports.get(connection.start_connector) if start in box.children else None
     if port is not None and port.on_left:
@@ -327,7 +327,7 @@ def _wire(group: etree._Element, box: _Box, connection: Connection, points: Sequ
 
 
 def _curve(box: _Box, connection: Connection, start: _Point, end: _Point, top: float) -> str:
-    """From an output to the right and into an input from the left; around below the boxes if that leads backwards."""
+    """Returns a path from an output rightwards to an input; it passes below the boxes if it leads backwards."""
     first, last = box.children.get(connection.start_element or ""), box.children.get(connection.end_element or "")
     if first is not None and first.ports[connection.start_connector].on_left:
         start, end, first, last = end, start, last, first

@@ -51,7 +51,7 @@ class Drone:
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What the parts of a drone declare, as paths below the drone.
+    """The declarations of the parts of a drone, as paths below the drone.
 
     Attributes:
         start: where it starts, three elements; empty where none or several parts declare it.

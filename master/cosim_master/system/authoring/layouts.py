@@ -1,4 +1,4 @@
-"""Where drones start: layouts by name, and positions from a file. All in m, NED from the local origin."""
+"""Layouts of start positions by name, and positions from a file. All in m, NED from the local origin."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["LAYOUTS", "Pose", "laid_out", "poses_of_file"]
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where one drone starts: NED [m]; `name` is empty where nothing names it."""
+    """The start position of one drone, NED [m]; `name` may be empty."""
 
     north: float
     east: float
@@ -36,7 +36,7 @@ def laid_out(layout: str, drones: int, spacing: float, seed: int = 1) -> tuple[P
 
 
 def _line(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
-    """From the origin to the east."""
+    """Returns positions from the origin to the east."""
     return [(0.0, spacing * i) for i in range(drones)]
 
 
@@ -56,7 +56,7 @@ def _ring(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
 
 
 def _v(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
-    """The first at the origin, the others behind it to the south-east and south-west in turn, as geese that fly north.
+    """Returns positions in a V that points north: the first at the origin, the others to its south-east and south-west.
 
     The wings are at a right angle.
     """

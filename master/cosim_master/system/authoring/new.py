@@ -167,7 +167,7 @@ def _refusal(about: str, text: str) -> SystemDescriptionError:
 
 
 def _problems(scenario: str, drones: int, folder: Path, spacing: float, layout: str | None) -> list[Problem]:
-    """What is wrong with a request, whatever the FMUs are."""
+    """Returns the problems of a request that do not depend on the FMUs."""
     problems = []
     if scenario not in SHAPES and not Path(scenario).exists() and scenario not in shipped.names():
         valid = ", ".join((*SHAPES, *shipped.names()))
@@ -190,7 +190,7 @@ def _problems(scenario: str, drones: int, folder: Path, spacing: float, layout: 
 
 
 def _pattern(scenario: str, fmus: Path | None, problems: list[Problem]) -> Scenario:
-    """What the drones are like.
+    """Returns the scenario whose drone is the pattern of all others.
 
     Raises:
         SystemDescriptionError: with `problems`, or FMUs are missing or declare too little.
@@ -239,7 +239,7 @@ def _check_declared(fmus: Mapping[str, FmuDescription], folder: Path) -> None:
 
 
 def _kinds(drone: Drone, given: Sequence[Mapping[str, str]], folder: Path) -> list[Declared]:
-    """What each drone declares, with the FMUs that it is given in place of the pattern's."""
+    """Returns the declarations of each drone, with the FMUs that replace those of the pattern."""
     files = {name: found_fmu(name, folder) for own in given for name in own.values()}
     fmus = described(files)
     known: dict[tuple[tuple[str, str], ...], Declared] = {}
@@ -287,7 +287,7 @@ def _rows(shape: str, drones: int, spacing: float, seed: int, steered: Sequence[
 
 
 def _sections(drones: int) -> list[int]:
-    """How many gaps there are between one drone of a line that stays and the next."""
+    """Returns the number of gaps between each stationary drone of a line and the next."""
     gaps = drones - 1
     sections = max(1, -(-gaps // _SECTION))
     return [gaps // sections + (i < gaps % sections) for i in range(sections)]
@@ -320,7 +320,7 @@ def _grid(drones: int, spacing: float) -> Iterator[_Row]:
 
 @dataclass(frozen=True, slots=True)
 class _Law:
-    """How the slowest section of a line converges: per step, and at which time [s] its error is down to 5 %."""
+    """The convergence of the slowest section of a line: per step, and the time [s] at which its error is 5 %."""
 
     gaps: int
     rate: float
@@ -330,7 +330,7 @@ class _Law:
 
 
 def _law(kind: Declared, drone: Drone, rows: Sequence[_Row]) -> _Law:
-    """What to expect of the law that agents declare, with their own parameters and those of the pattern."""
+    """Returns the expected convergence of the declared law, with parameters of the agents and the pattern."""
     law, agent = kind.formation, drone.fmus[kind.part]
     assert law is not None
     set_ = {one.name: one.value for binding in drone.system.parameter_bindings for one in binding.parameters}
@@ -356,7 +356,7 @@ def _law(kind: Declared, drone: Drone, rows: Sequence[_Row]) -> _Law:
 
 
 def _told(law: _Law, spacing: float | None) -> str:
-    """What to expect, in words; `spacing` is None in layouts that are not lines."""
+    """Returns the expected convergence in words; `spacing` is None in layouts that are not lines."""
     how_fast = (
         f"a step of {law.period:g} s leaves at most {law.rate:.3f} of the error, {law.steps} steps leave 5 % "
         f"(at {law.settled:.0f} s)"

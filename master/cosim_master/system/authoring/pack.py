@@ -34,7 +34,7 @@ _UNSAFE = re.compile(r"[^A-Za-z0-9._~-]")
 
 @dataclass(frozen=True, slots=True)
 class Packed:
-    """What was packed: the archive, its members by name, and which of them are variants."""
+    """The result of packing: the archive, its members by name, and its variants."""
 
     path: Path
     members: tuple[str, ...]
@@ -127,7 +127,7 @@ def _write(packing: _Packing, checked: CheckedSystem, out: Path) -> None:
 
 
 class _Packing:
-    """Where every file of a system is in the archive.
+    """The place of every file of a system in the archive.
 
     Attributes:
         files: a file to copy, or its new bytes, by place.
@@ -208,7 +208,7 @@ class _Packing:
 
 
 def _is_document(reference: Reference, target: Path) -> bool:
-    """Whether a reference leads to another .ssd."""
+    """Returns whether a reference leads to another .ssd."""
     if reference.dialect or not reference.elements:
         return False
     return reference.type == SSD_TYPE or (reference.type != SSP_TYPE and target.suffix.lower() == ".ssd")

@@ -140,7 +140,7 @@ def _write(texts: Mapping[Path, bytes]) -> None:
 
 
 def _replace(texts: Mapping[Path, bytes], structure: SystemStructure, system: System, document: Path) -> None:
-    """Write files, read the system back, and take everything back if it is not what was meant."""
+    """Writes files, reads the system back, and restores them if it differs from the one intended."""
     before = {path: path.read_bytes() for path in texts}
     try:
         _write(texts)
@@ -168,7 +168,7 @@ class _File:
 
 
 class _Changes:
-    """What has to be written where, as `texts`: the new bytes of every file that changes."""
+    """The changes to be written, as `texts`: the new bytes of every file that changes."""
 
     def __init__(self, structure: SystemStructure, system: System) -> None:
         self.structure = structure
@@ -208,7 +208,7 @@ class _Changes:
         change: Callable[[_File, Node, _T, _T], None],
         text: Callable[[Scope, _T], str],
     ) -> list[tuple[str, str]]:
-        """Bring the children of a list such as <Connections> from `old` to `new`.
+        """Changes the children of a list such as <Connections> from `old` to `new`.
 
         Returns:
             The list itself as (tag, text), if there is none yet.

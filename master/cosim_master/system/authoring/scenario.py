@@ -28,7 +28,7 @@ NETWORK, RECORDING = "org.uav-cosim.network", "org.uav-cosim.recording"
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """What a swarm takes from a system.
+    """The parts of a system that a swarm takes over.
 
     Attributes:
         drone: the first drone, with the start values that all drones of the system have.
@@ -139,7 +139,7 @@ def _shared(
 
 
 def _holds_the_id(checked: CheckedSystem, drones: Sequence[str], fmus: Mapping[str, FmuDescription], path: str) -> bool:
-    """Whether a parameter is the system id in all these drones."""
+    """Returns whether a parameter is the system id in all these drones."""
     starts = {one.name: one.effective_values() for one in checked.instances}
 
     def of(drone: str, path: str) -> object:
@@ -151,7 +151,7 @@ def _holds_the_id(checked: CheckedSystem, drones: Sequence[str], fmus: Mapping[s
 
 
 def _network(system: System) -> tuple[dict[str, str], str]:
-    """The attributes of the network, a dialect with its whole path, and in words what the network holds besides."""
+    """Returns the network's attributes, with the full path of a dialect, and its other contents in words."""
     for one in system.annotations:
         if one.type == NETWORK:
             element = one.element.find(f"{{{NAMESPACE}}}network")

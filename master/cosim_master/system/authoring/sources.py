@@ -1,4 +1,4 @@
-"""Where the documents of a system refer to other files: the attributes, and where their values are in the bytes.
+"""The references of a system's documents to other files: attributes, and the bytes of their values.
 
 What a reference is changed to replaces these bytes and leaves every other one as it is.
 """
@@ -101,7 +101,7 @@ def _target(document: Path, uri: str) -> Path | None:
 
 
 def _span(data: bytes, index: int, shown: str, attribute: bytes) -> tuple[int, int]:
-    """Where the value of an attribute is in the start tag that begins at `index`."""
+    """Returns the span of an attribute's value in the start tag that begins at `index`."""
     tag = _TAG.match(data, index)
     at = len(data) if tag is None else tag.end()
     while (match := _ATTRIBUTE.match(data, at)) is not None:

@@ -204,7 +204,7 @@ or None and nothing for one that gets the FMU. Components whose documents change
 
 
 class _Edition:
-    """A changed system: which files it has, and what is in those that change."""
+    """A changed system: its files, and the contents of those that change."""
 
     def __init__(
         self,
@@ -291,7 +291,7 @@ class _Edition:
             raise _refusal(str(document), "has a source that cannot be found to be changed")
 
     def _change(self, system: System, path: tuple[str, ...], names: tuple[str, ...]) -> _Change:
-        """How the document changes that `system` is in; in `uses`, how those that it leads to do."""
+        """Returns the change of the document that contains `system`; `uses` gets those of referenced documents."""
         found: list[tuple[tuple[str, ...], Path | None, Any]] = []
         for element in system.elements:
             here, inner = (*path, element.name), (*names, element.name)
@@ -311,7 +311,7 @@ class _Edition:
     def _redirected(
         self, change: _Change, placed: Mapping[tuple[Path, _Change], PurePosixPath]
     ) -> dict[tuple[str, ...], PurePosixPath | Path]:
-        """Where the sources of a document lead that a change is about, by the names that lead to them."""
+        """Returns the new targets of the sources that a change concerns, by the names that lead to them."""
         fmu = self._packed(self.fmu) if self.packing else self.fmu
         return {names: fmu if inner is None else placed[inner, deeper] for names, inner, deeper in change}
 

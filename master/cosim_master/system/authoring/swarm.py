@@ -452,7 +452,7 @@ def _has(fmus: Mapping[str, FmuDescription], path: str) -> bool:
 
 
 def _own(member: _Member) -> Iterator[tuple[str, str, float | int | bool]]:
-    """Path, type and value of what a member has by its place in the swarm."""
+    """Returns path, type and value of the parameters that depend on a member's place in the swarm."""
     for path, coordinate in zip(member.declared.start, member.place, strict=False):
         yield path, "Real", coordinate
     for path in member.declared.system_ids:

@@ -1,1 +1,1 @@
-"""From a structure to a checked system: instances, links and start values with all names resolved."""
+"""Flattening: from a structure to a checked system of instances, connections and start values, with names resolved."""

@@ -71,7 +71,7 @@ def check(structure: SystemStructure, overrides: Mapping[str, str] | None = None
 
 
 def _uninitialized(fmu: FmuDescription, name: str) -> bool:
-    """Whether an output belongs to a Clock and has no value before that ticks (FMI 3.0.2, section 2.2.8)."""
+    """Returns whether an output belongs to a Clock and has no value before its first tick (FMI 3.0.2, 2.2.8)."""
     return bool(fmu.variables[name].clocks) and name not in fmu.initial_unknowns
 
 

@@ -57,7 +57,7 @@ class Port:
 
     @property
     def ticks(self) -> bool:
-        """Whether it is a Clock that ticks by itself: an input of its FMU that drives others (SSP 2.0, 5.3.2.1)."""
+        """True for a Clock that ticks by itself: an input of its FMU that drives others (SSP 2.0, 5.3.2.1)."""
         return self.interval_variability not in (None, "triggered")
 
     def __str__(self) -> str:
@@ -100,7 +100,7 @@ class Part:
 
 
 def measure(root: System, problems: list[Problem]) -> bool:
-    """Whether a system is small enough to be taken apart; a few lines of "#id" can stand for billions of parts.
+    """Returns whether a system is small enough to be expanded; a few lines of "#id" can stand for billions of components.
 
     Args:
         root: the root system.
@@ -288,7 +288,7 @@ class _Assembly:
         self._ports(part, replace(connector, dimensions=tuple(Dimension(size) for size in shape)), port)
 
     def _system_port(self, part: Part, inner: Connector, outer: Connector | None) -> None:
-        """A connector of a system; `outer` is what the component that stands for the system says about it."""
+        """Adds a connector of a system; `outer` is its declaration at the component that stands for the system."""
         if outer is not None:
             if outer.kind != inner.kind:
                 text = f'connector "{inner.name}" is {outer.kind} here and {inner.kind} inside, at {inner.where}'
@@ -377,7 +377,7 @@ class _Assembly:
         part.shapes[connector.name] = shape
 
     def _same_clocks(self, connector: Connector, variable: Variable, file: str) -> None:
-        """What the connector says about Clocks must be what the FMU says; it need not say anything."""
+        """Checks that the connector's declarations of Clocks, if any, agree with the FMU's."""
         said, kind = connector.interval_variability, variable.clock.kind if variable.clock is not None else None
         if said is not None and kind is not None and said != kind:
             text = f'connector "{connector.name}" is a {said} Clock, but {file} has it as {kind}'
@@ -417,7 +417,7 @@ class _Assembly:
 
 
 def _agree(sizes: Sequence[int | None], others: Sequence[int | None]) -> bool:
-    """Whether two may be the dimensions of one array; None is a size that is not said."""
+    """Returns whether two sizes may be the dimensions of one array; None is an unknown size."""
     return len(sizes) == len(others) and all(None in (a, b) or a == b for a, b in zip(sizes, others, strict=True))
 
 
@@ -467,6 +467,6 @@ def _exact(variable: Variable) -> str:
 
 
 def _types(variable: Variable) -> set[str]:
-    """What a connector of a variable may call its type."""
+    """Returns the types that a connector of a variable may declare."""
     names = {variable.type, _exact(variable)}
     return names | {"String", "Binary"} if variable.packet_capacity is not None else names

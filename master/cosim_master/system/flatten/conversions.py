@@ -1,4 +1,4 @@
-"""What may happen to a value between two connectors: types that go together, and mapping transformations.
+"""Conversions of a value between two connectors: compatible types, and mapping transformations.
 
 Pure functions over descriptions (SSP 2.0, sections 4.5.1 and 4.5.2); units are in `units`.
 """
@@ -20,7 +20,7 @@ _WHOLE = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "UInt32"
 
 
 def compatible(source: str | None, target: str | None) -> bool:
-    """Whether a value of type `source` may go to `target`: the same, widening without loss, or unknown.
+    """Returns whether a value of type `source` may go to `target`: the same, widening without loss, or unknown.
 
     A Boolean goes to numbers, true as 1; SSP leaves such conversions to the implementation (SSP 2.0, 5.3.2.1).
     """
@@ -40,7 +40,7 @@ def compatible(source: str | None, target: str | None) -> bool:
 
 
 def mime_types_differ(source: str | None, target: str | None) -> bool:
-    """Whether two MIME types name different formats; what says nothing in particular goes with everything."""
+    """Returns whether two MIME types name different formats; unspecific ones are compatible with all."""
 
     def plain(text: str) -> tuple[str, ...]:
         main, *rest = text.lower().split(";")
@@ -69,7 +69,7 @@ class MappedEnd:
 def mapping_entries(
     table: MappingTransformation, source: MappedEnd, target: MappedEnd, problems: list[Problem]
 ) -> dict[int, int]:
-    """The entries of a mapping transformation as numbers; `problems` gets what is wrong with it.
+    """Returns the entries of a mapping transformation as numbers; `problems` receives its errors.
 
     Returns:
         Source value -> target value, complete only if there was no problem.

@@ -43,7 +43,7 @@ class ComponentInstance:
     step_source: str = ""
 
     def integrated(self, solver: Choice) -> ComponentInstance:
-        """The same with a solver; the FMU's state says all only if the solver remembers nothing."""
+        """Returns the same instance with a solver; the FMU's state is complete only if the solver has no memory."""
         able, exchange = self.fmu.capabilities, self.fmu.model_exchange
         if exchange is not None:
             saves, serialises = exchange.saves_state, exchange.serialises_state
@@ -52,12 +52,12 @@ class ComponentInstance:
         return replace(self, fmu=replace(self.fmu, capabilities=able), solver=solver)
 
     def structural_values(self) -> dict[str, Start]:
-        """What the system sets structural parameters of FMI 3 to."""
+        """Returns the system's values of structural parameters of FMI 3."""
         variables = self.fmu.variables
         return {n: x for n, x in self.start_values.items() if variables[n].causality == "structuralParameter"}
 
     def clock_intervals(self) -> dict[str, float]:
-        """What the system sets as intervals of Clocks, s."""
+        """Returns the system's intervals of Clocks, s."""
         variables = self.fmu.variables
         return {name: float(value) for name, value in self.start_values.items() if variables[name].clock is not None}
 

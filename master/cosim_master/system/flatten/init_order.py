@@ -1,4 +1,4 @@
-"""In which order values are exchanged while the FMUs are in initialization mode.
+"""The order in which values are exchanged while the FMUs are in Initialization Mode.
 
 An output that depends on inputs while initializing (InitialUnknowns, FMI 2.0.5, section 2.2.8) has its value only
 after those inputs have theirs. Links are put into stages: get the sources of a stage, set its targets, go on to the

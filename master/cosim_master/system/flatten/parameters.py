@@ -52,7 +52,7 @@ class Unmatched:
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """One start value that somebody gave to a variable.
+    """A start value assigned to a variable, and its origin.
 
     Attributes:
         where: the parameter in its file.
@@ -106,7 +106,7 @@ class Bindings:
             self._one_set = None
 
     def _mapped(self, part: Part, binding: ParameterBinding) -> Iterator[tuple[str, Parameter]]:
-        """What a binding applies: names, and parameters with what its mapping does with their values."""
+        """Returns the parameters that a binding applies, with the transformations of its mapping."""
         named = {binding.prefix + parameter.name: parameter for parameter in binding.parameters}
         if binding.mapping is None:
             yield from named.items()
@@ -189,7 +189,7 @@ class Bindings:
                     self._assign(part, target, parameter)
 
     def _matched(self, pattern: str) -> list[tuple[Part, Variable | Port | None]]:
-        """What a pattern matches, if all of it can be set: variables of FMUs, and connectors of systems."""
+        """Returns the matches of a pattern that can be set: variables of FMUs, and connectors of systems."""
         named: dict[str, tuple[Part, Variable | Port | None]] = {}
         broken = False
         for part in self._wiring.root.walk():
@@ -251,7 +251,7 @@ class Bindings:
     def _named_from_outside(
         self, part: Part, name: str, parameter: Parameter
     ) -> list[tuple[Part, Variable | Port | None]]:
-        """What a name of a binding at a component means to OMSimulator, which writes them as from the system around."""
+        """Returns the matches of a name that begins with the component's own name, as OMSimulator writes them."""
         head = f"{part.element.name}."
         matches = list(_matches(part, name.removeprefix(head))) if name.startswith(head) else []
         if matches:
@@ -350,7 +350,7 @@ class Bindings:
         self._store_value(route.source.part, route.source.variable, value, parameter)
 
     def _driven(self, port: Port) -> Iterator[tuple[Part, Variable, tuple[tuple[Connection, Port], ...]]]:
-        """The FMU variables behind a connector of a system, with the connections that lead there."""
+        """Returns the FMU variables that a connector of a system drives, with the connections that lead to them."""
         open_paths: list[tuple[Port, tuple[tuple[Connection, Port], ...]]] = [(port, ())]
         seen = {port}
         while open_paths:
@@ -410,7 +410,7 @@ def _shown(parameter: Parameter) -> str:
 
 
 def _owners(part: Part, name: str) -> Iterator[tuple[Part, str]]:
-    """Every part in which a hierarchical name may end, and what is left of the name there."""
+    """Yields every component in which a hierarchical name may end, with the rest of the name there."""
     yield part, name
     # Names of elements may contain dots, so every dot may be the one between an element and the rest.
     dot = name.find(".")
@@ -421,7 +421,7 @@ def _owners(part: Part, name: str) -> Iterator[tuple[Part, str]]:
 
 
 def _place(part: Part, name: str) -> int:
-    """Where a name stands in the flow of values: what is driven first, then what drives it, outer systems last."""
+    """Returns the rank of a name in the flow of values: driven ones first, then their sources, outer systems last."""
     for owner, rest in _owners(part, name):
         port = owner.ports.get(rest) or owner.ports.get(element_name(rest, (1,) * len(owner.shapes.get(rest, ()))))
         if owner.fmu is None and port is not None:
@@ -445,7 +445,7 @@ def _matches(part: Part, name: str) -> Iterator[tuple[Part, Variable | Port | No
 
 
 def _hint(part: Part, name: str) -> str:
-    """What may have been meant by a name that matches nothing: names at the level where it goes wrong."""
+    """Returns a suggestion for a name that matches nothing: near names at the level at which it fails."""
     rest, prefix = name, ""
     while part.fmu is None and part.system is not None:
         dots = [index for index, character in enumerate(rest) if character == "."]
@@ -476,7 +476,7 @@ def _unsettable(variable: Variable) -> str | None:
 def _converted(
     parameter: Parameter, kind: str, unit: Unit | None, items: Mapping[str, int] | None
 ) -> tuple[str | None, Value]:
-    """What is wrong with a parameter for something of type `kind`, or None and the value it gives to it.
+    """Returns the problem with a parameter for a variable of type `kind`; or None, and the converted value.
 
     First the unit is converted, then the transformation of a parameter mapping is applied (SSP 2.0, section 7.1.1).
     An Enumeration stays an item's name where the items are not known.
@@ -504,7 +504,7 @@ def _converted(
 
 
 def _by_table(parameter: Parameter, kind: str, items: Mapping[str, int] | None) -> tuple[str | None, Value]:
-    """A value that is no Real, after the mapping transformation of a parameter mapping, if there is one."""
+    """Returns a value other than a Real after the mapping transformation of a parameter mapping, if there is one."""
     value, table = parameter.value, parameter.transformation
     if isinstance(table, LinearTransformation):
         return f"cannot be transformed: a LinearTransformation needs a Real, but it is {kind}", value
@@ -525,7 +525,7 @@ def _by_table(parameter: Parameter, kind: str, items: Mapping[str, int] | None) 
 
 
 def _of_type(variable: Variable, value: Value) -> tuple[str | None, Value]:
-    """What is wrong with a value for a variable, or None and the value in the variable's type."""
+    """Returns the problem with a value for a variable; or None, and the value in the variable's type."""
     kind, items = _kind(variable), variable.items or {}
     if kind == "Enumeration" and isinstance(value, str):
         if value not in items:
@@ -543,7 +543,7 @@ def _of_type(variable: Variable, value: Value) -> tuple[str | None, Value]:
 
 
 def _kind(variable: Variable) -> str:
-    """The type of what a variable can be set to: of a Clock, its interval."""
+    """Returns the type of the value that a variable is set to: of a Clock, its interval."""
     return "Real" if variable.type == "Clock" else SAME_TYPE.get(variable.type, variable.type)
 
 

@@ -38,7 +38,7 @@ def check_sizes(wiring: Wiring, values: Mapping[str, Mapping[str, Value]], probl
 
 
 def _connectors(part: Part) -> Iterator[Connector]:
-    """What is said about the connectors of a part, where it is used and inside of it."""
+    """Returns the declarations of a component's connectors, at its use and in its own document."""
     if isinstance(part.element, System):
         yield from part.element.connectors
     else:
@@ -55,7 +55,7 @@ def _wrong(
     size_connector: str,
     size: tuple[int, ...],
 ) -> str:
-    """What is wrong with a size that is said to be that of a connector; empty if nothing is."""
+    """Returns the problem with the declared size of a connector; empty if there is none."""
     port = part.ports.get(size_connector)
     if port is None:
         hint = near(

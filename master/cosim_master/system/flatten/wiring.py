@@ -1,4 +1,4 @@
-"""How values flow through a system: which FMU variable drives which, and what happens to the value on the way.
+"""The flow of values through a system: sources of FMU variables, and the conversions on the way.
 
 Every rule about connections is here: the allowed kinds, one writer per port, shapes, types, units, transformations,
 and the signals of dictionaries. It sets no values and orders nothing.
@@ -58,7 +58,7 @@ SENDING = ("output", "calculatedParameter", "constant", "local")
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """How the value of a port comes about: value = factor * mapped(source) + offset, in `unit`, as `type`.
+    """The source of a port's value: value = factor * mapped(source) + offset, in `unit`, as `type`.
 
     `source` is None while nothing drives the port; type and unit are then its own. `mapping` holds whole numbers and
     booleans that are replaced by others.
@@ -75,7 +75,7 @@ class Route:
 
 
 def _packets(route: Route, target: Port) -> bool:
-    """Whether a route carries packets from an FMU of one version of FMI on to one of the other.
+    """Returns whether a route carries packets between FMUs of different FMI versions.
 
     They are base64 text in a String of FMI 2, bytes in a Binary of FMI 3.
     """
@@ -85,7 +85,7 @@ def _packets(route: Route, target: Port) -> bool:
 
 
 class Wiring:
-    """The connections of a system as they flow: per port what drives it, and what it drives.
+    """The connections of a system by the flow of values: per port its source and its targets.
 
     Attributes:
         incoming: the connection into a port and its source.
@@ -212,7 +212,7 @@ class Wiring:
     def _ports(
         self, part: Part, element: str | None, connector: str, indices: tuple[int, ...], where: Where
     ) -> tuple[tuple[int, ...], list[Port]] | None:
-        """What one end of a connection stands for: a shape, and the ports of all its elements."""
+        """Returns one end of a connection: its shape, and the ports of all its elements."""
         owner: Part | None = part
         if element is not None:
             owner = part.children.get(element)
@@ -245,7 +245,7 @@ class Wiring:
         return (), [port]
 
     def route(self, port: Port) -> Route:
-        """What drives a port, through however many systems."""
+        """Returns the source of a port, through any number of systems."""
         chain: list[Port] = []
         while port not in self._routes and (found := self.incoming.get(port)) is not None:
             if port in chain:

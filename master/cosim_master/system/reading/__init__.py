@@ -1,1 +1,1 @@
-"""From files of all kinds to `structure`."""
+"""Readers of system files of all kinds; each returns a `structure`."""

@@ -453,7 +453,7 @@ def _simplified(key: str) -> str:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether there is such a file; names that no file can have are none."""
+    """Returns whether such a file exists; False for names that no file can have."""
     try:
         return path.is_file()
     except (OSError, ValueError):

@@ -10,7 +10,7 @@ __all__ = ["finite", "shown", "speakable"]
 
 
 def finite(value: float) -> bool:
-    """Whether a number is finite as a double, too."""
+    """Returns whether a number is finite as a double, too."""
     try:
         return math.isfinite(value)
     except OverflowError:
@@ -18,7 +18,7 @@ def finite(value: float) -> bool:
 
 
 def speakable(text: str) -> bool:
-    """Whether a text is one at all: JSON can spell halves of characters, and XML has no control characters."""
+    """Returns whether a text is valid: JSON allows half surrogate pairs, and XML allows no control characters."""
     return all(character >= " " and not "\ud800" <= character <= "\udfff" for character in text)
 
 

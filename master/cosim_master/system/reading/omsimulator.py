@@ -125,7 +125,7 @@ def _named(given: Mapping[str, str]) -> tuple[Named, str]:
 
 
 def _elements(element: etree._Element) -> Iterator[etree._Element]:
-    """What says something: all elements inside but the frames around them."""
+    """Returns the elements that carry content: all inner elements except wrappers."""
     for item in element.iter():
         if item is element or not isinstance(item.tag, str):
             continue

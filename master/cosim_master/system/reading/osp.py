@@ -98,7 +98,7 @@ _End = tuple[str, str]
 
 @dataclass(slots=True)
 class _Function:
-    """A function: how many inputs, how many variables in each, and what is connected to them."""
+    """A function: its number of inputs, the variables in each, and their connections."""
 
     kind: str
     inputs: int

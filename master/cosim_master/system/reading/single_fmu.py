@@ -1,4 +1,4 @@
-"""One FMU as a system: what a run of `X.fmu` alone is a run of.
+"""A single FMU as a system, for runs of `X.fmu` alone.
 
 The system has one component, named as the model in it, and no connections: all outputs are signals, all parameters
 and inputs can be set. Start and stop time are those of the FMU's DefaultExperiment.

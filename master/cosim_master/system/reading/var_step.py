@@ -43,7 +43,7 @@ class _Constraint:
 
 
 class VarStep:
-    """What a multi-model says of its variable steps.
+    """The variable step size of a multi-model.
 
     Args:
         algorithm: the object.

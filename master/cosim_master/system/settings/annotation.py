@@ -47,15 +47,15 @@ class Attributes:
 
     @property
     def absent(self) -> bool:
-        """Whether nobody says anything: there is neither the element nor an attribute that the run gives."""
+        """True if neither the element nor an attribute from the run's options is present."""
         return self.element is None and not self._given
 
     def overridden(self, name: str) -> bool:
-        """Whether the run gives this attribute."""
+        """Returns whether the run's options give this attribute."""
         return name in self._given
 
     def problem(self, message: str) -> None:
-        """Note what is wrong, at the element's line, or at the option if there is no element."""
+        """Adds a problem at the element's line, or at the option if there is no element."""
         line = line_of(self.element) if self.element is not None else self.where.line
         where = _OPTION if self.element is None and self._given else Where(self.where.path, line)
         self.problems.append(Problem(where, message))
@@ -125,7 +125,7 @@ class Attributes:
         return found
 
     def finish(self) -> None:
-        """Complain about attributes that nobody has asked for."""
+        """Adds a problem for each attribute that was never read."""
         unknown = [] if self.element is None else sorted(set(map(str, self.element.attrib)) - self._read)
         if unknown:
             self.problem(f"attribute {', '.join(unknown)}: valid are {', '.join(sorted(self._read))}")

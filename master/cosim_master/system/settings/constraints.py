@@ -68,7 +68,7 @@ class Constraint:
 
 
 def memory_of(constraints: Sequence[Constraint]) -> int:
-    """How many numbers step sizes by these constraints depend on: see `algorithms.constraints`."""
+    """Returns how many numbers of memory step sizes by these constraints need: see `algorithms.constraints`."""
     return 4 + sum(1 + 7 * len(one.ports) for one in constraints)
 
 
@@ -140,7 +140,7 @@ def _ports(
 
 
 def _unfit(variable: Variable, type: str) -> str:
-    """Why a variable cannot be a port; empty if it can."""
+    """Returns the reason why a variable cannot be a port; empty if it can."""
     kinds = ("Real",) if type == ZEROCROSSING else ("Real", "Integer")
     if variable.type not in kinds:
         return f"is a {variable.type}; valid: {' or '.join(kinds)}"

@@ -1,4 +1,4 @@
-"""How the instances of a system are coupled: the master's algorithm, from the annotation of the root system.
+"""The settings of the master algorithm, from the annotation of the root system.
 
     <ssc:Annotation type="org.uav-cosim.master">
       <master xmlns="https://uav-cosim.org/ns/1" algorithm="gauss-seidel" order="controller plant">
@@ -52,7 +52,7 @@ ANNOTATION = "org.uav-cosim.master"
 
 @dataclass(frozen=True, slots=True)
 class Traits:
-    """What the rest of the master must know of a master algorithm.
+    """Traits of a master algorithm that other modules need.
 
     Attributes:
         attributes: of <master>, those that not every algorithm has.
@@ -73,7 +73,7 @@ class Traits:
 
     @property
     def by_error(self) -> bool:
-        """Whether the error of all continuous outputs decides the size of steps."""
+        """True if the error of all continuous outputs decides the size of steps."""
         return self.variable and not self.constrained
 
 
@@ -142,27 +142,27 @@ class MasterSettings:
 
     @property
     def variable(self) -> bool:
-        """Whether steps have sizes that are decided while the run goes on."""
+        """True if step sizes are decided during the run."""
         return ALGORITHMS[self.algorithm].variable
 
     @property
     def in_python(self) -> bool:
-        """Whether Python makes the steps in place of the compiled loop."""
+        """True if Python makes the steps instead of the compiled loop."""
         return bool(self.loops) or ALGORITHMS[self.algorithm].in_python
 
     @property
     def constrained(self) -> bool:
-        """Whether constraints decide them, so that they end on no grid but that of nanoseconds."""
+        """True if constraints decide step sizes, so that steps end on any nanosecond."""
         return ALGORITHMS[self.algorithm].constrained
 
     @property
     def shows_error(self) -> bool:
-        """Whether the error of all continuous outputs decides them."""
+        """True if the error of all continuous outputs decides step sizes."""
         return ALGORITHMS[self.algorithm].by_error
 
     @property
     def memory(self) -> int:
-        """How many numbers the size of the next step depends on."""
+        """The number of values that the size of the next step depends on."""
         return memory_of(self.constraints) if self.constrained else int(self.variable)
 
     @property
@@ -171,7 +171,7 @@ class MasterSettings:
         return tuple(i for group in self.groups for i in group)
 
     def check(self, checked: CheckedSystem, base: int, periods: Sequence[int], per_ns: int = 1) -> None:
-        """Whether it fits the clock.
+        """Checks the settings against the time grid.
 
         Args:
             base: base step, in ticks.
@@ -463,7 +463,7 @@ def _refuse_steps(
     irreversible: Sequence[str],
     problems: list[Problem],
 ) -> None:
-    """What steps of sizes that are decided in the run cannot do. Without a way back, events cannot be met either."""
+    """Adds the problems of variable steps. If FMUs cannot go back, events cannot be located either."""
     needed = ["canGetAndSetFMUstate"] if ALGORITHMS[algorithm].by_error else []
     for one in checked.instances:
         for flag in (*needed, "canHandleVariableCommunicationStepSize"):

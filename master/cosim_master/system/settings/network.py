@@ -81,13 +81,13 @@ class Endpoint:
 
     @property
     def name(self) -> str:
-        """What it is called in recordings: its instance, and its line."""
+        """The name in recordings: instance and line."""
         return f"{self.instance}.{self.line}" if self.line else self.instance
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """What shares an antenna: an instance's parent system (an instance of the root system is a node itself).
+    """A radio node with one antenna: an instance's parent system (an instance of the root system is its own node).
 
     `position`: instance and variables of its NED position [m], where it has one. `lines`: endpoints that gateways may
     use; they are among `endpoints` when one does. `autopilots`: names of the instances that declare to be autopilots.
@@ -102,7 +102,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Gateway:
-    """A node behind which real programs are, and the link to it; times in s.
+    """A node that represents real programs, and the link to it; times in s.
 
     `wired`: name of the endpoint it is wired to; None: it is on the air and reaches every node, whatever the topology.
     """
@@ -116,7 +116,7 @@ class Gateway:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What packets meet on their way from some nodes to others; None: what they meet without it. Times in s.
+    """The channel between some nodes and others; None takes the network's value. Times in s.
 
     `source` and `target` are names or patterns as they were written, `senders` and `hearers` the nodes that they match.
     """
@@ -230,7 +230,7 @@ def _ends_of_line(fmu: FmuDescription, role: Role) -> tuple[str, str]:
 
 
 def _declared_positions(instances: Sequence[ComponentInstance]) -> dict[str, tuple[tuple[str, Variable], ...]]:
-    """By node, the variables that its only FMU with a position declares as such."""
+    """Returns, by node, the variables that its only FMU with a position declares as such."""
     found: dict[str, list[tuple[tuple[str, Variable], ...]]] = {}
     for instance in instances:
         node = instance.name.rpartition(".")[0] or instance.name
@@ -370,12 +370,12 @@ def _links(
 
 
 def _only_makes(reader: Attributes, link: Attributes) -> bool:
-    """Whether a link is for the topology of the file alone, and the run has another one."""
+    """Returns whether a link belongs to the topology of the file only, while the run has another one."""
     return reader.overridden("topology") and not any(link.text(name, "") for name in ("latency", "jitter", "loss"))
 
 
 def _ends(child: Attributes) -> tuple[tuple[str, str], ...] | None:
-    """From where to where a `link` leads, and back if it is both ways; None if it does not say."""
+    """Returns the ends of a `link`, in both directions if it is two-way; None if they are missing."""
     between = child.text("between", "").split()
     source, target = child.text("from", "").strip(), child.text("to", "").strip()
     if between and not source and not target and len(between) == 2:
@@ -393,7 +393,7 @@ def _matching(end: str, nodes: Mapping[str, Node]) -> tuple[str, ...]:
 def _linkable(
     child: Attributes, ends: tuple[str, str], nodes: Mapping[str, Node], topology: str, *, describes: bool
 ) -> bool:
-    """Whether there are nodes at the ends of a link, and the link makes or describes something."""
+    """Returns whether a link has nodes at its ends, and makes or describes a connection."""
     known = True
     for end in ends:
         if not _matching(end, nodes):

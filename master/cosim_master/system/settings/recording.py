@@ -1,4 +1,4 @@
-"""What a system asks to be recorded: the annotation org.uav-cosim.recording."""
+"""The recording that a system asks for: the annotation org.uav-cosim.recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RECORDING = "org.uav-cosim.recording"
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What is recorded: rows every `interval` s (None: every base step), signals that match, packets or not.
+    """The recording: rows every `interval` s (None: every base step), patterns of signals, and whether with packets.
 
     <recording xmlns="https://uav-cosim.org/ns/1" interval="0.0125" signals="*.position* *.target" packets="true"/>
     """

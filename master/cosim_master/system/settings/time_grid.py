@@ -56,7 +56,7 @@ class TimeGrid:
         return () if 1 in self.periods else tuple(sorted(set(self.periods)))
 
     def seconds(self, steps: int) -> float:
-        """How long so many base steps take, s."""
+        """Returns the duration of a number of base steps, s."""
         return steps * self.base / (_NANO * self.per_ns)
 
     def time(self, k: int) -> float:

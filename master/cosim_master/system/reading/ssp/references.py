@@ -1,4 +1,4 @@
-"""Files that SSP files refer to: resolving their URIs, unpacking archives, and keeping what has been read.
+"""Files that SSP files refer to: resolves URIs, unpacks archives, and caches the contents.
 
 A relative URI is resolved against the file it is in (RFC 3986) and must not lead out of the archive that file came
 from. What is inside the files is not known here.
@@ -47,7 +47,7 @@ class File:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a URI reference leads to: a file path relative to the referring file, and a fragment.
+    """The target of a URI reference: a file path relative to the referring file, and a fragment.
 
     Attributes:
         path: empty for a reference into the same document.
@@ -60,7 +60,7 @@ class Target:
 
 @dataclass(slots=True)
 class Files:
-    """What has been read for one structure: every file once, however many components refer to it."""
+    """The files read for one structure: every file once, however many components refer to it."""
 
     problems: list[Problem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -87,7 +87,7 @@ class Files:
         return self.folders[key]
 
     def once(self, key: Any, make: Callable[[], _T], failed: _T) -> _T:
-        """What `make` returns, called once per key; `failed` if it raises, with its problems added to ours."""
+        """Returns the result of `make`, called once per key; `failed` if it raises, with its problems added to ours."""
         if key not in self.read:
             self.read[key] = failed
             try:
@@ -98,7 +98,7 @@ class Files:
         return found
 
     def resolved(self, base: File, target: Target) -> tuple[str | None, File]:
-        """What is wrong with a reference in the file `base`, or None and the existing file it leads to."""
+        """Returns the problem with a reference in the file `base`; or None, and the existing file that it names."""
         path = Path(os.path.normpath(base.path.parent / target.path))
         shown = os.path.normpath(Path(base.shown).parent / target.path)
         found = File(path, shown, base.boundary)
@@ -110,7 +110,7 @@ class Files:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is such a file; a name that the system cannot even look for is none."""
+    """Returns whether such a file exists; False for names that the operating system rejects."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -118,7 +118,7 @@ def is_file(path: Path) -> bool:
 
 
 def read_reference(uri: str) -> tuple[str | None, Target]:
-    """What is wrong with a URI reference, or None and what it stands for (RFC 3986, relative only)."""
+    """Returns the problem with a URI reference; or None, and its target (RFC 3986, relative only)."""
     nowhere = Target("", None)
     try:
         parts = urlsplit(uri)
@@ -135,7 +135,7 @@ def read_reference(uri: str) -> tuple[str | None, Target]:
 
 
 def read_source(base: File, uri: str) -> tuple[str | None, File | None, str]:
-    """What is wrong with the URI of an FMU, or None; its file; and a note, if it is not used as it says.
+    """Returns the problem with the URI of an FMU, or None; its file; and a note if it is not taken literally.
 
     A file relative to `base`, an absolute one (file:), or one that a server of proxyfmu would run: proxyfmu://HOST?file=
     PATH, where HOST says where; it is run here. A server that knows an FMU by its GUID only has no file for us.

@@ -32,7 +32,7 @@ _SHOWN = 20
 
 
 def schema_folder(version: int) -> Path:
-    """Where the schemas of SSP 1.0 or 2.0 are installed."""
+    """Returns the folder with the schemas of SSP 1.0 or 2.0."""
     below = "pyssp_standard/resources" + ("/ssp2" if version >= 2 else "")
     return Path(str(distribution("pyssp-standard").locate_file(below)))
 
@@ -65,7 +65,7 @@ class _Released(etree.Resolver):
 
 
 def validate(root: etree._Element, version: int, shown: str, known: Iterable[Problem]) -> list[Problem]:
-    """What the schema finds in a document, except on lines where a problem is known already.
+    """Returns the schema's errors in a document, except on lines where a problem is known already.
 
     Args:
         root: its root element.

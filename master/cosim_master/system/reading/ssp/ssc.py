@@ -52,7 +52,7 @@ def read_version(reader: Reader, root: etree._Element) -> None:
 
 
 def note_ignored(root: etree._Element, reader: Reader, notes: list[str]) -> None:
-    """Note what is legal in a file and has no effect: meta data, signatures, and annotations where nobody reads them.
+    """Notes legal contents that have no effect: meta data, signatures, and annotations in unexpected places.
 
     Annotations of systems, components and the file itself are looked at later, by `check`.
     """
@@ -84,7 +84,7 @@ class Definitions:
         self._enumerations(root, namespace)
 
     def unit(self, element: etree._Element) -> Unit | None:
-        """What the attribute `unit` names: a unit without definition if the file has none for it."""
+        """Returns the unit that the attribute `unit` names; without definition if the file has none."""
         name = element.get("unit")
         return None if name is None else self.units.get(name, Unit(name))
 

@@ -430,7 +430,7 @@ class Document:
         component: File | None,
         read: Callable[[Reader, etree._Element], _T],
     ) -> _T | None:
-        """What the `source` of an element, or its only child, holds; None after a problem."""
+        """Returns the content of an element's `source`, or of its only child; None after a problem."""
         uri = element.get("source")
         if (uri is None) == (not inline):
             what = "neither" if uri is None else "both"
@@ -498,7 +498,7 @@ def _rooted(file: File, tag: str) -> etree._Element:
 
 
 def _validate(root: etree._Element, file: File, files: Files, version: int) -> None:
-    """Hold a file against the schema of its version, or of the newest version of what it holds inline."""
+    """Checks a file against the schema of its version, or of the newest version of its inline contents."""
     inner = root.iter(SSV + "ParameterSet", SSM + "ParameterMapping", SSB + "SignalDictionary")
     newest = max([version, *(2 for item in inner if item.get("version", "").startswith("2"))])
     files.problems += validate(root, newest, file.shown, files.problems)

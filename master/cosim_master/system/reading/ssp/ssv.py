@@ -38,7 +38,7 @@ def _within(reader: Reader, root: etree._Element) -> Reader:
 
 
 def read_parameter_set(reader: Reader, root: etree._Element, outer: Definitions | None = None) -> tuple[Parameter, ...]:
-    """The parameters of an ssv:ParameterSet; `outer` is what the .ssd around an inline one defines."""
+    """Returns the parameters of an ssv:ParameterSet; `outer` has the definitions of the .ssd around an inline one."""
     reader = _within(reader, root)
     reader.children(root, GRAMMAR[SSV + "ParameterSet"])
     defined = Definitions(reader, root, SSV, outer)
