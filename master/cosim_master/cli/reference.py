@@ -74,7 +74,7 @@ def _default(p: Any) -> str:
 
 
 def _write(file: Path) -> None:
-    """Replace the section of a document."""
+    """Replaces the section of a document."""
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.index(HEADING)] + tables(), encoding="utf-8")
 

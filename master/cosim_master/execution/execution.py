@@ -204,7 +204,7 @@ class Execution:
             raise SystemDescriptionError([Problem(self.checked.structure.where, CHECKPOINT.text(reason))])
 
     def save_checkpoint(self, folder: Path, about: Mapping[str, Any]) -> Path:
-        """Write a checkpoint of the present communication point, or of the next one on the system's own grid.
+        """Writes a checkpoint of the present communication point, or of the next one on the system's own grid.
 
         Raises:
             SystemDescriptionError: there are gateways, or FMUs that cannot serialise their state.
@@ -226,12 +226,12 @@ class Execution:
         return packet_counts(self._state.radio)
 
     def finish(self, manifest: Callable[[], Mapping[str, Any]]) -> None:
-        """Complete the recording; call once, before leaving the context."""
+        """Completes the recording; call once, before leaving the context."""
         assert self._writing is not None
         self._writing.finish(manifest)
 
     def end(self, manifest: Callable[[Sequence[FmuError]], Mapping[str, Any]]) -> tuple[FmuError, ...]:
-        """Terminate and free all instances; returns how that failed. Call once, after `finish`.
+        """Terminates and frees all instances; returns how that failed. Call once, after `finish`.
 
         Args:
             manifest: makes a new manifest, if it did: it takes the place of the one that `finish` wrote.

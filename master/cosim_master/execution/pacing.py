@@ -86,7 +86,7 @@ class Checkpoints:
         return min(k + chunk, self._next)
 
     def save(self, execution: Execution) -> None:
-        """Write a checkpoint if its time has come; the end of a run has none."""
+        """Writes a checkpoint if its time has come; the end of a run has none."""
         if self._next <= execution.k < self._last:
             seen = {} if self.watch is None else remember(self.watch)
             execution.save_checkpoint(self._folder, {**self._about, "verdict": seen})

@@ -67,7 +67,7 @@ def prepare(
     strict: bool = False,
     stimuli: Stimuli | None = None,
 ) -> Prepared:
-    """Settle everything that can be settled without loading an FMU.
+    """Settles everything that can be settled without loading an FMU.
 
     Args:
         strict: notes that are a `Finding` are errors.

@@ -75,7 +75,7 @@ def against_reference(
     step: float | None = None,
     overrides: Mapping[str, str] | None = None,
 ) -> Verdict:
-    """Run an FMU and compare it with a reference, at the times that both have.
+    """Runs an FMU and compares it with a reference, at the times that both have.
 
     Args:
         path: the FMU.

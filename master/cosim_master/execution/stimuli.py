@@ -77,7 +77,7 @@ class Stimuli:
         return replace(checked, instances=tuple(instances))
 
     def sample(self, clock: TimeGrid) -> None:
-        """Compute the values at all communication points of a run."""
+        """Computes the values at all communication points of a run."""
         dues = []
         for column in self._columns:
             steps = np.arange(0, clock.steps, clock.periods[column.instance], dtype=np.int64)
@@ -136,7 +136,7 @@ class Agenda:
 
 
 def read_stimuli(path: Path, checked: CheckedSystem, taken: Sequence[str] = ()) -> Stimuli:
-    """Read a file of inputs.
+    """Reads a file of inputs.
 
     Args:
         path: a CSV file.

@@ -103,7 +103,7 @@ def read_member(path: Path, name: str, shown: str, *, limit: int) -> bytes | Non
 
 
 def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None) -> int:
-    """Write every file of the archive into `directory`, which may exist.
+    """Writes every file of the archive into `directory`, which may exist.
 
     Args:
         limit: bytes that it may unpack to; `MAX_BYTES` if there is no other.
@@ -136,7 +136,7 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
 
 
 def pack(files: Mapping[str, Path], path: Path) -> None:
-    """Write an archive whose bytes depend on nothing but names and contents: member name -> file."""
+    """Writes an archive whose bytes depend on nothing but names and contents: member name -> file."""
     part = path.with_name(path.name + ".part")
     with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(files):

@@ -28,7 +28,7 @@ _LATER = "is of SSP 2.0, but the file says that it is of version 1"
 
 
 def local_name(element: etree._Element) -> str:
-    """Name of an element without its namespace."""
+    """Returns the name of an element without its namespace."""
     return etree.QName(element).localname
 
 

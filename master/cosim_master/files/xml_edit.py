@@ -118,7 +118,7 @@ class Document:
             at = match.end()
 
     def attribute(self, node: Node, name: str, value: str | None) -> list[Edit]:
-        """Give an attribute a value, or remove it (None)."""
+        """Gives an attribute a value, or removes it (None)."""
         end = node.start
         for match in self._attributes(node):
             end = match.end()
@@ -134,7 +134,7 @@ class Document:
         return [Edit(end, end, b" " + name.encode() + b"=" + _quoted(value))]
 
     def removed(self, node: Node) -> list[Edit]:
-        """Remove an element with the space before it."""
+        """Removes an element with the space before it."""
         space = _SPACE_BEFORE.search(self.data, 0, node.start)
         return [Edit(node.start if space is None else space.start(), node.end, b"")]
 
@@ -145,7 +145,7 @@ class Document:
         return "\n" + text.rpartition(b"\n")[2].decode() if b"\n" in text else ""
 
     def inserted(self, parent: Node, texts: Sequence[str], after: Node | None) -> list[Edit]:
-        """Insert elements into `parent`, after one of its children, or before all of them."""
+        """Inserts elements into `parent`, after one of its children, or before all of them."""
         indent = self.indent(after or (parent.children[0] if parent.children else parent))
         if after is None and not parent.children and indent:
             indent += "  "

@@ -174,7 +174,7 @@ def _refusal(path: Path, message: str) -> SystemDescriptionError:
 def compare(
     first: Path, second: Path, *, atol: float = 0.0, rtol: float = 0.0, signals: Sequence[str] = ()
 ) -> Comparison:
-    """Compare two runs.
+    """Compares two runs.
 
     Two floating-point numbers a and b agree if |a - b| <= atol + rtol * max(|a|, |b|), and NaN agrees with NaN; all
     else agrees if it is equal.

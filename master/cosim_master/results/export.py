@@ -39,7 +39,7 @@ def open_signals(run: Path) -> Any:
 
 
 def export_csv(run: Path, file: Path | TextIO, *, numbers_only: bool = False) -> tuple[str, ...]:
-    """Write all recorded signals of a run as CSV; numbers as FMPy writes and reads results.
+    """Writes all recorded signals of a run as CSV; numbers as FMPy writes and reads results.
 
     One row per recorded instant below a row of quoted names, `"time","component.variable",...`. Floating-point numbers
     are written so that reading them gives the same number, Integers and enumerations as integers, Booleans as 0 and 1,

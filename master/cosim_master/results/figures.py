@@ -52,7 +52,7 @@ _STYLE = {
 
 
 def figures(run: Path, folder: Path | None = None) -> list[Path]:
-    """Draw all figures that the recording of a run allows, each as PNG and SVG.
+    """Draws all figures that the recording of a run allows, each as PNG and SVG.
 
     Args:
         run: folder of the run.
@@ -290,7 +290,7 @@ def _time_axis(all_axes: Sequence[Axes], flight: Flight, *, whole: bool = False)
 
 
 def _label_ends(axes: Axes, ends: Sequence[tuple[float, str, Any]], inches: float) -> None:
-    """Write names right of the lines' ends, moved apart where they would touch, and only some of very many.
+    """Writes names right of the lines' ends, moved apart where they would touch, and only some of very many.
 
     `inches` is about how high the axes will be.
     """

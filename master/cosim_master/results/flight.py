@@ -204,5 +204,5 @@ def _parts(columns: Mapping[str, str], instances: Mapping[str, _Instance]) -> li
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Sort key in which drone2 comes before drone10."""
+    """Returns a sort key in which drone2 comes before drone10."""
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]

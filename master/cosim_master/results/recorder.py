@@ -187,7 +187,7 @@ class Recorder:
         self._text_rows.clear()
 
     def rows(self, plan: Plan) -> None:
-        """Write the rows of the loop's block and empty it."""
+        """Writes the rows of the loop's block and empties it."""
         n = int(plan.clock[ROWS])
         if self._texts:
             n = min(n, len(self._text_rows))  # interrupted in between, the last row has no strings yet
@@ -212,7 +212,7 @@ class Recorder:
         plan.clock[ROWS] = 0
 
     def packets(self, radio: Radio) -> None:
-        """Write packet events and logs and empty their blocks."""
+        """Writes packet events and logs and empties their blocks."""
         events, used = radio.counters[USED_EVENTS], radio.counters[USED_LOG]
         if self._keep and events:
             self._write_events(radio.events[:events])
@@ -250,12 +250,12 @@ class Recorder:
             position += 16 + length
 
     def close(self, manifest: Mapping[str, Any]) -> None:
-        """Finish all files. The manifest comes last: where it is, the rest is complete."""
+        """Finishes all files. The manifest comes last: where it is, the rest is complete."""
         self.close_files()
         self.write_manifest(manifest)
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        """Write the manifest, in place of an earlier one."""
+        """Writes the manifest, in place of an earlier one."""
         text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False)
         (self.folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
 

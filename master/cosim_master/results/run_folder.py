@@ -90,7 +90,7 @@ def _described(held: Mapping[str, str], fingerprint: Mapping[str, str]) -> str:
 
 
 def clear(folder: Path) -> None:
-    """Remove an earlier run: its results, its checkpoints, and the figures drawn of it, known by their stamp."""
+    """Removes an earlier run: its results, its checkpoints, and the figures drawn of it, known by their stamp."""
     for pattern in _RESULTS:
         for file in folder.glob(pattern):
             file.unlink()

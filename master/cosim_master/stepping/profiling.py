@@ -88,7 +88,7 @@ class Profiler:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Add the time of a block to a phase."""
+        """Adds the time of a block to a phase."""
         began = time.perf_counter()
         try:
             yield
@@ -96,7 +96,7 @@ class Profiler:
             self.phases[name] = self.phases.get(name, 0.0) + time.perf_counter() - began
 
     def attach(self, plan: Plan, slaves: Sequence[Slave]) -> None:
-        """Put timed calls in place of those of the plan."""
+        """Puts timed calls in place of those of the plan."""
         step, access, step3, access3, binary = (function.address for function in self._functions)
         rows = plan.instances
         self._slaves = slaves

@@ -78,7 +78,7 @@ def types_of() -> tuple[Any, Any]:
 
 
 def compile_loop(names: Sequence[str] | None = None) -> None:
-    """Compile kernels of the loop, or load them if their code is kept; None: all that Python calls during a run."""
+    """Compiles kernels of the loop, or loads their stored code; None: all that Python calls during a run."""
     if PLAIN:
         return
     numba: Any = import_module("numba")
@@ -108,7 +108,7 @@ def compile_loop(names: Sequence[str] | None = None) -> None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Write the code of the loop to the folder that `arguments` name."""
+    """Writes the code of the loop to the folder that `arguments` name."""
     if len(arguments) != 1:
         sys.exit("usage: python -m cosim_master.stepping.warming FOLDER")
     from cosim.lowering import saved_code

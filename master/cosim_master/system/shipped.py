@@ -102,7 +102,7 @@ def _has_own_fmus() -> bool:
 
 
 def stage(folder: Path) -> None:
-    """Build into `folder` what `setup.py` puts into a wheel of this platform: fmus/ and what they were built from.
+    """Builds into `folder` what `setup.py` puts into a wheel of this platform: fmus/ and what they were built from.
 
     Raises:
         RuntimeError, ValueError, ImportError: as `cosim.build.build_all`.

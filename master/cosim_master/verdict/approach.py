@@ -52,7 +52,7 @@ class Approach:
     contacts: dict[tuple[int, int], Contact] = field(default_factory=dict)
 
     def look(self, times: Array, points: Array) -> None:
-        """Follow the bodies.
+        """Follows the bodies.
 
         Args:
             times: (n,) s, rising.
@@ -152,7 +152,7 @@ def _in_cells(points: Array, width: float) -> Iterator[tuple[Array, Array]]:
 
 
 def _pairs(order: Array, begins: Array, ends: Array) -> tuple[Array, Array]:
-    """Point number n in `order` with those from begins[n] to ends[n] - 1."""
+    """Pairs point number n in `order` with those from begins[n] to ends[n] - 1."""
     counts = ends - begins
     total = int(counts.sum())
     first = np.repeat(np.arange(len(order)), counts)

@@ -45,7 +45,7 @@ def remember(watch: Watch) -> dict[str, Any]:
 
 
 def recall(watch: Watch, memory: Mapping[str, Any]) -> None:
-    """Have a watch that has not looked yet go on from `memory`."""
+    """Makes a watch that has not looked yet go on from `memory`."""
     watch.recalled, watch.begin = True, memory["begin"]
     for agent in watch.agents:
         _set(agent, memory["agents"].get(_of_agent(agent), {}))

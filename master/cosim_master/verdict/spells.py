@@ -33,7 +33,7 @@ class Spells:
         self.last = np.nan
 
     def look(self, times: Array, holds: Array, values: Array) -> None:
-        """Take in instants.
+        """Adds instants.
 
         Args:
             times: (n,) s, rising.

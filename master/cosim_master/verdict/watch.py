@@ -280,7 +280,7 @@ class Watch:
             self.settle()
 
     def closed(self) -> None:
-        """Work through the rest."""
+        """Evaluates the remaining instants."""
         if self._used:
             self._look()
             self._used = 0

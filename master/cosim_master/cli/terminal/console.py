@@ -82,7 +82,7 @@ class _Log(logging.Handler):
 
 
 def set_verbosity(*, quiet: bool | None = None, verbose: bool | None = None) -> None:
-    """Set what -q and -v say; None leaves it. With `verbose`, the messages that FMUs log are shown."""
+    """Sets what -q and -v say; None leaves it. With `verbose`, the messages that FMUs log are shown."""
     if quiet is not None:
         _verbosity.quiet = quiet
     if verbose is not None:
@@ -118,13 +118,13 @@ def note(text: str) -> None:
 
 
 def notes(texts: Iterable[str]) -> None:
-    """Print several notes: of findings of one kind the first ones."""
+    """Prints several notes: of findings of one kind the first ones."""
     for text in within_bounds(texts):
         note(text)
 
 
 def print_json(document: Any) -> None:
-    """Print the one JSON document of a verb."""
+    """Prints the one JSON document of a verb."""
     _spoken.document = True
     out.print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False), markup=False)
 
@@ -138,7 +138,7 @@ def print_tables(tables: Iterable[Table | str]) -> None:
 
 
 def report_error(text: str) -> None:
-    """Print an error."""
+    """Prints an error."""
     _spoken.errors.append({"file": None, "line": None, "message": text})
     err.print(Text.assemble(("error:", "bold red"), f" {text}"))
 
@@ -187,7 +187,7 @@ def begin_verb() -> None:
 
 
 def end_verb() -> None:
-    """Print the errors of a verb as its JSON document, if it has ended without one."""
+    """Prints the errors of a verb as its JSON document, if it has ended without one."""
     if _spoken.errors and not _spoken.document:
         print_json({"errors": list(_spoken.errors)})
 

@@ -81,7 +81,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document inst
 
 
 def overrides(settings: list[str] | None) -> dict[str, str]:
-    """Start values by hierarchical name or pattern, from texts COMPONENT.PARAMETER=VALUE; the later ones win."""
+    """Returns start values by hierarchical name or pattern, from COMPONENT.PARAMETER=VALUE; later ones win."""
     found: dict[str, str] = {}
     for setting in settings or []:
         name, equals, value = setting.partition("=")

@@ -34,7 +34,7 @@ class Activity:
     """The present activity of a verb. This base class shows nothing; -q uses it."""
 
     def stage(self, text: str, *, long: bool = False) -> None:
-        """Begin a stage, which ends the one before.
+        """Begins a stage, which ends the one before.
 
         Args:
             text: what is done, as "loading 15 FMU instances".
@@ -45,10 +45,10 @@ class Activity:
         """Python modules are about to be imported, which takes a second: said in terminals only."""
 
     def run(self, progress: Progress) -> None:
-        """Show how far a run is."""
+        """Shows how far a run is."""
 
     def end(self) -> None:
-        """End the stage: the verb is about to print."""
+        """Ends the stage: the verb is about to print."""
 
     @contextmanager
     def interrupted(self) -> Iterator[None]:

@@ -48,7 +48,7 @@ def options(
 
 
 def verb(*examples: str) -> Callable[[F], F]:
-    """Make a function a verb of the command, with -q and -v of its own and examples at the end of its help.
+    """Makes a function a verb of the command, with -q and -v of its own and examples at the end of its help.
 
     Ctrl-C ends a verb with exit code 130, unless the verb itself does something better.
 

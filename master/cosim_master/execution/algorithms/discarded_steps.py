@@ -144,7 +144,7 @@ class Grid:
         self.until = 0
 
     def refine(self, at_least: float) -> int:
-        """Divide the base step by the least possible number that is not less than `at_least`.
+        """Divides the base step by the least possible number that is not less than `at_least`.
 
         Returns:
             The number; 0, and nothing is changed, if steps would be finer than `FINEST` or than a nanosecond.
@@ -189,7 +189,7 @@ class Grid:
         return int(self._plan.clock[LAST]) // self.factor
 
     def _begin(self, due: np.ndarray[Any, Any]) -> None:
-        """Set the length of the steps that are about to begin."""
+        """Sets the length of the steps that are about to begin."""
         clock, rows = self._plan.clock, self._plan.instances
         lengths = np.minimum(rows["period"], clock[LAST] - clock[K])
         rows["length"] = np.where(due, lengths, rows["length"])

@@ -73,7 +73,7 @@ class Iteration:
         """How often loops have been stepped."""
 
     def step(self, time: float) -> None:
-        """Exchange and step all instances, from `time` [s] on.
+        """Exchanges and steps all instances, from `time` [s] on.
 
         Raises:
             NotConverged: a loop does not settle; its members have been stepped.
@@ -139,7 +139,7 @@ class Iteration:
         return np.asarray(reals + w @ c, dtype=np.float64)
 
     def close(self) -> None:
-        """Free the copies of states."""
+        """Frees the copies of states."""
         for i, state in self._states.items():
             self._slaves[i].free_state(state)
 

@@ -41,7 +41,7 @@ class World(Protocol):
     """The system that is stepped."""
 
     def save(self) -> None:
-        """Keep the present state."""
+        """Keeps the present state."""
 
     def restore(self) -> None:
         """Back to the state that was kept."""

@@ -85,7 +85,7 @@ class EventMode:
         return min((last for _, ends, is_early, last in early if is_early and not ends), default=math.inf)
 
     def change(self, change: Change) -> None:
-        """Set a variable, or the interval of a Clock, with the events that come of it.
+        """Sets a variable, or the interval of a Clock, with the events that come of it.
 
         Raises:
             FmuError: the instance refuses the value.
@@ -192,7 +192,7 @@ class EventMode:
         return link.converted(self._texts.outputs[self._number[link.source[0]], link.source[1]])
 
     def _keep_clocked(self) -> None:
-        """Let `events` keep all outputs that belong to Clocks and have a place in the plan, or are recorded Strings."""
+        """Lets `events` keep all outputs that belong to Clocks, if the plan has a place for them or they are recorded."""
         self._number = {one.name: i for i, one in enumerate(self._checked.instances)}
         self._input_places: dict[str, dict[tuple[int, str], int]] = {word: {} for word in KINDS}
         for word in KINDS:
@@ -212,7 +212,7 @@ class EventMode:
             self.events.keep(i, variable)
 
     def show(self, numbers: Sequence[int]) -> None:
-        """Put what outputs that belong to Clocks had at their last tick to where the loop has their values."""
+        """Copies the outputs that belong to Clocks, as of their last tick, to their places in the loop."""
         integers = len(self._layout.ports["Integer"].outputs)
         for (i, name), value in self.events.kept.items():
             if i not in numbers:

@@ -140,7 +140,7 @@ class Events:
         return one
 
     def keep(self, i: int, variable: Variable) -> None:
-        """Keep the value of an output that belongs to a Clock, from now on."""
+        """Keeps the value of an output that belongs to a Clock, from now on."""
         missing: Mapping[str, Any] = {"String": "", "Binary": "", "Boolean": False}
         start = variable.start if variable.start is not None else missing.get(variable.type, 0)
         self.kept.setdefault((i, variable.name), start)
@@ -186,7 +186,7 @@ class Events:
     # ---- at one time -------------------------------------------------------------------------------------------------
 
     def enter(self, numbers: Iterable[int]) -> list[int]:
-        """Put instances from Step Mode into Event Mode; returns them.
+        """Puts instances from Step Mode into Event Mode; returns them.
 
         Raises:
             FmuError: one refused.
@@ -223,7 +223,7 @@ class Events:
         reached: Iterable[int] = (),
         held: Callable[[FlatConnection], Any] | None = None,
     ) -> list[int]:
-        """Iterate at one time until no discrete state and no exchanged value changes; then all are in Step Mode.
+        """Iterates at one time until no discrete state and no exchanged value changes; then all are in Step Mode.
 
         Args:
             now: the time, ns.
@@ -264,7 +264,7 @@ class Events:
         return FmuError(one.name, function, text, one.time, one.lines)
 
     def _activate(self, i: int, clocks: Sequence[Variable], at: _Instant) -> None:
-        """Set Clocks of an instance, which then is in Event Mode."""
+        """Sets Clocks of an instance, which then is in Event Mode."""
         if i in at.waiting:
             at.waiting.remove(i)
             at.active += self.enter([i])
@@ -277,7 +277,7 @@ class Events:
                 self._drive(i, clock.name, at)
 
     def _drive(self, i: int, clock: str, at: _Instant) -> None:
-        """Set the Clocks that are connected to one that ticks."""
+        """Sets the Clocks that are connected to one that ticks."""
         for target, end in self._ticks.get((i, clock), ()):
             if end.name not in at.ticking.get(target, ()):
                 self._activate(target, [end], at)
@@ -351,7 +351,7 @@ class Events:
                 at.again.discard(i)
 
     def _announce(self, numbers: Iterable[int]) -> None:
-        """Tell the stepping loop the next event of instances, and of all that step together with them."""
+        """Tells the stepping loop the next event of instances, and of all that step together with them."""
         for members in {self.groups[i] for i in numbers}:
             time = min(self._next(i) for i in members)
             for i in members:
@@ -391,7 +391,7 @@ class Events:
                 given[j] = _KEPT
 
     def _exchange(self, i: int, at: _Instant) -> bool | None:
-        """Set the inputs of an instance that have changed: whether any was set at this time before; None for none."""
+        """Sets the changed inputs of an instance; returns whether any was set before at this time, None without inputs."""
         new, before = self._inputs(i, at), at.given.get(i)
         if not new:
             return None

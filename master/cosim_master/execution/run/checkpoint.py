@@ -53,7 +53,7 @@ def save(
     segments: Sequence[Path],
     about: Mapping[str, Any],
 ) -> Path:
-    """Write a checkpoint into `folder`; returns its own folder. Rows and packets must have been written out.
+    """Writes a checkpoint into `folder`; returns its own folder. Rows and packets must have been written out.
 
     Args:
         k: the base step that has been reached, of the system's own grid.
@@ -104,7 +104,7 @@ def save(
 
 
 def restore(checkpoint: Checkpoint, state: RunState) -> None:
-    """Put everything back as it was.
+    """Puts everything back as it was.
 
     Raises:
         SystemDescriptionError: the files are damaged.

@@ -49,7 +49,7 @@ _Terms = dict[tuple[str, str], dict[int, Any]]
 
 
 def instantiate(checked: CheckedSystem, libraries: Libraries, slaves: list[Slave]) -> None:
-    """Append an instance to `slaves` for each of the system's.
+    """Appends an instance to `slaves` for each of the system's.
 
     Raises:
         FmuError: an FMU refused; those in `slaves` are to be freed.
@@ -64,7 +64,7 @@ def instantiate(checked: CheckedSystem, libraries: Libraries, slaves: list[Slave
 def initialize(
     checked: CheckedSystem, slaves: Sequence[Slave], start: float, stop: float, events: Events | None = None
 ) -> tuple[SettledLoop, ...]:
-    """Initialize all instances.
+    """Initializes all instances.
 
     Args:
         slaves: in the order of `checked.instances`.
@@ -223,7 +223,7 @@ def _get(slaves: Mapping[str, Slave], ends: Sequence[tuple[str, str]]) -> dict[t
 def _set(
     slaves: Mapping[str, Slave], links: Sequence[FlatConnection], got: Mapping[tuple[str, str], Any], terms: _Terms
 ) -> None:
-    """Set the targets of links from the values of their sources; `terms` are those of sums that are known so far."""
+    """Sets the targets of links from the values of their sources; `terms` are those of sums that are known so far."""
     targets: dict[str, dict[str, Any]] = {}
     for link in links:
         value = link.converted(got[link.source])
@@ -242,7 +242,7 @@ def _kinds(variables: Sequence[Variable]) -> list[str]:
 
 
 def _set_all(one: Slave, variables: Sequence[Variable], values: Mapping[str, Any], *, inputs: bool | None) -> None:
-    """Set the variables that are inputs, those that are not, or (None) all; one call per type."""
+    """Sets the variables that are inputs, those that are not, or (None) all; one call per type."""
     chosen = [v for v in variables if inputs is None or (v.causality == "input") == inputs]
     for kind in _kinds(chosen):
         some = [v for v in chosen if set_kind(v) == kind]

@@ -29,7 +29,7 @@ _Values: TypeAlias = list[Any]
 
 
 def settle(go_round: Callable[[_Values], _Values], first: Sequence[Any], names: Sequence[str]) -> int:
-    """Find values that `go_round` returns unchanged; the last call of it was with them.
+    """Finds values that `go_round` returns unchanged; the last call of it was with them.
 
     Args:
         go_round: feeds the values of all outputs of a loop to its inputs, and returns those outputs again.

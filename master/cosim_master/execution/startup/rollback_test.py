@@ -19,7 +19,7 @@ __all__ = ["self_test"]
 
 
 def self_test(slaves: Sequence[Slave], time: float, sizes: Sequence[Sequence[float]], why: str) -> list[FmuError]:
-    """Try whether instances come again to where they went, and leave them as they were.
+    """Tests whether instances reach the same state again, and restores them.
 
     Args:
         slaves: initialized, at `time` [s].

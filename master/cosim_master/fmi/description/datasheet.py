@@ -157,7 +157,7 @@ def findings(path: Path) -> list[Problem]:
 
 
 def _values(root: etree._Element) -> Iterator[tuple[int | None, str]]:
-    """Start values outside of their limits, and limits that are the wrong way round."""
+    """Finds start values outside of their limits, and limits that are reversed."""
     for variable in _variables(root):
         inner = next((one for one in variable if one.tag in ("Real", "Integer", "Enumeration")), variable)
         numbers = {name: _number(inner.get(name)) for name in ("min", "max", "start")}

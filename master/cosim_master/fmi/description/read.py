@@ -59,7 +59,7 @@ def platform(fmi: int = 2) -> str:
 
 
 def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implementation: str = "any") -> FmuDescription:
-    """Read and judge the description of an FMU.
+    """Reads and checks the description of an FMU.
 
     Args:
         path: the .fmu file.
@@ -86,7 +86,7 @@ def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implement
 
 
 def extract(description: FmuDescription, directory: Path) -> Path:
-    """Unpack an FMU into `directory`, which is made, and return the path of its library.
+    """Unpacks an FMU into `directory`, which is made, and returns the path of its library.
 
     The path must be plain ASCII without "%", "#", "?", "+" and spaces: FMUs get it as a URI, and pythonfmu decodes
     nothing but "%20" in it.
@@ -291,7 +291,7 @@ class _Reading:
         return number if number is not None and math.isfinite(number) else None
 
     def _repair(self) -> None:
-        """Give variables the variability that only one reading of their causality allows; FMPy gives up on them.
+        """Sets the variability of variables whose causality allows only one; FMPy rejects them.
 
         FMI's default is "continuous", which no parameter and no Integer, Boolean, String or Enumeration can be;
         pythonfmu leaves the attribute out all the same.

@@ -235,7 +235,7 @@ class Reading3:
             return None
 
     def _starts(self, read: Any, count: int, *, is_array: bool, resized: bool) -> list[Start | None]:
-        """Start values, one for each element; a single one is for all of them (FMI 3.0.2, section 2.4.7.6).
+        """Returns start values, one for each element; a single one is for all of them (FMI 3.0.2, section 2.4.7.6).
 
         Those of an array that has got another size say nothing any more.
         """

@@ -242,7 +242,7 @@ class Instance2:
         log.debug("%s: %s: %s", self.name, word, text)
 
     def call(self, function: str, *arguments: Any) -> None:
-        """Call an FMI function that returns a status.
+        """Calls an FMI function that returns a status.
 
         Raises:
             FmuError: the status is worse than fmi2Warning.
@@ -276,7 +276,7 @@ class Instance2:
         return list(values)
 
     def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
-        """Set variables that share one FMI type."""
+        """Sets variables that share one FMI type."""
         if not variables:
             return
         kind = set_kind(variables[0])
@@ -304,7 +304,7 @@ class Instance2:
         return None if status > 1 or math.isnan(size.value) else size.value
 
     def _answers(self, function: str, kind: int, answer: Any) -> bool:
-        """Ask for a status; FMUs need not know the answer, nor have the function."""
+        """Gets a status; FMUs may lack the function or the answer."""
         try:
             self.call(function, ctypes.c_int(kind), ctypes.byref(answer))
         except FmuError:
@@ -340,7 +340,7 @@ class Instance2:
         return state
 
     def cancel_step(self) -> None:
-        """Stop a step that is pending; only `free` may follow."""
+        """Stops a step that is pending; only `free` may follow."""
         self.stepping, self.canceled = False, True
         with contextlib.suppress(FmuError):
             self.call("fmi2CancelStep")

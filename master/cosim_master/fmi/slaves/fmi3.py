@@ -146,7 +146,7 @@ class Instance3:
         log.debug("%s: %s: %s", self.name, word, text)
 
     def call(self, function: str, *arguments: Any) -> None:
-        """Call an FMI function that returns a status.
+        """Calls an FMI function that returns a status.
 
         Raises:
             FmuError: the status is worse than fmi3Warning.
@@ -191,7 +191,7 @@ class Instance3:
         return list(values)
 
     def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
-        """Set variables, of whatever types.
+        """Sets variables, of whatever types.
 
         Raises:
             FmuError: the FMU refused, or a value does not fit into the variable's type.
@@ -240,7 +240,7 @@ class Instance3:
     # ---- clocks ------------------------------------------------------------------------------------------------------
 
     def set_clocks(self, clocks: Sequence[Variable]) -> None:
-        """Activate Clocks, in Event Mode."""
+        """Activates Clocks, in Event Mode."""
         n = len(clocks)
         self.call("fmi3SetClock", _references(clocks), ctypes.c_size_t(n), (ctypes.c_bool * n)(*[True] * n))
 
@@ -278,7 +278,7 @@ class Instance3:
         return self._nanoseconds(clock, shift.value)
 
     def set_interval(self, clock: Variable, interval: Fraction) -> None:
-        """Tell the FMU the interval of a fixed or tunable Clock, in s."""
+        """Tells the FMU the interval of a fixed or tunable Clock, in s."""
         one = _references([clock])
         exact = clock.clock is not None and clock.clock.supports_fraction
         if exact and max(interval.numerator, interval.denominator) < 2**64:
@@ -417,7 +417,7 @@ class Instance3:
         self.stepping = False
 
     def configure(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
-        """Set structural parameters, in Configuration Mode.
+        """Sets structural parameters, in Configuration Mode.
 
         Raises:
             FmuError: the FMU refused.
@@ -427,7 +427,7 @@ class Instance3:
         self.call("fmi3ExitConfigurationMode")
 
     def setup_experiment(self, start: float, stop: float) -> None:
-        """Keep the times for `enter_initialization_mode`, which takes them in FMI 3."""
+        """Keeps the times for `enter_initialization_mode`, which takes them in FMI 3."""
         self.time = start
         self._span = (start, stop)
 

@@ -62,7 +62,7 @@ def _is_source(member: str) -> bool:
 
 
 def check_sources(fmus: Iterable[FmuDescription]) -> None:
-    """Refuse Python FMUs that would run each other's code, or this process's instead of their own.
+    """Refuses Python FMUs that would run each other's code, or this process's instead of their own.
 
     Raises:
         SystemDescriptionError: naming the FMUs and the module in which they differ.

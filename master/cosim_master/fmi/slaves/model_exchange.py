@@ -75,7 +75,7 @@ class _Equations:
             self._one.ask("SetContinuousStates", ctypes.c_void_p(x), ctypes.c_size_t(self.states))
 
     def leave(self, t: float, x: int) -> None:
-        """Give the FMU the time and the states that the solver has reached."""
+        """Gives the FMU the time and the states that the solver has reached."""
         self._at(t, x)
 
     def derivatives(self, t: float, x: int, dx: int) -> None:
@@ -148,7 +148,7 @@ class _Exchanged:
         raise NotImplementedError
 
     def _updated(self) -> tuple[bool, bool, float]:
-        """Update discrete states: again, the simulation ends, time of the next event."""
+        """Updates discrete states: again, the simulation ends, time of the next event."""
         raise NotImplementedError
 
     def _completed(self) -> tuple[bool, bool]:
@@ -158,7 +158,7 @@ class _Exchanged:
     # What is the same.
 
     def ask(self, function: str, *arguments: Any) -> None:
-        """Call an FMI function, by its name without the prefix."""
+        """Calls an FMI function, by its name without the prefix."""
         self.call(f"fmi{self.fmi}{function}", *arguments)
 
     def _initialized(self) -> None:
@@ -186,7 +186,7 @@ class _Exchanged:
         return "fmi3UpdateDiscreteStates" if self.fmi == 3 else "fmi2NewDiscreteStates"
 
     def _iterate(self) -> None:
-        """Update discrete states until they settle, in Event Mode."""
+        """Updates discrete states until they settle, in Event Mode."""
         for _ in range(_CHATTER):
             again, ends, self._next_event = self._updated()
             if ends:
@@ -260,7 +260,7 @@ class _Exchanged:
         self.ask("EnterEventMode")
 
     def _tell(self, time: float, slack: float) -> None:
-        """Give the FMU the time while it is in Event Mode.
+        """Gives the FMU the time while it is in Event Mode.
 
         FMUs of Dymola take it in Continuous-Time Mode only; so FMUs of FMI 2 are told what differs by more than
         rounding, by way of that mode. The solver tells them the rest.

@@ -96,19 +96,19 @@ class Equations(Protocol):
     has_jacobian: bool
 
     def derivatives(self, t: float, x: int, dx: int) -> None:
-        """Write the derivatives of the states `x` at a time; may raise Rejected."""
+        """Writes the derivatives of the states `x` at a time; may raise Rejected."""
 
     def event_indicators(self, t: float, x: int, z: int) -> None:
-        """Write the event indicators."""
+        """Writes the event indicators."""
 
     def nominals(self, x: int) -> None:
-        """Write the nominal values of the states."""
+        """Writes the nominal values of the states."""
 
     def read_states(self, x: int) -> None:
-        """Write the states."""
+        """Writes the states."""
 
     def jacobian_column(self, t: float, x: int, number: int, column: int) -> None:
-        """Write the derivatives of all derivatives to state `number`."""
+        """Writes the derivatives of all derivatives to state `number`."""
 
 
 class Solver(Protocol):

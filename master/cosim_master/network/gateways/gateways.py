@@ -293,7 +293,7 @@ class Gateways:
         return bool(self._open)
 
     def start(self) -> None:
-        """Let real programs connect."""
+        """Lets real programs connect."""
         for one in self._open:
             one.socket.start()
 
@@ -315,7 +315,7 @@ class Gateways:
         }
 
     def close(self) -> None:
-        """Close all sockets."""
+        """Closes all sockets."""
         for crossing in self._open:
             crossing.socket.close()
         self._open.clear()

@@ -61,7 +61,7 @@ class Converted:
 
 
 def convert(system: str | Path, folder: Path, engine: str | None = None) -> Converted:
-    """Write a system into a folder.
+    """Writes a system into a folder.
 
     Args:
         system: a multi-model (.json) or an OspSystemStructure.xml; with `engine` any system.

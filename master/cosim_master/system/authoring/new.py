@@ -103,7 +103,7 @@ def new_system(
     until: float | None = None,
     note: Callable[[str], None] | None = None,
 ) -> Path:
-    """Write a system of `drones` drones.
+    """Writes a system of `drones` drones.
 
     Args:
         scenario: "line" (west to east; the ends and in long lines every fifth drone or so stay, the others spread

@@ -42,7 +42,7 @@ class Packed:
 
 
 def pack(system: str | Path, out: Path, *, variant: str | None = None, overwrite: bool = False) -> Packed:
-    """Write a system as one self-contained .ssp.
+    """Writes a system as one self-contained .ssp.
 
     Args:
         system: .ssd, .ssp or folder. Of an .ssp or a folder the variants come along: the .ssd files beside the root
@@ -100,7 +100,7 @@ def _variants(root: Path) -> list[Path]:
 
 
 def _write(packing: _Packing, checked: CheckedSystem, out: Path) -> None:
-    """Write the archive beside its place, see that it is the same system, and put it there."""
+    """Writes the archive beside its place, checks that it is the same system, and moves it there."""
     part = out.with_name(f".{out.stem}.part.ssp")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -173,7 +173,7 @@ class _Packing:
         return self._take(path, self._free(place))
 
     def _rewrite(self, document: Path) -> None:
-        """Let the sources of a document lead to the files in the archive, and do so with the documents among them."""
+        """Redirects the sources of a document, and of the documents it refers to, to the files in the archive."""
         if document in self._done:
             return
         self._done.add(document)

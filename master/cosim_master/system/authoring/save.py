@@ -70,7 +70,7 @@ _T = TypeVar("_T")
 
 
 def save(structure: SystemStructure, system: System, out: str | Path | None = None) -> Path:
-    """Write a changed system.
+    """Writes a changed system.
 
     Args:
         structure: what `read_system` returned, without problems, still open.
@@ -115,7 +115,7 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
 
 
 def _into_copy(structure: SystemStructure, system: System, changed: Mapping[Path, bytes], target: Path) -> None:
-    """Change the copy of a folder or document, or remove it again."""
+    """Changes the copy of a folder or document, or removes it again."""
     base, place = structure.document.parent, target.resolve()
     try:
         if target.is_dir():
@@ -242,7 +242,7 @@ class _Changes:
         return []
 
     def _holders(self, file: _File, parent: Node, made: list[tuple[str, str]]) -> None:
-        """Insert new lists where the standard wants them."""
+        """Inserts new lists where the standard wants them."""
         order = GRAMMAR[parent.tag].children
         anchored: dict[Node | None, list[str]] = {}
         for tag, text in sorted(made, key=lambda one: order.index(one[0])):
@@ -252,13 +252,13 @@ class _Changes:
             file.edits += file.document.inserted(parent, texts, anchor)
 
     def _attributes(self, file: _File, node: Node, pairs: Mapping[str, tuple[str | None, str | None]]) -> None:
-        """Set the attributes whose (old, new) values differ."""
+        """Sets the attributes whose (old, new) values differ."""
         for name, (old, new) in pairs.items():
             if old != new:
                 file.edits += file.document.attribute(node, name, new)
 
     def _child(self, file: _File, node: Node, tags: Sequence[str], text: str | None) -> None:
-        """Give an element the one child it may have of some tags, or none."""
+        """Gives an element the one child it may have of some tags, or none."""
         found = next((child for child in node.children if child.tag in tags), None)
         if found is not None and text is not None:
             file.edits.append(Edit(found.start, found.end, text.encode("ascii", "xmlcharrefreplace")))

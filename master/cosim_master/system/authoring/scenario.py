@@ -49,7 +49,7 @@ class Scenario:
 
 
 def scenario_of(system: str | Path) -> Scenario:
-    """Read a system as a scenario.
+    """Reads a system as a scenario.
 
     Raises:
         SystemDescriptionError: it is wrong, it has no drones, or it has parts that belong to no drone.
@@ -125,7 +125,7 @@ def _of_each(fmus: Mapping[str, FmuDescription]) -> set[str]:
 def _shared(
     checked: CheckedSystem, drones: Sequence[str], parts: Collection[str], own: Collection[str]
 ) -> tuple[dict[str, Value], list[str]]:
-    """Start values that all these drones have, by path below the drone, and the paths of those that differ."""
+    """Returns start values common to all these drones, by path below the drone, and the paths of those that differ."""
     starts = {one.name: one.start_values for one in checked.instances}
     tables = [
         {f"{part}.{name}": value for part in parts for name, value in starts[f"{drone}.{part}"].items()}

@@ -27,7 +27,7 @@ __all__ = ["documents", "rebased", "swap"]
 
 
 def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | None = None) -> Path:
-    """Give one component of a system, or all that a pattern matches, another FMU.
+    """Replaces the FMU of one component of a system, or of all that a pattern matches.
 
     An .ssd that serves other components too is copied, once for all that change alike, and only the references to it
     are redirected; one whose every user changes is changed itself. Sources that lead out of the system's folder are
@@ -137,7 +137,7 @@ def _is_fmu(component: Component) -> bool:
 
 
 def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path) -> None:
-    """Check the system as it would be. A parameter that the new FMU has not is a mismatch here, not a note."""
+    """Checks the changed system. A parameter that the new FMU lacks is a mismatch here, not a note."""
     gone = {one[-1].where for one in chains if isinstance(one[-1], Component) and one[-1].source is None}
     # That the old FMU is missing may be why it is swapped.
     problems = [
@@ -349,7 +349,7 @@ class _Edition:
         place: PurePosixPath,
         redirected: Mapping[tuple[str, ...], PurePosixPath | Path],
     ) -> None:
-        """Put a document into the new system, with the sources changed that need it."""
+        """Adds a document to the new system, with its sources redirected as needed."""
         data = document.read_bytes()
         folder = self.root / place.parent
         pieces, at = [], 0
@@ -375,7 +375,7 @@ class _Edition:
         self.places.setdefault(document, place)
 
     def write(self) -> None:
-        """Write the new system: all of it beside its place first, so that a failure leaves nothing half done."""
+        """Writes the new system: all of it beside its place first, so that a failure leaves nothing half done."""
         if self.in_place and not self.packing:
             self._write_changed()
             return

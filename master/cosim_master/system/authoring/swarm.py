@@ -149,7 +149,7 @@ class Swarm:
         fmu: str | Path | None = None,
         **parts: str | Path,
     ) -> str:
-        """Add a drone, or with `fmu` a single FMU of the root.
+        """Adds a drone, or with `fmu` a single FMU of the root.
 
         Args:
             name: of its component, "drone1", "drone2", ... if it is empty.
@@ -195,7 +195,7 @@ class Swarm:
         return given
 
     def connect(self, first: str, second: str) -> None:
-        """Connect two drones by radio, or a port with a port.
+        """Connects two drones by radio, or a port with a port.
 
         Drones, "drone1" and "drone2", get a radio link; the topology of the network is then "listed". If their agents
         follow a law on a line, `second` is the eastern neighbour of `first`. Ports, "wind.velocity" and
@@ -222,7 +222,7 @@ class Swarm:
         return self._root(Path())[0]
 
     def save(self, folder: str | Path) -> Path:
-        """Write the swarm as a system folder, which must not exist.
+        """Writes the swarm as a system folder, which must not exist.
 
         What is written is read back, compared and checked; a system that `check` refuses is not left behind.
 

@@ -56,7 +56,7 @@ _NAMESPACE = "https://uav-cosim.org/ns/1"
 
 
 def check(structure: SystemStructure, overrides: Mapping[str, str] | None = None) -> CheckedSystem:
-    """Compare a system with its FMUs and flatten it.
+    """Compares a system with its FMUs and flattens it.
 
     Args:
         structure: what `read_system` returned.
@@ -263,7 +263,7 @@ class _Check:
             return None
 
     def _unique(self, parts: list[Part]) -> None:
-        """Give components names of their own; the standard allows punning (SSP 2.0, section 5.2.3)."""
+        """Gives components names of their own; the standard allows punning (SSP 2.0, section 5.2.3)."""
         first: dict[str, Part] = {}
         for part in parts:
             name, number = part.name, 1

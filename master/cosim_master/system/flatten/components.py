@@ -245,7 +245,7 @@ class _Assembly:
                 part.shapes[connector.name] = shape
 
     def _ports(self, part: Part, connector: Connector, port: Port) -> None:
-        """Add a connector's port to a part, or one port for each element of an array."""
+        """Adds a connector's port to a part, or one port for each element of an array."""
         if not connector.dimensions:
             part.ports[connector.name] = port
             return
@@ -262,7 +262,7 @@ class _Assembly:
             part.ports[name] = replace(port, name=name)
 
     def settle(self, root: Part) -> None:
-        """Give array connectors of open size the size of what they are connected to, through however many systems."""
+        """Gives array connectors of open size the size of what they are connected to, through however many systems."""
         waiting = [(part, name) for part in root.walk() for name in part.open]
         joined = _joined(root) if waiting else {}
         known = [(end, (part, name)) for part, name in waiting for end in joined.get((id(part), name), ())]

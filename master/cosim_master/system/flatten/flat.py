@@ -62,7 +62,7 @@ class ComponentInstance:
         return {name: float(value) for name, value in self.start_values.items() if variables[name].clock is not None}
 
     def effective_values(self) -> dict[str, Start]:
-        """Start values of all parameters and inputs: the system's where it sets one, else the FMU's."""
+        """Returns start values of all parameters and inputs: the system's if it sets one, else the FMU's."""
         own = {
             variable.name: variable.start
             for variable in self.fmu.variables.values()
@@ -171,6 +171,6 @@ class CheckedSystem:
 
 
 def natural(name: str) -> tuple[tuple[str | int, ...], str]:
-    """Sort key that puts drone2 before drone10."""
+    """Returns a sort key that puts drone2 before drone10."""
     parts = re.split(r"([0-9]+)", name)
     return tuple(int(part) if index % 2 else part for index, part in enumerate(parts)), name

@@ -89,7 +89,7 @@ class Bindings:
         self._notes = notes
 
     def apply(self, part: Part) -> None:
-        """Apply all bindings in `part`, inner ones first so that outer ones win."""
+        """Applies all bindings in `part`, inner ones first so that outer ones win."""
         for child in part.children.values():
             self.apply(child)
         bindings: tuple[ParameterBinding, ...] = part.element.parameter_bindings
@@ -139,7 +139,7 @@ class Bindings:
             self.unmatched.append(Unmatched(full, named[name].where, hint))
 
     def take_constants(self) -> None:
-        """Give structural parameters the values of the constants that are connected to them; these win over all else.
+        """Gives structural parameters the values of the constants that are connected to them; these win over all else.
 
         Arrays have their sizes from them, which must be known before any FMU is loaded: the values of constants are
         taken from descriptions.
@@ -161,7 +161,7 @@ class Bindings:
             self._store_value(port.part, variable, value, parameter)
 
     def override(self, values: Mapping[str, str], hidden: Container[str] = ()) -> None:
-        """Set by hierarchical name or pattern, over everything else; one that matches nothing is a problem here.
+        """Sets by hierarchical name or pattern, over everything else; one that matches nothing is a problem here.
 
         Args:
             hidden: names of elements of the root system that hide settings of the run (see `reading.overrides`).
@@ -264,7 +264,7 @@ class Bindings:
         self.unmatched.append(Unmatched(full, parameter.where, hint))
 
     def _set_array(self, part: Part, name: str, parameter: Parameter) -> None:
-        """Set all elements of the arrays that a name matches: connectors of systems, and variables of FMI 3."""
+        """Sets all elements of the arrays that a name matches: connectors of systems, and variables of FMI 3."""
         found = False
         for owner, rest in _owners(part, name):
             shapes = owner.shapes if owner.fmu is None else owner.fmu.shapes
@@ -320,7 +320,7 @@ class Bindings:
             self._store_value(inner, variable, number, parameter)
 
     def _look_at_units(self, parameter: Parameter, kind: str, unit: Unit | None) -> None:
-        """Note that a value is not converted because a unit has no definition."""
+        """Notes that a value is not converted because a unit has no definition."""
         if kind not in _FLOATS or parameter.unit is None or unit is None or parameter.suppress_unit_conversion:
             return
         try:
@@ -332,7 +332,7 @@ class Bindings:
             return  # a problem, reported where the value is converted
 
     def _backwards(self, port: Port, value: Value, start: Route, parameter: Parameter) -> None:
-        """Set the variable that drives a connector of a system, so that the connector has the value."""
+        """Sets the variable that drives a connector of a system, so that the connector has the value."""
         route = self._wiring.route(port)
         if route.source is None or route.source.variable is None:
             self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: nothing drives {port}')
@@ -379,7 +379,7 @@ class Bindings:
         self._store_value(part, variable, value, parameter)
 
     def _store_value(self, part: Part, variable: Variable, value: Value, parameter: Parameter) -> None:
-        """Give a variable a start value that is in its own unit already."""
+        """Gives a variable a start value that is in its own unit already."""
         trouble = _unsettable(variable)
         if trouble is None:
             trouble, value = _of_type(variable, value)
@@ -394,7 +394,7 @@ class Bindings:
             self.history.setdefault((part.name, variable.name), []).append(made)
 
     def _look_at_set(self, part: Part, variable: Variable, name: str, value: Value, where: Where) -> None:
-        """Note that a set of parameters gives one variable two values, under two names."""
+        """Notes that a set of parameters gives one variable two values, under two names."""
         if self._one_set is None:
             return
         before, first = self._one_set.setdefault((part.name, variable.name), (name, value))

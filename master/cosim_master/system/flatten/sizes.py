@@ -20,7 +20,7 @@ __all__ = ["check_sizes"]
 
 
 def check_sizes(wiring: Wiring, values: Mapping[str, Mapping[str, Value]], problems: list[Problem]) -> None:
-    """Compare sizes with the connectors that they are said to be those of.
+    """Compares declared sizes with those of the connectors.
 
     Args:
         wiring: all connections.

@@ -115,7 +115,7 @@ class Wiring:
             self.route(target)
 
     def _share_signals(self) -> None:
-        """Let the signals of dictionaries flow: from the one reference that is written to all the others."""
+        """Connects the signals of dictionaries: from the one reference that is written to all others."""
         ports = [
             port
             for part in self.root.walk()

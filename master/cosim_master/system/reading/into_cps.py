@@ -93,7 +93,7 @@ _TOLERANCE = 1e-8
 
 
 def read_multimodel(path: str | Path) -> SystemStructure:
-    """Read a multi-model or the configuration of a run of one.
+    """Reads a multi-model or the configuration of a run of one.
 
     Returns:
         The structure; what is wrong with it is in its `problems`, as with every system.
@@ -224,7 +224,7 @@ class _Reading:
     # ---- how to run it -----------------------------------------------------------------------------------------------
 
     def keys(self, file: _Json) -> None:
-        """Bring the keys that are read into one spelling; note those that are not."""
+        """Brings the keys that are read into one spelling; notes the others."""
         known = {_simplified(word): key for key, words in _READ.items() for word in (key, *words)}
         known |= {_simplified(key): key for key in _REFUSED}
         content: dict[str, Any] = {}

@@ -121,7 +121,7 @@ class _Group:
 
 
 def read_osp(path: Path) -> SystemStructure:
-    """Read an OspSystemStructure.xml.
+    """Reads an OspSystemStructure.xml.
 
     Returns:
         The structure; what is wrong with it is in its `problems`, as with every system.

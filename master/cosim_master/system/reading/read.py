@@ -24,7 +24,7 @@ __all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE
 
 
 def read_system(path: str | PathLike[str], variant: str | None = None) -> SystemStructure:
-    """Read a system structure and everything it refers to, except the inside of FMUs.
+    """Reads a system structure and everything it refers to, except the inside of FMUs.
 
     Args:
         path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, a multi-model (.json), an FMU, which

@@ -38,7 +38,7 @@ _ABLE = Capabilities(canHandleVariableCommunicationStepSize=True, canGetAndSetFM
 
 
 def describe_table(path: Path, components: Sequence[Component]) -> FmuDescription:
-    """Read a file of rows over time.
+    """Reads a file of rows over time.
 
     Args:
         path: .csv text or Parquet, as the type of the components says.

@@ -123,7 +123,7 @@ class VarStep:
 
 
 def _place(element: etree._Element, where: Where) -> None:
-    """Give an element the line that its file has it on: problems are told with it."""
+    """Gives an element its line in the file, for problems."""
     element.sourceline = where.line or 0  # type: ignore[assignment]
 
 

@@ -32,7 +32,7 @@ class Change:
 
 
 def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[float, str, str]]) -> tuple[Change, ...]:
-    """Check changes and put them into the order of time; of two at one time the later one in `wanted` wins.
+    """Checks changes and puts them into the order of time; of two at one time the later one in `wanted` wins.
 
     Args:
         wanted: time in s, hierarchical name or pattern of variables, their new value as text (of an enumeration the

@@ -92,7 +92,7 @@ def _ticks(seconds: float) -> int | None:
 def time_grid(
     checked: CheckedSystem, until: float | None = None, step: float | None = None, *, gridless: bool = False
 ) -> TimeGrid:
-    """Choose the clock.
+    """Chooses the clock.
 
     Args:
         until: stop time in s; the system's DefaultExperiment where None.
@@ -210,7 +210,7 @@ def _step_notes(instances: Sequence[ComponentInstance], sources: Sequence[str], 
 
 
 def _fractions(instances: Sequence[ComponentInstance], sizes: Sequence[Fraction], step: float | None) -> list[str]:
-    """Step sizes that are not whole nanoseconds."""
+    """Adds problems for step sizes that are not whole nanoseconds."""
     shown = {
         size: one.step_size if step is None else step
         for one, size in zip(instances, sizes, strict=True)

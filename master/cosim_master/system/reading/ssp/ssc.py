@@ -43,7 +43,7 @@ _ANNOTATED = tuple(SSD + name for name in ("SystemStructureDescription", "System
 
 
 def read_version(reader: Reader, root: etree._Element) -> None:
-    """Let the reader know of which version of SSP a file is; a problem if it is neither 1.x nor 2.x."""
+    """Notes the SSP version of a file; a problem if it is neither 1.x nor 2.x."""
     version = root.get("version", "1.0").strip()
     if not re.fullmatch(r"[12][.][0-9]+(-.*)?", version):
         reader.problem(root, f'version "{version}" of SSP is not supported; valid: "1.0", "2.0"')

@@ -84,7 +84,7 @@ class Document:
         self.by_id = {item.get("id", ""): item for item in self.root.iter(SSD + "System") if item.get("id")}
 
     def validate(self) -> None:
-        """Hold the document against the schema, after everything else."""
+        """Holds the document against the schema, after everything else."""
         _validate(self.root, self.file, self.files, self.reader.version)
 
     def system(self) -> System:
@@ -96,7 +96,7 @@ class Document:
         return self._system(found)
 
     def experiment(self) -> tuple[float | None, float | None]:
-        """Start and stop time of the DefaultExperiment in s."""
+        """Returns start and stop time of the DefaultExperiment, s."""
         found = self.root.find(SSD + "DefaultExperiment")
         if found is None:
             return None, None
@@ -458,7 +458,7 @@ class Document:
         return self.files.once((file.path.resolve(), file.member, tag), load, None)
 
     def _versioned(self, element: etree._Element) -> None:
-        """Give an inline element without a version that of the file, as OMSimulator means it."""
+        """Gives an inline element without a version the version of the file, as OMSimulator does."""
         version = self.root.get("version", "")
         if element.get("version") is None and version:
             text = f"<{local_name(element)}> has no version: read as {version}, that of the file"
