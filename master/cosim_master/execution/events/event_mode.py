@@ -192,7 +192,7 @@ class EventMode:
         return link.converted(self._texts.outputs[self._number[link.source[0]], link.source[1]])
 
     def _keep_clocked(self) -> None:
-        """Lets `events` keep all outputs that belong to Clocks, if the plan has a place for them or they are recorded."""
+        """Lets `events` keep all outputs that belong to Clocks and are in the plan or recorded Strings."""
         self._number = {one.name: i for i, one in enumerate(self._checked.instances)}
         self._input_places: dict[str, dict[tuple[int, str], int]] = {word: {} for word in KINDS}
         for word in KINDS:

@@ -391,7 +391,7 @@ class Events:
                 given[j] = _KEPT
 
     def _exchange(self, i: int, at: _Instant) -> bool | None:
-        """Sets the changed inputs of an instance; returns whether any was set before at this time, None without inputs."""
+        """Sets the changed inputs of an instance; returns whether any was set before at this time; None: no input."""
         new, before = self._inputs(i, at), at.given.get(i)
         if not new:
             return None

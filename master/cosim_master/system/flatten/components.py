@@ -100,7 +100,7 @@ class Part:
 
 
 def measure(root: System, problems: list[Problem]) -> bool:
-    """Returns whether a system is small enough to be expanded; a few lines of "#id" can stand for billions of components.
+    """Returns whether a system is small enough to be expanded; a few "#id" can stand for billions of components.
 
     Args:
         root: the root system.
