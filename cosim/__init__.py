@@ -1,4 +1,4 @@
-"""What a model author imports: declared ports, kernels, and what crosses the boundary of an FMU."""
+"""The public names for model authors: variable declarations, kernels, and the types that cross an FMU's boundary."""
 
 from cosim.kernel import kernel
 from cosim.model import (

@@ -1,4 +1,4 @@
-"""What checking and routing a message of MAVLink's ardupilotmega dialect needs. Generated: do not edit.
+"""Data for checking and routing messages of MAVLink's ardupilotmega dialect. Generated: do not edit.
 
 `python -m cosim.build.messages` writes this file from pymavlink's definitions. Kernels see the arrays,
 sorted by message id, as constants; `cosim.packets.definition` looks a message up.

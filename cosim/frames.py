@@ -4,10 +4,10 @@ Conventions: NED = north, east, down; ENU = east, north, up; body = FRD (forward
 (w, x, y, z) of unit length and rotates body FRD into NED. Euler angles are roll, pitch, yaw (first yaw about down, then
 pitch, then roll). Metres and radians throughout, latitude and longitude too; altitude is positive upwards.
 
-Every function is a kernel over scalars and over tuples or arrays, which are only indexed, and returns scalars and
-tuples. The local frame is ArduPilot's flat Earth, so that positions mean the same to our models and to a real
-autopilot; it is no geodesy (metres per degree on the ellipsoid WGS-84 differ by up to 0.7 %). No rotation matrices,
-no time integration.
+Every function is a kernel. Its vectors are tuples or arrays, which it only indexes; it returns scalars and tuples. The
+local frame is ArduPilot's flat Earth, so that positions mean the same to our models and to a real autopilot. It is not
+geodesy: metres per degree differ from the WGS-84 ellipsoid by up to 0.7 %. Rotation matrices and time integration are
+elsewhere.
 
 Source of the local frame: ArduPilot, libraries/AP_Common/Location.cpp. Haversine: R. W. Sinnott, "Virtues of the
 Haversine", Sky and Telescope 68 (2), 1984.
@@ -53,14 +53,14 @@ Quaternion: TypeAlias = tuple[float, float, float, float] | NDArray[np.float64]
 """Four numbers: w, x, y, z."""
 
 EARTH_RADIUS_MEAN = 6371000.0
-"""Mean radius in m, the usual one of the haversine formula; with it 100 m of ArduPilot's frame read 99.889 m."""
+"""Mean Earth radius in m, the usual one for the haversine formula; 100 m in ArduPilot's frame then read 99.889 m."""
 EARTH_RADIUS_ARDUPILOT = 6378100.0
-"""Radius in m of ArduPilot's local frame; with it haversine agrees with ArduPilot's metres."""
+"""Earth radius in m of ArduPilot's local frame; with this radius, haversine distances agree with ArduPilot's metres."""
 
 _TWO_PI = 2.0 * math.pi
 _DEG_E7 = 1.0e7 * 180.0 / math.pi
 _SMALLEST_LONGITUDE_SCALE = 0.01
-# Within 1.4e-6 rad of the vertical, roll and yaw turn about one axis and only their sum or difference is known.
+# Within 1.4e-6 rad of the vertical, roll and yaw share an axis and only their sum or difference is determined.
 _GIMBAL_LOCK = 1.0 - 1.0e-12
 
 
@@ -69,7 +69,7 @@ _GIMBAL_LOCK = 1.0 - 1.0e-12
 
 @kernel
 def multiply(p: Quaternion, q: Quaternion) -> tuple[float, float, float, float]:
-    """Hamilton product p q: as rotations, first q, then p."""
+    """Returns the Hamilton product p q; as rotations, q is applied first, then p."""
     return (
         p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
         p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
@@ -80,13 +80,13 @@ def multiply(p: Quaternion, q: Quaternion) -> tuple[float, float, float, float]:
 
 @kernel
 def conjugate(q: Quaternion) -> tuple[float, float, float, float]:
-    """The inverse rotation of the unit quaternion `q`."""
+    """Returns the inverse rotation of the unit quaternion `q`."""
     return q[0], -q[1], -q[2], -q[3]
 
 
 @kernel
 def normalize(q: Quaternion) -> tuple[float, float, float, float]:
-    """`q` scaled to unit length; four NaN if it has no length."""
+    """Returns `q` scaled to unit length; four NaN if its length is zero."""
     length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     scale = 1.0 / length if length > 0.0 else math.nan
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
@@ -94,7 +94,7 @@ def normalize(q: Quaternion) -> tuple[float, float, float, float]:
 
 @kernel
 def derivative(q: Quaternion, angular_velocity: Vector) -> tuple[float, float, float, float]:
-    """Time derivative in 1/s of the attitude `q` of a body that turns with `angular_velocity` (body FRD, rad/s)."""
+    """Returns the time derivative in 1/s of the attitude `q` at the given angular velocity (body FRD, rad/s)."""
     p = 0.5 * angular_velocity[0]
     r = 0.5 * angular_velocity[1]
     s = 0.5 * angular_velocity[2]
@@ -108,7 +108,7 @@ def derivative(q: Quaternion, angular_velocity: Vector) -> tuple[float, float, f
 
 @kernel
 def rotate(q: Quaternion, v: Vector) -> tuple[float, float, float]:
-    """The vector `v`, given in the body frame, in NED; `q` is the body's attitude."""
+    """Transforms the vector `v` from the body frame to NED; `q` is the body's attitude."""
     # v + 2 u x (u x v + w v) with u the vector part of q
     x = q[2] * v[2] - q[3] * v[1] + q[0] * v[0]
     y = q[3] * v[0] - q[1] * v[2] + q[0] * v[1]
@@ -122,13 +122,13 @@ def rotate(q: Quaternion, v: Vector) -> tuple[float, float, float]:
 
 @kernel
 def rotate_inverse(q: Quaternion, v: Vector) -> tuple[float, float, float]:
-    """The vector `v`, given in NED, in the body frame; `q` is the body's attitude."""
+    """Transforms the vector `v` from NED to the body frame; `q` is the body's attitude."""
     return rotate(conjugate(q), v)
 
 
 @kernel
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Attitude with the given roll, pitch and yaw in rad."""
+    """Returns the attitude with the given roll, pitch and yaw in rad."""
     cr = math.cos(0.5 * roll)
     sr = math.sin(0.5 * roll)
     cp = math.cos(0.5 * pitch)
@@ -145,7 +145,7 @@ def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float,
 
 @kernel
 def euler_from_quaternion(q: Quaternion) -> tuple[float, float, float]:
-    """Roll and yaw in [-pi, pi] and pitch in [-pi/2, pi/2] of the attitude `q`, in rad; vertical: roll = 0."""
+    """Returns roll and yaw in [-pi, pi] and pitch in [-pi/2, pi/2] of `q`, in rad; roll is 0 if vertical."""
     sine = 2.0 * (q[0] * q[2] - q[3] * q[1])
     if sine > _GIMBAL_LOCK:
         return 0.0, 0.5 * math.pi, wrap_pi(-2.0 * math.atan2(q[1], q[0]))
@@ -158,7 +158,7 @@ def euler_from_quaternion(q: Quaternion) -> tuple[float, float, float]:
 
 @kernel
 def wrap_pi(angle: float) -> float:
-    """The finite `angle` in rad, turned by whole turns into [-pi, pi)."""
+    """Wraps the finite `angle` in rad to [-pi, pi)."""
     if -math.pi <= angle < math.pi:
         return angle
     wrapped = angle - _TWO_PI * math.floor((angle + math.pi) / _TWO_PI)
@@ -171,25 +171,25 @@ def wrap_pi(angle: float) -> float:
 
 @kernel
 def enu_from_ned(v: Vector) -> tuple[float, float, float]:
-    """The NED vector `v` in ENU."""
+    """Transforms the NED vector `v` to ENU."""
     return v[1], v[0], -v[2]
 
 
 @kernel
 def ned_from_enu(v: Vector) -> tuple[float, float, float]:
-    """The ENU vector `v` in NED."""
+    """Transforms the ENU vector `v` to NED."""
     return v[1], v[0], -v[2]
 
 
 @kernel
 def deg_e7(angle: float) -> int:
-    """The finite `angle` in rad as MAVLink's degE7: the nearest integer number of 1e-7 degrees."""
+    """Converts the finite `angle` in rad to MAVLink's degE7: the nearest integer multiple of 1e-7 degrees."""
     return int(np.int64(math.floor(angle * _DEG_E7 + 0.5)))
 
 
 @kernel
 def radians_from_deg_e7(angle: int) -> float:
-    """The `angle`, an integer number of 1e-7 degrees, in rad."""
+    """Converts `angle`, an integer multiple of 1e-7 degrees, to rad."""
     return angle / _DEG_E7
 
 
@@ -202,18 +202,18 @@ def _longitude_scale(lat: float) -> float:
 def local_from_geodetic(
     lat: float, lon: float, alt: float, lat0: float, lon0: float, alt0: float
 ) -> tuple[float, float, float]:
-    """Position of a place relative to an origin, by ArduPilot's flat Earth.
+    """Converts a geodetic position to a position relative to an origin, on ArduPilot's flat Earth.
 
-    Metres per radian are EARTH_RADIUS_ARDUPILOT, east-west times the cosine of the middle latitude (at least 0.01);
-    the difference in longitude takes the shorter way round.
+    North-south, one radian is EARTH_RADIUS_ARDUPILOT metres; east-west this is multiplied by the cosine of the mean
+    latitude (at least 0.01). The difference in longitude takes the shorter way round.
 
     Args:
-        lat: latitude of the place in rad.
-        lon: longitude of the place in rad.
-        alt: altitude of the place in m.
+        lat: latitude in rad.
+        lon: longitude in rad.
+        alt: altitude in m.
         lat0: latitude of the origin in rad.
         lon0: longitude of the origin in rad.
-        alt0: altitude of the origin in m, above the same level.
+        alt0: altitude of the origin in m, above the same datum.
 
     Returns:
         north, east, down in m.
@@ -227,12 +227,12 @@ def local_from_geodetic(
 def geodetic_from_local(
     north: float, east: float, down: float, lat0: float, lon0: float, alt0: float
 ) -> tuple[float, float, float]:
-    """Place at a position relative to an origin: the inverse of `local_from_geodetic`.
+    """Converts a position relative to an origin to a geodetic position: the inverse of `local_from_geodetic`.
 
     Args:
-        north: north of the origin in m.
-        east: east of the origin in m.
-        down: below the origin in m.
+        north: distance north of the origin in m.
+        east: distance east of the origin in m.
+        down: distance below the origin in m.
         lat0: latitude of the origin in rad.
         lon0: longitude of the origin in rad.
         alt0: altitude of the origin in m.
@@ -248,7 +248,7 @@ def geodetic_from_local(
 
 @kernel
 def haversine(lat1: float, lon1: float, lat2: float, lon2: float, radius: float) -> float:
-    """Great-circle distance in m between two places, angles in rad, on a sphere of `radius` in m."""
+    """Returns the great-circle distance in m between two points on a sphere of `radius` in m; angles in rad."""
     sine_lat = math.sin(0.5 * (lat2 - lat1))
     sine_lon = math.sin(0.5 * (lon2 - lon1))
     a = sine_lat * sine_lat + math.cos(lat1) * math.cos(lat2) * sine_lon * sine_lon
@@ -257,14 +257,14 @@ def haversine(lat1: float, lon1: float, lat2: float, lon2: float, radius: float)
 
 @kernel
 def longitude_at(lat: float, lon0: float, distance_east: float, radius: float) -> float:
-    """The longitude on the parallel `lat` whose haversine distance from `lon0` is given: haversine's inverse.
+    """Returns the longitude on the parallel `lat` at a given haversine distance from `lon0`: the inverse of haversine.
 
     Args:
-        lat: latitude in rad of both places.
-        lon0: longitude in rad to start from.
-        distance_east: great-circle distance in m, negative to the west. A distance that the parallel does not reach
-            gives the farthest place, opposite to lon0.
-        radius: of the sphere in m.
+        lat: latitude of both points in rad.
+        lon0: longitude of the starting point in rad.
+        distance_east: great-circle distance in m, negative to the west. A distance beyond the antipodal meridian gives
+            the farthest point, opposite to lon0.
+        radius: radius of the sphere in m.
 
     Returns:
         The longitude in rad, within [-pi, pi).

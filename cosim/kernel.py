@@ -1,15 +1,16 @@
-"""The decorator of everything that is stepped: Python that numba compiles.
+"""The `kernel` decorator, which marks Python functions for compilation by numba.
 
-A kernel is written in the subset of Python that numba lowers to machine code without an interpreter: plain
-arithmetic, loops, branches, tuples, arrays that are passed in; no allocation and no exceptions. The same source
-runs in three ways: compiled just in time, compiled ahead of time into an FMU without Python, and as plain Python
-(where numba is not installed, or with ``NUMBA_DISABLE_JIT=1`` to debug). All three give the same numbers.
+A kernel is written in the subset of Python that numba compiles to machine code without an interpreter: plain
+arithmetic, loops, branches, tuples and arrays passed as arguments. It neither allocates memory nor raises exceptions.
+The same source runs in three ways: compiled just in time, compiled ahead of time into an FMU without Python, and as
+plain Python (where numba is not installed, or with ``NUMBA_DISABLE_JIT=1`` for debugging). All three give the same
+numbers.
 
-Machine code of a package's kernels is kept in one folder per state of their sources: the module of the kernel and every
-module of its package and of this one that it imports, directly or through others. It is looked for in the package
-itself first (``compiled/DIGEST``, where a wheel brings it), then in the user's cache folder. Kernels of a single file
-outside a package are compiled anew each time, and so are kernels that close over others: their sources are not told by
-the module they stand in.
+Machine code is stored in one folder per digest of the sources. The digest covers the kernel's module and every module
+of its package and of this package that it imports, directly or indirectly. Code is looked up first in the package
+itself (``compiled/DIGEST``, which a wheel contains), then in the user's cache folder. Kernels of a single file outside
+a package are compiled in every process, and so are kernels that close over others, because their module does not
+determine their sources.
 """
 
 from __future__ import annotations
@@ -47,33 +48,34 @@ F = TypeVar("F", bound=Callable[..., Any])
 numba: Any
 try:
     numba = import_module("numba")
-except ImportError:  # an interpreted FMU in somebody's Python without numba: slower, same results
+except ImportError:  # an interpreted FMU under a Python without numba: slower, same results
     numba = None
 
 if numba is not None and platform.machine() in ("x86_64", "AMD64") and numba.config.CPU_NAME is None:
-    # The stepping loop calls FMUs that are compiled for any x86-64. Compiled for AVX-512 itself, it made a Quadrotor's
-    # step 0.1 us longer; mixing wide and SSE code on the same registers is the likely reason (ARCHITECTURE, section 5).
+    # The stepping loop calls FMUs that are compiled for any x86-64. When the loop itself used AVX-512, a Quadrotor's
+    # step took 0.1 us longer, probably because wide and SSE code alternate on the same registers (ARCHITECTURE, section
+    # 5).
     numba.config.CPU_NAME, numba.config.CPU_FEATURES = "x86-64-v2", ""
 
 if numba is not None:
     from cosim.lowering import Kernel
 
 PLAIN = numba is None or bool(numba.config.DISABLE_JIT)
-"""Whether kernels run as plain Python: there is no numba, or NUMBA_DISABLE_JIT=1."""
+"""True if kernels run as plain Python: numba is not installed, or NUMBA_DISABLE_JIT=1."""
 
 _OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy", "nogil": True, "_nrt": False}
 _UNUSED_AFTER = 14 * 24 * 3600.0
 
 
 def kernel(function: F, *, inline: bool = False) -> F:
-    """Mark `function` as a kernel: compiled by numba where it can be imported, as it is otherwise.
+    """Marks `function` as a kernel. numba compiles it where numba is installed; otherwise it runs as plain Python.
 
-    Division by zero follows IEEE 754 (inf, nan) instead of raising, as it does in a compiled FMU. The GIL is
-    released while a kernel runs. A kernel allocates nothing, so numba counts no references: for the stepping loop,
-    whose plan is a tuple of many arrays, counting took longer than the calls of FMI functions.
+    Division by zero follows IEEE 754 (inf, nan) instead of raising, as in a compiled FMU. The GIL is released while a
+    kernel runs. Reference counting is disabled, because kernels do not allocate: for the stepping loop, whose plan is a
+    tuple of many arrays, counting took longer than the FMI calls.
 
     Args:
-        inline: compile it into every kernel that calls it: to pass many arrays takes longer than some FMI calls.
+        inline: compile the kernel into each caller; passing many arrays takes longer than some FMI calls.
     """
     if PLAIN:
         return function
@@ -85,17 +87,17 @@ def kernel(function: F, *, inline: bool = False) -> F:
 
 
 def table(rows: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Returns a structured array in the form whose rows kernels can take apart by name, as plain Python too."""
+    """Returns a structured array in the form whose fields kernels access by name, also as plain Python."""
     return rows.view(np.recarray) if PLAIN else rows
 
 
 def cache_folder() -> Path:
-    """Where this project keeps what it can make again: $XDG_CACHE_HOME/uav-cosim or ~/.cache/uav-cosim."""
+    """Returns the folder for files that can be regenerated: $XDG_CACHE_HOME/uav-cosim or ~/.cache/uav-cosim."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "uav-cosim"
 
 
 def _root(source: Path) -> Path:
-    """The outermost package that holds `source`."""
+    """Returns the outermost package that contains `source`."""
     root = source.parent
     while (root.parent / "__init__.py").is_file():
         root = root.parent
@@ -103,15 +105,15 @@ def _root(source: Path) -> Path:
 
 
 def has_code(source: Path, name: str) -> bool:
-    """Whether machine code of the kernel `name` of the module `source` is kept, perhaps for another processor."""
+    """Returns whether machine code of the kernel `name` of `source` is stored, possibly for another processor."""
     return any(any(folder.glob(f"{name}-*.kernel")) for folder in _code_folders(source))
 
 
 @cache
 def _code_folders(source: Path) -> tuple[Path, Path]:
-    """Where the machine code of kernels of the module `source` is looked for, by the digest of what it is made from.
+    """Returns the folders that are searched for machine code of the kernels of `source`, by digest of their sources.
 
-    First what its package brings (``compiled/DIGEST``), then the user's cache, which takes what is compiled anew.
+    The package's own folder (``compiled/DIGEST``) comes first, then the user's cache, which receives new code.
     """
     digest = hashlib.sha256()
     for file in sorted({Path(__file__), *imported_sources(source)}):
@@ -127,10 +129,10 @@ def _code_folders(source: Path) -> tuple[Path, Path]:
 
 
 def imported_sources(module: Path) -> set[Path]:
-    """`module` and every file of its package and of this one that it imports, directly or through others.
+    """Returns `module` and every file of its package and of this package that it imports, directly or indirectly.
 
-    The packages that a module lies in are not imported for their contents, so their ``__init__.py`` count only where
-    something is imported from them.
+    Parent packages are not imported for their contents, so an ``__init__.py`` counts only if a name is imported from
+    it.
     """
     roots = {root.name: root.parent for root in (Path(__file__).parent, _root(module))}
     found: set[Path] = set()
@@ -150,7 +152,7 @@ _IMPORT = re.compile(
 
 @cache
 def _imported(file: Path, roots: tuple[tuple[str, Path], ...]) -> tuple[Path, ...]:
-    """The files below `roots` (package -> the folder it lies in) that `file` imports."""
+    """Returns the files below `roots` (package -> its parent folder) that `file` imports."""
 
     def files_of(names: Iterator[str]) -> Iterator[Path]:
         for name in names:
@@ -167,13 +169,13 @@ def _imported(file: Path, roots: tuple[tuple[str, Path], ...]) -> tuple[Path, ..
             continue
         submodules = {f"{package}.{name}" for name in re.findall(r"(\w+)(?:[ \t]+as[ \t]+\w+)?", names)}
         inner = list(files_of(iter(sorted(submodules))))
-        # `from package import module` alone does not depend on what else the package hands on.
+        # A plain `from package import module` does not depend on the package's other exports.
         found += inner if inner and len(inner) == len(submodules) else [*inner, *files_of(iter((package,)))]
     return tuple(found)
 
 
 def forget_unused(folder: Path) -> None:
-    """Remove from `folder` what nobody has used for two weeks."""
+    """Removes entries of `folder` that have not been used for two weeks."""
     if not folder.is_dir():
         return
     for old in folder.iterdir():
@@ -185,9 +187,9 @@ def forget_unused(folder: Path) -> None:
             old.unlink(missing_ok=True)
 
 
-# ---- fields of a record by offset ----------------------------------------------------------------------------------
-# A kernel names a record's fields in its source. Tables of fields (parameters that a ground station names) need them
-# by their place in memory, which `cosim.model.record_layout` tells.
+# ---- access to record fields by offset -----------------------------------------------------------------------------
+# A kernel names a record's fields in its source. Lookup tables of fields (parameters that a ground station names) need
+# their byte offsets instead, which `cosim.model.record_layout` provides.
 
 
 def _get_real(record: Any, offset: int) -> float:
@@ -236,7 +238,7 @@ if numba is not None and not numba.config.DISABLE_JIT:
         return intrinsic(write)
 
     class _OnStack:
-        """A context that takes the memory for a copy from the stack, and gives it back."""
+        """Context that allocates the memory for a copy on the stack and releases it."""
 
         def __init__(self, context: Any, builder: Any) -> None:
             self._context, self.nrt = context, self
@@ -258,7 +260,9 @@ if numba is not None and not numba.config.DISABLE_JIT:
     _maybe_copy_source = arrayobj.maybe_copy_source
 
     def _copy_source(context: Any, builder: Any, *arguments: Any) -> Any:
-        """``m.v[1:] = m.v[:2]`` in a kernel, which allocates nothing: what overlaps is copied first."""
+        """Compiles ``m.v[1:] = m.v[:2]``: overlapping slices are copied through the stack, since kernels do not
+        allocate.
+        """
         within = context if context.enable_nrt else _OnStack(context, builder)
         return _maybe_copy_source(within, builder, *arguments)
 
@@ -270,23 +274,23 @@ if numba is not None and not numba.config.DISABLE_JIT:
 
 @kernel
 def get_real(record: Any, offset: int) -> float:
-    """The float64 that lies `offset` bytes behind the begin of a record; the offset is not checked."""
+    """Returns the float64 at byte `offset` of a record; the offset is not checked."""
     return _get_real(record, offset)
 
 
 @kernel
 def set_real(record: Any, offset: int, value: float) -> None:
-    """Write the float64 at `offset`."""
+    """Writes the float64 at byte `offset` of a record; the offset is not checked."""
     _set_real(record, offset, value)
 
 
 @kernel
 def get_whole(record: Any, offset: int) -> int:
-    """The int32 that lies `offset` bytes behind the begin of a record; the offset is not checked."""
+    """Returns the int32 at byte `offset` of a record; the offset is not checked."""
     return _get_whole(record, offset)
 
 
 @kernel
 def set_whole(record: Any, offset: int, value: int) -> None:
-    """Write the int32 at `offset`."""
+    """Writes the int32 at byte `offset` of a record; the offset is not checked."""
     _set_whole(record, offset, value)

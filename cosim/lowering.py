@@ -1,14 +1,14 @@
-"""How kernels become machine code: numba lowers each function to LLVM IR once, LLVM optimises all of them together.
+"""Compilation of kernels: numba lowers each function to LLVM IR once, and LLVM optimises all of them together.
 
-numba alone compiles a function completely before it compiles its caller: it optimises the function with copies of all
-that this one calls, makes machine code of it and a wrapper to call it from Python, and saves that in its cache. All of
-this is done anew at each level of calls, and most of it is never used: Python calls a few kernels of hundreds.
+On its own, numba compiles a function completely before it compiles the caller. It optimises the function together with
+copies of all its callees, generates machine code and a Python wrapper, and caches both. This is repeated at each level
+of calls, although Python calls only a few of the hundreds of kernels.
 
-Here a kernel that is called by another is lowered and no more. Only where machine code is asked for (Python calls a
-kernel, or a model is built) are the IR of this kernel and of all that it calls linked into one module, everything but
-its entry is made internal, and the module is optimised and emitted once.
+Here, a kernel that another kernel calls is only lowered. Machine code is generated on demand, when Python calls a
+kernel or a model is built: the IR of the kernel and of all its callees is linked into one module, every symbol except
+the entry point becomes internal, and the module is optimised and emitted once.
 
-This is the only module that knows numba from inside (`numba.core`): its dispatcher, its target and its code library.
+This is the only module that uses numba's internals (`numba.core`): its dispatcher, its target and its code library.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _ENVIRONMENT = "_ZN08NumbaEnv"
 
 
 class Lowered(NamedTuple):
-    """A kernel for one tuple of argument types: its signature and its LLVM IR."""
+    """A lowered kernel for one tuple of argument types: its signature and its LLVM IR."""
 
     result: Any
     library: Library
@@ -58,19 +58,19 @@ class Lowered(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name of its function in the module: ``int32 name(result *, void **exception, arguments...)``."""
+        """Symbol of the function in the module: ``int32 name(result *, void **exception, arguments...)``."""
         return str(self.result.fndesc.llvm_func_name)
 
 
 class Library(JITCodeLibrary):  # type: ignore[misc]
-    """The IR of one function, and the libraries of those that it calls; machine code is made when it is asked for."""
+    """The IR of one function and the libraries of its callees; machine code is generated on demand."""
 
     def add_ir_module(self, ir_module: Any) -> None:
         self._raise_if_finalized()
         text = cgutils.normalize_ir_text(str(ir_module))
         module = llvm.parse_assembly(text)
         for name in ir_module.globals:
-            if name.startswith(_ENVIRONMENT) and text.count(name) == 1:  # declared, and never used
+            if name.startswith(_ENVIRONMENT) and text.count(name) == 1:  # declared but never used
                 module.get_global_variable(name).linkage = "internal"
         self._final_module.link_in(module)
 
@@ -91,7 +91,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
                 self._codegen.set_env(variable.name, found)
 
     def _get_module_for_linking(self) -> Any:
-        """For a function that numba compiles in its own way."""
+        """Returns the module for a function that numba compiles by its own pipeline."""
         if self._shared_module is None:
             self._shared_module = link([self])
             for function in self._shared_module.functions:
@@ -117,7 +117,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
 
 
 class ShortRecord(types.Record):  # type: ignore[misc]
-    """A record whose name is the digest of its fields; numba prints all fields of others, often for each function."""
+    """A record type named by the digest of its fields; numba's own name lists all fields and is printed very often."""
 
     def __init__(self, dtype: np.dtype[np.void]) -> None:
         plain: Any = from_dtype(dtype)
@@ -132,7 +132,7 @@ register_default(ShortRecord)(RecordModel)
 
 
 def link(libraries: Sequence[Any]) -> Any:
-    """A new module with the functions of `libraries` and all that these call, directly or through others."""
+    """Returns a new module with the functions of `libraries` and all their callees, direct or indirect."""
     found: dict[Any, None] = {}
     waiting = list(reversed(libraries))
     while waiting:
@@ -152,7 +152,7 @@ def link(libraries: Sequence[Any]) -> Any:
 
 
 def keep_only(module: Any, names: Iterable[str]) -> None:
-    """Make every definition of `module` but `names` invisible from outside, so that LLVM may drop or change it."""
+    """Makes every definition in `module` except `names` internal, so that LLVM may remove or change it."""
     kept = set(names)
     for value in (*module.functions, *module.global_variables):
         if not value.is_declaration and value.name not in kept and value.linkage != llvm.Linkage.common:
@@ -160,10 +160,10 @@ def keep_only(module: Any, names: Iterable[str]) -> None:
 
 
 class _KeptCode(_Cache):  # type: ignore[misc]
-    """Machine code of one kernel in files, one for each tuple of argument types, processor and Python.
+    """Stores machine code of one kernel in files, one per tuple of argument types, processor and Python version.
 
-    Nothing in a file's name depends on the machine that wrote it, so that several checkouts share a folder, and a
-    package may bring one.
+    File names do not depend on the machine that wrote them, so several checkouts can share a folder and a package can
+    contain one.
     """
 
     def __init__(self, function: Any, folders: Sequence[Path]) -> None:
@@ -199,7 +199,7 @@ class _KeptCode(_Cache):  # type: ignore[misc]
             file.parent.mkdir(parents=True, exist_ok=True)
             part.write_bytes(dumps(data._reduce()))
             part.replace(file)
-        except OSError:  # no room, or a home that is not to be written to: the next process compiles it again
+        except OSError:  # disk full, or home not writable: the next process compiles it again
             return
         _used[file] = None
 
@@ -208,17 +208,17 @@ class _KeptCode(_Cache):  # type: ignore[misc]
             file.unlink(missing_ok=True)
 
     def enable(self) -> None:
-        """It always is."""
+        """Does nothing: the cache is always enabled."""
 
     def disable(self) -> None:
-        raise NotImplementedError("the code of kernels is always kept")
+        raise NotImplementedError("kernel code is always cached")
 
 
 _used: dict[Path, None] = {}
 
 
 def saved_code() -> list[Path]:
-    """The files from which this process has machine code of kernels, or to which it has written some."""
+    """Returns the files of kernel code that this process has loaded or written."""
     return list(_used)
 
 
@@ -228,15 +228,15 @@ class _Codegen(JITCPUCodegen):  # type: ignore[misc]
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.written: dict[str, Library] = {}
-        """Functions by name, for those who call one that was not complete when they were lowered."""
+        """Functions by name, for callers that were lowered before the function was complete."""
 
     def insert_unresolved_ref(self, builder: Any, function_type: Any, name: str) -> Any:
-        """A kernel that calls one of its callers: both are in the module at the end."""
+        """Declares a kernel that calls one of its callers; both are in the final module."""
         return cgutils.get_or_insert_function(builder.module, function_type, name)
 
 
 class _Target(CPUTarget):  # type: ignore[misc]
-    """numba's own target, with a code generator of its own."""
+    """numba's CPU target with the code generator of this module."""
 
     @cached_property
     def _context(self) -> Any:
@@ -253,7 +253,7 @@ class _Target(CPUTarget):  # type: ignore[misc]
 
 @contextmanager
 def _without_collector() -> Iterator[None]:
-    """Python's collector of cycles takes a tenth of numba's time, and finds little in it."""
+    """Suspends Python's cyclic garbage collector, which takes a tenth of numba's time and finds little."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -270,7 +270,7 @@ class _Lowerer(_FunctionCompiler):  # type: ignore[misc]
 
 
 class _ForPython(_FunctionCompiler):  # type: ignore[misc]
-    """A kernel lowered, and a wrapper with which Python calls it; machine code is made of the two."""
+    """Compiles a lowered kernel together with the wrapper through which Python calls it."""
 
     def __init__(self, kernel: Kernel) -> None:
         super().__init__(kernel.py_func, kernel.targetdescr, kernel.targetoptions, kernel.locals, None)
@@ -290,7 +290,7 @@ class _ForPython(_FunctionCompiler):  # type: ignore[misc]
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """numba's dispatcher for calls from Python; other kernels are given its IR only."""
+    """numba's dispatcher for calls from Python; calling kernels receive only the IR."""
 
     targetdescr = _Target("cpu")
 
@@ -303,7 +303,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         self._lowered: dict[tuple[Any, ...], Lowered] = {}
 
     def keep(self, folders: Sequence[Path]) -> None:
-        """Look for machine code in `folders`, and write it to the last of them."""
+        """Loads machine code from `folders` and writes new code to the last of them."""
         self._cache = _KeptCode(self.py_func, folders)
 
     def compile(self, sig: Any) -> Any:
@@ -311,10 +311,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             return super().compile(sig)
 
     def lower(self, types: tuple[Any, ...], returns: Any = None) -> Lowered:
-        """Its IR for arguments of `types`.
+        """Lowers the kernel for arguments of `types`.
 
         Raises:
-            numba.core.errors.NumbaError: it, or a function that it calls, cannot be compiled.
+            numba.core.errors.NumbaError: the kernel, or a function that it calls, cannot be compiled.
         """
         with global_compiler_lock, _without_collector():
             if (known := self._lowered.get(types)) is not None:

@@ -9,9 +9,9 @@
 - `put_x_<field>(payload, i, value)` and `get_x_<field>(payload, i)` access element i, from 0, of an array
   field; for text see also `cosim.packets.put_text` and `equal_text`.
 
-A payload is a uint8[255] array. Units are MAVLink's, in brackets behind the type of each field, not SI. Integers
+A payload is a uint8[255] array. Units are MAVLink's, in brackets after the type of each field, not SI. Integers
 are cut to the field's width; uint64 is carried in an int64. The entries of enumerations follow at the end.
-Offsets are added to a `zero` that is no literal because numba compiles a kernel anew for every literal argument.
+Offsets are added to a `zero` that is not a literal, because numba recompiles a kernel for every literal.
 Packets, CRC and the rest of the dialect: `cosim.packets`.
 """
 
@@ -65,7 +65,7 @@ def encode_heartbeat(
     system_status: int,
     mavlink_version: int,
 ) -> int:
-    """Fill `payload` with a HEARTBEAT; returns HEARTBEAT_LENGTH."""
+    """Fills `payload` with a HEARTBEAT; returns HEARTBEAT_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + HEARTBEAT_TYPE, type_)
     put_u8(payload, zero + HEARTBEAT_AUTOPILOT, autopilot)
@@ -78,7 +78,10 @@ def encode_heartbeat(
 
 @kernel
 def decode_heartbeat(payload: Bytes) -> tuple[int, int, int, int, int, int]:
-    """The scalar fields of a HEARTBEAT: type, autopilot, base_mode, custom_mode, system_status, mavlink_version."""
+    """Returns the scalar fields of a HEARTBEAT.
+
+    type, autopilot, base_mode, custom_mode, system_status, mavlink_version.
+    """
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + HEARTBEAT_TYPE),
@@ -132,7 +135,7 @@ def encode_sys_status(
     onboard_control_sensors_enabled_extended: int,
     onboard_control_sensors_health_extended: int,
 ) -> int:
-    """Fill `payload` with a SYS_STATUS; returns SYS_STATUS_LENGTH."""
+    """Fills `payload` with a SYS_STATUS; returns SYS_STATUS_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_PRESENT, onboard_control_sensors_present)
     put_u32(payload, zero + SYS_STATUS_ONBOARD_CONTROL_SENSORS_ENABLED, onboard_control_sensors_enabled)
@@ -161,7 +164,7 @@ def encode_sys_status(
 def decode_sys_status(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a SYS_STATUS.
+    """Returns the scalar fields of a SYS_STATUS.
 
     onboard_control_sensors_present, onboard_control_sensors_enabled, onboard_control_sensors_health, load,
     voltage_battery, current_battery, battery_remaining, drop_rate_comm, errors_comm, errors_count1, errors_count2,
@@ -199,7 +202,7 @@ SYSTEM_TIME_TIME_BOOT_MS = 8  # uint32_t [ms]
 
 @kernel
 def encode_system_time(payload: Bytes, time_unix_usec: int, time_boot_ms: int) -> int:
-    """Fill `payload` with a SYSTEM_TIME; returns SYSTEM_TIME_LENGTH."""
+    """Fills `payload` with a SYSTEM_TIME; returns SYSTEM_TIME_LENGTH."""
     zero = int(np.int64(0))
     put_u64(payload, zero + SYSTEM_TIME_TIME_UNIX_USEC, time_unix_usec)
     put_u32(payload, zero + SYSTEM_TIME_TIME_BOOT_MS, time_boot_ms)
@@ -208,7 +211,7 @@ def encode_system_time(payload: Bytes, time_unix_usec: int, time_boot_ms: int) -
 
 @kernel
 def decode_system_time(payload: Bytes) -> tuple[int, int]:
-    """The scalar fields of a SYSTEM_TIME: time_unix_usec, time_boot_ms."""
+    """Returns the scalar fields of a SYSTEM_TIME: time_unix_usec, time_boot_ms."""
     zero = int(np.int64(0))
     return (
         get_u64(payload, zero + SYSTEM_TIME_TIME_UNIX_USEC),
@@ -228,7 +231,7 @@ PING_TARGET_COMPONENT = 13  # uint8_t
 
 @kernel
 def encode_ping(payload: Bytes, time_usec: int, seq: int, target_system: int, target_component: int) -> int:
-    """Fill `payload` with a PING; returns PING_LENGTH."""
+    """Fills `payload` with a PING; returns PING_LENGTH."""
     zero = int(np.int64(0))
     put_u64(payload, zero + PING_TIME_USEC, time_usec)
     put_u32(payload, zero + PING_SEQ, seq)
@@ -239,7 +242,7 @@ def encode_ping(payload: Bytes, time_usec: int, seq: int, target_system: int, ta
 
 @kernel
 def decode_ping(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a PING: time_usec, seq, target_system, target_component."""
+    """Returns the scalar fields of a PING: time_usec, seq, target_system, target_component."""
     zero = int(np.int64(0))
     return (
         get_u64(payload, zero + PING_TIME_USEC),
@@ -260,7 +263,7 @@ SET_MODE_CUSTOM_MODE = 0  # uint32_t
 
 @kernel
 def encode_set_mode(payload: Bytes, target_system: int, base_mode: int, custom_mode: int) -> int:
-    """Fill `payload` with a SET_MODE; returns SET_MODE_LENGTH."""
+    """Fills `payload` with a SET_MODE; returns SET_MODE_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + SET_MODE_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + SET_MODE_BASE_MODE, base_mode)
@@ -270,7 +273,7 @@ def encode_set_mode(payload: Bytes, target_system: int, base_mode: int, custom_m
 
 @kernel
 def decode_set_mode(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a SET_MODE: target_system, base_mode, custom_mode."""
+    """Returns the scalar fields of a SET_MODE: target_system, base_mode, custom_mode."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + SET_MODE_TARGET_SYSTEM),
@@ -291,7 +294,7 @@ PARAM_REQUEST_READ_PARAM_INDEX = 0  # int16_t
 
 @kernel
 def encode_param_request_read(payload: Bytes, target_system: int, target_component: int, param_index: int) -> int:
-    """Fill `payload` with a PARAM_REQUEST_READ; returns PARAM_REQUEST_READ_LENGTH."""
+    """Fills `payload` with a PARAM_REQUEST_READ; returns PARAM_REQUEST_READ_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + PARAM_REQUEST_READ_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + PARAM_REQUEST_READ_TARGET_COMPONENT, target_component)
@@ -302,7 +305,7 @@ def encode_param_request_read(payload: Bytes, target_system: int, target_compone
 
 @kernel
 def decode_param_request_read(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a PARAM_REQUEST_READ: target_system, target_component, param_index."""
+    """Returns the scalar fields of a PARAM_REQUEST_READ: target_system, target_component, param_index."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + PARAM_REQUEST_READ_TARGET_SYSTEM),
@@ -313,13 +316,13 @@ def decode_param_request_read(payload: Bytes) -> tuple[int, int, int]:
 
 @kernel
 def put_param_request_read_param_id(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 15) of `param_id`."""
+    """Sets element i (0 to 15) of `param_id`."""
     put_u8(payload, PARAM_REQUEST_READ_PARAM_ID + i, value)
 
 
 @kernel
 def get_param_request_read_param_id(payload: Bytes, i: int) -> int:
-    """Element i (0 to 15) of `param_id`."""
+    """Returns element i (0 to 15) of `param_id`."""
     return get_u8(payload, PARAM_REQUEST_READ_PARAM_ID + i)
 
 
@@ -333,7 +336,7 @@ PARAM_REQUEST_LIST_TARGET_COMPONENT = 1  # uint8_t
 
 @kernel
 def encode_param_request_list(payload: Bytes, target_system: int, target_component: int) -> int:
-    """Fill `payload` with a PARAM_REQUEST_LIST; returns PARAM_REQUEST_LIST_LENGTH."""
+    """Fills `payload` with a PARAM_REQUEST_LIST; returns PARAM_REQUEST_LIST_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + PARAM_REQUEST_LIST_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + PARAM_REQUEST_LIST_TARGET_COMPONENT, target_component)
@@ -342,7 +345,7 @@ def encode_param_request_list(payload: Bytes, target_system: int, target_compone
 
 @kernel
 def decode_param_request_list(payload: Bytes) -> tuple[int, int]:
-    """The scalar fields of a PARAM_REQUEST_LIST: target_system, target_component."""
+    """Returns the scalar fields of a PARAM_REQUEST_LIST: target_system, target_component."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + PARAM_REQUEST_LIST_TARGET_SYSTEM),
@@ -363,7 +366,7 @@ PARAM_VALUE_PARAM_INDEX = 6  # uint16_t
 
 @kernel
 def encode_param_value(payload: Bytes, param_value: float, param_type: int, param_count: int, param_index: int) -> int:
-    """Fill `payload` with a PARAM_VALUE; returns PARAM_VALUE_LENGTH."""
+    """Fills `payload` with a PARAM_VALUE; returns PARAM_VALUE_LENGTH."""
     zero = int(np.int64(0))
     clear(payload, zero + PARAM_VALUE_PARAM_ID, zero + PARAM_VALUE_PARAM_ID + 16)
     put_f32(payload, zero + PARAM_VALUE_PARAM_VALUE, param_value)
@@ -375,7 +378,7 @@ def encode_param_value(payload: Bytes, param_value: float, param_type: int, para
 
 @kernel
 def decode_param_value(payload: Bytes) -> tuple[float, int, int, int]:
-    """The scalar fields of a PARAM_VALUE: param_value, param_type, param_count, param_index."""
+    """Returns the scalar fields of a PARAM_VALUE: param_value, param_type, param_count, param_index."""
     zero = int(np.int64(0))
     return (
         get_f32(payload, zero + PARAM_VALUE_PARAM_VALUE),
@@ -387,13 +390,13 @@ def decode_param_value(payload: Bytes) -> tuple[float, int, int, int]:
 
 @kernel
 def put_param_value_param_id(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 15) of `param_id`."""
+    """Sets element i (0 to 15) of `param_id`."""
     put_u8(payload, PARAM_VALUE_PARAM_ID + i, value)
 
 
 @kernel
 def get_param_value_param_id(payload: Bytes, i: int) -> int:
-    """Element i (0 to 15) of `param_id`."""
+    """Returns element i (0 to 15) of `param_id`."""
     return get_u8(payload, PARAM_VALUE_PARAM_ID + i)
 
 
@@ -412,7 +415,7 @@ PARAM_SET_PARAM_TYPE = 22  # uint8_t
 def encode_param_set(
     payload: Bytes, target_system: int, target_component: int, param_value: float, param_type: int
 ) -> int:
-    """Fill `payload` with a PARAM_SET; returns PARAM_SET_LENGTH."""
+    """Fills `payload` with a PARAM_SET; returns PARAM_SET_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + PARAM_SET_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + PARAM_SET_TARGET_COMPONENT, target_component)
@@ -424,7 +427,7 @@ def encode_param_set(
 
 @kernel
 def decode_param_set(payload: Bytes) -> tuple[int, int, float, int]:
-    """The scalar fields of a PARAM_SET: target_system, target_component, param_value, param_type."""
+    """Returns the scalar fields of a PARAM_SET: target_system, target_component, param_value, param_type."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + PARAM_SET_TARGET_SYSTEM),
@@ -436,13 +439,13 @@ def decode_param_set(payload: Bytes) -> tuple[int, int, float, int]:
 
 @kernel
 def put_param_set_param_id(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 15) of `param_id`."""
+    """Sets element i (0 to 15) of `param_id`."""
     put_u8(payload, PARAM_SET_PARAM_ID + i, value)
 
 
 @kernel
 def get_param_set_param_id(payload: Bytes, i: int) -> int:
-    """Element i (0 to 15) of `param_id`."""
+    """Returns element i (0 to 15) of `param_id`."""
     return get_u8(payload, PARAM_SET_PARAM_ID + i)
 
 
@@ -488,7 +491,7 @@ def encode_gps_raw_int(
     hdg_acc: int,
     yaw: int,
 ) -> int:
-    """Fill `payload` with a GPS_RAW_INT; returns GPS_RAW_INT_LENGTH."""
+    """Fills `payload` with a GPS_RAW_INT; returns GPS_RAW_INT_LENGTH."""
     zero = int(np.int64(0))
     put_u64(payload, zero + GPS_RAW_INT_TIME_USEC, time_usec)
     put_u8(payload, zero + GPS_RAW_INT_FIX_TYPE, fix_type)
@@ -513,7 +516,7 @@ def encode_gps_raw_int(
 def decode_gps_raw_int(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a GPS_RAW_INT.
+    """Returns the scalar fields of a GPS_RAW_INT.
 
     time_usec, fix_type, lat, lon, alt, eph, epv, vel, cog, satellites_visible, alt_ellipsoid, h_acc, v_acc, vel_acc,
     hdg_acc, yaw.
@@ -571,7 +574,7 @@ def encode_scaled_imu(
     zmag: int,
     temperature: int,
 ) -> int:
-    """Fill `payload` with a SCALED_IMU; returns SCALED_IMU_LENGTH."""
+    """Fills `payload` with a SCALED_IMU; returns SCALED_IMU_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SCALED_IMU_TIME_BOOT_MS, time_boot_ms)
     put_i16(payload, zero + SCALED_IMU_XACC, xacc)
@@ -589,7 +592,7 @@ def encode_scaled_imu(
 
 @kernel
 def decode_scaled_imu(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a SCALED_IMU.
+    """Returns the scalar fields of a SCALED_IMU.
 
     time_boot_ms, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, temperature.
     """
@@ -643,7 +646,7 @@ def encode_raw_imu(
     id_: int,
     temperature: int,
 ) -> int:
-    """Fill `payload` with a RAW_IMU; returns RAW_IMU_LENGTH."""
+    """Fills `payload` with a RAW_IMU; returns RAW_IMU_LENGTH."""
     zero = int(np.int64(0))
     put_u64(payload, zero + RAW_IMU_TIME_USEC, time_usec)
     put_i16(payload, zero + RAW_IMU_XACC, xacc)
@@ -662,7 +665,7 @@ def encode_raw_imu(
 
 @kernel
 def decode_raw_imu(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a RAW_IMU.
+    """Returns the scalar fields of a RAW_IMU.
 
     time_usec, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, id, temperature.
     """
@@ -703,7 +706,7 @@ def encode_scaled_pressure(
     temperature: int,
     temperature_press_diff: int,
 ) -> int:
-    """Fill `payload` with a SCALED_PRESSURE; returns SCALED_PRESSURE_LENGTH."""
+    """Fills `payload` with a SCALED_PRESSURE; returns SCALED_PRESSURE_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SCALED_PRESSURE_TIME_BOOT_MS, time_boot_ms)
     put_f32(payload, zero + SCALED_PRESSURE_PRESS_ABS, press_abs)
@@ -715,7 +718,7 @@ def encode_scaled_pressure(
 
 @kernel
 def decode_scaled_pressure(payload: Bytes) -> tuple[int, float, float, int, int]:
-    """The scalar fields of a SCALED_PRESSURE.
+    """Returns the scalar fields of a SCALED_PRESSURE.
 
     time_boot_ms, press_abs, press_diff, temperature, temperature_press_diff.
     """
@@ -753,7 +756,7 @@ def encode_attitude(
     pitchspeed: float,
     yawspeed: float,
 ) -> int:
-    """Fill `payload` with an ATTITUDE; returns ATTITUDE_LENGTH."""
+    """Fills `payload` with an ATTITUDE; returns ATTITUDE_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + ATTITUDE_TIME_BOOT_MS, time_boot_ms)
     put_f32(payload, zero + ATTITUDE_ROLL, roll)
@@ -767,7 +770,7 @@ def encode_attitude(
 
 @kernel
 def decode_attitude(payload: Bytes) -> tuple[int, float, float, float, float, float, float]:
-    """The scalar fields of an ATTITUDE: time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed."""
+    """Returns the scalar fields of an ATTITUDE: time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed."""
     zero = int(np.int64(0))
     return (
         get_u32(payload, zero + ATTITUDE_TIME_BOOT_MS),
@@ -807,7 +810,7 @@ def encode_attitude_quaternion(
     pitchspeed: float,
     yawspeed: float,
 ) -> int:
-    """Fill `payload` with an ATTITUDE_QUATERNION; returns ATTITUDE_QUATERNION_LENGTH."""
+    """Fills `payload` with an ATTITUDE_QUATERNION; returns ATTITUDE_QUATERNION_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + ATTITUDE_QUATERNION_TIME_BOOT_MS, time_boot_ms)
     put_f32(payload, zero + ATTITUDE_QUATERNION_Q1, q1)
@@ -823,7 +826,10 @@ def encode_attitude_quaternion(
 
 @kernel
 def decode_attitude_quaternion(payload: Bytes) -> tuple[int, float, float, float, float, float, float, float]:
-    """The scalar fields of an ATTITUDE_QUATERNION: time_boot_ms, q1, q2, q3, q4, rollspeed, pitchspeed, yawspeed."""
+    """Returns the scalar fields of an ATTITUDE_QUATERNION.
+
+    time_boot_ms, q1, q2, q3, q4, rollspeed, pitchspeed, yawspeed.
+    """
     zero = int(np.int64(0))
     return (
         get_u32(payload, zero + ATTITUDE_QUATERNION_TIME_BOOT_MS),
@@ -839,13 +845,13 @@ def decode_attitude_quaternion(payload: Bytes) -> tuple[int, float, float, float
 
 @kernel
 def put_attitude_quaternion_repr_offset_q(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 3) of `repr_offset_q`."""
+    """Sets element i (0 to 3) of `repr_offset_q`."""
     put_f32(payload, ATTITUDE_QUATERNION_REPR_OFFSET_Q + 4 * i, value)
 
 
 @kernel
 def get_attitude_quaternion_repr_offset_q(payload: Bytes, i: int) -> float:
-    """Element i (0 to 3) of `repr_offset_q`."""
+    """Returns element i (0 to 3) of `repr_offset_q`."""
     return get_f32(payload, ATTITUDE_QUATERNION_REPR_OFFSET_Q + 4 * i)
 
 
@@ -866,7 +872,7 @@ LOCAL_POSITION_NED_VZ = 24  # float [m/s]
 def encode_local_position_ned(
     payload: Bytes, time_boot_ms: int, x: float, y: float, z: float, vx: float, vy: float, vz: float
 ) -> int:
-    """Fill `payload` with a LOCAL_POSITION_NED; returns LOCAL_POSITION_NED_LENGTH."""
+    """Fills `payload` with a LOCAL_POSITION_NED; returns LOCAL_POSITION_NED_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + LOCAL_POSITION_NED_TIME_BOOT_MS, time_boot_ms)
     put_f32(payload, zero + LOCAL_POSITION_NED_X, x)
@@ -880,7 +886,7 @@ def encode_local_position_ned(
 
 @kernel
 def decode_local_position_ned(payload: Bytes) -> tuple[int, float, float, float, float, float, float]:
-    """The scalar fields of a LOCAL_POSITION_NED: time_boot_ms, x, y, z, vx, vy, vz."""
+    """Returns the scalar fields of a LOCAL_POSITION_NED: time_boot_ms, x, y, z, vx, vy, vz."""
     zero = int(np.int64(0))
     return (
         get_u32(payload, zero + LOCAL_POSITION_NED_TIME_BOOT_MS),
@@ -921,7 +927,7 @@ def encode_global_position_int(
     vz: int,
     hdg: int,
 ) -> int:
-    """Fill `payload` with a GLOBAL_POSITION_INT; returns GLOBAL_POSITION_INT_LENGTH."""
+    """Fills `payload` with a GLOBAL_POSITION_INT; returns GLOBAL_POSITION_INT_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + GLOBAL_POSITION_INT_TIME_BOOT_MS, time_boot_ms)
     put_i32(payload, zero + GLOBAL_POSITION_INT_LAT, lat)
@@ -937,7 +943,10 @@ def encode_global_position_int(
 
 @kernel
 def decode_global_position_int(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a GLOBAL_POSITION_INT: time_boot_ms, lat, lon, alt, relative_alt, vx, vy, vz, hdg."""
+    """Returns the scalar fields of a GLOBAL_POSITION_INT.
+
+    time_boot_ms, lat, lon, alt, relative_alt, vx, vy, vz, hdg.
+    """
     zero = int(np.int64(0))
     return (
         get_u32(payload, zero + GLOBAL_POSITION_INT_TIME_BOOT_MS),
@@ -998,7 +1007,7 @@ def encode_servo_output_raw(
     servo15_raw: int,
     servo16_raw: int,
 ) -> int:
-    """Fill `payload` with a SERVO_OUTPUT_RAW; returns SERVO_OUTPUT_RAW_LENGTH."""
+    """Fills `payload` with a SERVO_OUTPUT_RAW; returns SERVO_OUTPUT_RAW_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SERVO_OUTPUT_RAW_TIME_USEC, time_usec)
     put_u8(payload, zero + SERVO_OUTPUT_RAW_PORT, port)
@@ -1025,7 +1034,7 @@ def encode_servo_output_raw(
 def decode_servo_output_raw(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a SERVO_OUTPUT_RAW.
+    """Returns the scalar fields of a SERVO_OUTPUT_RAW.
 
     time_usec, port, servo1_raw, servo2_raw, servo3_raw, servo4_raw, servo5_raw, servo6_raw, servo7_raw, servo8_raw,
     servo9_raw, servo10_raw, servo11_raw, servo12_raw, servo13_raw, servo14_raw, servo15_raw, servo16_raw.
@@ -1068,7 +1077,7 @@ MISSION_REQUEST_PARTIAL_LIST_MISSION_TYPE = 6  # uint8_t, extension
 def encode_mission_request_partial_list(
     payload: Bytes, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int
 ) -> int:
-    """Fill `payload` with a MISSION_REQUEST_PARTIAL_LIST; returns MISSION_REQUEST_PARTIAL_LIST_LENGTH."""
+    """Fills `payload` with a MISSION_REQUEST_PARTIAL_LIST; returns MISSION_REQUEST_PARTIAL_LIST_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_REQUEST_PARTIAL_LIST_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_REQUEST_PARTIAL_LIST_TARGET_COMPONENT, target_component)
@@ -1080,7 +1089,7 @@ def encode_mission_request_partial_list(
 
 @kernel
 def decode_mission_request_partial_list(payload: Bytes) -> tuple[int, int, int, int, int]:
-    """The scalar fields of a MISSION_REQUEST_PARTIAL_LIST.
+    """Returns the scalar fields of a MISSION_REQUEST_PARTIAL_LIST.
 
     target_system, target_component, start_index, end_index, mission_type.
     """
@@ -1109,7 +1118,7 @@ MISSION_WRITE_PARTIAL_LIST_MISSION_TYPE = 6  # uint8_t, extension
 def encode_mission_write_partial_list(
     payload: Bytes, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int
 ) -> int:
-    """Fill `payload` with a MISSION_WRITE_PARTIAL_LIST; returns MISSION_WRITE_PARTIAL_LIST_LENGTH."""
+    """Fills `payload` with a MISSION_WRITE_PARTIAL_LIST; returns MISSION_WRITE_PARTIAL_LIST_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_WRITE_PARTIAL_LIST_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_WRITE_PARTIAL_LIST_TARGET_COMPONENT, target_component)
@@ -1121,7 +1130,7 @@ def encode_mission_write_partial_list(
 
 @kernel
 def decode_mission_write_partial_list(payload: Bytes) -> tuple[int, int, int, int, int]:
-    """The scalar fields of a MISSION_WRITE_PARTIAL_LIST.
+    """Returns the scalar fields of a MISSION_WRITE_PARTIAL_LIST.
 
     target_system, target_component, start_index, end_index, mission_type.
     """
@@ -1175,7 +1184,7 @@ def encode_mission_item(
     z: float,
     mission_type: int,
 ) -> int:
-    """Fill `payload` with a MISSION_ITEM; returns MISSION_ITEM_LENGTH."""
+    """Fills `payload` with a MISSION_ITEM; returns MISSION_ITEM_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_ITEM_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_ITEM_TARGET_COMPONENT, target_component)
@@ -1199,7 +1208,7 @@ def encode_mission_item(
 def decode_mission_item(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, float, float, float, float, float, float, float, int]:
-    """The scalar fields of a MISSION_ITEM.
+    """Returns the scalar fields of a MISSION_ITEM.
 
     target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y,
     z, mission_type.
@@ -1238,7 +1247,7 @@ MISSION_REQUEST_MISSION_TYPE = 4  # uint8_t, extension
 def encode_mission_request(
     payload: Bytes, target_system: int, target_component: int, seq: int, mission_type: int
 ) -> int:
-    """Fill `payload` with a MISSION_REQUEST; returns MISSION_REQUEST_LENGTH."""
+    """Fills `payload` with a MISSION_REQUEST; returns MISSION_REQUEST_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_REQUEST_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_REQUEST_TARGET_COMPONENT, target_component)
@@ -1249,7 +1258,7 @@ def encode_mission_request(
 
 @kernel
 def decode_mission_request(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a MISSION_REQUEST: target_system, target_component, seq, mission_type."""
+    """Returns the scalar fields of a MISSION_REQUEST: target_system, target_component, seq, mission_type."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + MISSION_REQUEST_TARGET_SYSTEM),
@@ -1270,7 +1279,7 @@ MISSION_SET_CURRENT_SEQ = 0  # uint16_t
 
 @kernel
 def encode_mission_set_current(payload: Bytes, target_system: int, target_component: int, seq: int) -> int:
-    """Fill `payload` with a MISSION_SET_CURRENT; returns MISSION_SET_CURRENT_LENGTH."""
+    """Fills `payload` with a MISSION_SET_CURRENT; returns MISSION_SET_CURRENT_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_SET_CURRENT_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_SET_CURRENT_TARGET_COMPONENT, target_component)
@@ -1280,7 +1289,7 @@ def encode_mission_set_current(payload: Bytes, target_system: int, target_compon
 
 @kernel
 def decode_mission_set_current(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a MISSION_SET_CURRENT: target_system, target_component, seq."""
+    """Returns the scalar fields of a MISSION_SET_CURRENT: target_system, target_component, seq."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + MISSION_SET_CURRENT_TARGET_SYSTEM),
@@ -1301,7 +1310,7 @@ MISSION_CURRENT_MISSION_MODE = 5  # uint8_t, extension
 
 @kernel
 def encode_mission_current(payload: Bytes, seq: int, total: int, mission_state: int, mission_mode: int) -> int:
-    """Fill `payload` with a MISSION_CURRENT; returns MISSION_CURRENT_LENGTH."""
+    """Fills `payload` with a MISSION_CURRENT; returns MISSION_CURRENT_LENGTH."""
     zero = int(np.int64(0))
     put_u16(payload, zero + MISSION_CURRENT_SEQ, seq)
     put_u16(payload, zero + MISSION_CURRENT_TOTAL, total)
@@ -1312,7 +1321,7 @@ def encode_mission_current(payload: Bytes, seq: int, total: int, mission_state: 
 
 @kernel
 def decode_mission_current(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a MISSION_CURRENT: seq, total, mission_state, mission_mode."""
+    """Returns the scalar fields of a MISSION_CURRENT: seq, total, mission_state, mission_mode."""
     zero = int(np.int64(0))
     return (
         get_u16(payload, zero + MISSION_CURRENT_SEQ),
@@ -1333,7 +1342,7 @@ MISSION_REQUEST_LIST_MISSION_TYPE = 2  # uint8_t, extension
 
 @kernel
 def encode_mission_request_list(payload: Bytes, target_system: int, target_component: int, mission_type: int) -> int:
-    """Fill `payload` with a MISSION_REQUEST_LIST; returns MISSION_REQUEST_LIST_LENGTH."""
+    """Fills `payload` with a MISSION_REQUEST_LIST; returns MISSION_REQUEST_LIST_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_REQUEST_LIST_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_REQUEST_LIST_TARGET_COMPONENT, target_component)
@@ -1343,7 +1352,7 @@ def encode_mission_request_list(payload: Bytes, target_system: int, target_compo
 
 @kernel
 def decode_mission_request_list(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a MISSION_REQUEST_LIST: target_system, target_component, mission_type."""
+    """Returns the scalar fields of a MISSION_REQUEST_LIST: target_system, target_component, mission_type."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + MISSION_REQUEST_LIST_TARGET_SYSTEM),
@@ -1366,7 +1375,7 @@ MISSION_COUNT_MISSION_TYPE = 4  # uint8_t, extension
 def encode_mission_count(
     payload: Bytes, target_system: int, target_component: int, count: int, mission_type: int
 ) -> int:
-    """Fill `payload` with a MISSION_COUNT; returns MISSION_COUNT_LENGTH."""
+    """Fills `payload` with a MISSION_COUNT; returns MISSION_COUNT_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_COUNT_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_COUNT_TARGET_COMPONENT, target_component)
@@ -1377,7 +1386,7 @@ def encode_mission_count(
 
 @kernel
 def decode_mission_count(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a MISSION_COUNT: target_system, target_component, count, mission_type."""
+    """Returns the scalar fields of a MISSION_COUNT: target_system, target_component, count, mission_type."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + MISSION_COUNT_TARGET_SYSTEM),
@@ -1398,7 +1407,7 @@ MISSION_CLEAR_ALL_MISSION_TYPE = 2  # uint8_t, extension
 
 @kernel
 def encode_mission_clear_all(payload: Bytes, target_system: int, target_component: int, mission_type: int) -> int:
-    """Fill `payload` with a MISSION_CLEAR_ALL; returns MISSION_CLEAR_ALL_LENGTH."""
+    """Fills `payload` with a MISSION_CLEAR_ALL; returns MISSION_CLEAR_ALL_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_CLEAR_ALL_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_CLEAR_ALL_TARGET_COMPONENT, target_component)
@@ -1408,7 +1417,7 @@ def encode_mission_clear_all(payload: Bytes, target_system: int, target_componen
 
 @kernel
 def decode_mission_clear_all(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a MISSION_CLEAR_ALL: target_system, target_component, mission_type."""
+    """Returns the scalar fields of a MISSION_CLEAR_ALL: target_system, target_component, mission_type."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + MISSION_CLEAR_ALL_TARGET_SYSTEM),
@@ -1426,7 +1435,7 @@ MISSION_ITEM_REACHED_SEQ = 0  # uint16_t
 
 @kernel
 def encode_mission_item_reached(payload: Bytes, seq: int) -> int:
-    """Fill `payload` with a MISSION_ITEM_REACHED; returns MISSION_ITEM_REACHED_LENGTH."""
+    """Fills `payload` with a MISSION_ITEM_REACHED; returns MISSION_ITEM_REACHED_LENGTH."""
     zero = int(np.int64(0))
     put_u16(payload, zero + MISSION_ITEM_REACHED_SEQ, seq)
     return MISSION_ITEM_REACHED_LENGTH
@@ -1434,7 +1443,7 @@ def encode_mission_item_reached(payload: Bytes, seq: int) -> int:
 
 @kernel
 def decode_mission_item_reached(payload: Bytes) -> int:
-    """The scalar fields of a MISSION_ITEM_REACHED: seq."""
+    """Returns the scalar fields of a MISSION_ITEM_REACHED: seq."""
     zero = int(np.int64(0))
     return get_u16(payload, zero + MISSION_ITEM_REACHED_SEQ)
 
@@ -1451,7 +1460,7 @@ MISSION_ACK_MISSION_TYPE = 3  # uint8_t, extension
 
 @kernel
 def encode_mission_ack(payload: Bytes, target_system: int, target_component: int, type_: int, mission_type: int) -> int:
-    """Fill `payload` with a MISSION_ACK; returns MISSION_ACK_LENGTH."""
+    """Fills `payload` with a MISSION_ACK; returns MISSION_ACK_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_ACK_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_ACK_TARGET_COMPONENT, target_component)
@@ -1462,7 +1471,7 @@ def encode_mission_ack(payload: Bytes, target_system: int, target_component: int
 
 @kernel
 def decode_mission_ack(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a MISSION_ACK: target_system, target_component, type, mission_type."""
+    """Returns the scalar fields of a MISSION_ACK: target_system, target_component, type, mission_type."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + MISSION_ACK_TARGET_SYSTEM),
@@ -1487,7 +1496,7 @@ SET_GPS_GLOBAL_ORIGIN_TIME_USEC = 13  # uint64_t [us], extension
 def encode_set_gps_global_origin(
     payload: Bytes, target_system: int, latitude: int, longitude: int, altitude: int, time_usec: int
 ) -> int:
-    """Fill `payload` with a SET_GPS_GLOBAL_ORIGIN; returns SET_GPS_GLOBAL_ORIGIN_LENGTH."""
+    """Fills `payload` with a SET_GPS_GLOBAL_ORIGIN; returns SET_GPS_GLOBAL_ORIGIN_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + SET_GPS_GLOBAL_ORIGIN_TARGET_SYSTEM, target_system)
     put_i32(payload, zero + SET_GPS_GLOBAL_ORIGIN_LATITUDE, latitude)
@@ -1499,7 +1508,7 @@ def encode_set_gps_global_origin(
 
 @kernel
 def decode_set_gps_global_origin(payload: Bytes) -> tuple[int, int, int, int, int]:
-    """The scalar fields of a SET_GPS_GLOBAL_ORIGIN: target_system, latitude, longitude, altitude, time_usec."""
+    """Returns the scalar fields of a SET_GPS_GLOBAL_ORIGIN: target_system, latitude, longitude, altitude, time_usec."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + SET_GPS_GLOBAL_ORIGIN_TARGET_SYSTEM),
@@ -1522,7 +1531,7 @@ GPS_GLOBAL_ORIGIN_TIME_USEC = 12  # uint64_t [us], extension
 
 @kernel
 def encode_gps_global_origin(payload: Bytes, latitude: int, longitude: int, altitude: int, time_usec: int) -> int:
-    """Fill `payload` with a GPS_GLOBAL_ORIGIN; returns GPS_GLOBAL_ORIGIN_LENGTH."""
+    """Fills `payload` with a GPS_GLOBAL_ORIGIN; returns GPS_GLOBAL_ORIGIN_LENGTH."""
     zero = int(np.int64(0))
     put_i32(payload, zero + GPS_GLOBAL_ORIGIN_LATITUDE, latitude)
     put_i32(payload, zero + GPS_GLOBAL_ORIGIN_LONGITUDE, longitude)
@@ -1533,7 +1542,7 @@ def encode_gps_global_origin(payload: Bytes, latitude: int, longitude: int, alti
 
 @kernel
 def decode_gps_global_origin(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a GPS_GLOBAL_ORIGIN: latitude, longitude, altitude, time_usec."""
+    """Returns the scalar fields of a GPS_GLOBAL_ORIGIN: latitude, longitude, altitude, time_usec."""
     zero = int(np.int64(0))
     return (
         get_i32(payload, zero + GPS_GLOBAL_ORIGIN_LATITUDE),
@@ -1557,7 +1566,7 @@ MISSION_REQUEST_INT_MISSION_TYPE = 4  # uint8_t, extension
 def encode_mission_request_int(
     payload: Bytes, target_system: int, target_component: int, seq: int, mission_type: int
 ) -> int:
-    """Fill `payload` with a MISSION_REQUEST_INT; returns MISSION_REQUEST_INT_LENGTH."""
+    """Fills `payload` with a MISSION_REQUEST_INT; returns MISSION_REQUEST_INT_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_REQUEST_INT_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_REQUEST_INT_TARGET_COMPONENT, target_component)
@@ -1568,7 +1577,7 @@ def encode_mission_request_int(
 
 @kernel
 def decode_mission_request_int(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a MISSION_REQUEST_INT: target_system, target_component, seq, mission_type."""
+    """Returns the scalar fields of a MISSION_REQUEST_INT: target_system, target_component, seq, mission_type."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + MISSION_REQUEST_INT_TARGET_SYSTEM),
@@ -1604,7 +1613,7 @@ def encode_nav_controller_output(
     aspd_error: float,
     xtrack_error: float,
 ) -> int:
-    """Fill `payload` with a NAV_CONTROLLER_OUTPUT; returns NAV_CONTROLLER_OUTPUT_LENGTH."""
+    """Fills `payload` with a NAV_CONTROLLER_OUTPUT; returns NAV_CONTROLLER_OUTPUT_LENGTH."""
     zero = int(np.int64(0))
     put_f32(payload, zero + NAV_CONTROLLER_OUTPUT_NAV_ROLL, nav_roll)
     put_f32(payload, zero + NAV_CONTROLLER_OUTPUT_NAV_PITCH, nav_pitch)
@@ -1619,7 +1628,7 @@ def encode_nav_controller_output(
 
 @kernel
 def decode_nav_controller_output(payload: Bytes) -> tuple[float, float, int, int, int, float, float, float]:
-    """The scalar fields of a NAV_CONTROLLER_OUTPUT.
+    """Returns the scalar fields of a NAV_CONTROLLER_OUTPUT.
 
     nav_roll, nav_pitch, nav_bearing, target_bearing, wp_dist, alt_error, aspd_error, xtrack_error.
     """
@@ -1688,7 +1697,7 @@ def encode_rc_channels(
     chan18_raw: int,
     rssi: int,
 ) -> int:
-    """Fill `payload` with an RC_CHANNELS; returns RC_CHANNELS_LENGTH."""
+    """Fills `payload` with an RC_CHANNELS; returns RC_CHANNELS_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + RC_CHANNELS_TIME_BOOT_MS, time_boot_ms)
     put_u8(payload, zero + RC_CHANNELS_CHANCOUNT, chancount)
@@ -1718,7 +1727,7 @@ def encode_rc_channels(
 def decode_rc_channels(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of an RC_CHANNELS.
+    """Returns the scalar fields of an RC_CHANNELS.
 
     time_boot_ms, chancount, chan1_raw, chan2_raw, chan3_raw, chan4_raw, chan5_raw, chan6_raw, chan7_raw, chan8_raw,
     chan9_raw, chan10_raw, chan11_raw, chan12_raw, chan13_raw, chan14_raw, chan15_raw, chan16_raw, chan17_raw,
@@ -1770,7 +1779,7 @@ def encode_request_data_stream(
     req_message_rate: int,
     start_stop: int,
 ) -> int:
-    """Fill `payload` with a REQUEST_DATA_STREAM; returns REQUEST_DATA_STREAM_LENGTH."""
+    """Fills `payload` with a REQUEST_DATA_STREAM; returns REQUEST_DATA_STREAM_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + REQUEST_DATA_STREAM_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + REQUEST_DATA_STREAM_TARGET_COMPONENT, target_component)
@@ -1782,7 +1791,7 @@ def encode_request_data_stream(
 
 @kernel
 def decode_request_data_stream(payload: Bytes) -> tuple[int, int, int, int, int]:
-    """The scalar fields of a REQUEST_DATA_STREAM.
+    """Returns the scalar fields of a REQUEST_DATA_STREAM.
 
     target_system, target_component, req_stream_id, req_message_rate, start_stop.
     """
@@ -1838,7 +1847,7 @@ def encode_manual_control(
     aux5: int,
     aux6: int,
 ) -> int:
-    """Fill `payload` with a MANUAL_CONTROL; returns MANUAL_CONTROL_LENGTH."""
+    """Fills `payload` with a MANUAL_CONTROL; returns MANUAL_CONTROL_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MANUAL_CONTROL_TARGET, target)
     put_i16(payload, zero + MANUAL_CONTROL_X, x)
@@ -1863,7 +1872,7 @@ def encode_manual_control(
 def decode_manual_control(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a MANUAL_CONTROL.
+    """Returns the scalar fields of a MANUAL_CONTROL.
 
     target, x, y, z, r, buttons, buttons2, enabled_extensions, s, t, aux1, aux2, aux3, aux4, aux5, aux6.
     """
@@ -1938,7 +1947,7 @@ def encode_rc_channels_override(
     chan17_raw: int,
     chan18_raw: int,
 ) -> int:
-    """Fill `payload` with an RC_CHANNELS_OVERRIDE; returns RC_CHANNELS_OVERRIDE_LENGTH."""
+    """Fills `payload` with an RC_CHANNELS_OVERRIDE; returns RC_CHANNELS_OVERRIDE_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + RC_CHANNELS_OVERRIDE_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + RC_CHANNELS_OVERRIDE_TARGET_COMPONENT, target_component)
@@ -1967,7 +1976,7 @@ def encode_rc_channels_override(
 def decode_rc_channels_override(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of an RC_CHANNELS_OVERRIDE.
+    """Returns the scalar fields of an RC_CHANNELS_OVERRIDE.
 
     target_system, target_component, chan1_raw, chan2_raw, chan3_raw, chan4_raw, chan5_raw, chan6_raw, chan7_raw,
     chan8_raw, chan9_raw, chan10_raw, chan11_raw, chan12_raw, chan13_raw, chan14_raw, chan15_raw, chan16_raw,
@@ -2038,7 +2047,7 @@ def encode_mission_item_int(
     z: float,
     mission_type: int,
 ) -> int:
-    """Fill `payload` with a MISSION_ITEM_INT; returns MISSION_ITEM_INT_LENGTH."""
+    """Fills `payload` with a MISSION_ITEM_INT; returns MISSION_ITEM_INT_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + MISSION_ITEM_INT_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + MISSION_ITEM_INT_TARGET_COMPONENT, target_component)
@@ -2062,7 +2071,7 @@ def encode_mission_item_int(
 def decode_mission_item_int(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, float, float, float, float, int, int, float, int]:
-    """The scalar fields of a MISSION_ITEM_INT.
+    """Returns the scalar fields of a MISSION_ITEM_INT.
 
     target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y,
     z, mission_type.
@@ -2103,7 +2112,7 @@ VFR_HUD_CLIMB = 12  # float [m/s]
 def encode_vfr_hud(
     payload: Bytes, airspeed: float, groundspeed: float, heading: int, throttle: int, alt: float, climb: float
 ) -> int:
-    """Fill `payload` with a VFR_HUD; returns VFR_HUD_LENGTH."""
+    """Fills `payload` with a VFR_HUD; returns VFR_HUD_LENGTH."""
     zero = int(np.int64(0))
     put_f32(payload, zero + VFR_HUD_AIRSPEED, airspeed)
     put_f32(payload, zero + VFR_HUD_GROUNDSPEED, groundspeed)
@@ -2116,7 +2125,7 @@ def encode_vfr_hud(
 
 @kernel
 def decode_vfr_hud(payload: Bytes) -> tuple[float, float, int, int, float, float]:
-    """The scalar fields of a VFR_HUD: airspeed, groundspeed, heading, throttle, alt, climb."""
+    """Returns the scalar fields of a VFR_HUD: airspeed, groundspeed, heading, throttle, alt, climb."""
     zero = int(np.int64(0))
     return (
         get_f32(payload, zero + VFR_HUD_AIRSPEED),
@@ -2164,7 +2173,7 @@ def encode_command_int(
     y: int,
     z: float,
 ) -> int:
-    """Fill `payload` with a COMMAND_INT; returns COMMAND_INT_LENGTH."""
+    """Fills `payload` with a COMMAND_INT; returns COMMAND_INT_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + COMMAND_INT_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + COMMAND_INT_TARGET_COMPONENT, target_component)
@@ -2186,7 +2195,7 @@ def encode_command_int(
 def decode_command_int(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, float, float, float, float, int, int, float]:
-    """The scalar fields of a COMMAND_INT.
+    """Returns the scalar fields of a COMMAND_INT.
 
     target_system, target_component, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z.
     """
@@ -2240,7 +2249,7 @@ def encode_command_long(
     param6: float,
     param7: float,
 ) -> int:
-    """Fill `payload` with a COMMAND_LONG; returns COMMAND_LONG_LENGTH."""
+    """Fills `payload` with a COMMAND_LONG; returns COMMAND_LONG_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + COMMAND_LONG_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + COMMAND_LONG_TARGET_COMPONENT, target_component)
@@ -2258,7 +2267,7 @@ def encode_command_long(
 
 @kernel
 def decode_command_long(payload: Bytes) -> tuple[int, int, int, int, float, float, float, float, float, float, float]:
-    """The scalar fields of a COMMAND_LONG.
+    """Returns the scalar fields of a COMMAND_LONG.
 
     target_system, target_component, command, confirmation, param1, param2, param3, param4, param5, param6, param7.
     """
@@ -2300,7 +2309,7 @@ def encode_command_ack(
     target_system: int,
     target_component: int,
 ) -> int:
-    """Fill `payload` with a COMMAND_ACK; returns COMMAND_ACK_LENGTH."""
+    """Fills `payload` with a COMMAND_ACK; returns COMMAND_ACK_LENGTH."""
     zero = int(np.int64(0))
     put_u16(payload, zero + COMMAND_ACK_COMMAND, command)
     put_u8(payload, zero + COMMAND_ACK_RESULT, result)
@@ -2313,7 +2322,10 @@ def encode_command_ack(
 
 @kernel
 def decode_command_ack(payload: Bytes) -> tuple[int, int, int, int, int, int]:
-    """The scalar fields of a COMMAND_ACK: command, result, progress, result_param2, target_system, target_component."""
+    """Returns the scalar fields of a COMMAND_ACK.
+
+    command, result, progress, result_param2, target_system, target_component.
+    """
     zero = int(np.int64(0))
     return (
         get_u16(payload, zero + COMMAND_ACK_COMMAND),
@@ -2352,7 +2364,7 @@ def encode_set_attitude_target(
     body_yaw_rate: float,
     thrust: float,
 ) -> int:
-    """Fill `payload` with a SET_ATTITUDE_TARGET; returns SET_ATTITUDE_TARGET_LENGTH."""
+    """Fills `payload` with a SET_ATTITUDE_TARGET; returns SET_ATTITUDE_TARGET_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SET_ATTITUDE_TARGET_TIME_BOOT_MS, time_boot_ms)
     put_u8(payload, zero + SET_ATTITUDE_TARGET_TARGET_SYSTEM, target_system)
@@ -2368,7 +2380,7 @@ def encode_set_attitude_target(
 
 @kernel
 def decode_set_attitude_target(payload: Bytes) -> tuple[int, int, int, int, float, float, float, float]:
-    """The scalar fields of a SET_ATTITUDE_TARGET.
+    """Returns the scalar fields of a SET_ATTITUDE_TARGET.
 
     time_boot_ms, target_system, target_component, type_mask, body_roll_rate, body_pitch_rate, body_yaw_rate, thrust.
     """
@@ -2387,13 +2399,13 @@ def decode_set_attitude_target(payload: Bytes) -> tuple[int, int, int, int, floa
 
 @kernel
 def put_set_attitude_target_q(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 3) of `q`."""
+    """Sets element i (0 to 3) of `q`."""
     put_f32(payload, SET_ATTITUDE_TARGET_Q + 4 * i, value)
 
 
 @kernel
 def get_set_attitude_target_q(payload: Bytes, i: int) -> float:
-    """Element i (0 to 3) of `q`."""
+    """Returns element i (0 to 3) of `q`."""
     return get_f32(payload, SET_ATTITUDE_TARGET_Q + 4 * i)
 
 
@@ -2420,7 +2432,7 @@ def encode_attitude_target(
     body_yaw_rate: float,
     thrust: float,
 ) -> int:
-    """Fill `payload` with an ATTITUDE_TARGET; returns ATTITUDE_TARGET_LENGTH."""
+    """Fills `payload` with an ATTITUDE_TARGET; returns ATTITUDE_TARGET_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + ATTITUDE_TARGET_TIME_BOOT_MS, time_boot_ms)
     put_u8(payload, zero + ATTITUDE_TARGET_TYPE_MASK, type_mask)
@@ -2434,7 +2446,7 @@ def encode_attitude_target(
 
 @kernel
 def decode_attitude_target(payload: Bytes) -> tuple[int, int, float, float, float, float]:
-    """The scalar fields of an ATTITUDE_TARGET.
+    """Returns the scalar fields of an ATTITUDE_TARGET.
 
     time_boot_ms, type_mask, body_roll_rate, body_pitch_rate, body_yaw_rate, thrust.
     """
@@ -2451,13 +2463,13 @@ def decode_attitude_target(payload: Bytes) -> tuple[int, int, float, float, floa
 
 @kernel
 def put_attitude_target_q(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 3) of `q`."""
+    """Sets element i (0 to 3) of `q`."""
     put_f32(payload, ATTITUDE_TARGET_Q + 4 * i, value)
 
 
 @kernel
 def get_attitude_target_q(payload: Bytes, i: int) -> float:
-    """Element i (0 to 3) of `q`."""
+    """Returns element i (0 to 3) of `q`."""
     return get_f32(payload, ATTITUDE_TARGET_Q + 4 * i)
 
 
@@ -2503,7 +2515,7 @@ def encode_set_position_target_local_ned(
     yaw: float,
     yaw_rate: float,
 ) -> int:
-    """Fill `payload` with a SET_POSITION_TARGET_LOCAL_NED; returns SET_POSITION_TARGET_LOCAL_NED_LENGTH."""
+    """Fills `payload` with a SET_POSITION_TARGET_LOCAL_NED; returns SET_POSITION_TARGET_LOCAL_NED_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS, time_boot_ms)
     put_u8(payload, zero + SET_POSITION_TARGET_LOCAL_NED_TARGET_SYSTEM, target_system)
@@ -2528,7 +2540,7 @@ def encode_set_position_target_local_ned(
 def decode_set_position_target_local_ned(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, float, float, float, float, float, float, float, float, float, float, float]:
-    """The scalar fields of a SET_POSITION_TARGET_LOCAL_NED.
+    """Returns the scalar fields of a SET_POSITION_TARGET_LOCAL_NED.
 
     time_boot_ms, target_system, target_component, coordinate_frame, type_mask, x, y, z, vx, vy, vz, afx, afy, afz,
     yaw, yaw_rate.
@@ -2592,7 +2604,7 @@ def encode_position_target_local_ned(
     yaw: float,
     yaw_rate: float,
 ) -> int:
-    """Fill `payload` with a POSITION_TARGET_LOCAL_NED; returns POSITION_TARGET_LOCAL_NED_LENGTH."""
+    """Fills `payload` with a POSITION_TARGET_LOCAL_NED; returns POSITION_TARGET_LOCAL_NED_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + POSITION_TARGET_LOCAL_NED_TIME_BOOT_MS, time_boot_ms)
     put_u8(payload, zero + POSITION_TARGET_LOCAL_NED_COORDINATE_FRAME, coordinate_frame)
@@ -2615,7 +2627,7 @@ def encode_position_target_local_ned(
 def decode_position_target_local_ned(
     payload: Bytes,
 ) -> tuple[int, int, int, float, float, float, float, float, float, float, float, float, float, float]:
-    """The scalar fields of a POSITION_TARGET_LOCAL_NED.
+    """Returns the scalar fields of a POSITION_TARGET_LOCAL_NED.
 
     time_boot_ms, coordinate_frame, type_mask, x, y, z, vx, vy, vz, afx, afy, afz, yaw, yaw_rate.
     """
@@ -2680,7 +2692,7 @@ def encode_set_position_target_global_int(
     yaw: float,
     yaw_rate: float,
 ) -> int:
-    """Fill `payload` with a SET_POSITION_TARGET_GLOBAL_INT; returns SET_POSITION_TARGET_GLOBAL_INT_LENGTH."""
+    """Fills `payload` with a SET_POSITION_TARGET_GLOBAL_INT; returns SET_POSITION_TARGET_GLOBAL_INT_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS, time_boot_ms)
     put_u8(payload, zero + SET_POSITION_TARGET_GLOBAL_INT_TARGET_SYSTEM, target_system)
@@ -2705,7 +2717,7 @@ def encode_set_position_target_global_int(
 def decode_set_position_target_global_int(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, int, int, float, float, float, float, float, float, float, float, float]:
-    """The scalar fields of a SET_POSITION_TARGET_GLOBAL_INT.
+    """Returns the scalar fields of a SET_POSITION_TARGET_GLOBAL_INT.
 
     time_boot_ms, target_system, target_component, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx,
     afy, afz, yaw, yaw_rate.
@@ -2769,7 +2781,7 @@ def encode_position_target_global_int(
     yaw: float,
     yaw_rate: float,
 ) -> int:
-    """Fill `payload` with a POSITION_TARGET_GLOBAL_INT; returns POSITION_TARGET_GLOBAL_INT_LENGTH."""
+    """Fills `payload` with a POSITION_TARGET_GLOBAL_INT; returns POSITION_TARGET_GLOBAL_INT_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + POSITION_TARGET_GLOBAL_INT_TIME_BOOT_MS, time_boot_ms)
     put_u8(payload, zero + POSITION_TARGET_GLOBAL_INT_COORDINATE_FRAME, coordinate_frame)
@@ -2792,7 +2804,7 @@ def encode_position_target_global_int(
 def decode_position_target_global_int(
     payload: Bytes,
 ) -> tuple[int, int, int, int, int, float, float, float, float, float, float, float, float, float]:
-    """The scalar fields of a POSITION_TARGET_GLOBAL_INT.
+    """Returns the scalar fields of a POSITION_TARGET_GLOBAL_INT.
 
     time_boot_ms, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx, afy, afz, yaw, yaw_rate.
     """
@@ -2871,7 +2883,7 @@ def encode_sim_state(
     lat_int: int,
     lon_int: int,
 ) -> int:
-    """Fill `payload` with a SIM_STATE; returns SIM_STATE_LENGTH."""
+    """Fills `payload` with a SIM_STATE; returns SIM_STATE_LENGTH."""
     zero = int(np.int64(0))
     put_f32(payload, zero + SIM_STATE_Q1, q1)
     put_f32(payload, zero + SIM_STATE_Q2, q2)
@@ -2927,7 +2939,7 @@ def decode_sim_state(
     int,
     int,
 ]:
-    """The scalar fields of a SIM_STATE.
+    """Returns the scalar fields of a SIM_STATE.
 
     q1, q2, q3, q4, roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lon, alt, std_dev_horz, std_dev_vert,
     vn, ve, vd, lat_int, lon_int.
@@ -2977,7 +2989,7 @@ RADIO_STATUS_FIXED = 2  # uint16_t
 def encode_radio_status(
     payload: Bytes, rssi: int, remrssi: int, txbuf: int, noise: int, remnoise: int, rxerrors: int, fixed: int
 ) -> int:
-    """Fill `payload` with a RADIO_STATUS; returns RADIO_STATUS_LENGTH."""
+    """Fills `payload` with a RADIO_STATUS; returns RADIO_STATUS_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + RADIO_STATUS_RSSI, rssi)
     put_u8(payload, zero + RADIO_STATUS_REMRSSI, remrssi)
@@ -2991,7 +3003,7 @@ def encode_radio_status(
 
 @kernel
 def decode_radio_status(payload: Bytes) -> tuple[int, int, int, int, int, int, int]:
-    """The scalar fields of a RADIO_STATUS: rssi, remrssi, txbuf, noise, remnoise, rxerrors, fixed."""
+    """Returns the scalar fields of a RADIO_STATUS: rssi, remrssi, txbuf, noise, remnoise, rxerrors, fixed."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + RADIO_STATUS_RSSI),
@@ -3018,7 +3030,7 @@ FILE_TRANSFER_PROTOCOL_PAYLOAD = 3  # uint8_t[251]
 def encode_file_transfer_protocol(
     payload: Bytes, target_network: int, target_system: int, target_component: int
 ) -> int:
-    """Fill `payload` with a FILE_TRANSFER_PROTOCOL; returns FILE_TRANSFER_PROTOCOL_LENGTH."""
+    """Fills `payload` with a FILE_TRANSFER_PROTOCOL; returns FILE_TRANSFER_PROTOCOL_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_NETWORK, target_network)
     put_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_SYSTEM, target_system)
@@ -3029,7 +3041,7 @@ def encode_file_transfer_protocol(
 
 @kernel
 def decode_file_transfer_protocol(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a FILE_TRANSFER_PROTOCOL: target_network, target_system, target_component."""
+    """Returns the scalar fields of a FILE_TRANSFER_PROTOCOL: target_network, target_system, target_component."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + FILE_TRANSFER_PROTOCOL_TARGET_NETWORK),
@@ -3040,13 +3052,13 @@ def decode_file_transfer_protocol(payload: Bytes) -> tuple[int, int, int]:
 
 @kernel
 def put_file_transfer_protocol_payload(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 250) of `payload`."""
+    """Sets element i (0 to 250) of `payload`."""
     put_u8(payload, FILE_TRANSFER_PROTOCOL_PAYLOAD + i, value)
 
 
 @kernel
 def get_file_transfer_protocol_payload(payload: Bytes, i: int) -> int:
-    """Element i (0 to 250) of `payload`."""
+    """Returns element i (0 to 250) of `payload`."""
     return get_u8(payload, FILE_TRANSFER_PROTOCOL_PAYLOAD + i)
 
 
@@ -3060,7 +3072,7 @@ TIMESYNC_TS1 = 8  # int64_t [ns]
 
 @kernel
 def encode_timesync(payload: Bytes, tc1: int, ts1: int) -> int:
-    """Fill `payload` with a TIMESYNC; returns TIMESYNC_LENGTH."""
+    """Fills `payload` with a TIMESYNC; returns TIMESYNC_LENGTH."""
     zero = int(np.int64(0))
     put_i64(payload, zero + TIMESYNC_TC1, tc1)
     put_i64(payload, zero + TIMESYNC_TS1, ts1)
@@ -3069,7 +3081,7 @@ def encode_timesync(payload: Bytes, tc1: int, ts1: int) -> int:
 
 @kernel
 def decode_timesync(payload: Bytes) -> tuple[int, int]:
-    """The scalar fields of a TIMESYNC: tc1, ts1."""
+    """Returns the scalar fields of a TIMESYNC: tc1, ts1."""
     zero = int(np.int64(0))
     return (
         get_i64(payload, zero + TIMESYNC_TC1),
@@ -3109,7 +3121,7 @@ def encode_scaled_imu2(
     zmag: int,
     temperature: int,
 ) -> int:
-    """Fill `payload` with a SCALED_IMU2; returns SCALED_IMU2_LENGTH."""
+    """Fills `payload` with a SCALED_IMU2; returns SCALED_IMU2_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SCALED_IMU2_TIME_BOOT_MS, time_boot_ms)
     put_i16(payload, zero + SCALED_IMU2_XACC, xacc)
@@ -3127,7 +3139,7 @@ def encode_scaled_imu2(
 
 @kernel
 def decode_scaled_imu2(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a SCALED_IMU2.
+    """Returns the scalar fields of a SCALED_IMU2.
 
     time_boot_ms, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, temperature.
     """
@@ -3158,7 +3170,7 @@ POWER_STATUS_FLAGS = 4  # uint16_t
 
 @kernel
 def encode_power_status(payload: Bytes, Vcc: int, Vservo: int, flags: int) -> int:
-    """Fill `payload` with a POWER_STATUS; returns POWER_STATUS_LENGTH."""
+    """Fills `payload` with a POWER_STATUS; returns POWER_STATUS_LENGTH."""
     zero = int(np.int64(0))
     put_u16(payload, zero + POWER_STATUS_VCC, Vcc)
     put_u16(payload, zero + POWER_STATUS_VSERVO, Vservo)
@@ -3168,7 +3180,7 @@ def encode_power_status(payload: Bytes, Vcc: int, Vservo: int, flags: int) -> in
 
 @kernel
 def decode_power_status(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a POWER_STATUS: Vcc, Vservo, flags."""
+    """Returns the scalar fields of a POWER_STATUS: Vcc, Vservo, flags."""
     zero = int(np.int64(0))
     return (
         get_u16(payload, zero + POWER_STATUS_VCC),
@@ -3209,7 +3221,7 @@ def encode_scaled_imu3(
     zmag: int,
     temperature: int,
 ) -> int:
-    """Fill `payload` with a SCALED_IMU3; returns SCALED_IMU3_LENGTH."""
+    """Fills `payload` with a SCALED_IMU3; returns SCALED_IMU3_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + SCALED_IMU3_TIME_BOOT_MS, time_boot_ms)
     put_i16(payload, zero + SCALED_IMU3_XACC, xacc)
@@ -3227,7 +3239,7 @@ def encode_scaled_imu3(
 
 @kernel
 def decode_scaled_imu3(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a SCALED_IMU3.
+    """Returns the scalar fields of a SCALED_IMU3.
 
     time_boot_ms, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, temperature.
     """
@@ -3280,7 +3292,7 @@ def encode_distance_sensor(
     vertical_fov: float,
     signal_quality: int,
 ) -> int:
-    """Fill `payload` with a DISTANCE_SENSOR; returns DISTANCE_SENSOR_LENGTH."""
+    """Fills `payload` with a DISTANCE_SENSOR; returns DISTANCE_SENSOR_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + DISTANCE_SENSOR_TIME_BOOT_MS, time_boot_ms)
     put_u16(payload, zero + DISTANCE_SENSOR_MIN_DISTANCE, min_distance)
@@ -3299,7 +3311,7 @@ def encode_distance_sensor(
 
 @kernel
 def decode_distance_sensor(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, float, float, int]:
-    """The scalar fields of a DISTANCE_SENSOR.
+    """Returns the scalar fields of a DISTANCE_SENSOR.
 
     time_boot_ms, min_distance, max_distance, current_distance, type, id, orientation, covariance, horizontal_fov,
     vertical_fov, signal_quality.
@@ -3322,13 +3334,13 @@ def decode_distance_sensor(payload: Bytes) -> tuple[int, int, int, int, int, int
 
 @kernel
 def put_distance_sensor_quaternion(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 3) of `quaternion`."""
+    """Sets element i (0 to 3) of `quaternion`."""
     put_f32(payload, DISTANCE_SENSOR_QUATERNION + 4 * i, value)
 
 
 @kernel
 def get_distance_sensor_quaternion(payload: Bytes, i: int) -> float:
-    """Element i (0 to 3) of `quaternion`."""
+    """Returns element i (0 to 3) of `quaternion`."""
     return get_f32(payload, DISTANCE_SENSOR_QUATERNION + 4 * i)
 
 
@@ -3356,7 +3368,7 @@ def encode_terrain_report(
     pending: int,
     loaded: int,
 ) -> int:
-    """Fill `payload` with a TERRAIN_REPORT; returns TERRAIN_REPORT_LENGTH."""
+    """Fills `payload` with a TERRAIN_REPORT; returns TERRAIN_REPORT_LENGTH."""
     zero = int(np.int64(0))
     put_i32(payload, zero + TERRAIN_REPORT_LAT, lat)
     put_i32(payload, zero + TERRAIN_REPORT_LON, lon)
@@ -3370,7 +3382,10 @@ def encode_terrain_report(
 
 @kernel
 def decode_terrain_report(payload: Bytes) -> tuple[int, int, int, float, float, int, int]:
-    """The scalar fields of a TERRAIN_REPORT: lat, lon, spacing, terrain_height, current_height, pending, loaded."""
+    """Returns the scalar fields of a TERRAIN_REPORT.
+
+    lat, lon, spacing, terrain_height, current_height, pending, loaded.
+    """
     zero = int(np.int64(0))
     return (
         get_i32(payload, zero + TERRAIN_REPORT_LAT),
@@ -3404,7 +3419,7 @@ FOLLOW_TARGET_CUSTOM_STATE = 8  # uint64_t
 def encode_follow_target(
     payload: Bytes, timestamp: int, est_capabilities: int, lat: int, lon: int, alt: float, custom_state: int
 ) -> int:
-    """Fill `payload` with a FOLLOW_TARGET; returns FOLLOW_TARGET_LENGTH."""
+    """Fills `payload` with a FOLLOW_TARGET; returns FOLLOW_TARGET_LENGTH."""
     zero = int(np.int64(0))
     put_u64(payload, zero + FOLLOW_TARGET_TIMESTAMP, timestamp)
     put_u8(payload, zero + FOLLOW_TARGET_EST_CAPABILITIES, est_capabilities)
@@ -3422,7 +3437,7 @@ def encode_follow_target(
 
 @kernel
 def decode_follow_target(payload: Bytes) -> tuple[int, int, int, int, float, int]:
-    """The scalar fields of a FOLLOW_TARGET: timestamp, est_capabilities, lat, lon, alt, custom_state."""
+    """Returns the scalar fields of a FOLLOW_TARGET: timestamp, est_capabilities, lat, lon, alt, custom_state."""
     zero = int(np.int64(0))
     return (
         get_u64(payload, zero + FOLLOW_TARGET_TIMESTAMP),
@@ -3436,61 +3451,61 @@ def decode_follow_target(payload: Bytes) -> tuple[int, int, int, int, float, int
 
 @kernel
 def put_follow_target_vel(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 2) of `vel`."""
+    """Sets element i (0 to 2) of `vel`."""
     put_f32(payload, FOLLOW_TARGET_VEL + 4 * i, value)
 
 
 @kernel
 def get_follow_target_vel(payload: Bytes, i: int) -> float:
-    """Element i (0 to 2) of `vel`."""
+    """Returns element i (0 to 2) of `vel`."""
     return get_f32(payload, FOLLOW_TARGET_VEL + 4 * i)
 
 
 @kernel
 def put_follow_target_acc(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 2) of `acc`."""
+    """Sets element i (0 to 2) of `acc`."""
     put_f32(payload, FOLLOW_TARGET_ACC + 4 * i, value)
 
 
 @kernel
 def get_follow_target_acc(payload: Bytes, i: int) -> float:
-    """Element i (0 to 2) of `acc`."""
+    """Returns element i (0 to 2) of `acc`."""
     return get_f32(payload, FOLLOW_TARGET_ACC + 4 * i)
 
 
 @kernel
 def put_follow_target_attitude_q(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 3) of `attitude_q`."""
+    """Sets element i (0 to 3) of `attitude_q`."""
     put_f32(payload, FOLLOW_TARGET_ATTITUDE_Q + 4 * i, value)
 
 
 @kernel
 def get_follow_target_attitude_q(payload: Bytes, i: int) -> float:
-    """Element i (0 to 3) of `attitude_q`."""
+    """Returns element i (0 to 3) of `attitude_q`."""
     return get_f32(payload, FOLLOW_TARGET_ATTITUDE_Q + 4 * i)
 
 
 @kernel
 def put_follow_target_rates(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 2) of `rates`."""
+    """Sets element i (0 to 2) of `rates`."""
     put_f32(payload, FOLLOW_TARGET_RATES + 4 * i, value)
 
 
 @kernel
 def get_follow_target_rates(payload: Bytes, i: int) -> float:
-    """Element i (0 to 2) of `rates`."""
+    """Returns element i (0 to 2) of `rates`."""
     return get_f32(payload, FOLLOW_TARGET_RATES + 4 * i)
 
 
 @kernel
 def put_follow_target_position_cov(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 2) of `position_cov`."""
+    """Sets element i (0 to 2) of `position_cov`."""
     put_f32(payload, FOLLOW_TARGET_POSITION_COV + 4 * i, value)
 
 
 @kernel
 def get_follow_target_position_cov(payload: Bytes, i: int) -> float:
-    """Element i (0 to 2) of `position_cov`."""
+    """Returns element i (0 to 2) of `position_cov`."""
     return get_f32(payload, FOLLOW_TARGET_POSITION_COV + 4 * i)
 
 
@@ -3530,7 +3545,7 @@ def encode_battery_status(
     mode: int,
     fault_bitmask: int,
 ) -> int:
-    """Fill `payload` with a BATTERY_STATUS; returns BATTERY_STATUS_LENGTH."""
+    """Fills `payload` with a BATTERY_STATUS; returns BATTERY_STATUS_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + BATTERY_STATUS_ID, id_)
     put_u8(payload, zero + BATTERY_STATUS_BATTERY_FUNCTION, battery_function)
@@ -3551,7 +3566,7 @@ def encode_battery_status(
 
 @kernel
 def decode_battery_status(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of a BATTERY_STATUS.
+    """Returns the scalar fields of a BATTERY_STATUS.
 
     id, battery_function, type, temperature, current_battery, current_consumed, energy_consumed, battery_remaining,
     time_remaining, charge_state, mode, fault_bitmask.
@@ -3575,25 +3590,25 @@ def decode_battery_status(payload: Bytes) -> tuple[int, int, int, int, int, int,
 
 @kernel
 def put_battery_status_voltages(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 9) of `voltages`."""
+    """Sets element i (0 to 9) of `voltages`."""
     put_u16(payload, BATTERY_STATUS_VOLTAGES + 2 * i, value)
 
 
 @kernel
 def get_battery_status_voltages(payload: Bytes, i: int) -> int:
-    """Element i (0 to 9) of `voltages`."""
+    """Returns element i (0 to 9) of `voltages`."""
     return get_u16(payload, BATTERY_STATUS_VOLTAGES + 2 * i)
 
 
 @kernel
 def put_battery_status_voltages_ext(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 3) of `voltages_ext`."""
+    """Sets element i (0 to 3) of `voltages_ext`."""
     put_u16(payload, BATTERY_STATUS_VOLTAGES_EXT + 2 * i, value)
 
 
 @kernel
 def get_battery_status_voltages_ext(payload: Bytes, i: int) -> int:
-    """Element i (0 to 3) of `voltages_ext`."""
+    """Returns element i (0 to 3) of `voltages_ext`."""
     return get_u16(payload, BATTERY_STATUS_VOLTAGES_EXT + 2 * i)
 
 
@@ -3627,7 +3642,7 @@ def encode_autopilot_version(
     product_id: int,
     uid: int,
 ) -> int:
-    """Fill `payload` with an AUTOPILOT_VERSION; returns AUTOPILOT_VERSION_LENGTH."""
+    """Fills `payload` with an AUTOPILOT_VERSION; returns AUTOPILOT_VERSION_LENGTH."""
     zero = int(np.int64(0))
     put_u64(payload, zero + AUTOPILOT_VERSION_CAPABILITIES, capabilities)
     put_u32(payload, zero + AUTOPILOT_VERSION_FLIGHT_SW_VERSION, flight_sw_version)
@@ -3650,7 +3665,7 @@ def encode_autopilot_version(
 
 @kernel
 def decode_autopilot_version(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int]:
-    """The scalar fields of an AUTOPILOT_VERSION.
+    """Returns the scalar fields of an AUTOPILOT_VERSION.
 
     capabilities, flight_sw_version, middleware_sw_version, os_sw_version, board_version, vendor_id, product_id, uid.
     """
@@ -3669,49 +3684,49 @@ def decode_autopilot_version(payload: Bytes) -> tuple[int, int, int, int, int, i
 
 @kernel
 def put_autopilot_version_flight_custom_version(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 7) of `flight_custom_version`."""
+    """Sets element i (0 to 7) of `flight_custom_version`."""
     put_u8(payload, AUTOPILOT_VERSION_FLIGHT_CUSTOM_VERSION + i, value)
 
 
 @kernel
 def get_autopilot_version_flight_custom_version(payload: Bytes, i: int) -> int:
-    """Element i (0 to 7) of `flight_custom_version`."""
+    """Returns element i (0 to 7) of `flight_custom_version`."""
     return get_u8(payload, AUTOPILOT_VERSION_FLIGHT_CUSTOM_VERSION + i)
 
 
 @kernel
 def put_autopilot_version_middleware_custom_version(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 7) of `middleware_custom_version`."""
+    """Sets element i (0 to 7) of `middleware_custom_version`."""
     put_u8(payload, AUTOPILOT_VERSION_MIDDLEWARE_CUSTOM_VERSION + i, value)
 
 
 @kernel
 def get_autopilot_version_middleware_custom_version(payload: Bytes, i: int) -> int:
-    """Element i (0 to 7) of `middleware_custom_version`."""
+    """Returns element i (0 to 7) of `middleware_custom_version`."""
     return get_u8(payload, AUTOPILOT_VERSION_MIDDLEWARE_CUSTOM_VERSION + i)
 
 
 @kernel
 def put_autopilot_version_os_custom_version(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 7) of `os_custom_version`."""
+    """Sets element i (0 to 7) of `os_custom_version`."""
     put_u8(payload, AUTOPILOT_VERSION_OS_CUSTOM_VERSION + i, value)
 
 
 @kernel
 def get_autopilot_version_os_custom_version(payload: Bytes, i: int) -> int:
-    """Element i (0 to 7) of `os_custom_version`."""
+    """Returns element i (0 to 7) of `os_custom_version`."""
     return get_u8(payload, AUTOPILOT_VERSION_OS_CUSTOM_VERSION + i)
 
 
 @kernel
 def put_autopilot_version_uid2(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 17) of `uid2`."""
+    """Sets element i (0 to 17) of `uid2`."""
     put_u8(payload, AUTOPILOT_VERSION_UID2 + i, value)
 
 
 @kernel
 def get_autopilot_version_uid2(payload: Bytes, i: int) -> int:
-    """Element i (0 to 17) of `uid2`."""
+    """Returns element i (0 to 17) of `uid2`."""
     return get_u8(payload, AUTOPILOT_VERSION_UID2 + i)
 
 
@@ -3726,7 +3741,7 @@ MEMINFO_FREEMEM32 = 4  # uint32_t [bytes], extension
 
 @kernel
 def encode_meminfo(payload: Bytes, brkval: int, freemem: int, freemem32: int) -> int:
-    """Fill `payload` with a MEMINFO; returns MEMINFO_LENGTH."""
+    """Fills `payload` with a MEMINFO; returns MEMINFO_LENGTH."""
     zero = int(np.int64(0))
     put_u16(payload, zero + MEMINFO_BRKVAL, brkval)
     put_u16(payload, zero + MEMINFO_FREEMEM, freemem)
@@ -3736,7 +3751,7 @@ def encode_meminfo(payload: Bytes, brkval: int, freemem: int, freemem32: int) ->
 
 @kernel
 def decode_meminfo(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a MEMINFO: brkval, freemem, freemem32."""
+    """Returns the scalar fields of a MEMINFO: brkval, freemem, freemem32."""
     zero = int(np.int64(0))
     return (
         get_u16(payload, zero + MEMINFO_BRKVAL),
@@ -3760,7 +3775,7 @@ FENCE_STATUS_BREACH_MITIGATION = 8  # uint8_t, extension
 def encode_fence_status(
     payload: Bytes, breach_status: int, breach_count: int, breach_type: int, breach_time: int, breach_mitigation: int
 ) -> int:
-    """Fill `payload` with a FENCE_STATUS; returns FENCE_STATUS_LENGTH."""
+    """Fills `payload` with a FENCE_STATUS; returns FENCE_STATUS_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + FENCE_STATUS_BREACH_STATUS, breach_status)
     put_u16(payload, zero + FENCE_STATUS_BREACH_COUNT, breach_count)
@@ -3772,7 +3787,10 @@ def encode_fence_status(
 
 @kernel
 def decode_fence_status(payload: Bytes) -> tuple[int, int, int, int, int]:
-    """The scalar fields of a FENCE_STATUS: breach_status, breach_count, breach_type, breach_time, breach_mitigation."""
+    """Returns the scalar fields of a FENCE_STATUS.
+
+    breach_status, breach_count, breach_type, breach_time, breach_mitigation.
+    """
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + FENCE_STATUS_BREACH_STATUS),
@@ -3807,7 +3825,7 @@ def encode_ahrs(
     error_rp: float,
     error_yaw: float,
 ) -> int:
-    """Fill `payload` with an AHRS; returns AHRS_LENGTH."""
+    """Fills `payload` with an AHRS; returns AHRS_LENGTH."""
     zero = int(np.int64(0))
     put_f32(payload, zero + AHRS_OMEGAIX, omegaIx)
     put_f32(payload, zero + AHRS_OMEGAIY, omegaIy)
@@ -3821,7 +3839,10 @@ def encode_ahrs(
 
 @kernel
 def decode_ahrs(payload: Bytes) -> tuple[float, float, float, float, float, float, float]:
-    """The scalar fields of an AHRS: omegaIx, omegaIy, omegaIz, accel_weight, renorm_val, error_rp, error_yaw."""
+    """Returns the scalar fields of an AHRS.
+
+    omegaIx, omegaIy, omegaIz, accel_weight, renorm_val, error_rp, error_yaw.
+    """
     zero = int(np.int64(0))
     return (
         get_f32(payload, zero + AHRS_OMEGAIX),
@@ -3866,7 +3887,7 @@ def encode_simstate(
     lat: int,
     lng: int,
 ) -> int:
-    """Fill `payload` with a SIMSTATE; returns SIMSTATE_LENGTH."""
+    """Fills `payload` with a SIMSTATE; returns SIMSTATE_LENGTH."""
     zero = int(np.int64(0))
     put_f32(payload, zero + SIMSTATE_ROLL, roll)
     put_f32(payload, zero + SIMSTATE_PITCH, pitch)
@@ -3884,7 +3905,7 @@ def encode_simstate(
 
 @kernel
 def decode_simstate(payload: Bytes) -> tuple[float, float, float, float, float, float, float, float, float, int, int]:
-    """The scalar fields of a SIMSTATE: roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lng."""
+    """Returns the scalar fields of a SIMSTATE: roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lng."""
     zero = int(np.int64(0))
     return (
         get_f32(payload, zero + SIMSTATE_ROLL),
@@ -3912,7 +3933,7 @@ WIND_SPEED_Z = 8  # float [m/s]
 
 @kernel
 def encode_wind(payload: Bytes, direction: float, speed: float, speed_z: float) -> int:
-    """Fill `payload` with a WIND; returns WIND_LENGTH."""
+    """Fills `payload` with a WIND; returns WIND_LENGTH."""
     zero = int(np.int64(0))
     put_f32(payload, zero + WIND_DIRECTION, direction)
     put_f32(payload, zero + WIND_SPEED, speed)
@@ -3922,7 +3943,7 @@ def encode_wind(payload: Bytes, direction: float, speed: float, speed_z: float) 
 
 @kernel
 def decode_wind(payload: Bytes) -> tuple[float, float, float]:
-    """The scalar fields of a WIND: direction, speed, speed_z."""
+    """Returns the scalar fields of a WIND: direction, speed, speed_z."""
     zero = int(np.int64(0))
     return (
         get_f32(payload, zero + WIND_DIRECTION),
@@ -3945,7 +3966,7 @@ AHRS2_LNG = 20  # int32_t [degE7]
 
 @kernel
 def encode_ahrs2(payload: Bytes, roll: float, pitch: float, yaw: float, altitude: float, lat: int, lng: int) -> int:
-    """Fill `payload` with an AHRS2; returns AHRS2_LENGTH."""
+    """Fills `payload` with an AHRS2; returns AHRS2_LENGTH."""
     zero = int(np.int64(0))
     put_f32(payload, zero + AHRS2_ROLL, roll)
     put_f32(payload, zero + AHRS2_PITCH, pitch)
@@ -3958,7 +3979,7 @@ def encode_ahrs2(payload: Bytes, roll: float, pitch: float, yaw: float, altitude
 
 @kernel
 def decode_ahrs2(payload: Bytes) -> tuple[float, float, float, float, int, int]:
-    """The scalar fields of an AHRS2: roll, pitch, yaw, altitude, lat, lng."""
+    """Returns the scalar fields of an AHRS2: roll, pitch, yaw, altitude, lat, lng."""
     zero = int(np.int64(0))
     return (
         get_f32(payload, zero + AHRS2_ROLL),
@@ -3994,7 +4015,7 @@ def encode_ekf_status_report(
     terrain_alt_variance: float,
     airspeed_variance: float,
 ) -> int:
-    """Fill `payload` with an EKF_STATUS_REPORT; returns EKF_STATUS_REPORT_LENGTH."""
+    """Fills `payload` with an EKF_STATUS_REPORT; returns EKF_STATUS_REPORT_LENGTH."""
     zero = int(np.int64(0))
     put_u16(payload, zero + EKF_STATUS_REPORT_FLAGS, flags)
     put_f32(payload, zero + EKF_STATUS_REPORT_VELOCITY_VARIANCE, velocity_variance)
@@ -4008,7 +4029,7 @@ def encode_ekf_status_report(
 
 @kernel
 def decode_ekf_status_report(payload: Bytes) -> tuple[int, float, float, float, float, float, float]:
-    """The scalar fields of an EKF_STATUS_REPORT.
+    """Returns the scalar fields of an EKF_STATUS_REPORT.
 
     flags, velocity_variance, pos_horiz_variance, pos_vert_variance, compass_variance, terrain_alt_variance,
     airspeed_variance.
@@ -4089,7 +4110,7 @@ def encode_high_latency2(
     custom1: int,
     custom2: int,
 ) -> int:
-    """Fill `payload` with a HIGH_LATENCY2; returns HIGH_LATENCY2_LENGTH."""
+    """Fills `payload` with a HIGH_LATENCY2; returns HIGH_LATENCY2_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + HIGH_LATENCY2_TIMESTAMP, timestamp)
     put_u8(payload, zero + HIGH_LATENCY2_TYPE, type_)
@@ -4153,7 +4174,7 @@ def decode_high_latency2(
     int,
     int,
 ]:
-    """The scalar fields of a HIGH_LATENCY2.
+    """Returns the scalar fields of a HIGH_LATENCY2.
 
     timestamp, type, autopilot, custom_mode, latitude, longitude, altitude, target_altitude, heading, target_heading,
     target_distance, throttle, airspeed, airspeed_sp, groundspeed, windspeed, wind_heading, eph, epv, temperature_air,
@@ -4215,7 +4236,7 @@ def encode_vibration(
     clipping_1: int,
     clipping_2: int,
 ) -> int:
-    """Fill `payload` with a VIBRATION; returns VIBRATION_LENGTH."""
+    """Fills `payload` with a VIBRATION; returns VIBRATION_LENGTH."""
     zero = int(np.int64(0))
     put_u64(payload, zero + VIBRATION_TIME_USEC, time_usec)
     put_f32(payload, zero + VIBRATION_VIBRATION_X, vibration_x)
@@ -4229,7 +4250,7 @@ def encode_vibration(
 
 @kernel
 def decode_vibration(payload: Bytes) -> tuple[int, float, float, float, int, int, int]:
-    """The scalar fields of a VIBRATION.
+    """Returns the scalar fields of a VIBRATION.
 
     time_usec, vibration_x, vibration_y, vibration_z, clipping_0, clipping_1, clipping_2.
     """
@@ -4276,7 +4297,7 @@ def encode_home_position(
     approach_z: float,
     time_usec: int,
 ) -> int:
-    """Fill `payload` with a HOME_POSITION; returns HOME_POSITION_LENGTH."""
+    """Fills `payload` with a HOME_POSITION; returns HOME_POSITION_LENGTH."""
     zero = int(np.int64(0))
     put_i32(payload, zero + HOME_POSITION_LATITUDE, latitude)
     put_i32(payload, zero + HOME_POSITION_LONGITUDE, longitude)
@@ -4294,7 +4315,7 @@ def encode_home_position(
 
 @kernel
 def decode_home_position(payload: Bytes) -> tuple[int, int, int, float, float, float, float, float, float, int]:
-    """The scalar fields of a HOME_POSITION.
+    """Returns the scalar fields of a HOME_POSITION.
 
     latitude, longitude, altitude, x, y, z, approach_x, approach_y, approach_z, time_usec.
     """
@@ -4315,13 +4336,13 @@ def decode_home_position(payload: Bytes) -> tuple[int, int, int, float, float, f
 
 @kernel
 def put_home_position_q(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 3) of `q`."""
+    """Sets element i (0 to 3) of `q`."""
     put_f32(payload, HOME_POSITION_Q + 4 * i, value)
 
 
 @kernel
 def get_home_position_q(payload: Bytes, i: int) -> float:
-    """Element i (0 to 3) of `q`."""
+    """Returns element i (0 to 3) of `q`."""
     return get_f32(payload, HOME_POSITION_Q + 4 * i)
 
 
@@ -4358,7 +4379,7 @@ def encode_set_home_position(
     approach_z: float,
     time_usec: int,
 ) -> int:
-    """Fill `payload` with a SET_HOME_POSITION; returns SET_HOME_POSITION_LENGTH."""
+    """Fills `payload` with a SET_HOME_POSITION; returns SET_HOME_POSITION_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + SET_HOME_POSITION_TARGET_SYSTEM, target_system)
     put_i32(payload, zero + SET_HOME_POSITION_LATITUDE, latitude)
@@ -4379,7 +4400,7 @@ def encode_set_home_position(
 def decode_set_home_position(
     payload: Bytes,
 ) -> tuple[int, int, int, int, float, float, float, float, float, float, int]:
-    """The scalar fields of a SET_HOME_POSITION.
+    """Returns the scalar fields of a SET_HOME_POSITION.
 
     target_system, latitude, longitude, altitude, x, y, z, approach_x, approach_y, approach_z, time_usec.
     """
@@ -4401,13 +4422,13 @@ def decode_set_home_position(
 
 @kernel
 def put_set_home_position_q(payload: Bytes, i: int, value: float) -> None:
-    """Set element i (0 to 3) of `q`."""
+    """Sets element i (0 to 3) of `q`."""
     put_f32(payload, SET_HOME_POSITION_Q + 4 * i, value)
 
 
 @kernel
 def get_set_home_position_q(payload: Bytes, i: int) -> float:
-    """Element i (0 to 3) of `q`."""
+    """Returns element i (0 to 3) of `q`."""
     return get_f32(payload, SET_HOME_POSITION_Q + 4 * i)
 
 
@@ -4421,7 +4442,7 @@ MESSAGE_INTERVAL_INTERVAL_US = 0  # int32_t [us]
 
 @kernel
 def encode_message_interval(payload: Bytes, message_id: int, interval_us: int) -> int:
-    """Fill `payload` with a MESSAGE_INTERVAL; returns MESSAGE_INTERVAL_LENGTH."""
+    """Fills `payload` with a MESSAGE_INTERVAL; returns MESSAGE_INTERVAL_LENGTH."""
     zero = int(np.int64(0))
     put_u16(payload, zero + MESSAGE_INTERVAL_MESSAGE_ID, message_id)
     put_i32(payload, zero + MESSAGE_INTERVAL_INTERVAL_US, interval_us)
@@ -4430,7 +4451,7 @@ def encode_message_interval(payload: Bytes, message_id: int, interval_us: int) -
 
 @kernel
 def decode_message_interval(payload: Bytes) -> tuple[int, int]:
-    """The scalar fields of a MESSAGE_INTERVAL: message_id, interval_us."""
+    """Returns the scalar fields of a MESSAGE_INTERVAL: message_id, interval_us."""
     zero = int(np.int64(0))
     return (
         get_u16(payload, zero + MESSAGE_INTERVAL_MESSAGE_ID),
@@ -4448,7 +4469,7 @@ EXTENDED_SYS_STATE_LANDED_STATE = 1  # uint8_t
 
 @kernel
 def encode_extended_sys_state(payload: Bytes, vtol_state: int, landed_state: int) -> int:
-    """Fill `payload` with an EXTENDED_SYS_STATE; returns EXTENDED_SYS_STATE_LENGTH."""
+    """Fills `payload` with an EXTENDED_SYS_STATE; returns EXTENDED_SYS_STATE_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + EXTENDED_SYS_STATE_VTOL_STATE, vtol_state)
     put_u8(payload, zero + EXTENDED_SYS_STATE_LANDED_STATE, landed_state)
@@ -4457,7 +4478,7 @@ def encode_extended_sys_state(payload: Bytes, vtol_state: int, landed_state: int
 
 @kernel
 def decode_extended_sys_state(payload: Bytes) -> tuple[int, int]:
-    """The scalar fields of an EXTENDED_SYS_STATE: vtol_state, landed_state."""
+    """Returns the scalar fields of an EXTENDED_SYS_STATE: vtol_state, landed_state."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + EXTENDED_SYS_STATE_VTOL_STATE),
@@ -4500,7 +4521,7 @@ def encode_adsb_vehicle(
     flags: int,
     squawk: int,
 ) -> int:
-    """Fill `payload` with an ADSB_VEHICLE; returns ADSB_VEHICLE_LENGTH."""
+    """Fills `payload` with an ADSB_VEHICLE; returns ADSB_VEHICLE_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + ADSB_VEHICLE_ICAO_ADDRESS, ICAO_address)
     put_i32(payload, zero + ADSB_VEHICLE_LAT, lat)
@@ -4520,7 +4541,7 @@ def encode_adsb_vehicle(
 
 @kernel
 def decode_adsb_vehicle(payload: Bytes) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int]:
-    """The scalar fields of an ADSB_VEHICLE.
+    """Returns the scalar fields of an ADSB_VEHICLE.
 
     ICAO_address, lat, lon, altitude_type, altitude, heading, hor_velocity, ver_velocity, emitter_type, tslc, flags,
     squawk.
@@ -4544,13 +4565,13 @@ def decode_adsb_vehicle(payload: Bytes) -> tuple[int, int, int, int, int, int, i
 
 @kernel
 def put_adsb_vehicle_callsign(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 8) of `callsign`."""
+    """Sets element i (0 to 8) of `callsign`."""
     put_u8(payload, ADSB_VEHICLE_CALLSIGN + i, value)
 
 
 @kernel
 def get_adsb_vehicle_callsign(payload: Bytes, i: int) -> int:
-    """Element i (0 to 8) of `callsign`."""
+    """Returns element i (0 to 8) of `callsign`."""
     return get_u8(payload, ADSB_VEHICLE_CALLSIGN + i)
 
 
@@ -4569,7 +4590,7 @@ V2_EXTENSION_PAYLOAD = 5  # uint8_t[249]
 def encode_v2_extension(
     payload: Bytes, target_network: int, target_system: int, target_component: int, message_type: int
 ) -> int:
-    """Fill `payload` with a V2_EXTENSION; returns V2_EXTENSION_LENGTH."""
+    """Fills `payload` with a V2_EXTENSION; returns V2_EXTENSION_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + V2_EXTENSION_TARGET_NETWORK, target_network)
     put_u8(payload, zero + V2_EXTENSION_TARGET_SYSTEM, target_system)
@@ -4581,7 +4602,7 @@ def encode_v2_extension(
 
 @kernel
 def decode_v2_extension(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a V2_EXTENSION: target_network, target_system, target_component, message_type."""
+    """Returns the scalar fields of a V2_EXTENSION: target_network, target_system, target_component, message_type."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + V2_EXTENSION_TARGET_NETWORK),
@@ -4593,13 +4614,13 @@ def decode_v2_extension(payload: Bytes) -> tuple[int, int, int, int]:
 
 @kernel
 def put_v2_extension_payload(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 248) of `payload`."""
+    """Sets element i (0 to 248) of `payload`."""
     put_u8(payload, V2_EXTENSION_PAYLOAD + i, value)
 
 
 @kernel
 def get_v2_extension_payload(payload: Bytes, i: int) -> int:
-    """Element i (0 to 248) of `payload`."""
+    """Returns element i (0 to 248) of `payload`."""
     return get_u8(payload, V2_EXTENSION_PAYLOAD + i)
 
 
@@ -4616,7 +4637,7 @@ DEBUG_VECT_Z = 16  # float
 
 @kernel
 def encode_debug_vect(payload: Bytes, time_usec: int, x: float, y: float, z: float) -> int:
-    """Fill `payload` with a DEBUG_VECT; returns DEBUG_VECT_LENGTH."""
+    """Fills `payload` with a DEBUG_VECT; returns DEBUG_VECT_LENGTH."""
     zero = int(np.int64(0))
     clear(payload, zero + DEBUG_VECT_NAME, zero + DEBUG_VECT_NAME + 10)
     put_u64(payload, zero + DEBUG_VECT_TIME_USEC, time_usec)
@@ -4628,7 +4649,7 @@ def encode_debug_vect(payload: Bytes, time_usec: int, x: float, y: float, z: flo
 
 @kernel
 def decode_debug_vect(payload: Bytes) -> tuple[int, float, float, float]:
-    """The scalar fields of a DEBUG_VECT: time_usec, x, y, z."""
+    """Returns the scalar fields of a DEBUG_VECT: time_usec, x, y, z."""
     zero = int(np.int64(0))
     return (
         get_u64(payload, zero + DEBUG_VECT_TIME_USEC),
@@ -4640,13 +4661,13 @@ def decode_debug_vect(payload: Bytes) -> tuple[int, float, float, float]:
 
 @kernel
 def put_debug_vect_name(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 9) of `name`."""
+    """Sets element i (0 to 9) of `name`."""
     put_u8(payload, DEBUG_VECT_NAME + i, value)
 
 
 @kernel
 def get_debug_vect_name(payload: Bytes, i: int) -> int:
-    """Element i (0 to 9) of `name`."""
+    """Returns element i (0 to 9) of `name`."""
     return get_u8(payload, DEBUG_VECT_NAME + i)
 
 
@@ -4661,7 +4682,7 @@ NAMED_VALUE_FLOAT_VALUE = 4  # float
 
 @kernel
 def encode_named_value_float(payload: Bytes, time_boot_ms: int, value: float) -> int:
-    """Fill `payload` with a NAMED_VALUE_FLOAT; returns NAMED_VALUE_FLOAT_LENGTH."""
+    """Fills `payload` with a NAMED_VALUE_FLOAT; returns NAMED_VALUE_FLOAT_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + NAMED_VALUE_FLOAT_TIME_BOOT_MS, time_boot_ms)
     clear(payload, zero + NAMED_VALUE_FLOAT_NAME, zero + NAMED_VALUE_FLOAT_NAME + 10)
@@ -4671,7 +4692,7 @@ def encode_named_value_float(payload: Bytes, time_boot_ms: int, value: float) ->
 
 @kernel
 def decode_named_value_float(payload: Bytes) -> tuple[int, float]:
-    """The scalar fields of a NAMED_VALUE_FLOAT: time_boot_ms, value."""
+    """Returns the scalar fields of a NAMED_VALUE_FLOAT: time_boot_ms, value."""
     zero = int(np.int64(0))
     return (
         get_u32(payload, zero + NAMED_VALUE_FLOAT_TIME_BOOT_MS),
@@ -4681,13 +4702,13 @@ def decode_named_value_float(payload: Bytes) -> tuple[int, float]:
 
 @kernel
 def put_named_value_float_name(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 9) of `name`."""
+    """Sets element i (0 to 9) of `name`."""
     put_u8(payload, NAMED_VALUE_FLOAT_NAME + i, value)
 
 
 @kernel
 def get_named_value_float_name(payload: Bytes, i: int) -> int:
-    """Element i (0 to 9) of `name`."""
+    """Returns element i (0 to 9) of `name`."""
     return get_u8(payload, NAMED_VALUE_FLOAT_NAME + i)
 
 
@@ -4702,7 +4723,7 @@ NAMED_VALUE_INT_VALUE = 4  # int32_t
 
 @kernel
 def encode_named_value_int(payload: Bytes, time_boot_ms: int, value: int) -> int:
-    """Fill `payload` with a NAMED_VALUE_INT; returns NAMED_VALUE_INT_LENGTH."""
+    """Fills `payload` with a NAMED_VALUE_INT; returns NAMED_VALUE_INT_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + NAMED_VALUE_INT_TIME_BOOT_MS, time_boot_ms)
     clear(payload, zero + NAMED_VALUE_INT_NAME, zero + NAMED_VALUE_INT_NAME + 10)
@@ -4712,7 +4733,7 @@ def encode_named_value_int(payload: Bytes, time_boot_ms: int, value: int) -> int
 
 @kernel
 def decode_named_value_int(payload: Bytes) -> tuple[int, int]:
-    """The scalar fields of a NAMED_VALUE_INT: time_boot_ms, value."""
+    """Returns the scalar fields of a NAMED_VALUE_INT: time_boot_ms, value."""
     zero = int(np.int64(0))
     return (
         get_u32(payload, zero + NAMED_VALUE_INT_TIME_BOOT_MS),
@@ -4722,13 +4743,13 @@ def decode_named_value_int(payload: Bytes) -> tuple[int, int]:
 
 @kernel
 def put_named_value_int_name(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 9) of `name`."""
+    """Sets element i (0 to 9) of `name`."""
     put_u8(payload, NAMED_VALUE_INT_NAME + i, value)
 
 
 @kernel
 def get_named_value_int_name(payload: Bytes, i: int) -> int:
-    """Element i (0 to 9) of `name`."""
+    """Returns element i (0 to 9) of `name`."""
     return get_u8(payload, NAMED_VALUE_INT_NAME + i)
 
 
@@ -4744,7 +4765,7 @@ STATUSTEXT_CHUNK_SEQ = 53  # uint8_t, extension
 
 @kernel
 def encode_statustext(payload: Bytes, severity: int, id_: int, chunk_seq: int) -> int:
-    """Fill `payload` with a STATUSTEXT; returns STATUSTEXT_LENGTH."""
+    """Fills `payload` with a STATUSTEXT; returns STATUSTEXT_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + STATUSTEXT_SEVERITY, severity)
     clear(payload, zero + STATUSTEXT_TEXT, zero + STATUSTEXT_TEXT + 50)
@@ -4755,7 +4776,7 @@ def encode_statustext(payload: Bytes, severity: int, id_: int, chunk_seq: int) -
 
 @kernel
 def decode_statustext(payload: Bytes) -> tuple[int, int, int]:
-    """The scalar fields of a STATUSTEXT: severity, id, chunk_seq."""
+    """Returns the scalar fields of a STATUSTEXT: severity, id, chunk_seq."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + STATUSTEXT_SEVERITY),
@@ -4766,13 +4787,13 @@ def decode_statustext(payload: Bytes) -> tuple[int, int, int]:
 
 @kernel
 def put_statustext_text(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 49) of `text`."""
+    """Sets element i (0 to 49) of `text`."""
     put_u8(payload, STATUSTEXT_TEXT + i, value)
 
 
 @kernel
 def get_statustext_text(payload: Bytes, i: int) -> int:
-    """Element i (0 to 49) of `text`."""
+    """Returns element i (0 to 49) of `text`."""
     return get_u8(payload, STATUSTEXT_TEXT + i)
 
 
@@ -4787,7 +4808,7 @@ DEBUG_VALUE = 4  # float
 
 @kernel
 def encode_debug(payload: Bytes, time_boot_ms: int, ind: int, value: float) -> int:
-    """Fill `payload` with a DEBUG; returns DEBUG_LENGTH."""
+    """Fills `payload` with a DEBUG; returns DEBUG_LENGTH."""
     zero = int(np.int64(0))
     put_u32(payload, zero + DEBUG_TIME_BOOT_MS, time_boot_ms)
     put_u8(payload, zero + DEBUG_IND, ind)
@@ -4797,7 +4818,7 @@ def encode_debug(payload: Bytes, time_boot_ms: int, ind: int, value: float) -> i
 
 @kernel
 def decode_debug(payload: Bytes) -> tuple[int, int, float]:
-    """The scalar fields of a DEBUG: time_boot_ms, ind, value."""
+    """Returns the scalar fields of a DEBUG: time_boot_ms, ind, value."""
     zero = int(np.int64(0))
     return (
         get_u32(payload, zero + DEBUG_TIME_BOOT_MS),
@@ -4821,7 +4842,7 @@ TUNNEL_PAYLOAD = 5  # uint8_t[128]
 def encode_tunnel(
     payload: Bytes, target_system: int, target_component: int, payload_type: int, payload_length: int
 ) -> int:
-    """Fill `payload` with a TUNNEL; returns TUNNEL_LENGTH."""
+    """Fills `payload` with a TUNNEL; returns TUNNEL_LENGTH."""
     zero = int(np.int64(0))
     put_u8(payload, zero + TUNNEL_TARGET_SYSTEM, target_system)
     put_u8(payload, zero + TUNNEL_TARGET_COMPONENT, target_component)
@@ -4833,7 +4854,7 @@ def encode_tunnel(
 
 @kernel
 def decode_tunnel(payload: Bytes) -> tuple[int, int, int, int]:
-    """The scalar fields of a TUNNEL: target_system, target_component, payload_type, payload_length."""
+    """Returns the scalar fields of a TUNNEL: target_system, target_component, payload_type, payload_length."""
     zero = int(np.int64(0))
     return (
         get_u8(payload, zero + TUNNEL_TARGET_SYSTEM),
@@ -4845,13 +4866,13 @@ def decode_tunnel(payload: Bytes) -> tuple[int, int, int, int]:
 
 @kernel
 def put_tunnel_payload(payload: Bytes, i: int, value: int) -> None:
-    """Set element i (0 to 127) of `payload`."""
+    """Sets element i (0 to 127) of `payload`."""
     put_u8(payload, TUNNEL_PAYLOAD + i, value)
 
 
 @kernel
 def get_tunnel_payload(payload: Bytes, i: int) -> int:
-    """Element i (0 to 127) of `payload`."""
+    """Returns element i (0 to 127) of `payload`."""
     return get_u8(payload, TUNNEL_PAYLOAD + i)
 
 

@@ -1,10 +1,11 @@
-"""A model: declared variables, one record that holds all of an instance's memory, and two kernels over it.
+"""A model: declared variables, one record that holds all memory of an instance, and two kernels that operate on it.
 
-From the declaration follow the numpy record, the FMI value references, the pythonfmu slave of this module, and
-(in `cosim.build`) modelDescription.xml and the compiled FMU. A model that cannot be written as kernels, because it
-talks to another program, overrides `do_step` and is an ordinary pythonfmu slave with the same ports.
+The numpy record, the FMI value references and the pythonfmu slave of this module are derived from the declaration;
+`cosim.build` also derives modelDescription.xml and the compiled FMU from it. A model that cannot be written as kernels,
+for example because it talks to another program, overrides `do_step` and is an ordinary pythonfmu slave with the same
+ports.
 
-This module knows nothing of files, XML or C.
+This module does not depend on files, XML or C.
 """
 
 from __future__ import annotations
@@ -51,12 +52,12 @@ Start = float | int | bool | str | tuple[float, ...] | tuple[int, ...] | tuple[b
 _FIELD_TYPE = {"Real": "f8", "Integer": "i4", "Boolean": "?", "Enumeration": "i4"}
 _MEMORY_TYPES = ("f8", "f4", "i8", "i4", "i2", "i1", "u8", "u4", "u2", "u1", "?")
 _KEPT: tuple[Role, ...] = ("parameter", "input", "packet input")
-"""What survives a second run of `start`: what the environment has set."""
+"""Roles of the variables that keep their values when `start` runs again: the environment sets them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One declared variable, scalar or one-dimensional array. Made by `Input`, `Output`, `Parameter`, ..."""
+    """A declared variable, scalar or one-dimensional array. Created by `Input`, `Output`, `Parameter`, ..."""
 
     name: str
     role: Role
@@ -80,9 +81,9 @@ class Variable:
         if element := re.fullmatch(r"(\w+)\[(\d*)\]", name):
             declared = {"memory": "Memory", "state": "State", "output": "Output", "parameter": "Parameter"}
             made = f'{declared.get(self.role, "Input")}("{element[1]}", shape={max(int(element[2] or 1), 3)})'
-            raise ValueError(f"variable {name}: an array is declared once, not its elements; use shape=, as in {made}")
+            raise ValueError(f"variable {name}: declare the whole array with shape=, as in {made}")
         if not (name.isidentifier() and name.isascii()) or iskeyword(name):
-            raise ValueError(f"variable {name!r}: a name must be an ASCII Python identifier and no keyword")
+            raise ValueError(f"variable {name!r}: a name must be an ASCII Python identifier other than a keyword")
         if hasattr(np.record, name):
             raise ValueError(f"variable {name}: numpy records have an attribute of this name; choose another")
         if (len(self.shape) > 1 and self.kind != "Memory") or any(not _is_count(n) for n in self.shape):
@@ -98,7 +99,7 @@ class Variable:
         if self.kind == "Memory" and self.dtype not in _MEMORY_TYPES:
             raise ValueError(f"variable {name}: dtype {self.dtype!r}; there are {', '.join(_MEMORY_TYPES)}")
         if self.dtype == "?" and self.shape:
-            raise ValueError(f"variable {name}: an array of dtype '?'; numba has none in a record, use 'u1'")
+            raise ValueError(f"variable {name}: an array of dtype '?'; numba does not support it in a record; use 'u1'")
         self._check_limits()
         self._check_start()
 
@@ -122,7 +123,7 @@ class Variable:
                 raise ValueError(f"variable {self.name}: start {start!r} is {what}")
 
     def limits(self) -> tuple[float, float]:
-        """Least and greatest value that can be set (of numbers and enumerations)."""
+        """Returns the smallest and largest value that can be set, for numbers and enumerations."""
         if self.enumeration:
             return min(self.enumeration), max(self.enumeration)
         low = -math.inf if self.minimum is None else self.minimum
@@ -134,24 +135,24 @@ def _is_count(n: object) -> bool:
 
 
 def _fits(value: object, variable: Variable) -> tuple[bool, str]:
-    """Whether `value` can be the start value of `variable`; if not, what it should have been."""
+    """Returns whether `value` can be the start value of `variable`; if not, also what is wrong with it."""
     low, high = variable.limits()
     within = f"not within {low:g} to {high:g}" if variable.kind in ("Real", "Integer") else ""
     match variable.kind:
         case "Boolean":
-            return isinstance(value, bool), "no bool"
+            return isinstance(value, bool), "not a bool"
         case "String":
-            return isinstance(value, str), "no str"
+            return isinstance(value, str), "not a str"
         case "Enumeration":
             members = variable.enumeration or ()
-            return value in tuple(members), f"none of {', '.join(m.name for m in members)}"
+            return value in tuple(members), f"not one of {', '.join(m.name for m in members)}"
         case "Integer":
             if isinstance(value, bool) or not isinstance(value, int) or not -(2**31) <= value < 2**31:
-                return False, "no int of 32 bits"
+                return False, "not an int of 32 bits"
             return low <= value <= high, within
         case _:
             if isinstance(value, bool) or not isinstance(value, int | float):
-                return False, "no float"
+                return False, "not a float"
             return low <= value <= high, within
 
 
@@ -193,9 +194,9 @@ def Input(
     verdict: Verdict | None = None,
     description: str = "",
 ) -> Variable:
-    """An input, held constant over a step. `type`: float, int, bool or an IntEnum; `unit`: SI, FMI notation.
+    """Declares an input, held constant over a step. `type`: float, int, bool or an IntEnum; `unit`: SI, FMI notation.
 
-    `verdict`: Role.OPTIONAL for one that may stay open.
+    `verdict`: Role.OPTIONAL for an input that may stay unconnected.
     """
     return _declare("input", name, type, shape, start, unit=unit, verdict=verdict, description=description)
 
@@ -211,9 +212,9 @@ def Output(
     verdict: Verdict | None = None,
     description: str = "",
 ) -> Variable:
-    """An output. `depends`: the inputs on which `start` makes it depend directly (feed-through), default none.
+    """Declares an output. `depends`: inputs on which it depends directly in `start` (feed-through); default: none.
 
-    `verdict`: what it means to a master, see `cosim.verdict`.
+    `verdict`: the meaning of the output to a master; see `cosim.verdict`.
     """
     more = {"unit": unit, "depends": depends, "verdict": verdict, "description": description}
     return _declare("output", name, type, shape, start, **more)
@@ -233,9 +234,9 @@ def Parameter(
     verdict: Verdict | None = None,
     description: str = "",
 ) -> Variable:
-    """A parameter, fixed after initialization unless `tunable`. `rare`: most steps do not read it.
+    """Declares a parameter, fixed after initialization unless `tunable`. `rare`: most steps do not read it.
 
-    `verdict`: Role.SYSTEM_ID for a MAVLink system id, Role.START_POSITION for where a body is at the start.
+    `verdict`: Role.SYSTEM_ID for a MAVLink system id, Role.START_POSITION for the initial position of a body.
     """
     limits = {"minimum": minimum, "maximum": maximum, "tunable": tunable, "rare": rare, "verdict": verdict}
     return _declare("parameter", name, type, shape, start, unit=unit, description=description, **limits)
@@ -250,32 +251,32 @@ def State(
     start: Start | None = None,
     description: str = "",
 ) -> Variable:
-    """A state, visible to tools as an FMI local variable."""
+    """Declares a state, visible to tools as an FMI local variable."""
     return _declare("state", name, type, shape, start, unit=unit, description=description)
 
 
 def Memory(name: str, *, dtype: str = "f8", shape: int | tuple[int, ...] | None = None, rare: bool = False) -> Variable:
-    """Private memory: part of the saved state, no FMI variable, zero at the start.
+    """Declares private memory: part of the saved state, not an FMI variable, initially zero.
 
-    `dtype`: one of numpy's, as "u1"; `rare`: most steps do not touch it.
+    `dtype`: a numpy type code such as "u1"; `rare`: most steps do not access it.
     """
     dimensions = () if shape is None else (shape,) if isinstance(shape, int) else shape
     return Variable(name, "memory", "Memory", shape=dimensions, start=0, dtype=dtype, rare=rare)
 
 
 def PacketInput(name: str, *, capacity: int, verdict: Verdict | None = None, description: str = "") -> Variable:
-    """MAVLink packets delivered for one step: fields `name` (u1[capacity]) and `name_len` (bytes used).
+    """Declares MAVLink packets received in one step: fields `name` (u1[capacity]) and `name_len` (bytes used).
 
-    `verdict`: Role.TELEMETRY or Role.SERIAL for a port that leads to ground stations or to a cable alone.
+    `verdict`: Role.TELEMETRY or Role.SERIAL for a port that connects to ground stations or to a cable only.
     """
     more: dict[str, Any] = {"verdict": verdict, "description": description}
     return Variable(name, "packet input", "Packets", start="", capacity=capacity, **more)
 
 
 def PacketOutput(name: str, *, capacity: int, verdict: Verdict | None = None, description: str = "") -> Variable:
-    """MAVLink packets sent during one step: fields `name` (u1[capacity]) and `name_len` (bytes used).
+    """Declares MAVLink packets sent during one step: fields `name` (u1[capacity]) and `name_len` (bytes used).
 
-    `verdict`: as of `PacketInput`.
+    `verdict`: as for `PacketInput`.
     """
     more: dict[str, Any] = {"verdict": verdict, "description": description}
     return Variable(name, "packet output", "Packets", start="", capacity=capacity, **more)
@@ -283,7 +284,7 @@ def PacketOutput(name: str, *, capacity: int, verdict: Verdict | None = None, de
 
 @dataclass(frozen=True, slots=True)
 class FlatVariable:
-    """One FMI 2 scalar variable; its value reference is its place in `flat_variables`."""
+    """An FMI 2 scalar variable; its value reference is its index in `flat_variables`."""
 
     name: str
     variable: Variable
@@ -292,7 +293,7 @@ class FlatVariable:
 
 
 def flat_variables(variables: Sequence[Variable]) -> tuple[FlatVariable, ...]:
-    """The FMI scalar variables of a declaration, in order; arrays become name[1], name[2], ..."""
+    """Returns the FMI scalar variables of a declaration, in order; arrays become name[1], name[2], ..."""
     flat: list[FlatVariable] = []
     for variable in variables:
         if variable.kind == "Memory":
@@ -312,7 +313,7 @@ _LARGE = 1024
 
 
 def _is_buffer(variable: Variable) -> bool:
-    """Bytes of packets, large tables and what is declared rare: most steps do not touch them."""
+    """Returns whether most steps do not touch a variable: packet buffers, large tables, variables declared `rare`."""
     if variable.rare or variable.kind == "Packets" or variable.dtype in ("u1", "uint8"):
         return True
     return variable.kind == "Memory" and np.dtype([_field(variable)]).itemsize >= _LARGE
@@ -320,12 +321,12 @@ def _is_buffer(variable: Variable) -> bool:
 
 @cache
 def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], int]:
-    """The aligned record of a declaration, and the size of its head.
+    """Returns the aligned record type of a declaration and the size of the record's head.
 
-    The head holds what the environment sets (parameters, inputs, packets received); everything behind it is
-    reset before each run of `start`. What most steps do not touch stands at both ends of the record, so that what
-    every step touches lies together (`busy_part`). Strings are not in the record: only models without kernels have
-    them. Arrays of bool are arrays of uint8, 0 or 1.
+    The head holds the variables that the environment sets (parameters, inputs, received packets); everything after it
+    is reset before each run of `start`. Variables that most steps do not touch are placed at both ends of the record,
+    so that the others are contiguous (`busy_part`). Strings are not in the record, because only models without kernels
+    have them. Arrays of bool are arrays of uint8, 0 or 1.
     """
     present = [v for v in variables if v.kind != "String"]
     head = sorted((v for v in present if v.role in _KEPT), key=lambda v: not _is_buffer(v))
@@ -345,7 +346,7 @@ def record_layout(variables: tuple[Variable, ...]) -> tuple[np.dtype[np.void], i
 
 
 def _count(part: list[Variable]) -> int:
-    """Fields of the record that these variables take."""
+    """Returns the number of record fields for these variables."""
     return len(part) + sum(v.kind == "Packets" for v in part)
 
 
@@ -354,12 +355,12 @@ def _field(variable: Variable) -> tuple[Any, ...]:
         return variable.name, "u1", (variable.capacity,)
     field_type = variable.dtype or _FIELD_TYPE[variable.kind]
     if field_type == "?" and variable.shape:
-        field_type = "u1"  # numba has no arrays of bool within a record
+        field_type = "u1"  # numba does not support arrays of bool in a record
     return (variable.name, field_type, variable.shape) if variable.shape else (variable.name, field_type)
 
 
 def busy_part(variables: tuple[Variable, ...]) -> tuple[int, int]:
-    """Where in the record what every step may touch begins and ends: all of it but the buffers."""
+    """Returns the byte range of the record that any step may touch: everything except the buffers."""
     dtype, _ = record_layout(variables)
     assert dtype.fields is not None
     buffers = {v.name for v in variables if _is_buffer(v)}
@@ -369,13 +370,13 @@ def busy_part(variables: tuple[Variable, ...]) -> tuple[int, int]:
 
 
 class Model(Fmi2Slave):
-    """Base class of all models. A subclass declares `variables`, `kernels` and, if it has any, `errors`.
+    """Base class of all models. A subclass declares `variables`, `kernels` and, optionally, `errors`.
 
-    ``kernels = (start, advance)``. `start(m)` derives states and outputs from parameters and inputs; it runs in
-    initialization mode, possibly several times, each time from the declared start values. `advance(m, t, h)`
-    moves the record from t to t + h [s]. Both return 0, or a key of `errors`. A subclass without kernels
-    overrides `do_step(t, h)` and, where needed, `initialize()`; its values are attributes of `self.m`, its strings
-    entries of `self.strings`.
+    ``kernels = (start, advance)``. `start(m)` computes states and outputs from parameters and inputs. It runs in
+    initialization mode, possibly several times, each time from the declared start values. `advance(m, t, h)` advances
+    the record from t to t + h [s]. Both return 0, or a key of `errors`. A subclass without kernels overrides
+    `do_step(t, h)` and, if needed, `initialize()`; its values are attributes of `self.m`, its strings are entries of
+    `self.strings`.
     """
 
     variables: ClassVar[tuple[Variable, ...]] = ()
@@ -383,7 +384,7 @@ class Model(Fmi2Slave):
     errors: ClassVar[dict[int, str]] = {}
     step_size: ClassVar[float] = 0.0
     entry: ClassVar[Any] = None
-    """Set by the generated entry module of an interpreted FMU: a function that returns its modelDescription.xml."""
+    """Function that returns modelDescription.xml; set by the generated entry module of an interpreted FMU."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -395,18 +396,18 @@ class Model(Fmi2Slave):
         fields = [v.name for v in cls.variables] + [f"{v.name}_len" for v in cls.variables if v.kind == "Packets"]
         for name in fields:
             if fields.count(name) > 1:
-                raise ValueError(f"model {model} declares {name} twice (packets have a field of that name and _len)")
+                raise ValueError(f"model {model} declares {name} twice (packets have a field NAME_len)")
         inputs = [v.name for v in cls.variables if v.role in ("input", "packet input")]
         for variable in cls.variables:
             if unknown := sorted(set(variable.depends) - set(inputs)):
                 there = ", ".join(inputs) or "none"
-                raise ValueError(f"{model}.{variable.name} depends on {', '.join(unknown)}; its inputs are: {there}")
+                raise ValueError(f"{model}.{variable.name} depends on {', '.join(unknown)}; valid inputs: {there}")
             if cls.kernels is not None and variable.kind == "String":
                 raise ValueError(f"{model}.{variable.name}: a model with kernels has no String variables")
         if wrong := complaints(cls.variables):
             raise ValueError("\n".join(f"{model}.{text}" for text in wrong))
         if cls.kernels is not None and [*map(_arity, cls.kernels)] != [1, 3]:
-            raise TypeError(f"{model}: kernels is (start, advance), functions start(m) and advance(m, t, h)")
+            raise TypeError(f"{model}: kernels must be (start, advance), the functions start(m) and advance(m, t, h)")
         for code, message in cls.errors.items():
             if not isinstance(code, int) or not code or not -(2**31) <= code < 2**31 or not isinstance(message, str):
                 raise ValueError(
@@ -415,7 +416,7 @@ class Model(Fmi2Slave):
 
     @classmethod
     def record(cls) -> Any:
-        """A new record (numpy.record) with all declared start values."""
+        """Returns a new record (numpy.record) with all declared start values."""
         dtype, _ = record_layout(cls.variables)
         record = np.zeros(1, dtype=dtype).view(np.recarray)[0]
         for variable in cls.variables:
@@ -463,10 +464,10 @@ class Model(Fmi2Slave):
         self._initialising = False
 
     def initialize(self) -> None:
-        """Derive states and outputs from parameters and inputs (models without kernels override this)."""
+        """Computes states and outputs from parameters and inputs; models without kernels override this."""
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """One step by the kernel; models without kernels override this and return True."""
+        """Performs one step by the kernel; models without kernels override this and return True."""
         if self.kernels is None:
             raise TypeError(f"{type(self).__name__} has neither kernels nor a do_step of its own")
         self._run("advance", lambda: type(self).kernels[1](self.m, current_time, step_size))  # type: ignore[index]
@@ -474,7 +475,7 @@ class Model(Fmi2Slave):
 
     @staticmethod
     def _own_step(do_step: Callable[[Any, float, float], bool]) -> Callable[[Any, float, float], bool]:
-        """A `do_step` that a model overrides: its exceptions are logged, and returning nothing is one."""
+        """Wraps a `do_step` override: logs its exceptions, and treats a missing return value as an error."""
 
         @wraps(do_step)
         def logged(self: Any, current_time: float, step_size: float) -> bool:
@@ -498,7 +499,7 @@ class Model(Fmi2Slave):
             self._run("start", lambda: type(self).kernels[0](self.m))  # type: ignore[index]
 
     def _run(self, what: str, call: Callable[[], int]) -> None:
-        """Call a kernel; any code but 0 is an exception."""
+        """Calls a kernel and raises an exception for any code other than 0."""
         with self._logged():
             with np.errstate(all="ignore"):  # inf and NaN, as in a compiled kernel
                 code = call()
@@ -512,7 +513,7 @@ class Model(Fmi2Slave):
 
     @contextmanager
     def _logged(self) -> Iterator[None]:
-        """What is raised within reaches the FMI logger with its traceback, then the caller."""
+        """Logs exceptions raised within to the FMI logger, with traceback, and passes them on to the caller."""
         try:
             yield
         except Exception:
@@ -601,7 +602,7 @@ class Model(Fmi2Slave):
             self.m[variable.name][: len(packets)] = np.frombuffer(packets, dtype=np.uint8)
             self.m[f"{variable.name}_len"] = len(packets)
 
-    # ---- FMU state: the record is all there is -----------------------------------------------------------------------
+    # ---- FMU state: the record is the complete state -----------------------------------------------------------------
 
     def _get_fmu_state(self) -> dict[str, Any]:
         modes = {"initialising": self._initialising, "started": self._started}
@@ -612,22 +613,20 @@ class Model(Fmi2Slave):
         self._initialising, self._started = state["initialising"], state["started"]
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Any:  # noqa: ARG002
-        """modelDescription.xml, as the build that made this FMU wrote it."""
+        """Returns modelDescription.xml as written by the build of this FMU."""
         if self.entry is None:
-            raise RuntimeError(
-                f"{type(self).__name__}: build FMUs with `uav-cosim build`, which writes their description"
-            )
+            raise RuntimeError(f"{type(self).__name__}: no model description; build the FMU with `uav-cosim build`")
         return self.entry()
 
 
 def _arity(kernel: Any) -> int:
-    """The number of arguments of a kernel; -1 for what is no function."""
+    """Returns the number of arguments of a kernel; -1 for an object that is not a function."""
     code = getattr(getattr(kernel, "py_func", kernel), "__code__", None)
     return -1 if code is None else int(code.co_argcount)
 
 
 def _fmi_attributes(variable: Variable) -> dict[str, Any]:
-    """Causality, variability and initial of a declared variable, in pythonfmu's words."""
+    """Returns causality, variability and initial of a declared variable in pythonfmu's types."""
     if variable.role == "parameter":
         variability = Fmi2Variability.tunable if variable.tunable else Fmi2Variability.fixed
         return {"causality": Fmi2Causality.parameter, "variability": variability, "initial": Fmi2Initial.exact}

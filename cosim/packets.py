@@ -1,8 +1,9 @@
-"""MAVLink 1 and 2 packets in byte buffers: find, read, write, address; and base64 text for string ports.
+"""MAVLink 1 and 2 packets in byte buffers: find, read, write and address them; base64 text for string ports.
 
-A buffer is a one-dimensional uint8 array and a number of bytes in use; a packet is named by the index of its first
-byte. Everything here is a kernel: nothing allocates, nothing raises, the same source runs interpreted and compiled.
-What the fields of a message are is in `cosim.messages`; that module builds payloads, this one wraps them.
+A buffer is a one-dimensional uint8 array and the number of bytes in use; a packet is identified by the index of its
+first byte. Every function is a kernel: it neither allocates memory nor raises exceptions, and the same source runs
+interpreted and compiled. `cosim.messages` defines the fields of messages and builds payloads; this module wraps
+payloads in packets.
 
 Receiving::
 
@@ -14,12 +15,12 @@ Receiving::
         if status in (GOOD, SIGNED) and message_id(buffer, start) == GLOBAL_POSITION_INT:
             unpack(buffer, start, payload)
 
-Sending: `n = pack(buffer, n, payload, ...)` appends one packet; check for -1 before keeping the result.
+Sending: `n = pack(buffer, n, payload, ...)` appends one packet. Check the result for -1 before assigning it to n.
 
-The module is long because one format is: its header, its checks, its numbers and the dialect only make sense together.
+The module covers one format completely: its header, its checks, its numbers and the dialect depend on each other.
 
-Not here: signatures are recognised but neither made nor verified (a receiver without a key accepts signed packets,
-as ArduPilot and pymavlink do), and nothing keeps a sequence counter: its owner passes it in.
+Not here: signatures are recognised but neither created nor verified (a receiver without a key accepts signed packets,
+as ArduPilot and pymavlink do). Sequence counters belong to the sender, which passes them in.
 
 Sources: the MAVLink guide, "Packet Serialization" and "Message Signing"; RFC 4648 section 4 (base64).
 """
@@ -91,24 +92,25 @@ Bytes = NDArray[np.uint8]
 """A one-dimensional array of bytes: a buffer of packets, or one payload."""
 
 MAX_PAYLOAD = 255
-"""Bytes of the longest payload, and so of every payload buffer."""
+"""Maximum payload length in bytes, and the size of every payload buffer."""
 MAX_PACKET = 280
-"""Bytes of the longest packet: MAVLink 2 header, longest payload, CRC and signature."""
+"""Maximum packet length in bytes: MAVLink 2 header, longest payload, CRC and signature."""
 
 NOTHING = 0
-"""`find`: no packet begins in the rest of the buffer."""
+"""Status of `find`: no packet begins in the rest of the buffer."""
 GOOD = 1
-"""`find`: a complete packet with the right CRC."""
+"""Status of `find`: a complete packet with a correct CRC."""
 SIGNED = 2
-"""`find`: a complete packet with the right CRC and a signature, which nobody has verified."""
+"""Status of `find`: a complete packet with a correct CRC and an unverified signature."""
 UNKNOWN = 3
-"""`find`: a complete packet of a message that is not in the dialect: its CRC cannot be checked, routers forward it."""
+"""Status of `find`: a complete packet whose message is not in the dialect. Its CRC cannot be checked; routers forward
+it."""
 BAD_CRC = 4
-"""`find`: as long as its header says, but the CRC is wrong: drop it."""
+"""Status of `find`: a packet of the length in its header, but with a wrong CRC; drop it."""
 INCOMPATIBLE = 5
-"""`find`: MAVLink 2 with an incompatibility flag other than "signed": the standard says to drop it."""
+"""Status of `find`: MAVLink 2 with an incompatibility flag other than "signed"; the standard requires dropping it."""
 TRUNCATED = 6
-"""`find`: a packet begins but the buffer ends before it does."""
+"""Status of `find`: a packet begins, but the buffer ends before the packet does."""
 
 _MAGIC_V1 = 0xFE
 _MAGIC_V2 = 0xFD
@@ -147,77 +149,77 @@ _BASE64_VALUES = _base64_values(_ALPHABET)
 
 @kernel
 def get_u8(payload: Bytes, offset: int) -> int:
-    """The uint8 at `offset`."""
-    # Through int64: numba makes uint64 of two unsigned operands and float64 of uint64 with int64.
+    """Returns the uint8 at `offset`."""
+    # Through int64: numba types an operation on two unsigned operands as uint64, and uint64 with int64 as float64.
     return int(np.int64(payload[offset]))
 
 
 @kernel
 def get_u16(payload: Bytes, offset: int) -> int:
-    """The uint16 at `offset`."""
+    """Returns the uint16 at `offset`."""
     return int(np.int64(payload[offset]) | np.int64(payload[offset + 1]) << 8)
 
 
 @kernel
 def get_u32(payload: Bytes, offset: int) -> int:
-    """The uint32 at `offset`."""
+    """Returns the uint32 at `offset`."""
     return get_u16(payload, offset) | get_u16(payload, offset + 2) << 16
 
 
 @kernel
 def get_i8(payload: Bytes, offset: int) -> int:
-    """The int8 at `offset`."""
+    """Returns the int8 at `offset`."""
     value = get_u8(payload, offset)
     return value - ((value & 0x80) << 1)
 
 
 @kernel
 def get_i16(payload: Bytes, offset: int) -> int:
-    """The int16 at `offset`."""
+    """Returns the int16 at `offset`."""
     value = get_u16(payload, offset)
     return value - ((value & 0x8000) << 1)
 
 
 @kernel
 def get_i32(payload: Bytes, offset: int) -> int:
-    """The int32 at `offset`."""
+    """Returns the int32 at `offset`."""
     value = get_u32(payload, offset)
     return value - ((value & 0x80000000) << 1)
 
 
 @kernel
 def get_i64(payload: Bytes, offset: int) -> int:
-    """The int64 at `offset`."""
+    """Returns the int64 at `offset`."""
     return get_i32(payload, offset + 4) << 32 | get_u32(payload, offset)
 
 
 @kernel
 def get_u64(payload: Bytes, offset: int) -> int:
-    """The uint64 at `offset` as an int64: values of 2**63 and more come out 2**64 lower."""
+    """Returns the uint64 at `offset` as an int64: values of 2**63 and above are returned 2**64 lower."""
     return get_i64(payload, offset)
 
 
 @kernel
 def get_f32(payload: Bytes, offset: int) -> float:
-    """The float32 at `offset`, as a float64."""
+    """Returns the float32 at `offset` as a float64."""
     return float(np.float64(np.int32(get_i32(payload, offset)).view(np.float32)))
 
 
 @kernel
 def get_f64(payload: Bytes, offset: int) -> float:
-    """The float64 at `offset`."""
+    """Returns the float64 at `offset`."""
     return float(np.int64(get_i64(payload, offset)).view(np.float64))
 
 
 @kernel
 def put_u8(payload: Bytes, offset: int, value: int) -> None:
-    """Write `value` at `offset` as a uint8; as in every integer writer, higher bits are cut off."""
+    """Writes `value` at `offset` as a uint8; like every integer writer, it truncates higher bits."""
     payload[offset] = int(np.int64(value)) & 0xFF
 
 
 @kernel
 def put_u16(payload: Bytes, offset: int, value: int) -> None:
-    """Write `value` at `offset` as a uint16."""
+    """Writes `value` at `offset` as a uint16."""
     bits = int(np.int64(value))
     payload[offset] = bits & 0xFF
     payload[offset + 1] = bits >> 8 & 0xFF
@@ -225,7 +227,7 @@ def put_u16(payload: Bytes, offset: int, value: int) -> None:
 
 @kernel
 def put_u32(payload: Bytes, offset: int, value: int) -> None:
-    """Write `value` at `offset` as a uint32."""
+    """Writes `value` at `offset` as a uint32."""
     bits = int(np.int64(value))
     for i in range(4):
         payload[offset + i] = bits >> 8 * i & 0xFF
@@ -233,7 +235,7 @@ def put_u32(payload: Bytes, offset: int, value: int) -> None:
 
 @kernel
 def put_u64(payload: Bytes, offset: int, value: int) -> None:
-    """Write `value` at `offset` as a uint64; values of 2**63 and more are passed 2**64 lower (as `get_u64` gives)."""
+    """Writes `value` at `offset` as a uint64; pass values of 2**63 and above 2**64 lower, as `get_u64` returns them."""
     bits = int(np.int64(value))
     for i in range(8):
         payload[offset + i] = bits >> 8 * i & 0xFF
@@ -241,50 +243,50 @@ def put_u64(payload: Bytes, offset: int, value: int) -> None:
 
 @kernel
 def put_i8(payload: Bytes, offset: int, value: int) -> None:
-    """Write `value` at `offset` as an int8."""
+    """Writes `value` at `offset` as an int8."""
     put_u8(payload, offset, value)
 
 
 @kernel
 def put_i16(payload: Bytes, offset: int, value: int) -> None:
-    """Write `value` at `offset` as an int16."""
+    """Writes `value` at `offset` as an int16."""
     put_u16(payload, offset, value)
 
 
 @kernel
 def put_i32(payload: Bytes, offset: int, value: int) -> None:
-    """Write `value` at `offset` as an int32."""
+    """Writes `value` at `offset` as an int32."""
     put_u32(payload, offset, value)
 
 
 @kernel
 def put_i64(payload: Bytes, offset: int, value: int) -> None:
-    """Write `value` at `offset` as an int64."""
+    """Writes `value` at `offset` as an int64."""
     put_u64(payload, offset, value)
 
 
 @kernel
 def put_f32(payload: Bytes, offset: int, value: float) -> None:
-    """Write `value` at `offset` as a float32, rounded to nearest."""
+    """Writes `value` at `offset` as a float32, rounded to nearest."""
     put_u32(payload, offset, int(np.float32(value).view(np.int32)))
 
 
 @kernel
 def put_f64(payload: Bytes, offset: int, value: float) -> None:
-    """Write `value` at `offset` as a float64."""
+    """Writes `value` at `offset` as a float64."""
     put_u64(payload, offset, int(np.float64(value).view(np.int64)))
 
 
 @kernel
 def put_text(payload: Bytes, offset: int, size: int, text: Bytes) -> None:
-    """Fill the char[size] field at `offset` with `text`, cut off or padded with zeros (MAVLink's end of text)."""
+    """Fills the char[size] field at `offset` with `text`, truncated or padded with zeros, MAVLink's end of text."""
     for i in range(size):
         payload[offset + i] = text[i] if i < text.shape[0] else 0
 
 
 @kernel
 def equal_text(payload: Bytes, offset: int, size: int, text: Bytes) -> bool:
-    """Whether the char[size] field at `offset` reads `text`; what follows the first zero does not count."""
+    """Returns whether the char[size] field at `offset` equals `text`; bytes after the first zero are ignored."""
     for i in range(size):
         wanted = get_u8(text, i) if i < text.shape[0] else 0
         if get_u8(payload, offset + i) != wanted:
@@ -296,7 +298,7 @@ def equal_text(payload: Bytes, offset: int, size: int, text: Bytes) -> bool:
 
 @kernel
 def clear(payload: Bytes, start: int, stop: int) -> None:
-    """Set payload[start:stop] to zero."""
+    """Sets payload[start:stop] to zero."""
     for i in range(start, stop):
         payload[i] = 0
 
@@ -321,11 +323,11 @@ def _row(message: int) -> int:
 
 @kernel
 def definition(message: int) -> tuple[int, int, int, int, int]:
-    """What the ardupilotmega dialect says of a message id.
+    """Returns the definition of a message id in the ardupilotmega dialect.
 
     Returns:
-        (CRC_EXTRA, length without extensions, full length, offset of target_system, offset of target_component);
-        the offsets are -1 where the message has no such field, all five are -1 if the message is not in the dialect.
+        (CRC_EXTRA, length without extensions, full length, offset of target_system, offset of target_component). An
+        offset is -1 if the message lacks that field; all five are -1 if the message is not in the dialect.
     """
     row = _row(message)
     if row < 0:
@@ -344,49 +346,49 @@ def definition(message: int) -> tuple[int, int, int, int, int]:
 
 @kernel
 def version(buffer: Bytes, start: int) -> int:
-    """MAVLink version of the packet at `start`: 1 or 2."""
+    """Returns the MAVLink version of the packet at `start`: 1 or 2."""
     return 1 if buffer[start] == _MAGIC_V1 else 2
 
 
 @kernel
 def payload_length(buffer: Bytes, start: int) -> int:
-    """Bytes of payload on the wire of the packet at `start`."""
+    """Returns the number of payload bytes on the wire of the packet at `start`."""
     return get_u8(buffer, start + 1)
 
 
 @kernel
 def payload_start(buffer: Bytes, start: int) -> int:
-    """Index of the first payload byte of the packet at `start`."""
+    """Returns the index of the first payload byte of the packet at `start`."""
     return start + (_HEADER_V1 if buffer[start] == _MAGIC_V1 else _HEADER_V2)
 
 
 @kernel
 def signed(buffer: Bytes, start: int) -> bool:
-    """Whether the packet at `start` carries a signature."""
+    """Returns whether the packet at `start` carries a signature."""
     return buffer[start] != _MAGIC_V1 and get_u8(buffer, start + 2) & _FLAG_SIGNED != 0
 
 
 @kernel
 def sequence(buffer: Bytes, start: int) -> int:
-    """Sequence number (0 to 255) of the packet at `start`."""
+    """Returns the sequence number (0 to 255) of the packet at `start`."""
     return get_u8(buffer, start + (2 if buffer[start] == _MAGIC_V1 else 4))
 
 
 @kernel
 def system(buffer: Bytes, start: int) -> int:
-    """System id of the sender of the packet at `start`."""
+    """Returns the sender's system id of the packet at `start`."""
     return get_u8(buffer, start + (3 if buffer[start] == _MAGIC_V1 else 5))
 
 
 @kernel
 def component(buffer: Bytes, start: int) -> int:
-    """Component id of the sender of the packet at `start`."""
+    """Returns the sender's component id of the packet at `start`."""
     return get_u8(buffer, start + (4 if buffer[start] == _MAGIC_V1 else 6))
 
 
 @kernel
 def message_id(buffer: Bytes, start: int) -> int:
-    """Message id of the packet at `start`."""
+    """Returns the message id of the packet at `start`."""
     if buffer[start] == _MAGIC_V1:
         return get_u8(buffer, start + 5)
     return get_u16(buffer, start + 7) | get_u8(buffer, start + 9) << 16
@@ -394,7 +396,7 @@ def message_id(buffer: Bytes, start: int) -> int:
 
 @kernel
 def packet_length(buffer: Bytes, start: int) -> int:
-    """Bytes of the whole packet at `start`, from its first three bytes."""
+    """Returns the total length in bytes of the packet at `start`, from its first three bytes."""
     length = payload_length(buffer, start) + _CRC
     if buffer[start] == _MAGIC_V1:
         return length + _HEADER_V1
@@ -405,10 +407,10 @@ def packet_length(buffer: Bytes, start: int) -> int:
 
 @kernel
 def target(buffer: Bytes, start: int) -> tuple[int, int]:
-    """To whom the packet at `start` is addressed: (system, component), 0 = all.
+    """Returns the target address (system, component) of the packet at `start`; 0 means all.
 
-    Fields that MAVLink 2's truncation or MAVLink 1 left out are zero; messages without target fields, and unknown
-    ones, are for all.
+    Target fields omitted by MAVLink 2's truncation or by MAVLink 1 are zero. Messages without target fields, and
+    unknown messages, are addressed to all.
     """
     _, _, _, system_offset, component_offset = definition(message_id(buffer, start))
     length = payload_length(buffer, start)
@@ -432,7 +434,7 @@ def _x25_step(crc: int, byte: int) -> int:
 
 @kernel
 def x25(buffer: Bytes, start: int, stop: int) -> int:
-    """CRC-16/MCRF4XX of buffer[start:stop], MAVLink's checksum (before CRC_EXTRA)."""
+    """Returns the CRC-16/MCRF4XX of buffer[start:stop], MAVLink's checksum, before CRC_EXTRA is added."""
     crc = 0xFFFF
     for i in range(start, stop):
         crc = _x25_step(crc, get_u8(buffer, i))
@@ -441,22 +443,22 @@ def x25(buffer: Bytes, start: int, stop: int) -> int:
 
 @kernel
 def find(buffer: Bytes, p: int, n: int) -> tuple[int, int, int]:
-    """The first packet that begins at or after index `p` of buffer[:n].
+    """Finds the first packet that begins at or after index `p` of buffer[:n].
 
-    Bytes before it (start - p of them) are garbage. Continue at `stop`. A packet that cannot be used is skipped as
-    long as its header says, not byte by byte: its payload may contain magic bytes, and what a search there finds is
-    mostly an "unknown message", which routers would forward and which may swallow the good packets behind it. This is
-    what pymavlink does (robust parsing), so our receivers and standard ones count the same packets.
+    Bytes before it (start - p of them) are garbage. Continue the search at `stop`. An unusable packet is skipped as a
+    whole, by the length in its header, not byte by byte. Its payload may contain magic bytes, and a search inside it
+    mostly finds an "unknown message", which routers would forward and which may swallow the good packets that follow.
+    pymavlink's robust parsing does the same, so our receivers and standard ones count the same packets.
 
     Args:
-        buffer: the bytes; nothing at or behind n, or behind the array's end, is read.
-        p: where to begin.
+        buffer: the bytes; bytes at index n or above are not read.
+        p: index at which the search begins.
         n: number of bytes in use.
 
     Returns:
-        (start, stop, status): the packet is buffer[start:stop]; status is one of GOOD, SIGNED, UNKNOWN, BAD_CRC,
-        INCOMPATIBLE. With TRUNCATED, stop is n: a stream keeps buffer[start:n] until more bytes come, a datagram
-        drops it. With NOTHING, start and stop are n.
+        (start, stop, status): the packet is buffer[start:stop], and status is GOOD, SIGNED, UNKNOWN, BAD_CRC or
+        INCOMPATIBLE. With TRUNCATED, stop is n: a stream keeps buffer[start:n] until more bytes arrive, a datagram
+        drops them. With NOTHING, start and stop are n.
     """
     end = min(int(np.int64(n)), buffer.shape[0])
     start = int(np.int64(p))
@@ -481,20 +483,20 @@ def find(buffer: Bytes, p: int, n: int) -> tuple[int, int, int]:
 
 @kernel
 def has_crc(buffer: Bytes, start: int, crc_extra: int) -> bool:
-    """Whether the complete packet at `start` has the CRC that the CRC_EXTRA of its message asks for."""
+    """Returns whether the complete packet at `start` has the correct CRC for a message with this CRC_EXTRA."""
     crc_at = payload_start(buffer, start) + payload_length(buffer, start)
     return _x25_step(x25(buffer, start + 1, crc_at), int(np.int64(crc_extra))) == get_u16(buffer, crc_at)
 
 
 @kernel
 def unpack(buffer: Bytes, start: int, payload: Bytes) -> int:
-    """Copy the payload of the complete packet at `start` into `payload` and fill the rest of it with zeros.
+    """Copies the payload of the complete packet at `start` into `payload` and fills the rest of `payload` with zeros.
 
-    The zeros are the fields that MAVLink 2's truncation or MAVLink 1 left out.
+    The zeros stand for fields omitted by MAVLink 2's truncation or by MAVLink 1.
 
     Args:
-        buffer: holds the packet.
-        start: index of its first byte.
+        buffer: contains the packet.
+        start: index of the packet's first byte.
         payload: uint8[255].
 
     Returns:
@@ -519,13 +521,13 @@ def pack(
     component_id: int,
     mavlink_version: int,
 ) -> int:
-    """Append one unsigned packet to buffer[:n].
+    """Appends one unsigned packet to buffer[:n].
 
     Args:
         buffer: receives the packet at index n.
         n: number of bytes in use.
-        payload: uint8[255], of which the message's full length is used: MAVLink 2 leaves out trailing zeros (but sends
-            one byte at least), MAVLink 1 the extension fields.
+        payload: uint8[255], of which the message's full length is used. MAVLink 2 omits trailing zeros (but sends at
+            least one byte), MAVLink 1 omits the extension fields.
         message: message id.
         sequence_number: the sender's packet counter; its low 8 bits are sent.
         system_id: sender's system id, 1 to 255.
@@ -533,10 +535,10 @@ def pack(
         mavlink_version: 1 or 2.
 
     Returns:
-        The new number of bytes in use; -1 with nothing written if the packet does not fit, the message is not in the
-        dialect, or MAVLink 1 cannot carry its id.
+        The new number of bytes in use. It is -1, with nothing written, if the packet does not fit, the message is not
+        in the dialect, or MAVLink 1 cannot carry its id.
     """
-    # numba compiles a kernel anew for every literal argument (a message id, say): that is this thin one, once per call.
+    # numba recompiles a kernel for every literal argument, such as a message id; only this thin wrapper is recompiled.
     return _pack(
         buffer,
         int(np.int64(n)),
@@ -592,7 +594,7 @@ def pack_defined(
     component_id: int,
     mavlink_version: int,
 ) -> int:
-    """`pack` for a message of another dialect: its CRC_EXTRA and lengths, without and with extensions, are given."""
+    """`pack` for a message of another dialect, given its CRC_EXTRA and its lengths without and with extensions."""
     if mavlink_version == 1 and message > 0xFF:
         return -1
     first = n + _HEADER_V1
@@ -614,7 +616,7 @@ def pack_defined(
         buffer[n + 3] = 0
         put_u16(buffer, n + 7, message)
         put_u8(buffer, n + 9, message >> 16)
-    # The sequence number and the sender's address are the three bytes before the message id in both versions.
+    # In both versions, the sequence number and the sender's address are the three bytes before the message id.
     address = n + 2 if mavlink_version == 1 else n + 4
     put_u8(buffer, address, sequence_number)
     put_u8(buffer, address + 1, system_id)
@@ -631,7 +633,7 @@ def pack_defined(
 
 @kernel
 def encode_base64(source: Bytes, n: int, text: Bytes) -> int:
-    """Write source[:n] as base64 text (ASCII, padded, no line breaks) into `text`.
+    """Writes source[:n] to `text` as base64 (ASCII, padded, no line breaks).
 
     Returns:
         The length of the text, 4 * ceil(n / 3); -1 with nothing written if it does not fit.
@@ -658,12 +660,12 @@ def encode_base64(source: Bytes, n: int, text: Bytes) -> int:
 
 @kernel
 def decode_base64(text: Bytes, n: int, destination: Bytes) -> int:
-    """Read the base64 text text[:n] into `destination`.
+    """Decodes the base64 text text[:n] into `destination`.
 
     Returns:
-        The number of bytes; -1 if the text is malformed (a character outside the alphabet, also white space; a length
-        that is no multiple of 4; "=" anywhere but as the last one or two characters) or the bytes do not fit. What
-        `destination` holds after -1 is undefined.
+        The number of bytes. It is -1 if the text is malformed or the bytes do not fit; the contents of `destination`
+        are then undefined. Text is malformed if it has a character outside the alphabet (including white space), a
+        length that is not a multiple of 4, or "=" other than as the last one or two characters.
     """
     count = int(np.int64(n))
     if count % 4 != 0 or count > text.shape[0]:

@@ -1,17 +1,16 @@
-"""What every vehicle FMU has in common, so that one can replace another and an autopilot need not be told.
+"""The interface that all vehicle FMUs share, so that vehicles are interchangeable without changes to the autopilot.
 
-A vehicle takes actuator commands and the wind, and gives its true motion and its `airframe`, from which an
-autopilot picks mixer and control laws while initialising. This module declares those ports once; it holds no
-physics.
+A vehicle takes actuator commands and the wind. It outputs its true motion and its `airframe`, from which an autopilot
+selects mixer and control laws during initialization. This module declares those ports; it contains no physics.
 
-**The convention of names.** Models say what their variables mean (`cosim.verdict`). FMUs of other tools mostly say
-nothing; of these a master takes a variable for what its name says by the following names, and by no others:
+**Naming convention.** Models declare the meaning of their variables (`cosim.verdict`). FMUs of other tools usually do
+not. For these, a master infers the meaning from the following names, and from no others:
 
-    AUTOPILOT      the component of a vehicle's system to which a cable leads
-    VEHICLE        the component of a vehicle's system whose POSITION is that of the vehicle
-    POSITION       Real output of 3 elements: where the vehicle is, NED from the local origin [m]
-    STEP, TARGET   outputs of an agent: the number of its present step, and its desired position, m east of the origin
-    LINES          packet ports that lead to ground stations on the air, and to a cable, and nowhere else
+    AUTOPILOT      the component of a vehicle's system to which a cable connects
+    VEHICLE        the component of a vehicle's system whose POSITION is the position of the vehicle
+    POSITION       Real output with 3 elements: position of the vehicle, NED from the local origin [m]
+    STEP, TARGET   outputs of an agent: number of the current step, and desired position in m east of the origin
+    LINES          packet ports for ground stations by radio, and for a cable, and for nothing else
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ MAX_MOTORS = 8
 
 
 class Airframe(IntEnum):
-    """Which mixer and control family a vehicle needs. Motors are numbered as ArduPilot numbers them."""
+    """Mixer and control family that a vehicle needs. Motors are numbered as in ArduPilot."""
 
     quad_x = 1
     hexa_x = 2

@@ -1,4 +1,4 @@
-"""The meaning of a model's variables, declared with the model, so that a master knows no model by its names.
+"""Meaning of a model's variables, declared with the model, so that a master needs no knowledge of model names.
 
     Output("state", type=Task, verdict=Condition(failed=(Task.failed,), working=(Task.formation,), reason="failure"))
     Output("failure", type=Failure, verdict=Reason(((Failure.not_armed, "its autopilot does not arm"),)))
@@ -6,9 +6,9 @@
     Output("position", shape=3, unit="m", verdict=Role.POSITION)
     Output("target", unit="m", verdict=Formation(step="step", neighbours=(Neighbour("left", "gain"),)))
 
-The declarations go into the vendor annotation `org.uav-cosim.verdict` of the model description (`cosim.build`). A
-master reads them there: to judge how a swarm does, to draw it, to write systems, and to find the ports of gateways.
-Nothing here changes what a model computes.
+The declarations are written to the vendor annotation `org.uav-cosim.verdict` of the model description (`cosim.build`).
+A master reads them to judge and draw the behaviour of a swarm, to write systems, and to find the ports of gateways.
+They do not affect the computation of a model.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ __all__ = [
 ]
 
 ANNOTATION = "org.uav-cosim.verdict"
-"""The name of the vendor annotation: of FMI 2's Tool, and type of FMI 3's Annotation."""
+"""Name of the vendor annotation: the name of FMI 2's Tool, the type of FMI 3's Annotation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """An output that says what its instance does. Each field holds values of the output, or names a variable.
+    """An output that reports the activity of its instance. Each field holds values of the output, or names a variable.
 
     Attributes:
-        failed: values that mean that it has given up.
-        working: values that mean that it does what it is for. Bounds of the same instance hold while it is in one of
-            them.
-        commanding: values in which it wants the vehicle beside it in the air.
-        by: a Real parameter, the time in s by which it is to be working.
-        reason: the output that says why it has given up; that one is declared as `Reason`.
+        failed: values that mean that the instance has given up.
+        working: values that mean that the instance performs its task. Bounds of the same instance apply while the
+            output has one of these values.
+        commanding: values with which the instance commands the connected vehicle to be in the air.
+        by: a Real parameter: the time in s by which the instance is expected to be working.
+        reason: the output, declared as `Reason`, that gives the reason for failure.
     """
 
     failed: tuple[int, ...]
@@ -58,20 +58,20 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """An output that says why its instance has given up. `texts`: values and their texts for people."""
+    """An output that gives the reason why its instance failed. `texts`: values and their descriptions for people."""
 
     texts: tuple[tuple[int, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A scalar output that stays within `least` and `most` as long as all is well.
+    """A scalar output that stays within `least` and `most` in normal operation.
 
     Attributes:
-        most: a number, or the name of a parameter that holds it.
+        most: a number, or the name of a parameter that holds the upper bound.
         least: a number.
-        of: a parameter; the bound holds only where it is not 0.
-        text: what it means if the output is outside, for people.
+        of: a parameter; the bound applies only if its value is not 0.
+        text: explanation for people if the output is out of bounds.
     """
 
     most: float | str = inf
@@ -82,10 +82,11 @@ class Bound:
 
 @dataclass(frozen=True, slots=True)
 class Neighbour:
-    """A term of a linear law: `gain` times the difference between a neighbour's value and the own one.
+    """A term of a linear law: `gain` times the difference between a neighbour's value and the agent's own value.
 
     Attributes:
-        id: an Integer parameter, the MAVLink system id of the neighbour; 0: there is none, and no term.
+        id: an Integer parameter, the MAVLink system id of the neighbour; 0 means that there is no neighbour and no
+        term.
         gain: a number, or the name of a Real parameter that holds it [1].
     """
 
@@ -97,15 +98,15 @@ class Neighbour:
 class Formation:
     """A Real output of an agent: its desired position on a line that runs east from the local origin [m].
 
-    In each step the agent changes it by the sum of the terms of its neighbours. From this follow the positions at
-    which a line settles, and how fast.
+    In each step, the agent changes the value by the sum of its neighbours' terms. The terms determine the positions at
+    which a line settles, and the rate of convergence.
 
     Attributes:
-        step: an Integer output, the number of the present step; 0 before the first.
-        stays: a Boolean parameter; an agent in which it is true keeps the position where it starts.
-        neighbours: the terms of the law, from west to east; none: the agent follows a law of its own.
-        begin: a Real parameter, the time at which step 1 begins [s].
-        period: a Real parameter, the time that a step takes at most [s].
+        step: an Integer output, the number of the current step; 0 before the first step.
+        stays: a Boolean parameter; if true, the agent keeps its initial position.
+        neighbours: the terms of the law, from west to east; empty if the agent follows a different law.
+        begin: a Real parameter, the start time of step 1 [s].
+        period: a Real parameter, the maximum duration of a step [s].
     """
 
     step: str
@@ -116,33 +117,33 @@ class Formation:
 
 
 class Role(Enum):
-    """What a variable is to a master. The value is the name of its element in the annotation."""
+    """Role of a variable for a master. The value is the name of the element in the annotation."""
 
     POSITION = "Position"
-    """Output of 3 Reals: where a body is, NED from the local origin [m]."""
+    """Output of 3 Reals: position of a body, NED from the local origin [m]."""
     ON_GROUND = "OnGround"
-    """Boolean output of a body: whether it stands on the ground."""
+    """Boolean output of a body: true while the body stands on the ground."""
     ARMED = "Armed"
-    """Boolean output: whether the motors may turn."""
+    """Boolean output: true while the motors may turn."""
     DESIRED_POSITION = "DesiredPosition"
-    """Output of 3 Reals: where the vehicle beside it is to be at this moment, NED from the local origin [m]."""
+    """Output of 3 Reals: commanded position of the connected vehicle at this time, NED from the local origin [m]."""
     START_POSITION = "StartPosition"
-    """Parameter of 3 Reals: where a body is at the start, NED from the local origin [m]."""
+    """Parameter of 3 Reals: initial position of a body, NED from the local origin [m]."""
     SYSTEM_ID = "SystemId"
-    """Integer parameter: its MAVLink system id."""
+    """Integer parameter: the MAVLink system id of the instance."""
     TELEMETRY = "Telemetry"
-    """Packet port that leads to ground stations on the air, and nowhere else."""
+    """Packet port that connects to ground stations by radio, and to nothing else."""
     SERIAL = "Serial"
-    """Packet port that leads to the program at the other end of a cable, and nowhere else."""
+    """Packet port that connects to the program at the other end of a cable, and to nothing else."""
     OPTIONAL = "Optional"
-    """Input that may stay open: its start value is a sensible one."""
+    """Input that may stay unconnected, because its start value is meaningful."""
 
 
 Verdict: TypeAlias = Condition | Reason | Bound | Formation | Role
 
 
 class Declared(Protocol):
-    """What is looked at of a declared variable."""
+    """The attributes of a declared variable that this module reads."""
 
     @property
     def name(self) -> str: ...
@@ -170,11 +171,11 @@ _PLACES: Mapping[object, tuple[str, tuple[str, ...], tuple[int, ...]]] = {
     Role.START_POSITION: ("parameter", ("Real",), _VECTOR),
     Role.SYSTEM_ID: ("parameter", ("Integer",), _SCALAR),
 }
-"""Role, kinds and shape of the variables that may have a verdict, but for those of `_complaint_of_port`."""
+"""Role, kinds and shape of the variables that may have a verdict, except those checked by `_complaint_of_port`."""
 
 
 def complaints(variables: Iterable[Declared]) -> list[str]:
-    """What is wrong with the verdicts of a declaration, one sentence for each."""
+    """Returns the errors in the verdicts of a declaration, one sentence each."""
     known = {v.name: v for v in variables}
     found: list[str] = []
     for v in known.values():
@@ -197,7 +198,7 @@ def complaints(variables: Iterable[Declared]) -> list[str]:
 
 
 def _complaint_of_port(v: Declared, role: Role) -> list[str]:
-    """What is wrong with a role that inputs, or packet ports of either direction, may have."""
+    """Returns the errors of a role for inputs, or for packet ports of either direction."""
     if role is Role.OPTIONAL and v.role != "input":
         return [f"{v.name}: only an input can be OPTIONAL, this is of role {v.role}"]
     if role is not Role.OPTIONAL and v.kind != "Packets":

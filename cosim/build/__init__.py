@@ -1,4 +1,4 @@
-"""From a model class to an .fmu file: compiled if it has kernels, interpreted otherwise or on request."""
+"""Building .fmu files from model classes: compiled if the model has kernels, otherwise (or on request) interpreted."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ __all__ = ["HOST", "TARGETS", "Built", "CannotCompile", "build", "build_all", "l
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """The file that `build` wrote, whether it is compiled, and whether it was up to date already."""
+    """The file written by `build`, whether it is compiled, and whether it was already up to date."""
 
     file: Path
     compiled: bool
@@ -44,11 +44,11 @@ class Built:
 
 
 def load_models(source: str) -> list[type[Model]]:
-    """The model classes of a Python file or of an importable module (``cosim_models.vehicles.quadrotor``).
+    """Returns the model classes of a Python file or of an importable module (``cosim_models.vehicles.quadrotor``).
 
     Raises:
-        ValueError: there is no such file or module, it defines no model, or another module of that name is loaded.
-        Exception: whatever the module raises when it is imported.
+        ValueError: the file or module does not exist or defines no model, or another module of that name is loaded.
+        Exception: any exception that the module raises on import.
     """
     if source.endswith(".py"):
         file = Path(source).resolve()
@@ -58,7 +58,7 @@ def load_models(source: str) -> list[type[Model]]:
         assert spec is not None and spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         if file.stem in sys.modules:
-            raise ValueError(f"{source}: a module called {file.stem} is loaded already; give the file another name")
+            raise ValueError(f"{source}: a module called {file.stem} is already loaded; rename the file")
         sys.modules[file.stem] = module
         try:
             spec.loader.exec_module(module)
@@ -73,19 +73,19 @@ def load_models(source: str) -> list[type[Model]]:
             module = importlib.import_module(source)
         except ModuleNotFoundError as error:
             if not f"{source}.".startswith(f"{error.name}."):
-                raise  # it is there, and imports what is not
+                raise  # the module exists, but one of its imports does not
             raise ValueError(f"{source}: no such module") from None
     models = _defined_in(module)
     if not models:
-        raise ValueError(f"{source}: no subclass of cosim.Model in it")
+        raise ValueError(f"{source}: it defines no subclass of cosim.Model")
     return models
 
 
 def models_of_package(package: str) -> list[type[Model]]:
-    """Every model that a module of `package` defines, by name.
+    """Returns every model defined by a module of `package`, sorted by name.
 
     Raises:
-        ImportError: there is no such package.
+        ImportError: the package does not exist.
     """
     found = importlib.import_module(package)
     models: list[type[Model]] = []
@@ -109,20 +109,20 @@ def build(
     fmi: int = 2,
     checked: bool | None = None,
 ) -> Built:
-    """Writes ``folder/<Model>.fmu`` (FMI 2) or ``folder/<Model>.fmi3.fmu`` (FMI 3) unless it is there and up to date.
+    """Writes ``folder/<Model>.fmu`` (FMI 2) or ``folder/<Model>.fmi3.fmu`` (FMI 3) unless it is already up to date.
 
     Args:
-        interpreted: pack the sources; its kernels run as plain Python. Models without kernels always do.
-        targets: platforms to compile for; an up to date FMU keeps those that it has besides.
+        interpreted: pack the sources; kernels then run as plain Python. Models without kernels are always interpreted.
+        targets: platforms to compile for; an up-to-date FMU keeps any other platforms that it contains.
         fmi: 2 or 3.
-        checked: compile with checks of indices and loops; None: yes, unless the model's package says
-            ``CHECKED = False``, as one does that is tested with checks and shipped without.
+        checked: compile with checks of indices and loops. None: yes, unless the model's package sets ``CHECKED =
+            False``, as a package does that is tested with checks and shipped without.
 
     Raises:
-        ValueError: the declaration is wrong, a target or the FMI version is unknown, or an FMI 3 FMU was to be
-            interpreted: pythonfmu packs FMI 2 only.
-        CannotCompile: the kernels cannot be compiled, or an FMI 3 FMU was asked for and the model has none.
-        RuntimeError: the C compiler failed, or pythonfmu brings no binaries.
+        ValueError: the declaration is wrong, a target or the FMI version is unknown, or an interpreted FMI 3 FMU was
+            requested (pythonfmu supports FMI 2 only).
+        CannotCompile: the kernels cannot be compiled, or an FMI 3 FMU was requested for a model without kernels.
+        RuntimeError: the C compiler failed, or pythonfmu contains no binaries.
     """
     file, compile_it, sources, stamp = _wanted(model, folder, interpreted, targets, fmi, checked)
     if (built := _up_to_date(file, stamp)) is not None:
@@ -145,11 +145,13 @@ def build_all(
     checked: bool | None = None,
     on_building: Callable[[Sequence[str]], None] | None = None,
 ) -> Iterator[Built]:
-    """As `build`, of several models, in their order; those of packages that are not up to date in processes of their
-    own, as many at a time as there are processors. Ctrl-C, any other exception and `close` end these processes.
+    """Builds several models like `build`, and returns the results in their order.
+
+    Models of packages that are not up to date are built in separate processes, one per processor at a time. Ctrl-C, any
+    other exception and `close` end these processes.
 
     Args:
-        on_building: is told the names of the models that are being built, whenever they change, by any thread.
+        on_building: called with the names of the models being built whenever they change, from any thread.
 
     Raises:
         ValueError, CannotCompile, RuntimeError: as `build` does.
@@ -163,16 +165,16 @@ def build_all(
     stale = [model for model in models if elsewhere(model)]
     if len(stale) < 2:
         stale = []
-    stale.sort(key=_source_size, reverse=True)  # the one that takes longest begins first
+    stale.sort(key=_source_size, reverse=True)  # the longest build starts first
     tell = on_building or (lambda _: None)
     workers = max(1, min(len(stale), os.cpu_count() or 1))
     others = set(active_children())
     with (
         TemporaryDirectory(prefix="uav-cosim-builds-") as scratch,
-        # Not forked: numba and LLVM have threads and locks.
+        # Not forked, because numba and LLVM hold threads and locks.
         ProcessPoolExecutor(workers, get_context("spawn"), _work_in, (scratch,)) as processes,
     ):
-        # Ctrl-C is for this process; it ends the others.
+        # Ctrl-C is delivered to this process only; it ends the others.
         with _interrupts_held(), _path_without_fmus(), _main_hidden():
             building = {model: processes.submit(build, model, folder, **how) for model in stale}
         _follow(building, workers, tell)
@@ -194,10 +196,10 @@ def build_all(
 
 @contextmanager
 def _path_without_fmus() -> Iterator[None]:
-    """Processes that are started meanwhile import nothing from FMUs that this process has loaded.
+    """Prevents processes started within from importing modules of FMUs that this process has loaded.
 
-    pythonfmu's wrapper puts the resources of each Python FMU first on the path, and leaves them there: the FMU's copies
-    of pythonfmu (which has no binaries) and of modules of this project would be found before the installed ones.
+    pythonfmu's wrapper puts the resources of each Python FMU first on the path and leaves them there. The FMU's copies
+    of pythonfmu (which has no binaries) and of this project's modules would be found before the installed ones.
     """
     before = list(sys.path)
     sys.path[:] = [entry for entry in before if not (Path(entry) / "slavemodule.txt").is_file()]
@@ -209,9 +211,9 @@ def _path_without_fmus() -> Iterator[None]:
 
 @contextmanager
 def _main_hidden() -> Iterator[None]:
-    """Processes that are started meanwhile do not import the main program, which need not be guarded against that.
+    """Prevents processes started within from importing the main program, so that it needs no guard.
 
-    What they build is in packages; a program that only calls `simulate` would otherwise be run again in each of them.
+    They build models of packages only. Otherwise, a program that just calls `simulate` would run again in each process.
     """
     main = sys.modules["__main__"]
     before = {name: value for name, value in vars(main).items() if name in ("__file__", "__spec__")}
@@ -227,13 +229,13 @@ def _source_size(model: type[Model]) -> int:
 
 
 def _work_in(scratch: str) -> None:
-    """Temporary files of this process lie in a folder that whoever started it removes."""
+    """Places temporary files of this process in a folder that the parent process removes."""
     tempfile.tempdir = scratch
 
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Processes that are started meanwhile never receive SIGINT; this one does, afterwards."""
+    """Blocks SIGINT for processes started within; this process receives it afterwards."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -245,7 +247,7 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _follow(building: Mapping[type[Model], Future[Built]], workers: int, tell: Callable[[Sequence[str]], None]) -> None:
-    """Tell which models are being built: of those that are not done the first ones, in the order of submission."""
+    """Reports which models are being built: the first unfinished ones, in order of submission."""
 
     def report(_: Future[Built] | None = None) -> None:
         left = [model.__name__ for model, future in building.items() if not future.done()]
@@ -258,7 +260,7 @@ def _follow(building: Mapping[type[Model], Future[Built]], workers: int, tell: C
 
 
 class _Stamp(TypedDict):
-    """What an FMU was built from and how: one with the same stamp is up to date."""
+    """The inputs of a build: an FMU with the same stamp is up to date."""
 
     sources: dict[str, str]
     builder: str
@@ -271,11 +273,11 @@ class _Stamp(TypedDict):
 def _wanted(
     model: type[Model], folder: Path, interpreted: bool, targets: Sequence[str], fmi: int, checked: bool | None
 ) -> tuple[Path, bool, Sources, _Stamp]:
-    """The file, whether to compile it, the sources it is made of, and its stamp."""
+    """Returns the file, whether to compile it, its sources, and its stamp."""
     if unknown := set(targets) - set(TARGETS):
-        raise ValueError(f"target {', '.join(sorted(unknown))}: there are {', '.join(TARGETS)}")
+        raise ValueError(f"target {', '.join(sorted(unknown))}: not available; valid: {', '.join(TARGETS)}")
     if fmi not in (2, 3):
-        raise ValueError(f"FMI {fmi}: there are 2 and 3")
+        raise ValueError(f"FMI {fmi}: not supported; valid: 2 and 3")
     if fmi == 3 and interpreted:
         raise ValueError(f"{model.__name__}: interpreted FMUs are FMI 2 only (pythonfmu makes them); leave out one")
     if fmi == 3 and model.kernels is None:
@@ -305,7 +307,7 @@ def _up_to_date(file: Path, stamp: _Stamp) -> Built | None:
 
 
 def _builder_digest() -> str:
-    """Changes when this package or one of the tools that it drives does."""
+    """Returns a digest that changes with this package and with the versions of its tools."""
     digest = hashlib.sha256()
     for file in sorted(Path(__file__).parent.glob("*.[pc]*")):
         if file.is_file():

@@ -1,12 +1,12 @@
-"""Kernels with checks: every index of an array, every loop that does not end, every field that is found by its offset.
+"""Checked kernels: array indices, endless loops, and fields accessed by offset.
 
-A checked kernel is the author's function, compiled by numba with passes of its own: an index outside its array makes
-the function fail instead of reading or writing the memory beside it, in every function that the kernel calls. What
-fails is told by the source file, the line, and the array in the words of the source: ``gauge.py:12: index 3 of m.v[3];
-valid: -3 to 2``. As in Python, negative indices count from the end, and slices are cut to the array's length.
+A checked kernel is the author's function, compiled by numba with additional passes. In this function and in every
+function that it calls, an index outside its array causes an error instead of an access to adjacent memory. The error
+gives the source file, the line, and the array as written in the source: ``gauge.py:12: index 3 of m.v[3]; valid: -3 to
+2``. As in Python, negative indices count from the end, and slices are truncated to the array's length.
 
-`texts_of_exceptions` makes the exceptions of any kernel, checked or not, readable for a C program: numba writes them
-as pickles, here they become text.
+`texts_of_exceptions` makes the exceptions of any kernel, checked or not, readable for a C program: it replaces numba's
+pickles by text.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from numba.extending import intrinsic
 __all__ = ["MOST_PASSES", "checked", "texts_of_exceptions"]
 
 MOST_PASSES = 100_000_000
-"""Passes through its loops that one call of a checked function may make; one with more is taken for endless."""
+"""Maximum number of loop iterations in one call of a checked function; beyond it, the loop is considered endless."""
 
 _INDEX_FAILED = "model_index_failed"
-"""C function of fmi2.c and fmi3.c: keeps the index and the length that the next message tells."""
+"""C function of fmi2.c and fmi3.c that stores the index and the length for the next message."""
 
 _checked: dict[Dispatcher, Dispatcher] = {}
 _ignored = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)(lambda *_: None)
-llvm.add_symbol(_INDEX_FAILED, ctypes.cast(_ignored, ctypes.c_void_p).value)  # numba links all that it compiles
+llvm.add_symbol(_INDEX_FAILED, ctypes.cast(_ignored, ctypes.c_void_p).value)  # numba links everything that it compiles
 
 
 def checked(kernel: Dispatcher) -> Dispatcher:
-    """The same kernel with checks, not compiled yet; the kernels that it calls will be checked ones, too."""
+    """Returns a checked version of the kernel, not compiled yet; the kernels that it calls are checked as well."""
     if kernel not in _checked:
         options = {**kernel.targetoptions, "boundscheck": True}
         _checked[kernel] = type(kernel)(kernel.py_func, targetoptions=options, pipeline_class=_Compiler)
@@ -68,7 +68,7 @@ class _Compiler(CompilerBase):
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class _Guards(FunctionPass):
-    """Has a function call checked kernels only, and count the passes of its loops."""
+    """Redirects calls to checked kernels and counts loop iterations."""
 
     _name = "cosim_guards"
 
@@ -138,7 +138,7 @@ register_pass(mutates_CFG=True, analysis_only=False)(_Lowering)
 
 
 class _Lower(Lower):
-    """Writes the code of a function; `now` is the instruction that is being written."""
+    """Generates the code of a function; `now` is the instruction being generated."""
 
     now: Any = None
 
@@ -153,7 +153,7 @@ class _Lower(Lower):
 
 
 class _Context(CPUContext):
-    """numba's context with the calling convention below."""
+    """numba's target context with the calling convention below."""
 
     lower: Any
 
@@ -163,7 +163,7 @@ class _Context(CPUContext):
 
 
 class _Convention(CPUCallConv):
-    """numba's calling convention, with the place of every exception."""
+    """numba's calling convention, with the source location of every exception."""
 
     def return_status_propagate(self, builder: Any, status: Any) -> None:
         lower = self.context.lower
@@ -176,7 +176,7 @@ class _Convention(CPUCallConv):
         self, builder: Any, exc: Any, exc_args: Any = None, loc: Any = None, func_name: Any = None
     ) -> None:
         lower = self.context.lower
-        if builder is not lower.builder:  # a function of numba's own, compiled once for all its callers
+        if builder is not lower.builder:  # a numba-internal function, compiled once for all callers
             loc = None
         elif loc is None:
             loc, func_name = lower.loc, lower.func_ir.func_id.func_name
@@ -184,7 +184,7 @@ class _Convention(CPUCallConv):
 
 
 def _failed_within(lower: _Lower) -> tuple[type[Exception], tuple[str]] | None:
-    """The exception of the present instruction where a function of numba's fails in it; None in a call of a kernel."""
+    """Returns the exception for a numba function that fails in the current instruction; None in a call of a kernel."""
     inst = lower.now
     if isinstance(inst, ir.SetItem | ir.StaticSetItem):
         name, _ = _name_of(lower, inst.target)
@@ -202,14 +202,14 @@ def _failed_within(lower: _Lower) -> tuple[type[Exception], tuple[str]] | None:
 
 
 class _IndexFails(IndexError):
-    """Its text is a format of printf for an index, a length, the least and the greatest valid index."""
+    """An exception whose text is a printf format for the index, the length, and the least and greatest valid index."""
 
 
 _do_boundscheck = cgutils.do_boundscheck
 
 
 def _check_index(context: Any, builder: Any, index: Any, length: Any, axis: Any = None) -> None:
-    """Writes the check of one index, which numba has made count from the array's begin."""
+    """Generates the check of one index, which numba has converted to count from the start of the array."""
     convention = context.call_conv
     if not isinstance(convention, _Convention) or builder is not context.lower.builder:
         _do_boundscheck(context, builder, index, length, axis)
@@ -234,7 +234,7 @@ cgutils.do_boundscheck = _check_index
 
 
 def _indexed(lower: _Lower, axis: Any) -> str:
-    """The format that tells of an index outside the array that the present instruction indexes."""
+    """Returns the format of the message for an index outside the array in the current instruction."""
     inst = lower.now
     indexed = inst.target if isinstance(inst, ir.SetItem | ir.StaticSetItem) else getattr(inst.value, "value", None)
     name, shape = _name_of(lower, indexed)
@@ -246,7 +246,7 @@ def _indexed(lower: _Lower, axis: Any) -> str:
 
 
 def _name_of(lower: _Lower, value: Any) -> tuple[str, tuple[int, ...] | None]:
-    """An array in the author's words, and its shape where the declaration tells it."""
+    """Returns the name of an array in the author's source, and its shape if the declaration determines it."""
     if not isinstance(value, ir.Var):
         return "an array", None
     try:
@@ -287,7 +287,7 @@ def _count_pass(typing: Any, passes: Any) -> Any:  # noqa: ARG001 (numba prescri
 
 
 def _within(unchecked: Any, size: int) -> Any:
-    """The intrinsic that reads or writes a record's field by its offset, with a check of the offset."""
+    """Returns the intrinsic that reads or writes a record's field by offset, with a check of the offset."""
 
     def check(typing: Any, record: Any, offset: Any, *value: Any) -> Any:
         signature, write = unchecked._defn(typing, record, offset, *value)
@@ -312,21 +312,21 @@ _BY_OFFSET = {
     for name, size in (("get_real", 8), ("set_real", 8), ("get_whole", 4), ("set_whole", 4))
     if hasattr(getattr(_fields, f"_{name}"), "_defn")
 }
-"""Kernels that read and write by offset -> the same with a check, told with the line that calls them."""
+"""Kernels that read and write by offset -> their checked versions; errors give the line of the call."""
 
 
-# ---- what a C program is told ---------------------------------------------------------------------------------------
+# ---- messages for a C program ---------------------------------------------------------------------------------------
 
 _PICKLE = re.compile(r'^(@"?\.const\.pickledata\.[0-9a-f]+(?:\.\d+)?"? = .*)\[\d+ x i8\] c"([^"]*)"', re.MULTILINE)
 
 
 def texts_of_exceptions(ir: str) -> str:
-    """The LLVM IR of kernels with the text of every exception, as a format of printf, in place of its pickle."""
+    """Returns the LLVM IR of kernels with each exception's pickle replaced by its text as a printf format."""
 
     def text(pickled: re.Match[str]) -> str:
         declared, data = pickled.groups()
         content = re.sub(rb"\\(\\|[0-9A-Fa-f]{2})", _byte, data.encode("latin-1"))
-        told = pickle.loads(content)  # numba has just written it
+        told = pickle.loads(content)  # written by numba in this process
         if not isinstance(told, tuple) or len(told) != 3:
             return pickled[0]
         shown = _told(*told).encode() + b"\0"
@@ -337,7 +337,7 @@ def texts_of_exceptions(ir: str) -> str:
 
 
 def _byte(code: re.Match[bytes]) -> bytes:
-    """A byte of a string in LLVM IR: two hexadecimal digits behind a backslash, or another backslash."""
+    """Decodes one byte of a string in LLVM IR: a backslash and two hexadecimal digits, or two backslashes."""
     return b"\\" if code[1] == b"\\" else bytes([int(code[1], 16)])
 
 
@@ -351,7 +351,7 @@ def _told(of: type[BaseException] | None, arguments: tuple[Any, ...], place: tup
 
 
 def shown_file(name: str) -> str:
-    """A source file from its outermost package on: it reads the same wherever the sources lie."""
+    """Returns the path of a source file from its outermost package on, independent of its location on disk."""
     file = root = Path(name)
     while (root.parent / "__init__.py").is_file():
         root = root.parent

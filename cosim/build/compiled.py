@@ -1,7 +1,7 @@
-"""The compiled build: numba lowers the kernels to machine code, one C file makes them an FMI 2 or FMI 3 binary.
+"""The compiled build: numba compiles the kernels to machine code, and a C file turns it into an FMI 2 or 3 binary.
 
-No Python is left in the binary. The kernels are compiled for the plain instruction set of each target, so that a
-binary runs on every machine of its platform and gives the same bits there.
+The binary contains no Python. Kernels are compiled for the baseline instruction set of each target, so that a binary
+runs on every machine of its platform and gives the same bits there.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ __all__ = ["HOST", "TARGETS", "CannotCompile", "build_compiled", "kernel_code"]
 
 
 class CannotCompile(Exception):
-    """A kernel is outside the subset that numba lowers; the text says which, where and why."""
+    """A kernel is outside the subset that numba compiles; the text says which one, where, and why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A platform: its folder in an FMU of FMI 2 and FMI 3, its LLVM triple, zig's name, the suffix of its libraries."""
+    """A platform: its folder in an FMI 2 and FMI 3 FMU, LLVM triple, zig target, and suffix of shared libraries."""
 
     folder: str
     folder3: str
@@ -83,8 +83,8 @@ def build_compiled(
     `checked`: with checks of indices and loops (`cosim.build.checks`).
 
     Raises:
-        CannotCompile: numba cannot lower a kernel, or it needs more than the C library.
-        RuntimeError: the C compiler failed; the message has its output.
+        CannotCompile: numba cannot compile a kernel, or the kernel needs more than the C library.
+        RuntimeError: the C compiler failed; the message contains its output.
     """
     guid = sources.guid(model.__name__)
     described = model_description3(model, guid) if fmi == 3 else model_description(model, guid, compiled=True)
@@ -133,11 +133,10 @@ def kernel_code(
 
 
 def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:
-    """LLVM IR of the two kernels over a pointer to the record, entry points `model_start` and `model_advance`.
+    """Returns LLVM IR of the two kernels as functions of a pointer to the record, `model_start` and `model_advance`.
 
-    These are numba's own functions, without its wrappers for Python and C:
-    ``int32 model_start(int32 *code, void **exception, void *record)``; what they return is 0, or not where the
-    kernel has raised.
+    These are numba's own functions, without its wrappers for Python and C: ``int32 model_start(int32 *code, void
+    **exception, void *record)``. They return 0, or a nonzero value if the kernel raised an exception.
     """
     from cosim.build.checks import checked as with_checks
     from cosim.build.checks import texts_of_exceptions
@@ -172,11 +171,11 @@ def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:
         what = entry.__name__.removeprefix("enter_")
         plain = {"nopython": True, "error_model": "numpy", "_nrt": False}
         try:
-            returned = kernel.lower((record, *of)).signature.return_type  # first: what fails is then the author's
+            returned = kernel.lower((record, *of)).signature.return_type  # first, to blame the kernel
             if not isinstance(returned, types.Integer):
                 raise TypeError(f"it returns {_in_words(str(returned))}; a kernel returns 0 or a key of errors")
             lowered = Kernel(entry, targetoptions=plain).lower((record, *of), types.int32)
-        except Exception as error:  # numba answers some faults of a kernel with a KeyError or an AssertionError
+        except Exception as error:  # numba reports some errors in a kernel as KeyError or AssertionError
             raise _cannot_compile(model, error, kernel) from error
         names[lowered.name] = f"model_{what}"
         libraries.append(lowered.library)
@@ -187,8 +186,8 @@ def _lower(model: type[Model], dtype: np.dtype[np.void], checked: bool) -> str:
 
 
 def _cannot_compile(model: type[Model], error: Exception | None = None, kernel: Any = None) -> CannotCompile:
-    """The error with every fault that the sources show, and what numba says where they show none."""
-    recursion = "calls itself" in str(error)  # the sources show no other reason
+    """Returns the error with every fault found in the sources, or numba's message if none was found."""
+    recursion = "calls itself" in str(error)  # the sources give no other reason
     faults = (not recursion and faults_of(model)) or [_reason(error, kernel)]
     return CannotCompile("\n".join(f"{model.__name__}: {fault}" for fault in faults))
 
@@ -199,7 +198,7 @@ def _place_of(kernel: Any) -> str:
 
 
 def _reason(error: Exception | None, kernel: Any) -> str:
-    """Where (file:line) and what, from one of numba's messages, which are long: the innermost comes first."""
+    """Extracts location (file:line) and cause from a numba message; the innermost cause is reported."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Failed in")]
     where = _place_of(kernel)
     places = re.findall(r"(?: at |^File \")(.+\.py)(?: \(|\", line )(\d+)", str(error), re.MULTILINE)
@@ -209,7 +208,7 @@ def _reason(error: Exception | None, kernel: Any) -> str:
     elif getattr(error, "loc", None) is not None and error.loc.filename != __file__:  # type: ignore[union-attr]
         where = place(error.loc.filename, error.loc.line)  # type: ignore[union-attr]
     if re.search("Only accept returning of array passed|NRT required", str(error)):
-        return f"{where}: it makes an array; a kernel has those of its record"
+        return f"{where}: it creates an array; declare a Memory in the record instead"
     text = str(error) if type(error) is TypeError else f"{type(error).__name__}: {error}"
     text = lines[0] if type(error).__module__.startswith("numba") else text
     if used := re.search(r"^ *>>> (.+)$", str(error), re.MULTILINE):
@@ -221,17 +220,17 @@ def _reason(error: Exception | None, kernel: Any) -> str:
 
 
 def _in_words(kind: str) -> str:
-    """A type of numba's in the words of Python."""
+    """Returns the Python name of a numba type."""
     words = {"float64": "a float", "int64": "an int", "bool": "a bool", "none": "None"}
     tuples = re.fullmatch(r"(Uni)?Tuple\(.*\)", kind)
     return "a tuple" if tuples else words.get(kind, kind)
 
 
 def _emit(ir: Callable[[], str], target: Target, model: type[Model]) -> bytes:
-    """Machine code for a target's plain instruction set; nothing but the two entry points is visible in it.
+    """Returns machine code for a target's baseline instruction set; only the two entry points are visible symbols.
 
     Raises:
-        CannotCompile: the kernels call what only a Python process has.
+        CannotCompile: the kernels call a function that only a Python process provides.
     """
     import llvmlite.binding as llvm
 
@@ -247,7 +246,7 @@ def _emit(ir: Callable[[], str], target: Target, model: type[Model]) -> bytes:
     keep_only(module, entries)
     for variable in module.global_variables:
         if not variable.is_declaration:
-            variable.linkage = "internal"  # numba's environments too, which only a Python process sets
+            variable.linkage = "internal"  # including numba's environments, which only a Python process sets
     for entry in entries:
         module.get_function(entry).visibility = "hidden"
     module.verify()
@@ -269,7 +268,7 @@ def _for_target(ir: str, target: Target, machine: Any) -> str:
 
 
 def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
-    """Compile fmi2.c or fmi3.c with model.h and link it with `code` to a library that needs libc and libm only."""
+    """Compiles fmi2.c or fmi3.c with model.h and links it with `code` to a library that needs only libc and libm."""
     if os.environ.get("CC") and target == HOST:
         compiler = shlex.split(os.environ["CC"])
     else:
@@ -290,7 +289,7 @@ def _link(code: Path, library: Path, target: str, model: str, fmi: int) -> None:
 
 
 def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:
-    """model.h: what fmi2.c has to know of one model."""
+    """Returns model.h, the description of one model for fmi2.c."""
     rows: list[str] = []
     text = 0
     assert dtype.fields is not None
@@ -310,7 +309,7 @@ def _header(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) 
 
 
 def _header3(model: type[Model], guid: str, dtype: np.dtype[np.void], head: int) -> str:
-    """model.h: what fmi3.c has to know of one model."""
+    """Returns model.h, the description of one model for fmi3.c."""
     rows: list[str] = []
     assert dtype.fields is not None
     kinds = {"Real": "FLOAT64", "Integer": "INT32", "Boolean": "BOOLEAN", "Packets": "BINARY"}

@@ -1,4 +1,4 @@
-"""modelDescription.xml of a model (FMI 2.0.5, co-simulation), from its declaration."""
+"""modelDescription.xml of a model (FMI 2.0.5, co-simulation), generated from its declaration."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from cosim.verdict import ANNOTATION as VERDICT
 __all__ = ["PACKET_TOOL", "as_text", "model_description", "type_definitions", "unit_definitions"]
 
 PACKET_TOOL = "uav-cosim"
-"""The tool name of our vendor annotation, which marks String variables that carry MAVLink packets."""
+"""Tool name of our vendor annotation for String variables that carry MAVLink packets."""
 
 
 def model_description(model: type[Model], guid: str, *, compiled: bool) -> Element:
-    """The whole document.
+    """Returns the complete document.
 
     Raises:
-        ValueError: a unit is not known, or the model has no docstring, step size or variables.
+        ValueError: a unit is unknown, or the model has no docstring, step size or variables.
     """
     if not model.__doc__ or model.step_size <= 0.0 or not model.variables:
         raise ValueError(f"{model.__name__}: a model needs a docstring, a step_size > 0 and variables")
@@ -70,16 +70,16 @@ def model_description(model: type[Model], guid: str, *, compiled: bool) -> Eleme
 
 
 def as_text(root: Element) -> str:
-    """The document as UTF-8 text with a declaration."""
+    """Returns the document as UTF-8 text with an XML declaration."""
     indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
 
 
 def unit_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
-    """Add UnitDefinitions, the same in FMI 2 and 3.
+    """Adds UnitDefinitions, which are the same in FMI 2 and 3.
 
     Raises:
-        ValueError: a unit is not known.
+        ValueError: a unit is unknown.
     """
     units = sorted({v.unit for v in variables if v.unit not in (None, "1")} - {None})
     if not units:
@@ -97,7 +97,7 @@ def unit_definitions(root: Element, variables: tuple[Variable, ...]) -> None:
 
 
 def type_definitions(root: Element, variables: tuple[Variable, ...], *, fmi: int = 2) -> None:
-    """Add TypeDefinitions with the enumerations of `variables`."""
+    """Adds TypeDefinitions with the enumerations of `variables`."""
     enumerations: dict[str, type[IntEnum]] = {v.enumeration.__name__: v.enumeration for v in variables if v.enumeration}
     if not enumerations:
         return
@@ -152,7 +152,7 @@ def _start(one: FlatVariable) -> str:
 
 
 def _model_structure(root: Element, flat: tuple[FlatVariable, ...]) -> None:
-    """Outputs depend at a communication point on what they declare; at the start also on every parameter."""
+    """Adds ModelStructure: outputs depend on their declared inputs, initially also on every parameter."""
     structure = SubElement(root, "ModelStructure")
     indices: dict[str, list[int]] = {}
     for index, one in enumerate(flat, start=1):

@@ -1,7 +1,7 @@
-"""modelDescription.xml and terminalsAndIcons.xml of a model (FMI 3.0.2, co-simulation), from its declaration.
+"""modelDescription.xml and terminalsAndIcons.xml of a model (FMI 3.0.2, co-simulation).
 
-Arrays are arrays, packets are Binary. A variable's value reference is its place in the declaration; behind the last
-one comes the independent variable, time.
+Both are generated from the declaration. Arrays remain arrays, packets are Binary. A variable's value reference is its
+index in the declaration; the independent variable, time, follows the last one.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _VEHICLE = ("motor", *(v.name for v in MOTION_INPUTS))
 
 
 def exported(model: type[Model]) -> tuple[Variable, ...]:
-    """The variables of a model that FMI sees, in the order of their value references.
+    """Returns the variables of a model that FMI exposes, in the order of their value references.
 
     Raises:
-        ValueError: one of them is called time, which is the independent variable's name.
+        ValueError: a variable is named "time", the name of the independent variable.
     """
     variables = tuple(v for v in model.variables if v.kind != "Memory")
     if any(v.name == TIME for v in variables):
@@ -35,10 +35,10 @@ def exported(model: type[Model]) -> tuple[Variable, ...]:
 
 
 def model_description3(model: type[Model], token: str) -> Element:
-    """The whole document.
+    """Returns the complete document.
 
     Raises:
-        ValueError: a unit is not known, a name is taken, or the model has no docstring, step size or variables.
+        ValueError: a unit is unknown, a name is reserved, or the model has no docstring, step size or variables.
     """
     if not model.__doc__ or model.step_size <= 0.0 or not model.variables:
         raise ValueError(f"{model.__name__}: a model needs a docstring, a step_size > 0 and variables")
@@ -122,7 +122,7 @@ def _start(v: Variable) -> str:
 
 
 def _model_structure(root: Element, variables: tuple[Variable, ...]) -> None:
-    """Outputs depend at a communication point on what they declare; at the start also on every parameter."""
+    """Adds ModelStructure: outputs depend on their declared inputs, initially also on every parameter."""
     structure = SubElement(root, "ModelStructure")
     number = {v.name: i for i, v in enumerate(variables)}
     parameters = [i for i, v in enumerate(variables) if v.role == "parameter"]
@@ -135,10 +135,10 @@ def _model_structure(root: Element, variables: tuple[Variable, ...]) -> None:
 
 
 def terminals(model: type[Model]) -> Element | None:
-    """terminalsAndIcons.xml: the ports between vehicle and autopilot, the wind, the packet ports; None without any.
+    """Returns terminalsAndIcons.xml with vehicle, autopilot, wind and packet terminals; None if there are none.
 
-    Vehicle and autopilot have the terminal "vehicle" with the same members, one as outputs where the other has
-    inputs: what the matching rule "plug" connects. A pair of packet ports NAME_rx and NAME_tx is the terminal NAME.
+    Vehicle and autopilot have a terminal "vehicle" with the same members, outputs on one side and inputs on the other,
+    so that the matching rule "plug" connects them. A pair of packet ports NAME_rx and NAME_tx is the terminal NAME.
     """
     ports = {v.name: v for v in exported(model) if v.role not in ("parameter", "state")}
     groups = []

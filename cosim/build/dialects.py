@@ -1,7 +1,7 @@
-"""Dialects of one's own: messages in a MAVLink XML file, read for routers and turned into a module for models.
+"""Custom MAVLink dialects: reads messages from an XML file for routers, and generates a Python module for models.
 
-An XML file may include others. Files that are part of the ardupilotmega dialect, which is built in, need not be there.
-Enumerations are not read. Source: the MAVLink guide, "Define XML Elements" and "Packet Serialization" (order, CRC).
+An XML file may include others. Included files that are part of the built-in ardupilotmega dialect need not exist.
+Enumerations are ignored. Source: the MAVLink guide, "Define XML Elements" and "Packet Serialization" (order, CRC).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _LONGEST = 255
 
 
 def read_xml(path: Path) -> dict[str, Message]:
-    """The messages of an XML file, and of those it includes, that ardupilotmega does not have; by name, by id.
+    """Returns the messages of an XML file and its includes that ardupilotmega does not contain, by name and by id.
 
     Raises:
-        ValueError: it is no dialect; all that is wrong, a line for each, with file and message.
+        ValueError: the file is not a valid dialect; one line per error, with file and message.
         OSError: a file cannot be read.
     """
     problems: list[str] = []
@@ -68,7 +68,7 @@ def _read(path: Path, found: dict[str, Message], done: set[Path], known: set[str
         if other.is_file():
             _read(other, found, done, known, problems)
         elif other.name not in _BUILT_IN:
-            problems.append(f"{path}: it includes {other.name}, which is not there and not built in")
+            problems.append(f"{path}: includes {other.name}, which does not exist and is not built in")
     for element in root.iterfind("messages/message"):
         message = _message(element, path, problems)
         if message is not None and message.name in found:
@@ -91,7 +91,7 @@ _BUILT_IN = frozenset(
         "csAirLink",
     )
 )
-"""Files that ardupilotmega.xml consists of."""
+"""Files that make up ardupilotmega.xml."""
 
 
 def _message(element: ElementTree.Element, path: Path, problems: list[str]) -> Message | None:
@@ -124,7 +124,7 @@ def _message(element: ElementTree.Element, path: Path, problems: list[str]) -> M
 
 
 def _placed(declared: list[tuple[str, str, int, str, bool]]) -> tuple[Field, ...]:
-    """Fields in declared order; on the wire the longest types come first, extensions last as they are declared."""
+    """Returns fields in declared order with wire offsets: longest types first on the wire, extensions last."""
     wire = sorted((one for one in declared if not one[4]), key=lambda one: -type_size(one[1]))
     wire += [one for one in declared if one[4]]
     offsets: dict[int, int] = {}
@@ -140,7 +140,7 @@ def _placed(declared: list[tuple[str, str, int, str, bool]]) -> tuple[Field, ...
 
 
 def _crc_extra(name: str, fields: tuple[Field, ...]) -> int:
-    """The byte in which name, types and order of a message's base fields are folded."""
+    """Returns CRC_EXTRA: a checksum byte over the names, types and order of a message's base fields."""
     text = f"{name} ".encode()
     for field in sorted((f for f in fields if not f.extension), key=lambda f: f.offset):
         text += f"{field.type} {field.name} ".encode()
@@ -151,10 +151,10 @@ def _crc_extra(name: str, fields: tuple[Field, ...]) -> int:
 
 
 def module_source(messages: Mapping[str, Message], origin: str) -> str:
-    """The text of a module with kernels for messages: as in `cosim.messages`, and to check and to make their packets.
+    """Returns the source of a module with kernels for messages, as in `cosim.messages`, and for their packets.
 
     Args:
-        messages: what `read_xml` gave.
+        messages: the result of `read_xml`.
         origin: name of the XML file, for the module's docstring.
     """
     body = "\n".join(

@@ -1,8 +1,8 @@
-"""Why a kernel does not compile, in the terms of its author: file, line, variable, and how to write it.
+"""Diagnosis of kernels that do not compile, in the author's terms: file, line, variable, and how to fix it.
 
-numba speaks of types and of its own passes. This reads the source of the kernels, and of those that they call, once
-numba has refused them, and finds what authors get wrong: names and variables that do not exist, arrays that are
-assigned whole, lists, dicts and strings, new arrays, calls of functions that are not kernels.
+numba's messages refer to types and to its own passes. When numba rejects kernels, this module reads their source and
+that of the kernels that they call, and finds common mistakes: unknown names and variables, assignment to a whole array,
+lists, dicts and strings, creation of arrays, calls of functions that are not kernels.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ _NOT_IN_KERNELS: dict[type[ast.AST], str] = {
     ast.GeneratorExp: "a kernel has no generators; write a loop",
     ast.Yield: "a kernel has no generators; it returns once",
     ast.JoinedStr: "a kernel has no strings; return a key of errors, whose text the model declares",
-    ast.Lambda: "a kernel has no functions within; write a @kernel beside it",
-    ast.FunctionDef: "a kernel has no functions within; write a @kernel beside it",
-    ast.ClassDef: "a kernel has no classes within",
-    ast.Try: "a kernel does not catch exceptions; test for the condition before",
-    ast.With: "a kernel has no with",
-    ast.Import: "a kernel does not import; import above it",
-    ast.ImportFrom: "a kernel does not import; import above it",
+    ast.Lambda: "a kernel has no nested functions; write a @kernel at module level",
+    ast.FunctionDef: "a kernel has no nested functions; write a @kernel at module level",
+    ast.ClassDef: "a kernel has no nested classes",
+    ast.Try: "a kernel does not catch exceptions; test for the condition first",
+    ast.With: "a kernel has no with statement",
+    ast.Import: "a kernel does not import; import at module level",
+    ast.ImportFrom: "a kernel does not import; import at module level",
     ast.Global: f"a kernel has no global variables; {_REMEMBERED}",
-    ast.Await: "a kernel does not wait",
+    ast.Await: "a kernel cannot await",
 }
 _BUILTINS_OF_KERNELS = (
     *("abs", "bool", "divmod", "enumerate", "float", "int", "len", "max", "min", "pow", "range", "round", "sum", "zip"),
@@ -53,13 +53,13 @@ _BUILTINS_OF_KERNELS = (
 
 
 def place(file: str, line: int) -> str:
-    """``file:line``, from the working folder where the file lies below it."""
+    """Returns ``file:line``, relative to the working folder if the file is below it."""
     relative = os.path.relpath(file)
     return f"{Path(file).absolute() if relative.startswith('..') else relative}:{line}"
 
 
 def faults_of(model: type[Model]) -> list[str]:
-    """Each fault of the model's kernels as ``file:line: what; how to write it``, in the order of the sources."""
+    """Returns each fault of the model's kernels as ``file:line: what; how to fix it``, in source order."""
     assert model.kernels is not None
     found: dict[tuple[str, int, str], None] = {}
     known: set[tuple[Any, tuple[str, ...]]] = set()
@@ -83,7 +83,7 @@ class _Record:
     """The fields of a model's record: name -> shape."""
 
     argument = "record"
-    """What stands for a record among the arguments of a call."""
+    """Stands for a record among the arguments of a call."""
 
     def __init__(self, model: type[Model]) -> None:
         self.model = model.__name__
@@ -110,7 +110,7 @@ class _Reader(ast.NodeVisitor):
 
     @classmethod
     def of(cls, kernel: Any, arguments: Sequence[str], record: _Record, entry: bool) -> _Reader | None:
-        """The reader of a kernel; None where there is no source of it."""
+        """Returns the reader of a kernel, or None if its source is not available."""
         function = getattr(kernel, "py_func", kernel)
         try:
             lines, first = inspect.getsourcelines(function)
@@ -145,16 +145,16 @@ class _Reader(ast.NodeVisitor):
     def _fault(self, node: ast.AST, text: str) -> None:
         self.faults.append((self.file, getattr(node, "lineno", 0), text))
 
-    # ---- what an expression means ----------------------------------------------------------------------------------
+    # ---- evaluation of expressions ----------------------------------------------------------------------------------
 
     def _shape(self, node: ast.AST) -> tuple[int, ...] | None:
-        """The shape of ``m.field``; None of anything else."""
+        """Returns the shape of ``m.field``; None for any other expression."""
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in self.records:
             return self.record.shapes.get(node.attr)
         return None
 
     def _value(self, node: ast.AST) -> Any:
-        """The object that a global name or an attribute of a module means; None where it is unknown."""
+        """Returns the object that a global name or a module attribute refers to; None if unknown."""
         if isinstance(node, ast.Name) and node.id not in self.local:
             return self.outer.get(node.id)
         if isinstance(node, ast.Attribute) and inspect.ismodule(module := self._value(node.value)):
@@ -174,7 +174,7 @@ class _Reader(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_Raise(self, node: ast.Raise) -> None:
-        """Texts are for this."""
+        """Accepts string arguments: exceptions need texts."""
 
     def visit_Assert(self, node: ast.Assert) -> None:
         self.visit(node.test)
@@ -209,7 +209,7 @@ class _Reader(ast.NodeVisitor):
     def visit_BinOp(self, node: ast.BinOp) -> None:
         sides = (side.value if isinstance(side, ast.Subscript) and _has_slice(side) else side for side in _sides(node))
         if any(self._shape(side) for side in sides):
-            self._fault(node, f"{ast.unparse(node)} makes an array; a kernel has those of its record: write a loop")
+            self._fault(node, f"{ast.unparse(node)} creates an array, which a kernel cannot: write a loop")
             return
         self.generic_visit(node)
 
@@ -260,7 +260,7 @@ class _Reader(ast.NodeVisitor):
                 self._fault(node, f"a kernel has no {called.__name__}()")
                 return
         if getattr(called, "__name__", "") in _NEW_ARRAYS and name.partition(".")[0] in ("np", "numpy"):
-            self._fault(node, f"{name} makes an array; a kernel has those of its record: declare a Memory")
+            self._fault(node, f"{name} creates an array, which a kernel cannot: declare a Memory")
             return
         self.generic_visit(node)
 

@@ -1,10 +1,10 @@
 /* FMI 2.0.5 co-simulation over a record and two kernels.
 
-   All an instance remembers is one record; a variable is an offset into it (model.h, generated from the model's
-   declaration). So instances share nothing, saving the state is one memcpy, and this file knows no model.
-   A call that the state table of section 4.2.4 does not allow, an unknown value reference, a wrong type, NaN or a
-   value out of range is fmi2Error with a message, sets nothing, and puts the instance into the error state. So does a
-   kernel that fails. From there only reading, fmi2Reset, fmi2SetFMUstate and fmi2FreeInstance lead on. */
+   The memory of an instance is one record, and a variable is an offset into it (model.h, generated from the model's
+   declaration). Therefore instances share nothing, saving the state is one memcpy, and this file is independent of the
+   model. A call that the state table of section 4.2.4 forbids, an unknown value reference, a wrong type, NaN or a value
+   out of range returns fmi2Error with a message, sets nothing, and puts the instance into the error state, as does a
+   failed kernel. The error state permits only reading, fmi2Reset, fmi2SetFMUstate and fmi2FreeInstance. */
 
 #include <stdarg.h>
 #include <stdint.h>
@@ -54,7 +54,8 @@ typedef struct { int code; const char *text; } KernelError;
 
 #include "model.h" /* MODEL, GUID, RECORD_SIZE, HEAD_SIZE, TEXT_SIZE, BUSY_FROM, BUSY_TO, VARIABLES, N_VARIABLES, DEFAULTS, ERRORS, N_ERRORS, ERROR_CODES, CHECKED */
 
-/* 0, or not if the kernel has raised: then `exception` points to the text, a format for index_text; `code` is what it returned. */
+/* They return 0, or nonzero if the kernel raised an exception; then `exception` points to its text, a format for index_text.
+   `code` is the kernel's return value. */
 extern int model_start(int *code, const char *const **exception, void *record);
 extern int model_advance(int *code, const char *const **exception, void *record, double t, double h);
 
@@ -71,7 +72,7 @@ static const char *mode_name(Mode mode) {
     }
 }
 
-/* What belongs to the FMU state beside the record. */
+/* The part of the FMU state that is not in the record. */
 typedef struct {
     Mode mode;
     int started;      /* `start` has run since the last value was set */
@@ -118,7 +119,7 @@ static void complain(const fmi2CallbackFunctions *callbacks, const char *name, c
     va_end(arguments);
 }
 
-/* Leaves the calling function unless the instance exists and is in one of `modes`. */
+/* Returns from the calling function unless the instance exists and is in one of `modes`. */
 #define CALL(function, modes)                                                                                          \
     Instance *s = (Instance *)c;                                                                                       \
     if (!s) return fmi2Error;                                                                                          \
@@ -134,7 +135,7 @@ static void reset(Instance *s) {
 }
 
 #if CHECKED
-/* A checked kernel calls this before it raises for an index out of its array. */
+/* A checked kernel calls this before it raises an exception for an index outside its array. */
 static _Thread_local long long failed_index, failed_length;
 void model_index_failed(int64_t index, int64_t length);
 void model_index_failed(int64_t index, int64_t length) {
@@ -203,7 +204,7 @@ EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n,
     for (size_t i = 0; i < n; i++)
         if (!categories[i] || strcmp(categories[i], "logStatusError"))
             return fail(s, "fmi2SetDebugLogging: unknown category %s, there is logStatusError", categories[i] ? categories[i] : "(NULL)");
-    (void)on; /* there are no messages but those of errors */
+    (void)on; /* only errors are logged */
     return fmi2OK;
 }
 
@@ -222,7 +223,7 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance
 
 EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     CALL("fmi2EnterInitializationMode", INSTANTIATED);
-    if (!s->progress.experiment) return fail(s, "fmi2EnterInitializationMode: fmi2SetupExperiment comes first");
+    if (!s->progress.experiment) return fail(s, "fmi2EnterInitializationMode: call fmi2SetupExperiment first");
     s->progress.mode = INITIALIZATION;
     return fmi2OK;
 }
@@ -262,7 +263,7 @@ static int settable(const Instance *s, const Variable *v) {
     switch (v->role) {
     case FIXED: return s->progress.mode != STEP_COMPLETE;
     case TUNABLE: return 1;
-    case INPUT: return 1; /* section 4.2.4 leaves inputs out of "instantiated"; FMPy and others set them there */
+    case INPUT: return 1; /* section 4.2.4 omits inputs in "instantiated"; FMPy and others set them there */
     default: return 0;
     }
 }
@@ -384,8 +385,8 @@ static int digit(char c) {
     return c == '+' ? 62 : c == '/' ? 63 : -1;
 }
 
-/* The number of bytes decoded, -1 for malformed text, -2 if there are more than `capacity`; stops at the first fault.
-   With `bytes` NULL it only counts. */
+/* Returns the number of bytes decoded, -1 for malformed text, -2 for more than `capacity`; stops at the first fault.
+   With `bytes` NULL, it only counts. */
 static long decode(const char *text, unsigned char *bytes, size_t capacity) {
     size_t n = 0;
     while (*text) {
@@ -414,7 +415,7 @@ EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], 
         int32_t used;
         memcpy(&used, s->record + v->length, sizeof used);
         if (used < 0 || (size_t)used > v->capacity)
-            return fail(s, "%s: the kernel says it holds %d bytes, capacity is %d", v->name, (int)used, (int)v->capacity);
+            return fail(s, "%s: the kernel reports %d bytes, its capacity is %d", v->name, (int)used, (int)v->capacity);
         encode(s->record + v->offset, (size_t)used, s->text + v->text);
         value[i] = s->text + v->text;
     }
@@ -447,10 +448,10 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolea
     double slack = 1e-6 * h + 1e-12 * (t < 0 ? -t : t);
     if (!(h > 0.0) || !(h - h == 0.0)) return fail(s, "fmi2DoStep: the step size %g is not positive and finite", h);
     if (!(t - s->progress.time <= slack && s->progress.time - t <= slack))
-        return fail(s, "fmi2DoStep: the communication point is %.9g, the FMU stands at %.9g", t, s->progress.time);
+        return fail(s, "fmi2DoStep: the communication point is %.9g, the FMU is at %.9g", t, s->progress.time);
     if (s->progress.has_stop && t + h > s->progress.stop + slack)
-        return fail(s, "fmi2DoStep: %.9g + %.9g lies behind the stop time %.9g", t, h, s->progress.stop);
-    /* Of many instances most are out of the cache: ask for all lines at once, not one after the other as the kernel comes to them. */
+        return fail(s, "fmi2DoStep: %.9g + %.9g is after the stop time %.9g", t, h, s->progress.stop);
+    /* With many instances, most records are not cached: prefetch all lines at once instead of one by one in the kernel. */
     for (size_t at = BUSY_FROM / LINE * LINE; at < BUSY_TO; at += LINE) __builtin_prefetch(s->record + at, 1);
     int code = 0;
     const char *const *exception = NULL;
@@ -468,7 +469,7 @@ EXPORT fmi2Status fmi2CancelStep(fmi2Component c) {
 EXPORT fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value) {
     CALL("fmi2GetStatus", STEP_COMPLETE | TERMINATED | ERROR);
     NEEDS("fmi2GetStatus", value, 1);
-    if (kind != fmi2DoStepStatus) return fail(s, "fmi2GetStatus: kind %d is no status", (int)kind);
+    if (kind != fmi2DoStepStatus) return fail(s, "fmi2GetStatus: kind %d is not a status", (int)kind);
     *value = s->progress.mode == ERROR ? fmi2Error : fmi2OK;
     return fmi2OK;
 }
@@ -476,7 +477,7 @@ EXPORT fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
     CALL("fmi2GetRealStatus", STEP_COMPLETE | TERMINATED | ERROR);
     NEEDS("fmi2GetRealStatus", value, 1);
-    if (kind != fmi2LastSuccessfulTime) return fail(s, "fmi2GetRealStatus: kind %d is no real", (int)kind);
+    if (kind != fmi2LastSuccessfulTime) return fail(s, "fmi2GetRealStatus: kind %d is not a real", (int)kind);
     *value = s->progress.time;
     return fmi2OK;
 }
@@ -484,13 +485,13 @@ EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, 
 EXPORT fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value) {
     CALL("fmi2GetIntegerStatus", STEP_COMPLETE | TERMINATED | ERROR);
     (void)value;
-    return fail(s, "fmi2GetIntegerStatus: kind %d is no integer", (int)kind);
+    return fail(s, "fmi2GetIntegerStatus: kind %d is not an integer", (int)kind);
 }
 
 EXPORT fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
     CALL("fmi2GetBooleanStatus", STEP_COMPLETE | TERMINATED | ERROR);
     NEEDS("fmi2GetBooleanStatus", value, 1);
-    if (kind != fmi2Terminated) return fail(s, "fmi2GetBooleanStatus: kind %d is no boolean", (int)kind);
+    if (kind != fmi2Terminated) return fail(s, "fmi2GetBooleanStatus: kind %d is not a boolean", (int)kind);
     *value = 0;
     return fmi2OK;
 }
@@ -498,12 +499,12 @@ EXPORT fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kin
 EXPORT fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value) {
     CALL("fmi2GetStringStatus", STEP_COMPLETE | TERMINATED | ERROR);
     NEEDS("fmi2GetStringStatus", value, 1);
-    if (kind != fmi2PendingStatus) return fail(s, "fmi2GetStringStatus: kind %d is no string", (int)kind);
+    if (kind != fmi2PendingStatus) return fail(s, "fmi2GetStringStatus: kind %d is not a string", (int)kind);
     *value = "";
     return fmi2OK;
 }
 
-/* ---- not provided, and said so in modelDescription.xml ---------------------------------------------------------------- */
+/* ---- not provided, as declared in modelDescription.xml ---------------------------------------------------------------- */
 
 EXPORT fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[]) {
     CALL("fmi2SetRealInputDerivatives", 0);
@@ -525,8 +526,8 @@ EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueR
 
 /* ---- FMU state ----------------------------------------------------------------------------------------------------------- */
 
-/* What fmi2GetFMUstate returns, in one block: the GUID, by which a state of another FMU is refused, Progress and record.
-   It can be restored into any instance of this FMU. Serialised, a checksum follows. */
+/* fmi2GetFMUstate returns one block: the GUID, by which states of other FMUs are rejected, Progress, and the record.
+   It can be restored in any instance of this FMU. The serialised form ends with a checksum. */
 #define PROGRESS_AT sizeof GUID
 #define RECORD_AT (PROGRESS_AT + sizeof(Progress))
 #define STATE_SIZE (RECORD_AT + RECORD_SIZE)
@@ -541,7 +542,7 @@ static uint64_t checksum(const void *bytes, size_t n) { /* FNV-1a */
 
 #define OWN_STATE(function, state)                                                                                     \
     NEEDS(function, state, 1);                                                                                         \
-    if (memcmp(state, GUID, sizeof GUID)) return fail(s, "%s: this is no state of " MODEL " " GUID, function)
+    if (memcmp(state, GUID, sizeof GUID)) return fail(s, "%s: this is not a state of " MODEL " " GUID, function)
 
 EXPORT fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
     CALL("fmi2GetFMUstate", ~0);
@@ -602,7 +603,7 @@ EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[
     NEEDS("fmi2DeSerializeFMUstate", state, 1);
     NEEDS("fmi2DeSerializeFMUstate", bytes, 1);
     if (size != SERIALIZED_SIZE || memcmp(bytes, GUID, sizeof GUID))
-        return fail(s, "fmi2DeSerializeFMUstate: these %zu bytes are no state of " MODEL " " GUID, size);
+        return fail(s, "fmi2DeSerializeFMUstate: these %zu bytes are not a state of " MODEL " " GUID, size);
     uint64_t sum;
     memcpy(&sum, bytes + STATE_SIZE, sizeof sum);
     if (sum != checksum(bytes, STATE_SIZE)) return fail(s, "fmi2DeSerializeFMUstate: the bytes are damaged");

@@ -1,12 +1,12 @@
-/* FMI 3.0.2 co-simulation over a record and two kernels: what fmi2.c is for FMI 2.
+/* FMI 3.0.2 co-simulation over a record and two kernels, the counterpart of fmi2.c.
 
-   All an instance remembers is one record; a variable is an offset into it and a number of elements (model.h). Packets
-   are Binary: bytes, not text, and none of them means that there is no packet. There are no clocks, no events and no
-   structural parameters, and modelDescription.xml declares none: instantiating with eventModeUsed is refused.
-   A call that the state table of sections 2.3 and 4.2 does not allow, an unknown value reference, a wrong type, a wrong
-   number of values, NaN or a value out of range is fmi3Error with a message, sets nothing, and puts the instance into
-   the error state. So does a kernel that fails. From there only reading, fmi3Reset, fmi3SetFMUState and
-   fmi3FreeInstance lead on. */
+   The memory of an instance is one record, and a variable is an offset into it and a number of elements (model.h).
+   Packets are Binary, i.e. bytes and not text; zero bytes mean that there is no packet. There are no clocks, events or
+   structural parameters, as declared in modelDescription.xml: instantiating with eventModeUsed is an error. A call that
+   the state table of sections 2.3 and 4.2 forbids, an unknown value reference, a wrong type, a wrong number of values,
+   NaN or a value out of range returns fmi3Error with a message, sets nothing, and puts the instance into the error
+   state, as does a failed kernel. The error state permits only reading, fmi3Reset, fmi3SetFMUState and
+   fmi3FreeInstance. */
 
 #include <stdarg.h>
 #include <stdbool.h>
@@ -55,7 +55,7 @@ typedef struct {
     Role role;
     size_t offset;   /* into the record; of packets: of their bytes */
     size_t length;   /* of packets: offset of the number of bytes used */
-    size_t count;    /* elements; of packets: bytes that there is room for */
+    size_t count;    /* elements; of packets: capacity in bytes */
     double min, max; /* of numbers and enumerations */
 } Variable;
 typedef struct { int code; const char *text; } KernelError;
@@ -63,7 +63,8 @@ typedef struct { int code; const char *text; } KernelError;
 
 #include "model.h" /* MODEL, GUID, RECORD_SIZE, HEAD_SIZE, BUSY_FROM, BUSY_TO, VARIABLES, N_VARIABLES, DEFAULTS, ERRORS, N_ERRORS, ERROR_CODES, CHECKED */
 
-/* 0, or not if the kernel has raised: then `exception` points to the text, a format for index_text; `code` is what it returned. */
+/* They return 0, or nonzero if the kernel raised an exception; then `exception` points to its text, a format for index_text.
+   `code` is the kernel's return value. */
 extern int model_start(int *code, const char *const **exception, void *record);
 extern int model_advance(int *code, const char *const **exception, void *record, double t, double h);
 
@@ -84,7 +85,7 @@ static const char *mode_name(Mode mode) {
     }
 }
 
-/* What belongs to the FMU state beside the record. */
+/* The part of the FMU state that is not in the record. */
 typedef struct {
     Mode mode;
     int started; /* `start` has run since the last value was set */
@@ -122,7 +123,7 @@ static fmi3Instance refuse_instance(fmi3InstanceEnvironment environment, fmi3Log
     return NULL;
 }
 
-/* Leaves the calling function unless the instance exists and is in one of `modes`. */
+/* Returns from the calling function unless the instance exists and is in one of `modes`. */
 #define CALL(function, modes)                                                                                          \
     Instance *s = (Instance *)c;                                                                                       \
     if (!s) return fmi3Error;                                                                                          \
@@ -138,7 +139,7 @@ static void reset(Instance *s) {
 }
 
 #if CHECKED
-/* A checked kernel calls this before it raises for an index out of its array. */
+/* A checked kernel calls this before it raises an exception for an index outside its array. */
 static _Thread_local long long failed_index, failed_length;
 void model_index_failed(int64_t index, int64_t length);
 void model_index_failed(int64_t index, int64_t length) {
@@ -227,7 +228,7 @@ EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, 
     for (size_t i = 0; i < n; i++)
         if (!categories[i] || strcmp(categories[i], "logStatusError"))
             return fail(s, "fmi3SetDebugLogging: unknown category %s, there is logStatusError", categories[i] ? categories[i] : "(NULL)");
-    (void)on; /* there are no messages but those of errors */
+    (void)on; /* only errors are logged */
     return fmi3OK;
 }
 
@@ -399,7 +400,7 @@ EXPORT fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference vr[], s
         int32_t used;
         memcpy(&used, s->record + v->length, sizeof used);
         if (used < 0 || (size_t)used > v->count)
-            return fail(s, "%s: the kernel says it holds %d bytes, capacity is %d", v->name, (int)used, (int)v->count);
+            return fail(s, "%s: the kernel reports %d bytes, its capacity is %d", v->name, (int)used, (int)v->count);
         size[at] = (size_t)used;
         value[at] = s->record + v->offset;
     }
@@ -418,7 +419,7 @@ EXPORT fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], s
     for (size_t i = 0; i < n; i++) {
         const Variable *v = VARIABLES + vr[i];
         int32_t used = (int32_t)size[i];
-        if (used) memmove(s->record + v->offset, value[i], size[i]); /* they may be what fmi3GetBinary gave */
+        if (used) memmove(s->record + v->offset, value[i], size[i]); /* the source may be the result of fmi3GetBinary */
         memcpy(s->record + v->length, &used, sizeof used);
     }
     CHANGED;
@@ -441,9 +442,9 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3B
     *last = s->progress.time;
     if (!(h > 0.0) || !(h - h == 0.0)) return fail(s, "fmi3DoStep: the step size %g is not positive and finite", h);
     if (!(t - s->progress.time <= slack && s->progress.time - t <= slack))
-        return fail(s, "fmi3DoStep: the communication point is %.9g, the FMU stands at %.9g", t, s->progress.time);
+        return fail(s, "fmi3DoStep: the communication point is %.9g, the FMU is at %.9g", t, s->progress.time);
     if (s->progress.has_stop && t + h > s->progress.stop + slack)
-        return fail(s, "fmi3DoStep: %.9g + %.9g lies behind the stop time %.9g", t, h, s->progress.stop);
+        return fail(s, "fmi3DoStep: %.9g + %.9g is after the stop time %.9g", t, h, s->progress.stop);
     int code = 0;
     const char *const *exception = NULL;
     int raised = model_advance(&code, &exception, s->record, t, h);
@@ -452,7 +453,7 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3B
     return fmi3OK;
 }
 
-/* ---- not provided, and said so in modelDescription.xml ---------------------------------------------------------------- */
+/* ---- not provided, as declared in modelDescription.xml ---------------------------------------------------------------- */
 
 #define NOT_PROVIDED(name, ...)                                                                                        \
     EXPORT fmi3Status name(fmi3Instance c, ##__VA_ARGS__) {                                                            \
@@ -496,8 +497,8 @@ NOT_PROVIDED(fmi3ActivateModelPartition, fmi3ValueReference clock, fmi3Float64 t
 
 /* ---- FMU state ----------------------------------------------------------------------------------------------------------- */
 
-/* What fmi3GetFMUState returns, in one block: the token, by which a state of another FMU is refused, Progress and record.
-   It can be restored into any instance of this FMU. Serialised, a checksum follows. */
+/* fmi3GetFMUState returns one block: the token, by which states of other FMUs are rejected, Progress, and the record.
+   It can be restored in any instance of this FMU. The serialised form ends with a checksum. */
 #define PROGRESS_AT sizeof GUID
 #define RECORD_AT (PROGRESS_AT + sizeof(Progress))
 #define STATE_SIZE (RECORD_AT + RECORD_SIZE)
@@ -512,7 +513,7 @@ static uint64_t checksum(const void *bytes, size_t n) { /* FNV-1a */
 
 #define OWN_STATE(function, state)                                                                                     \
     NEEDS(function, state, 1);                                                                                         \
-    if (memcmp(state, GUID, sizeof GUID)) return fail(s, "%s: this is no state of " MODEL " " GUID, function)
+    if (memcmp(state, GUID, sizeof GUID)) return fail(s, "%s: this is not a state of " MODEL " " GUID, function)
 
 EXPORT fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
     CALL("fmi3GetFMUState", ANY);
@@ -573,7 +574,7 @@ EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[]
     NEEDS("fmi3DeserializeFMUState", state, 1);
     NEEDS("fmi3DeserializeFMUState", bytes, 1);
     if (size != SERIALIZED_SIZE || memcmp(bytes, GUID, sizeof GUID))
-        return fail(s, "fmi3DeserializeFMUState: these %zu bytes are no state of " MODEL " " GUID, size);
+        return fail(s, "fmi3DeserializeFMUState: these %zu bytes are not a state of " MODEL " " GUID, size);
     uint64_t sum;
     memcpy(&sum, bytes + STATE_SIZE, sizeof sum);
     if (sum != checksum(bytes, STATE_SIZE)) return fail(s, "fmi3DeserializeFMUState: the bytes are damaged");

@@ -1,8 +1,9 @@
-"""The interpreted build: pythonfmu packs the sources and its wrapper binary. Edit, run, debug; no compiler.
+"""The interpreted build: pythonfmu packs the sources with its wrapper binary, for editing and debugging without
+compiler.
 
-Its kernels run as plain Python on a numpy record, which checks every index; numba compiles nothing in it. All Python
-FMUs of a process share one interpreter, so the entry module has a name of its own, and the model's modules are loaded
-from this FMU alone: two FMUs of different versions of a module run side by side.
+Kernels run as plain Python on a numpy record, which checks every index; numba is not used. All Python FMUs of a process
+share one interpreter, so the entry module has a unique name and loads the model's modules from its own FMU only. Two
+FMUs with different versions of a module can therefore run side by side.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ HERE = pathlib.Path(__file__).parent
 
 
 def _load():
-    """The model's module: of this FMU's own sources, whatever else is loaded, its kernels as plain Python."""
+    """Loads the model's module from this FMU's own sources, its kernels as plain Python."""
     hidden = set(DIGESTS) | ({{"numba"}} if {plain} else set())
     before = {{name: sys.modules.pop(name) for name in hidden if name in sys.modules}}
     if {plain}:
-        sys.modules["numba"] = None  # cosim.kernel leaves functions as they are where there is none
+        sys.modules["numba"] = None  # cosim.kernel leaves functions unchanged without numba
     sys.path.insert(0, str(HERE))
     try:
         importlib.invalidate_caches()
@@ -75,7 +76,7 @@ def build_interpreted(model: type[Model], sources: Sources, stamp: Mapping[str, 
     """Writes the FMU `file`.
 
     Raises:
-        RuntimeError: pythonfmu has put no binary into it.
+        RuntimeError: pythonfmu put no binary into the file.
     """
     guid = sources.guid(model.__name__)
     entry = f"cosim_fmu_{model.__name__.lower()}_{guid[:8]}"
@@ -113,7 +114,7 @@ def _refuse_without_binary(model: str, built: Path) -> None:
 
 
 def _copy_sources(sources: Sources, folder: Path) -> list[Path]:
-    """Copy the closure below `folder`; returns its top-level packages and modules."""
+    """Copies the closure below `folder`; returns its top-level packages and modules."""
     top: set[Path] = set()
     for name, file in sources.files.items():
         parts = name.split(".")
@@ -126,7 +127,7 @@ def _copy_sources(sources: Sources, folder: Path) -> list[Path]:
 
 
 def _normalise(built: Path, file: Path) -> None:
-    """Copy the archive with sorted entries and fixed times: the same sources give the same bytes."""
+    """Copies the archive with sorted entries and fixed timestamps, so that the same sources give the same bytes."""
     temporary = file.with_suffix(f".{os.getpid()}.part")
     with zipfile.ZipFile(built) as source, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as target:
         for name in sorted(source.namelist()):

@@ -1,8 +1,8 @@
-"""Generate `cosim/dialect.py` and `cosim/messages.py` from pymavlink's ardupilotmega dialect.
+"""Generator of `cosim/dialect.py` and `cosim/messages.py` from pymavlink's ardupilotmega dialect.
 
-Run `python -m cosim.build.messages` after a change here or of pymavlink's version, and commit what it writes; a test
-compares both files with what this module generates. pymavlink (its Python classes for types, order and CRC_EXTRA, the
-XML beside them for where the extension fields begin) is needed to generate, never to use the generated files.
+Run `python -m cosim.build.messages` after changing this file or pymavlink's version, and commit the result; a test
+compares both files with the generator's output. pymavlink is needed only for generation: its Python classes give types,
+order and CRC_EXTRA, and the XML files give the position of the extension fields.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ MESSAGES = (
     *("MISSION_ITEM", "MISSION_ITEM_INT", "MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_SET_CURRENT"),
     *("MISSION_CURRENT", "MISSION_REQUEST_LIST", "MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_ITEM_REACHED"),
     *("MISSION_ACK", "MISSION_REQUEST_PARTIAL_LIST", "MISSION_WRITE_PARTIAL_LIST"),
-    # what people send for themselves
+    # payloads defined by users
     *("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT", "DEBUG", "V2_EXTENSION", "TUNNEL"),
 )
-"""Messages that autopilots, agents and ground stations exchange: those with encode and decode kernels."""
+"""Messages exchanged by autopilots, agents and ground stations; these get encode and decode kernels."""
 
 ENUMS = (
     *("MAV_TYPE", "MAV_AUTOPILOT", "MAV_COMPONENT", "MAV_STATE", "MAV_MODE_FLAG", "MAV_LANDED_STATE", "MAV_SEVERITY"),
@@ -66,7 +66,7 @@ ENUMS = (
 """Enumerations whose entries become integer constants."""
 
 _WIDTH = 120
-# numba compiles a kernel anew for every literal argument, here every offset: 20 times the time to compile.
+# numba recompiles a kernel for every literal argument, here every offset: 20 times the compile time.
 _NOT_LITERAL = "    zero = int(np.int64(0))"
 # MAVLink type -> (suffix of the readers and writers, bytes, Python type)
 _TYPES = {
@@ -92,9 +92,9 @@ class Field:
         name: MAVLink's name.
         type: MAVLink's type of one element.
         count: number of elements of an array, 0 for a scalar.
-        offset: of its first byte in the payload.
+        offset: offset of its first byte in the payload.
         unit: MAVLink's unit, "" if none.
-        extension: whether MAVLink 1 leaves it out.
+        extension: whether MAVLink 1 omits it.
     """
 
     name: str
@@ -106,12 +106,12 @@ class Field:
 
     @property
     def size(self) -> int:
-        """Bytes in the payload."""
+        """Size in bytes in the payload."""
         return _TYPES[self.type][1] * max(self.count, 1)
 
     @property
     def argument(self) -> str:
-        """Its name as a Python argument."""
+        """Name of the field as a Python argument."""
         reserved = keyword.iskeyword(self.name) or hasattr(builtins, self.name)
         return f"{self.name}_" if reserved else self.name
 
@@ -127,21 +127,21 @@ class Message:
 
     @property
     def full_length(self) -> int:
-        """Bytes of the payload with extensions."""
+        """Payload length in bytes with extensions."""
         return sum(field.size for field in self.fields)
 
     @property
     def minimum_length(self) -> int:
-        """Bytes of the payload without extensions, which is MAVLink 1's."""
+        """Payload length in bytes without extensions, the length in MAVLink 1."""
         return sum(field.size for field in self.fields if not field.extension)
 
     def offset(self, name: str) -> int:
-        """Offset of the field `name`, -1 if there is none."""
+        """Returns the offset of the field `name`, or -1 if the message lacks it."""
         return next((field.offset for field in self.fields if field.name == name), -1)
 
 
 def read_dialect() -> dict[str, Message]:
-    """All messages of pymavlink's ardupilotmega dialect by name, ordered by id.
+    """Returns all messages of pymavlink's ardupilotmega dialect by name, ordered by id.
 
     Raises:
         ValueError: pymavlink's classes and the XML shipped with them disagree.
@@ -153,7 +153,7 @@ def read_dialect() -> dict[str, Message]:
 
 
 def _base_fields(path: Path) -> dict[str, list[str]]:
-    """Names of the non-extension fields of every message in the XML file and what it includes."""
+    """Returns the names of the non-extension fields of every message in the XML file and its includes."""
     root = ElementTree.parse(path).getroot()
     found: dict[str, list[str]] = {}
     for include in root.findall("include"):
@@ -174,7 +174,7 @@ def _read_message(description: Any, base_fields: dict[str, list[str]]) -> Messag
     base = base_fields.get(name)
     if base is None or base != description.fieldnames[: len(base)]:
         raise ValueError(f"{DIALECT}: {name} has fields {description.fieldnames} but base fields {base} in the XML")
-    # Lengths and array lengths are in wire order, names and types in declared order; `orders` maps one to the other.
+    # Lengths and array lengths are in wire order, names and types in declared order; `orders` maps between them.
     offsets: dict[str, tuple[int, int]] = {}
     at = 0
     for position, wire_name in enumerate(description.ordered_fieldnames):
@@ -199,14 +199,14 @@ def _read_message(description: Any, base_fields: dict[str, list[str]]) -> Messag
 
 
 def dialect_source() -> str:
-    """The text of `cosim/dialect.py`."""
+    """Returns the text of `cosim/dialect.py`."""
     rows = [
         f"    ({m.id}, {m.crc_extra}, {m.minimum_length}, {m.full_length}, "
         f"{m.offset('target_system')}, {m.offset('target_component')}),  # {m.name}"
         for m in read_dialect().values()
     ]
     return _join(
-        f'"""What checking and routing a message of MAVLink\'s {DIALECT} dialect needs. Generated: do not edit.',
+        f'"""Data for checking and routing messages of MAVLink\'s {DIALECT} dialect. Generated: do not edit.',
         "",
         "`python -m cosim.build.messages` writes this file from pymavlink's definitions. Kernels see the arrays,",
         "sorted by message id, as constants; `cosim.packets.definition` looks a message up.",
@@ -243,10 +243,10 @@ _COLUMNS = {
 
 
 def messages_source() -> str:
-    """The text of `cosim/messages.py`.
+    """Returns the text of `cosim/messages.py`.
 
     Raises:
-        ValueError: a message or enumeration asked for is not in the dialect, or two constants have one name.
+        ValueError: a requested message or enumeration is not in the dialect, or two constants have the same name.
     """
     dialect = read_dialect()
     enums = importlib.import_module(f"pymavlink.dialects.v20.{DIALECT}").enums
@@ -260,7 +260,7 @@ def messages_source() -> str:
 
 
 def module_head(doc: Sequence[str], body: str, also: Sequence[str]) -> str:
-    """A module of message kernels: docstring, imports of what `body` uses of `cosim.packets` and of `also`, body."""
+    """Returns the head of a module of message kernels: docstring, imports of the names used by `body`, and `body`."""
     access = [name for name in sorted([*_access_names(), *also], key=_as_sorted) if f"{name}(" in body]
     return _join(
         *doc,
@@ -279,13 +279,13 @@ def module_head(doc: Sequence[str], body: str, also: Sequence[str]) -> str:
 
 
 def _as_sorted(name: str) -> tuple[str, int, str]:
-    """As ruff sorts imports: get_f32 comes before get_i8, get_i8 before get_i16."""
+    """Sort key that follows ruff: get_f32 before get_i8, get_i8 before get_i16."""
     stem = name.rstrip("0123456789")
     return stem, int(name[len(stem) :] or 0), name
 
 
 def type_size(name: str) -> int:
-    """Bytes of one element of a MAVLink type, 0 if it is none."""
+    """Returns the size in bytes of one element of a MAVLink type, 0 for an unknown type."""
     return _TYPES[name][1] if name in _TYPES else 0
 
 
@@ -301,9 +301,9 @@ _MESSAGES_DOC = (
     "- `put_x_<field>(payload, i, value)` and `get_x_<field>(payload, i)` access element i, from 0, of an array",
     "  field; for text see also `cosim.packets.put_text` and `equal_text`.",
     "",
-    "A payload is a uint8[255] array. Units are MAVLink's, in brackets behind the type of each field, not SI. Integers",
+    "A payload is a uint8[255] array. Units are MAVLink's, in brackets after the type of each field, not SI. Integers",
     "are cut to the field's width; uint64 is carried in an int64. The entries of enumerations follow at the end.",
-    "Offsets are added to a `zero` that is no literal because numba compiles a kernel anew for every literal argument.",
+    "Offsets are added to a `zero` that is not a literal, because numba recompiles a kernel for every literal.",
     "Packets, CRC and the rest of the dialect: `cosim.packets`.",
     '"""',
 )
@@ -315,7 +315,7 @@ def _access_names() -> list[str]:
 
 
 def message_lines(message: Message) -> list[str]:
-    """What a module says of a message: its constants, encode and decode kernels, access to its arrays."""
+    """Returns the lines for a message: its constants, encode and decode kernels, and accessors of its arrays."""
     name = message.name
     lines = [
         "",
@@ -345,7 +345,7 @@ def _encode_lines(message: Message, scalars: Sequence[Field]) -> list[str]:
     arguments = [f"{field.argument}: {_TYPES[field.type][2]}" for field in scalars]
     lines = ["", "", "@kernel"]
     lines += _wrapped(f"def encode_{message.name.lower()}(", ["payload: Bytes", *arguments], ") -> int:")
-    lines.append(f'    """Fill `payload` with {_article(message.name)}; returns {message.name}_LENGTH."""')
+    lines.append(f'    """Fills `payload` with {_article(message.name)}; returns {message.name}_LENGTH."""')
     lines.append(_NOT_LITERAL)
     for field in message.fields:
         offset = f"zero + {_constant(message, field)}"
@@ -374,10 +374,12 @@ def _decode_lines(message: Message, scalars: Sequence[Field]) -> list[str]:
             "    payload: Bytes,",
             *_wrapped(") -> tuple[", types, "]:"),
         ]
-    lines.append(f'    """The scalar fields of {_article(message.name)}: {", ".join(f.name for f in scalars)}."""')
+    lines.append(
+        f'    """Returns the scalar fields of {_article(message.name)}: {", ".join(f.name for f in scalars)}."""'
+    )
     if len(lines[-1]) > _WIDTH:
         names = _filled([f.name for f in scalars], "    ")
-        lines[-1:] = [f'    """The scalar fields of {_article(message.name)}.', "", *names, '    """']
+        lines[-1:] = [f'    """Returns the scalar fields of {_article(message.name)}.', "", *names, '    """']
     lines.append(_NOT_LITERAL)
     if len(scalars) == 1:
         return [*lines, f"    return {values[0]}"]
@@ -391,11 +393,11 @@ def _element_lines(message: Message, field: Field) -> list[str]:
     return [
         *("", "", "@kernel"),
         f"def put_{access}(payload: Bytes, i: int, value: {type_}) -> None:",
-        f'    """Set element i (0 to {field.count - 1}) of `{field.name}`."""',
+        f'    """Sets element i (0 to {field.count - 1}) of `{field.name}`."""',
         f"    put_{kind}(payload, {offset}, value)",
         *("", "", "@kernel"),
         f"def get_{access}(payload: Bytes, i: int) -> {type_}:",
-        f'    """Element i (0 to {field.count - 1}) of `{field.name}`."""',
+        f'    """Returns element i (0 to {field.count - 1}) of `{field.name}`."""',
         f"    return get_{kind}(payload, {offset})",
     ]
 
@@ -418,12 +420,12 @@ def _require_unique(source: str) -> None:
 
 
 def _article(name: str) -> str:
-    # "an" where the name is read with a vowel first: an ATTITUDE, an EKF_..., an RC_..., an SYS_...: spelled or not.
+    # "an" before a name that is pronounced with a vowel: an ATTITUDE, an EKF_..., an RC_..., an SYS_....
     return f"an {name}" if name[0] in "AEIO" or name.startswith("RC_") else f"a {name}"
 
 
 def _wrapped(start: str, items: Sequence[str], end: str, *, indent: str = "", explode: bool = False) -> list[str]:
-    """`start` items `end` on as many lines as the formatter would use: one, three, or one per item."""
+    """Breaks `start` items `end` into lines as the formatter does: one, three, or one per item."""
     line = indent + start + ", ".join(items) + end
     if not explode and len(line) <= _WIDTH:
         return [line]

@@ -1,7 +1,7 @@
-"""Object code of models, kept in the user's cache folder by the digest of all that it is made from.
+"""Cache of models' object code in the user's cache folder, keyed by a digest of all inputs.
 
 FMI 2 and FMI 3 builds, tests and several checkouts share it: the same sources, record, tools and target give the same
-object. Models of packages only: what a single file imports from beside it is not among its sources.
+object. Only models of packages are cached, because the local imports of a single file are not tracked.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ __all__ = ["object_code"]
 def object_code(
     model: type[Model], sources: Sources, dtype: np.dtype[np.void], how: str, make: Callable[[], bytes]
 ) -> bytes:
-    """The object code of `model`: as it was kept, or made by `make` and kept.
+    """Returns the object code of `model`, from the cache or created by `make` and then cached.
 
     Args:
-        how: what else decides about the code: its target, and options of the build.
+        how: further inputs of the code: its target and build options.
     """
     if "." not in model.__module__:
         return make()
@@ -38,7 +38,7 @@ def object_code(
         code = file.read_bytes()
         os.utime(file)
         return code
-    except OSError:  # not there, or not ours to read
+    except OSError:  # missing, or not readable by this user
         code = make()
     forget_unused(file.parent)
     file.parent.mkdir(parents=True, exist_ok=True)

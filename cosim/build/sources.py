@@ -1,8 +1,8 @@
-"""Which source files a model consists of, and what identifies them.
+"""Source files of a model, and their identity.
 
 The closure of a model is its own module and every module that it imports of its package, of `cosim`, and of packages
-that are made for `cosim` as `cosim_models` is; found by reading the sources. It decides what an interpreted FMU
-carries, the FMU's GUID, and whether an FMU is up to date.
+made for `cosim`, as `cosim_models` is. It is found by reading the sources; no code is executed. It determines the
+contents of an interpreted FMU, the FMU's GUID, and whether an FMU is up to date.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ _NAMESPACE = uuid.UUID("6b1f3a52-5a0e-4b52-9a70-3f7d0c1e9a11")
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """The modules of a model: dotted name -> file, and their digests (sha256 of the contents)."""
+    """The modules of a model: dotted name -> file, and the sha256 digests of their contents."""
 
     files: Mapping[str, Path]
     digests: Mapping[str, str]
     packages: frozenset[str]
 
     def guid(self, model_name: str) -> str:
-        """A GUID that depends on the sources and the model's name only."""
+        """Returns a GUID that depends only on the sources and the model's name."""
         return str(uuid.uuid5(_NAMESPACE, f"{model_name}:{sorted(self.digests.items())}"))
 
 
 def sources_of(model: type[Model]) -> Sources:
-    """The closure of `model`'s module.
+    """Returns the closure of `model`'s module.
 
     Raises:
         ValueError: a file cannot be found or read.
@@ -72,7 +72,7 @@ def sources_of(model: type[Model]) -> Sources:
 
 
 def _find(name: str) -> Path | None:
-    """The file of a module; None where `name` is an attribute of one."""
+    """Returns the file of a module, or None if `name` is an attribute of a module."""
     try:
         spec = importlib.util.find_spec(name)
     except (ModuleNotFoundError, ValueError):
@@ -82,13 +82,13 @@ def _find(name: str) -> Path | None:
 
 @cache
 def _is_made_for_cosim(module: str) -> bool:
-    """Whether a module of a package imports `cosim` by itself."""
+    """Returns whether a module of a package itself imports `cosim`."""
     file = _find(module)
     return file is not None and file.is_file() and _USES_COSIM.search(file.read_bytes()) is not None
 
 
 def _imports(name: str, file: Path) -> set[str]:
-    """Every dotted name that `file` may import, with the packages it lies in."""
+    """Returns every dotted name that `file` may import, including parent packages."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(file.read_bytes(), str(file))):
         if isinstance(node, ast.Import):

@@ -1,6 +1,6 @@
-"""Unit names as FMI writes them ("m", "kg.m2", "N/(m/s)2") broken down into SI base units.
+"""Decomposition of FMI unit names ("m", "kg.m2", "N/(m/s)2") into SI base units.
 
-Only for writing modelDescription.xml; the master reads the definitions that FMUs carry.
+Used only to write modelDescription.xml; the master reads the definitions in FMUs.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ _TOKEN = re.compile(r"[A-Za-z%]+|-?\d{1,2}|[./()*]")
 
 
 def base_unit(unit: str) -> BaseUnit:
-    """The SI base unit of `unit`: symbols with integer powers, ``.`` or ``*`` and ``/`` between them, parentheses.
+    """Returns the SI base unit of `unit`: symbols with integer powers, ``.`` or ``*``, ``/`` and parentheses.
 
-    ``a/b.c`` is read from the left: c is above the line.
+    ``a/b.c`` is read from the left, so c is in the numerator.
 
     Raises:
-        ValueError: a symbol is unknown, or the text is no unit; names the known symbols.
+        ValueError: a symbol is unknown, or the text is not a unit; the message lists the known symbols.
     """
     if unit in _SYMBOLS:
         return _SYMBOLS[unit]
@@ -107,7 +107,7 @@ def _power(tokens: list[str], unit: str) -> tuple[tuple[int, ...], float, list[s
     else:
         symbol = _SYMBOLS.get(tokens[0])
         if symbol is None or symbol.offset:
-            raise ValueError(f"unit {unit!r}: {tokens[0]!r} is none of {', '.join(sorted(_SYMBOLS))}")
+            raise ValueError(f"unit {unit!r}: {tokens[0]!r} is not one of {', '.join(sorted(_SYMBOLS))}")
         exponents, factor = symbol.exponents, symbol.factor
     tokens = tokens[1:]
     if tokens and tokens[0].lstrip("-").isdigit():

@@ -1,4 +1,4 @@
-"""The verdicts of a model as XML, the same for FMI 2 and 3: one element <Verdicts> with a child for each variable.
+"""XML of a model's verdicts, the same for FMI 2 and 3: one element <Verdicts> with a child for each variable.
 
     <Verdicts>
       <Position variable="position"/>
@@ -13,7 +13,7 @@
       <Telemetry variable="telemetry_rx"/>
     </Verdicts>
 
-Arrays go by the name of their declaration, also in FMI 2, where their elements are variables `position[1]`, ....
+Arrays are named as declared, also in FMI 2, where their elements are separate variables `position[1]`, ....
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = ["verdicts"]
 
 
 def verdicts(variables: Sequence[Variable]) -> Element | None:
-    """The element of all verdicts of a declaration; None if there are none."""
+    """Returns the element with all verdicts of a declaration, or None if there are none."""
     judged = [(v.name, v.verdict) for v in variables if v.verdict is not None]
     if not judged:
         return None

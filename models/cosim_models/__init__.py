@@ -1,7 +1,7 @@
-"""The models that ship, in rooms that do not know each other: vehicles, sensing, agents, autopilot, ardupilot.
+"""The models that ship, in independent packages: vehicles, sensing, agents, autopilot, ardupilot.
 
-Nothing here knows the master: models and master meet in `cosim` and in .fmu files.
+The models do not depend on the master: models and master meet in `cosim` and in .fmu files.
 """
 
 CHECKED = False
-"""Their FMUs are built without checks of indices, for speed; the tests fly the same systems with checks."""
+"""The FMUs of this package are built without index checks, for speed; the tests fly the same systems with checks."""

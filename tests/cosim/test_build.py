@@ -213,7 +213,7 @@ def test_structure_of_the_description(plant: Path) -> None:
         ({"__doc__": "A model.", "step_size": 1.0}, "Odd: a model needs .* variables"),
         (
             {"__doc__": "A model.", "step_size": 1.0, "variables": (Output("y", unit="parsec"),)},
-            "unit 'parsec': 'parsec' is none of",
+            "unit 'parsec': 'parsec' is not one of",
         ),
     ],
 )
@@ -244,7 +244,7 @@ def test_several_are_built_at_a_time_and_come_in_their_order(tmp_path: Path) -> 
     assert alone.file.read_bytes() == built[0].file.read_bytes()
     built[1].file.unlink()
     assert [one.fresh for one in build_all(chosen, tmp_path, interpreted=True)] == [True, False, True]
-    with pytest.raises(ValueError, match="target vax: there are "):
+    with pytest.raises(ValueError, match="target vax: not available; valid: "):
         list(build_all(chosen, tmp_path / "other", targets=["vax"]))
 
 
@@ -332,7 +332,9 @@ def test_the_tools_belong_to_what_is_up_to_date(
 
 
 def test_unknown_target(samples: SimpleNamespace, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"target amiga, linux-mips: there are linux-x86_64, linux-aarch64, windows-"):
+    with pytest.raises(
+        ValueError, match=r"target amiga, linux-mips: not available; valid: linux-x86_64, linux-aarch64, windows-"
+    ):
         build(samples.Plant, tmp_path, targets=["linux-mips", HOST, "amiga"])
 
 
@@ -380,7 +382,7 @@ def line_of(text: str) -> int:
         (
             "Allocates",
             "m.y = np.full(3, t).sum()",
-            "np.full makes an array; a kernel has those of its record: declare a Memory",
+            "np.full creates an array, which a kernel cannot: declare a Memory",
         ),
         ("Borrows", "def borrow(", "needs numba_frexp, which only a Python process has"),
         ("Attribute", "return x.nothing", "Unknown attribute 'nothing' of type float64"),
@@ -651,9 +653,9 @@ def test_load_models_of_nothing(tmp_path: Path) -> None:
         load_models("cosim_models.nowhere")
     with pytest.raises(ValueError, match=r"no_such_package.module: no such module"):
         load_models("no_such_package.module")
-    with pytest.raises(ValueError, match=r"cosim.frames: no subclass of cosim.Model in it"):
+    with pytest.raises(ValueError, match=r"cosim.frames: it defines no subclass of cosim.Model"):
         load_models("cosim.frames")
-    with pytest.raises(ValueError, match=r"sample_models.py: a module called sample_models is loaded already"):
+    with pytest.raises(ValueError, match=r"sample_models.py: a module called sample_models is already loaded"):
         load_models(str(Path(__file__).with_name("sample_models.py"))) and load_models(
             str(Path(__file__).with_name("sample_models.py"))
         )

@@ -284,16 +284,16 @@ def test_foreign_and_damaged_states_are_refused(fmus: Path, compiled_plant: Path
         with pytest.raises(FMICallException):
             fmu.deSerializeFMUstate(damaged)
         message = make.log.pop()
-        assert ("are no state of Plant" in message) if at < 37 else (message.endswith("the bytes are damaged")), at
+        assert ("are not a state of Plant" in message) if at < 37 else (message.endswith("the bytes are damaged")), at
         fmu.reset()
     for wrong in (serialized(other), data[:-1], data + b"\0", b""):
         with pytest.raises(FMICallException):
             fmu.deSerializeFMUstate(wrong)
-        assert f"these {len(wrong)} bytes are no state of Plant" in make.log.pop()
+        assert f"these {len(wrong)} bytes are not a state of Plant" in make.log.pop()
         fmu.reset()
     with pytest.raises(FMICallException):
         fmu.setFMUState(other.getFMUState())
-    assert "fmi2SetFMUstate: this is no state of Plant" in make.log.pop()
+    assert "fmi2SetFMUstate: this is not a state of Plant" in make.log.pop()
 
 
 # -- other platforms ------------------------------------------------------------------------------------------------

@@ -93,7 +93,7 @@ FIELD = '<field type="float" name="x"/>'
         ("<swarm/>", "the root of a dialect is <mavlink>, not <swarm>"),
         (
             "<mavlink><include>other.xml</include></mavlink>",
-            "it includes other.xml, which is not there and not built in",
+            "includes other.xml, which does not exist and is not built in",
         ),
         (f'<message id="0" name="X">{FIELD}</message>', "X has id 0, which is HEARTBEAT's"),
         (f'<message id="60000" name="HEARTBEAT">{FIELD}</message>', "HEARTBEAT is in ardupilotmega, with id 0"),

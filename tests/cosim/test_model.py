@@ -46,15 +46,18 @@ def declare(**attributes: Any) -> type[Model]:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Input("two words"), r"variable 'two words': a name must be an ASCII Python identifier and no keyword"),
+        (
+            lambda: Input("two words"),
+            r"variable 'two words': a name must be an ASCII Python identifier other than a keyword",
+        ),
         (lambda: Input("x 1"), r"'x 1': a name must be"),
         (
             lambda: Output("x[1]"),
-            r'x\[1\]: an array is declared once, not its elements; use shape=, .* Output\("x", shape=3\)',
+            r'x\[1\]: declare the whole array with shape=, as in Output\("x", shape=3\)',
         ),
         (lambda: Input("x[7]"), r'as in Input\("x", shape=7\)'),
         (lambda: Input("größe"), r"ASCII"),
-        (lambda: Output("lambda"), r"'lambda': a name must be .* no keyword"),
+        (lambda: Output("lambda"), r"'lambda': a name must be .* other than a keyword"),
         (lambda: State("shape"), r"variable shape: numpy records have an attribute of this name"),
         (lambda: State("data"), r"variable data: numpy records"),
         (lambda: Input("x", shape=0), r"variable x: shape \(0,\); a variable is a scalar or has a length of 1 or more"),
@@ -65,14 +68,14 @@ def declare(**attributes: Any) -> type[Model]:
         (lambda: Memory("x", dtype="?", shape=3), r"array of dtype '\?'; .* use 'u1'"),
         (lambda: Input("x", start=(1.0, 2.0)), r"variable x: 2 start values for shape \(\)"),
         (lambda: Input("x", shape=3, start=(1.0, 2.0)), r"variable x: 2 start values for shape \(3,\)"),
-        (lambda: Input("x", start="1"), r"variable x: start '1' is no float"),
-        (lambda: Input("x", start=True), r"variable x: start True is no float"),
+        (lambda: Input("x", start="1"), r"variable x: start '1' is not a float"),
+        (lambda: Input("x", start=True), r"variable x: start True is not a float"),
         (lambda: Input("x", shape=2, start=(1.0, math.nan)), r"start nan is not within -inf to inf"),
-        (lambda: Input("x", type=int, start=1.5), r"start 1.5 is no int of 32 bits"),
-        (lambda: Input("x", type=int, start=2**31), r"start 2147483648 is no int of 32 bits"),
-        (lambda: Input("x", type=bool, start=1), r"start 1 is no bool"),
-        (lambda: Input("x", type=str, start=1), r"start 1 is no str"),
-        (lambda: Input("x", type=Colour, start=2), r"variable x: start 2 is none of red, green"),
+        (lambda: Input("x", type=int, start=1.5), r"start 1.5 is not an int of 32 bits"),
+        (lambda: Input("x", type=int, start=2**31), r"start 2147483648 is not an int of 32 bits"),
+        (lambda: Input("x", type=bool, start=1), r"start 1 is not a bool"),
+        (lambda: Input("x", type=str, start=1), r"start 1 is not a str"),
+        (lambda: Input("x", type=Colour, start=2), r"variable x: start 2 is not one of red, green"),
         (lambda: Input("x", type=str, shape=2), r"variable x: String variables are scalars"),
         (lambda: Input("x", type=int, unit="m"), r"variable x: unit m; only variables of type float have a unit"),
         (lambda: Parameter("x", minimum=2.0, maximum=1.0), r"minimum 2.0 and maximum 1.0 exclude every value"),
@@ -102,17 +105,17 @@ def test_misuse_of_a_type(of: Any) -> None:
         (
             {"variables": (Input("u"), Parameter("p"), Output("y", depends=("u", "p", "q")))},
             ValueError,
-            "Declared.y depends on p, q; its inputs are: u",
+            "Declared.y depends on p, q; valid inputs: u",
         ),
-        ({"variables": (Output("y", depends=("u",)),)}, ValueError, "y depends on u; its inputs are: none"),
+        ({"variables": (Output("y", depends=("u",)),)}, ValueError, "y depends on u; valid inputs: none"),
         (
             {"variables": (Input("s", type=str),), "kernels": (begin, go_on)},
             ValueError,
             "Declared.s: a model with kernels has no String variables",
         ),
-        ({"kernels": (go_on, begin)}, TypeError, r"kernels is \(start, advance\), functions start\(m\)"),
-        ({"kernels": (begin,)}, TypeError, r"kernels is \(start, advance\)"),
-        ({"kernels": (begin, "advance")}, TypeError, r"kernels is \(start, advance\)"),
+        ({"kernels": (go_on, begin)}, TypeError, r"kernels must be \(start, advance\), the functions start\(m\)"),
+        ({"kernels": (begin,)}, TypeError, r"kernels must be \(start, advance\)"),
+        ({"kernels": (begin, "advance")}, TypeError, r"kernels must be \(start, advance\)"),
         ({"errors": {0: "fine"}}, ValueError, "errors has 0: 'fine'; it maps integers other than 0 to messages"),
         ({"errors": {"1": "text"}}, ValueError, "errors has '1'"),
         ({"errors": {2**31: "large"}}, ValueError, "errors has 2147483648"),
@@ -439,7 +442,7 @@ def test_a_model_whose_record_is_empty(samples: SimpleNamespace) -> None:
 
 
 def test_description_comes_with_the_build(slave: Any) -> None:
-    with pytest.raises(RuntimeError, match="Plant: build FMUs with `uav-cosim build`"):
+    with pytest.raises(RuntimeError, match="Plant: no model description; build the FMU with `uav-cosim build`"):
         slave.to_xml()
 
 

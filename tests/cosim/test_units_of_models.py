@@ -109,14 +109,14 @@ def test_any_unit_is_pints(text: str) -> None:
 @pytest.mark.parametrize(
     ("unit", "message"),
     [
-        ("furlong", r"unit 'furlong': 'furlong' is none of %, 1, A, Ah,"),
-        ("m/lightyear", r"unit 'm/lightyear': 'lightyear' is none of"),
-        ("degC/s", r"unit 'degC/s': 'degC' is none of"),
+        ("furlong", r"unit 'furlong': 'furlong' is not one of %, 1, A, Ah,"),
+        ("m/lightyear", r"unit 'm/lightyear': 'lightyear' is not one of"),
+        ("degC/s", r"unit 'degC/s': 'degC' is not one of"),
         ("m/(s", r"unit 'm/\(s': a parenthesis is not closed"),
         ("m)s", r"unit 'm\)s': unexpected '\)s'"),
         ("m/", r"unit 'm/': .*ends"),
-        ("/s", r"unit '/s': '/' is none of"),
-        ("m//s", r"unit 'm//s': '/' is none of"),
+        ("/s", r"unit '/s': '/' is not one of"),
+        ("m//s", r"unit 'm//s': '/' is not one of"),
         ("m^2", r"unit 'm\^2': unexpected '\^2'"),
         ("m-", r"unit 'm-': unexpected '-'"),
         ("m2-3", r"unit 'm2-3': unexpected '-3'"),
@@ -124,7 +124,7 @@ def test_any_unit_is_pints(text: str) -> None:
         ("(ms99)2", r"powers are too large"),
         ("m100", r"unit 'm100': unexpected '0'"),
         ("m s", r"unit 'm s': unexpected ' s'"),
-        ("()", r"unit '\(\)': '\)' is none of"),
+        ("()", r"unit '\(\)': '\)' is not one of"),
         ("", r"unit '': it ends"),
     ],
 )

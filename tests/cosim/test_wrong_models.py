@@ -139,7 +139,7 @@ AT_BUILD = {
     "a sum of arrays": (
         "m.v[:] = m.w[:] + 1.0",
         "m.v",
-        "m.w[:] + 1.0 makes an array; a kernel has those of its record: write a loop",
+        "m.w[:] + 1.0 creates an array, which a kernel cannot: write a loop",
     ),
     "an array that is assigned to a scalar": (
         "m.y = m.w",
@@ -179,20 +179,20 @@ AT_BUILD = {
     "a new array": (
         "m.y = np.zeros(3).sum()",
         "m.y",
-        "np.zeros makes an array; a kernel has those of its record: declare a Memory",
+        "np.zeros creates an array, which a kernel cannot: declare a Memory",
     ),
     "an exception that is caught": (
         "try:\n    m.y = t\nexcept ValueError:\n    pass",
         "try:",
-        "a kernel does not catch exceptions; test for the condition before",
+        "a kernel does not catch exceptions; test for the condition first",
     ),
     "a file": ('print(open("x").read())', "print", "a kernel has no print()"),
     "a function within": (
         "def f(x):\n    return np.zeros(3)\nm.y = f(t).sum()",
         "def f",
-        "a kernel has no functions within; write a @kernel beside it",
+        "a kernel has no nested functions; write a @kernel at module level",
     ),
-    "an import": ("import os\nm.y = len(os.sep)", "import os", "a kernel does not import; import above it"),
+    "an import": ("import os\nm.y = len(os.sep)", "import os", "a kernel does not import; import at module level"),
     "a global variable": (
         "global total\ntotal = t",
         "global",
@@ -270,7 +270,7 @@ def test_all_faults_are_told_at_once(loaded: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ('Output("y[1]")', 'y[1]: an array is declared once, not its elements; use shape=, as in Output("y", shape=3)'),
+        ('Output("y[1]")', 'y[1]: declare the whole array with shape=, as in Output("y", shape=3)'),
         ('Output("y", shape=0)', "variable y: shape (0,); a variable is a scalar or has a length of 1 or more"),
         ('Output("y", unit="m", type=int)', "variable y: unit m; only variables of type float have a unit"),
         (

@@ -1,1 +1,1 @@
-"""ArduPilot's own SITL as an FMU."""
+"""ArduPilot's SITL as an FMU."""

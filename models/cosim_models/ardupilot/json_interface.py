@@ -1,9 +1,9 @@
-"""ArduPilot's JSON interface: the datagrams between a simulated autopilot and the physics it flies, in lock step.
+"""ArduPilot's JSON interface: lock-step datagrams between a simulated autopilot and its physics.
 
-ArduPilot sends its servo outputs and waits. Each reply carries the time and the true motion, moves ArduPilot's clock on
-to that time, and brings the next servo outputs: one reply, one step. A reply that is withheld stops its clock.
+ArduPilot sends its servo outputs and waits. Each reply contains the time and the true motion, advances ArduPilot's
+clock to that time, and is answered by the next servo outputs: one reply, one step. A withheld reply stops the clock.
 
-Starts nothing and knows no MAVLink.
+This module starts no processes and does not use MAVLink.
 
 Source: ArduPilot, libraries/SITL/SIM_JSON and examples/JSON/readme.md.
 """
@@ -20,26 +20,26 @@ from dataclasses import dataclass
 __all__ = ["PORT", "Link", "Servos", "decode_servos", "encode_motion"]
 
 PORT = 9002
-"""UDP port of the physics of instance 0; instance n has PORT + 10 n."""
+"""UDP port of the physics of instance 0; instance n uses PORT + 10 n."""
 
 _FORMATS = {18458: struct.Struct("<HHI16H"), 29569: struct.Struct("<HHI32H")}
-"""By magic number: 16 channels, or 32 with SERVO_32_ENABLE."""
+"""Formats by magic number: 16 channels, or 32 with SERVO_32_ENABLE."""
 _STRETCH = 1.0 + 1e-8
-"""ArduPilot adds up the differences of timestamps in whole microseconds and cuts off the rest: a step that is too short
-by the rounding of numbers would lose one, and its clock 0.2 ms in each second."""
+"""ArduPilot adds the differences of timestamps in whole microseconds and truncates them: a step that rounding makes
+slightly too short would lose a microsecond, and the clock 0.2 ms per second."""
 _ENCODE = json.JSONEncoder(separators=(",", ":"), check_circular=False).encode
 _SIZE = 65536
 _POLL = 0.05
-"""Seconds between looks at whether ArduPilot is still there."""
+"""Interval in seconds at which the link checks that ArduPilot is still running."""
 _PATIENCE = 0.5
-"""Seconds of waiting from which on a servo packet that comes again says that the reply is lost. ArduPilot repeats
-itself every second that it waits. What is there at once was sent while the reply was withheld; a second reply to it
-would be taken for that to the next packet."""
+"""Waiting time in seconds after which a repeated servo packet means that the reply was lost. ArduPilot repeats its
+packet every second while it waits. A packet that is available at once was sent while the reply was withheld; a second
+reply to it would be taken as the reply to the next packet."""
 
 
 @dataclass(frozen=True, slots=True)
 class Servos:
-    """What ArduPilot says: the rate in Hz at which it would like replies, number of the packet, pulses in us."""
+    """Servo packet of ArduPilot: desired reply rate in Hz, packet number, pulses in us."""
 
     rate: int
     frame_count: int
@@ -47,7 +47,7 @@ class Servos:
 
 
 def decode_servos(datagram: bytes) -> Servos | None:
-    """Servo outputs of 16 or 32 channels; None if the datagram is none."""
+    """Decodes a servo datagram (16 or 32 channels); returns None if it is malformed."""
     if len(datagram) < 2:
         return None
     form = _FORMATS.get(int.from_bytes(datagram[:2], "little"))
@@ -66,7 +66,7 @@ def encode_motion(
     velocity: Sequence[float],
     attitude: Sequence[float],
 ) -> bytes:
-    """A reply.
+    """Encodes a reply.
 
     Args:
         t: time in s, above 0.
@@ -81,24 +81,24 @@ def encode_motion(
         "quaternion": list(attitude),
         "velocity": list(velocity),
     }
-    # ArduPilot searches for `"name":` and reads on from there, so no space may follow a colon.
+    # ArduPilot searches for `"name":` and reads from there, so no space may follow the colon.
     return b"\n" + _ENCODE(fields).encode("ascii") + b"\n"
 
 
 class Link:
-    """The physics' end. Call `next` once, then `reply` and `next` for every step.
+    """The physics side of the link. Call `next` once, then `reply` and `next` for every step.
 
     Args:
         port: UDP port on loopback; 0: any that is free.
 
     Attributes:
-        port: the one that it has.
-        repeated: servo packets that came again, since ArduPilot had to wait; they move nothing.
-        lost: servo packets that never came.
-        restarts: how often ArduPilot has begun anew.
+        port: the port in use.
+        repeated: repeated servo packets, sent because ArduPilot had to wait; they have no effect.
+        lost: servo packets that never arrived.
+        restarts: number of restarts of ArduPilot.
 
     Raises:
-        OSError: the port is taken.
+        OSError: the port is in use.
     """
 
     def __init__(self, port: int) -> None:
@@ -117,20 +117,20 @@ class Link:
         self.port = int(self._socket.getsockname()[1])
 
     def reply(self, reply: bytes) -> None:
-        """Send a reply to the servo outputs that came last; `next` then waits for those that it brings."""
-        assert self._peer is not None, "next() comes first"
+        """Sends a reply to the latest servo outputs; `next` then waits for the following ones."""
+        assert self._peer is not None, "call next() first"
         self._reply = reply
         self._socket.sendto(reply, self._peer)
 
     def next(self, seconds: float, alive: Callable[[], None]) -> Servos:
-        """Wait for ArduPilot's next servo outputs, at the start its first.
+        """Waits for ArduPilot's next servo outputs, or initially for the first.
 
         Args:
-            seconds: how long.
-            alive: is called now and then, and raises if there is nothing to wait for.
+            seconds: maximum waiting time.
+            alive: called regularly; raises an exception if waiting is pointless.
 
         Raises:
-            TimeoutError: nothing has come.
+            TimeoutError: no packet arrived.
         """
         self._since = time.monotonic()
         end = self._since + seconds
@@ -142,7 +142,7 @@ class Link:
                 if time.monotonic() > end:
                     raise TimeoutError(f"ArduPilot has sent no servo outputs for {seconds:g} s") from None
                 continue
-            except ConnectionError:  # nobody listens where the last reply went
+            except ConnectionError:  # no process listens at the address of the last reply
                 alive()
                 time.sleep(_POLL)
                 continue
@@ -165,5 +165,5 @@ class Link:
         return True
 
     def close(self) -> None:
-        """Free the port."""
+        """Releases the port."""
         self._socket.close()

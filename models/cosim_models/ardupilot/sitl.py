@@ -1,13 +1,13 @@
-"""ArduCopter itself as the autopilot FMU: starts or attaches to a simulated ArduPilot over its JSON interface.
+"""The ArduCopter program as an autopilot FMU, started or attached to over its JSON interface.
 
-A step: reply to the servo outputs that wait with the motion at t, so that ArduPilot's clock moves on to t + h and no
-further; wait for the servo outputs that this brings: the motor commands at t + h. Instances that the same master steps
-therefore share its clock exactly. MAVLink is what comes and goes by ArduPilot's first serial port.
+Each step sends the motion at t as the reply to the pending servo outputs, which advances ArduPilot's clock to t + h and
+no further, and waits for the servo outputs that follow: the motor commands at t + h. Instances stepped by the same
+master therefore share its clock exactly. MAVLink packets use ArduPilot's first serial port.
 
-ArduPilot is the user's: nothing of it is here. A run often repeats bit for bit, but not always
-(docs/arducopter.md). What hangs on the clock of the wall: answers of MAVLink FTP, which a thread of
-its own gives, and SYSTEM_TIME before its GPS has a fix. Not here: its sensor models (they are its own), and other
-vehicles than multirotors.
+ArduPilot must be installed by the user; it is not part of this package. A run often repeats bit for bit, but not always
+(docs/arducopter.md). Two things depend on wall-clock time: MAVLink FTP replies, which a separate thread serves, and
+SYSTEM_TIME before the GPS has a fix. Not here: sensor models (ArduPilot has its own), and vehicles other than
+multirotors.
 """
 
 from __future__ import annotations
@@ -35,15 +35,17 @@ from cosim_models.ardupilot.json_interface import PORT, Link, Servos, encode_mot
 __all__ = ["ArduPilotSITL"]
 
 _SERIAL = 5760
-"""TCP port of the first serial port of instance 0; instance n has _SERIAL + 10 n."""
+"""TCP port of the first serial port of instance 0; instance n uses _SERIAL + 10 n."""
 _FRAMES = {Airframe.quad_x: 1, Airframe.hexa_x: 2, Airframe.octa_x: 3}
-"""FRAME_CLASS of each airframe; its FRAME_TYPE is 1 (X)."""
+"""FRAME_CLASS for each airframe; FRAME_TYPE is 1 (X)."""
 _START_TIME = 1735689600
-"""Its clock's date at the start, 2025-01-01 UTC [s since 1970]: by default it is today's, and no run repeats."""
+"""Initial date of ArduPilot's clock, 2025-01-01 UTC [s since 1970]; the default is today, so that no run would repeat.
+"""
 _HEARTBEAT, _ARMED, _STANDBY, _AUTOPILOT = 0, 128, 3, 1
 _MOTION = ("angular_velocity", "specific_force", "position", "velocity", "attitude")
 _SLOWEST = 1.0 / 720.0
-"""Steps [s] above which ArduCopter, its loop at 400 Hz, refuses to arm: its gyro must be 1.8 times faster."""
+"""Step size [s] above which ArduCopter, with its 400 Hz loop, refuses to arm: the gyro rate must be 1.8 times higher.
+"""
 _NO_BINARY = (
     "there is no ArduPilot to start: set the environment variable ARDUPILOT_SITL or the parameter `executable` to the "
     "path of an `arducopter` for SITL (https://ardupilot.org/dev/docs/sitl-simulator-software-in-the-loop.html says "
@@ -52,9 +54,9 @@ _NO_BINARY = (
 
 
 class _Serial:
-    """Bytes to and from ArduPilot's first serial port, cut into packets.
+    """Byte stream of ArduPilot's first serial port, split into packets.
 
-    By TCP to an ArduPilot that listens; by UDP from one that we start, which then listens nowhere.
+    It uses TCP to a listening ArduPilot, and UDP from an ArduPilot started here, which then does not listen anywhere.
     """
 
     def __init__(self) -> None:
@@ -66,7 +68,7 @@ class _Serial:
         self._port = 0
 
     def listen(self) -> int:
-        """Wait for datagrams on loopback; returns the port."""
+        """Opens a UDP socket on loopback; returns its port."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self._socket.bind(("127.0.0.1", 0))
@@ -75,10 +77,10 @@ class _Serial:
         return int(self._socket.getsockname()[1])
 
     def connect(self, port: int, seconds: float) -> None:
-        """Connect to an ArduPilot that has been started.
+        """Connects to a running ArduPilot.
 
         Raises:
-            TimeoutError: nobody has answered.
+            TimeoutError: no answer.
         """
         self._port = port
         end = time.monotonic() + seconds
@@ -88,7 +90,7 @@ class _Serial:
             time.sleep(0.05)
 
     def reconnect(self) -> str | None:
-        """Connect again where ArduPilot has hung up, as it does when it restarts; says why not."""
+        """Reconnects after ArduPilot has closed the connection, as it does on restart; returns the error, if any."""
         if self._socket is not None or not self._port:
             return None
         try:
@@ -100,11 +102,11 @@ class _Serial:
         return None
 
     def write(self, packets: bytes) -> None:
-        """Send packets, and what could not be sent before; never waits."""
+        """Sends packets and pending data without blocking."""
         self._out += packets
         if not self._out or self._socket is None or (self._datagrams and self._peer is None):
             return
-        with contextlib.suppress(BlockingIOError, ConnectionError):  # it is kept; `read` says if nobody is there
+        with contextlib.suppress(BlockingIOError, ConnectionError):  # data is kept; `read` reports a missing peer
             while self._out:
                 if self._peer is not None:
                     del self._out[: self._socket.sendto(self._out[:1024], self._peer)]
@@ -112,14 +114,14 @@ class _Serial:
                     del self._out[: self._socket.send(self._out)]
 
     def read(self, limit: int) -> bytes:
-        """Whole packets that have come, at most `limit` bytes of them; the rest comes next time."""
+        """Returns complete received packets, at most `limit` bytes; the rest is returned by the next call."""
         self.receive(limit)
         packets, used = _packets(self._in, limit)
         self._in = self._in[used:]
         return packets
 
     def receive(self, limit: int) -> None:
-        """Take what has come, until there are `limit` bytes of it; connect anew where ArduPilot has hung up."""
+        """Receives data until `limit` bytes are available; reconnects after ArduPilot has closed the connection."""
         self.reconnect()
         while self._socket is not None and len(self._in) < limit:
             try:
@@ -134,11 +136,11 @@ class _Serial:
             except ConnectionError:
                 if not self._datagrams:
                     self._hang_up()
-                continue  # of an earlier datagram
+                continue  # about an earlier datagram
             self._in += piece
 
     def _hang_up(self) -> None:
-        """Half a packet in either direction is of the past."""
+        """Closes the connection and discards incomplete packets in both directions."""
         self.close()
         self._socket, self._in = None, b""
         self._out.clear()
@@ -149,9 +151,9 @@ class _Serial:
 
 
 def _packets(data: bytes, limit: int) -> tuple[bytes, int]:
-    """Packets that are complete, at most `limit` bytes of them, and how much of `data` is done with.
+    """Returns complete packets, at most `limit` bytes of them, and the number of bytes of `data` consumed.
 
-    What lies between packets is left out: before its first one ArduPilot says hello in plain text.
+    Data between packets is dropped: before its first packet, ArduPilot sends a greeting in plain text.
     """
     buffer = np.frombuffer(data, np.uint8)
     packets = bytearray()
@@ -168,7 +170,7 @@ def _packets(data: bytes, limit: int) -> tuple[bytes, int]:
 
 
 class ArduPilotSITL(Model):
-    """ArduCopter as it is, over its JSON interface: an autopilot on the ports of Autopilot. Steps of 1 ms."""
+    """The original ArduCopter over its JSON interface: an autopilot with the ports of Autopilot. Steps of 1 ms."""
 
     step_size = 0.001
     _end: weakref.finalize[..., ArduPilotSITL] | None = None
@@ -185,62 +187,82 @@ class ArduPilotSITL(Model):
             verdict=Role.SYSTEM_ID,
             description="MAVLink system id",
         ),
-        Parameter("instance", type=int, start=-1, minimum=-1, maximum=255, description="-1: SYSID_THISMAV - 1"),
-        Parameter("attach", type=bool, start=False, description="to an ArduPilot that somebody else starts"),
-        Parameter("executable", type=str, start="", description="to be started; default: the variable ARDUPILOT_SITL"),
+        Parameter(
+            "instance",
+            type=int,
+            start=-1,
+            minimum=-1,
+            maximum=255,
+            description="ArduPilot's instance number; -1: SYSID_THISMAV - 1",
+        ),
+        Parameter("attach", type=bool, start=False, description="attach to an ArduPilot started by the user"),
+        Parameter(
+            "executable",
+            type=str,
+            start="",
+            description="program to start; default: the environment variable ARDUPILOT_SITL",
+        ),
         Parameter("defaults", type=str, start="", description="parameter files, separated by commas"),
         Parameter(
             "folder",
             type=str,
             start="",
-            description="it runs in, and keeps parameters and logs in; default: a passing one",
+            description="working folder with parameters and logs; default: a temporary one",
         ),
-        Parameter("speedup", unit="1", start=100.0, minimum=1.0, description="times real time it may reach at most"),
-        Parameter("start_timeout", unit="s", start=60.0, minimum=0.0, description="of its start, wall-clock time"),
-        Parameter("step_timeout", unit="s", start=20.0, minimum=0.0, description="of a step, wall-clock time"),
-        Parameter("origin_latitude", unit="rad", start=math.radians(-35.363262), description="of the local origin"),
-        Parameter("origin_longitude", unit="rad", start=math.radians(149.165237), description="of the local origin"),
-        Parameter("origin_altitude", unit="m", start=584.0, description="of the origin, above mean sea level"),
+        Parameter("speedup", unit="1", start=100.0, minimum=1.0, description="maximum speed relative to real time"),
+        Parameter(
+            "start_timeout", unit="s", start=60.0, minimum=0.0, description="limit of its start-up in wall-clock time"
+        ),
+        Parameter("step_timeout", unit="s", start=20.0, minimum=0.0, description="limit of a step in wall-clock time"),
+        Parameter(
+            "origin_latitude", unit="rad", start=math.radians(-35.363262), description="latitude of the local origin"
+        ),
+        Parameter(
+            "origin_longitude", unit="rad", start=math.radians(149.165237), description="longitude of the local origin"
+        ),
+        Parameter(
+            "origin_altitude", unit="m", start=584.0, description="altitude of the local origin above mean sea level"
+        ),
         Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
         Output(
             "armed",
             type=bool,
             start=False,
             verdict=Role.ARMED,
-            description="whether the motors may turn, by its last heartbeat",
+            description="the motors may turn, according to the last HEARTBEAT",
         ),
         Output("mode", type=int, start=0, description="flight mode, by ArduCopter's number"),
-        Output("on_ground", type=bool, start=True, description="whether it takes itself to be on the ground"),
-        Output("clock", unit="s", start=0.0, description="of ArduPilot: the time of the last reply"),
+        Output("on_ground", type=bool, start=True, description="on the ground, according to ArduPilot"),
+        Output("clock", unit="s", start=0.0, description="ArduPilot's clock: the time of the last reply"),
         Output(
             "lost",
             type=int,
             start=0,
-            verdict=Bound(most=0, text="servo packets of ArduPilot never came: is the computer too slow for it?"),
-            description="servo packets that never came",
+            verdict=Bound(most=0, text="servo packets of ArduPilot were lost: the computer may be too slow"),
+            description="number of lost servo packets",
         ),
         Output(
             "restarts",
             type=int,
             start=0,
-            verdict=Bound(most=0, text="ArduPilot has begun anew"),
-            description="how often ArduPilot has begun anew",
+            verdict=Bound(most=0, text="ArduPilot has restarted"),
+            description="number of restarts of ArduPilot",
         ),
         PacketOutput("mavlink_tx", capacity=4096, description="packets sent"),
     )
 
     def initialize(self) -> None:
-        """Nothing is started before all inputs are known."""
+        """Checks the airframe; ArduPilot starts only when all inputs are known."""
         if int(self.m.airframe) not in _FRAMES:
             frames = ", ".join(frame.name for frame in _FRAMES)
             raise ValueError(f"airframe {int(self.m.airframe)}: ArduCopter has frames for {frames}")
 
     def exit_initialization_mode(self) -> None:
-        """Start ArduPilot, or find it, and wait for its first servo outputs."""
+        """Starts or finds ArduPilot and waits for its first servo outputs."""
         super().exit_initialization_mode()
         try:
             self._begin()
-        except (RuntimeError, TimeoutError) as error:  # what its user can mend needs no traceback
+        except (RuntimeError, TimeoutError) as error:  # errors that the user can fix need no traceback
             self.log(str(error))
             raise
         except BaseException:
@@ -254,7 +276,7 @@ class ArduPilotSITL(Model):
         self._motion = {name: m[name] for name in _MOTION}
         self._received = m["mavlink_rx"]
         self._serial = _Serial()
-        port = PORT + 10 * number if m.attach else 0  # one that we start is told where to send
+        port = PORT + 10 * number if m.attach else 0  # an ArduPilot started here is told the port
         try:
             self._link = Link(port)
         except OSError as error:
@@ -280,7 +302,7 @@ class ArduPilotSITL(Model):
             raise RuntimeError(_NO_BINARY)
         path = Path(executable).resolve()
         if not os.access(path, os.X_OK) or not path.is_file():
-            raise RuntimeError(f"{path} is no program that can be started; {_NO_BINARY}")
+            raise RuntimeError(f"{path} is not an executable program; {_NO_BINARY}")
         folder.mkdir(parents=True, exist_ok=True)
         frame = folder / "frame.parm"
         frame.write_text(f"FRAME_CLASS {_FRAMES[Airframe(int(m.airframe))]}\nFRAME_TYPE 1\n")
@@ -309,17 +331,17 @@ class ArduPilotSITL(Model):
         ]
 
     def _alive(self) -> None:
-        self._serial.receive(self.m["mavlink_tx"].size)  # one that has restarted may wait until we connect again
+        self._serial.receive(self.m["mavlink_tx"].size)  # a restarted ArduPilot may wait for a connection
         if self._process is not None and self._process.poll() is not None:
             last = self._log_file.read_text(errors="replace").splitlines()[-5:]
-            text = f"ArduPilot has ended with code {self._process.returncode}; its last words: {' / '.join(last)}"
+            text = f"ArduPilot exited with code {self._process.returncode}; its last output: {' / '.join(last)}"
             raise RuntimeError(text)
 
     def do_step(self, t: float, h: float) -> bool:
-        """Let ArduPilot's clock come to t + h. The servo outputs that it sends are taken when outputs are asked for.
+        """Lets ArduPilot's clock advance to t + h. The resulting servo outputs are read when outputs are requested.
 
-        So those that one master steps work at the same time, each in its own process. No reply may say 0: until its
-        clock has a time it goes by the wall's, and waits for the simulated one to come as far.
+        ArduPilots stepped by one master therefore run in parallel, each in its own process. No reply may have time 0:
+        until ArduPilot's clock has a time, it follows the wall clock, and then waits for simulated time to catch up.
         """
         m = self.m
         if self._waits:
@@ -339,7 +361,7 @@ class ArduPilotSITL(Model):
                 self._finish()
 
     def _finish(self) -> None:
-        """Wait for the servo outputs that the last reply brings, and take what the serial port gives."""
+        """Waits for the servo outputs that follow the last reply, and reads the serial port."""
         self._waits = False
         m, link = self.m, self._link
         servos = link.next(float(m["step_timeout"]), self._alive)
@@ -351,7 +373,7 @@ class ArduPilotSITL(Model):
         self.m["motor"] = [min(max((pulse - 1000) / 1000.0, 0.0), 1.0) for pulse in servos.pwm[:MAX_MOTORS]]
 
     def _hear(self) -> None:
-        """Packets of the serial port go to the output; its heartbeat says how ArduPilot is."""
+        """Passes packets of the serial port to the output; the heartbeat sets ArduPilot's status."""
         m = self.m
         packets = self._serial.read(m["mavlink_tx"].size)
         m["mavlink_tx_len"] = len(packets)
@@ -373,7 +395,7 @@ class ArduPilotSITL(Model):
             m["on_ground"] = payload[7] <= _STANDBY
 
     def terminate(self) -> None:
-        """End ArduPilot if it was started here."""
+        """Ends ArduPilot if it was started here."""
         if self._end is not None:
             self._end()
 
@@ -382,18 +404,20 @@ def _end(link: Link, serial: _Serial, processes: list[subprocess.Popen[bytes]], 
     link.close()
     serial.close()
     for process in processes:
-        process.kill()  # without replies it hears no milder signal
+        process.kill()  # without replies it does not process milder signals
         process.wait(10)
     if passing is not None:
         shutil.rmtree(passing, ignore_errors=True)
 
 
 def _defaults(given: str, executable: Path) -> list[Path]:
-    """Parameter files: those that are given, else ArduPilot's own for a copter, if the program lies in its tree."""
+    """Returns the parameter files: those given, else ArduPilot's own for a copter if the program lies in its source
+    tree.
+    """
     files = [Path(name.strip()).resolve() for name in given.split(",") if name.strip()]
     for file in files:
         if not file.is_file():
-            raise RuntimeError(f"defaults: there is no file {file}")
+            raise RuntimeError(f"defaults: no such file: {file}")
     if not files and len(executable.parents) > 3:
         own = executable.parents[3] / "Tools" / "autotest" / "default_params" / "copter.parm"
         files = [own] if own.is_file() else []

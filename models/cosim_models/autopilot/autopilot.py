@@ -1,17 +1,18 @@
-"""The autopilot FMU: ArduCopter's cascade, modes and MAVLink conversation at 400 Hz, for multirotors of 4, 6, 8 motors.
+"""The autopilot FMU: ArduCopter's control cascade, flight modes and MAVLink behaviour at 400 Hz, for 4, 6 or 8 motors.
 
-A step: filter the motion inputs as the inertial sensors would, run the rate controllers and the motors on the targets
-of the last step, process received packets, run the fail-safes and the flight mode, detect landing, send telemetry.
+Each step filters the motion inputs as the inertial sensors would, runs the rate controllers and the motors with the
+targets of the previous step, processes received packets, runs the fail-safes and the flight mode, detects landing, and
+sends telemetry.
 
     mavlink/     commands received, telemetry sent, parameters, file transfer, the messages themselves
-    commander/   mode requests, arming checks, pilot's switches, fail-safes, battery
-    flight/      each flight mode, yaw, the pilot's sticks, armed and landed
-    record/      ports, parameters (ArduPilot's names, units and defaults) and memory of the FMU
+        commander/   mode requests, arming checks, pilot's switches, fail-safes, battery
+        flight/      each flight mode, yaw, the pilot's sticks, armed and landed state
+        record/      ports, parameters (ArduPilot's names, units and defaults) and memory of the FMU
     control/     position and attitude controllers, shaping, PID, mixer, motors
     mission/     missions, fences, rally points
-    link/        packets and texts on their links
+        link/        packets and status texts on their links
 
-Not here: sensors with noise and an estimator: what comes in is taken for the truth. An `Estimator` may stand before it.
+Not here: sensor noise and estimation. The inputs are taken as the truth; an `Estimator` can be connected upstream.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ _NO_MIXER, _BAD_SYSID, _NOT_FINITE, _BAD_GAIN, _BAD_LEAN = 1, 2, 3, 4, 5
 
 @kernel
 def _tune_filter(c: Any, cutoff: float, dt: float) -> None:
-    """Coefficients b0, a1, a2 of a second-order Butterworth low-pass; b0 = 1 and the rest 0 for no cutoff."""
+    """Sets the coefficients b0, a1, a2 of a second-order Butterworth low-pass; b0 = 1, the rest 0 without a cutoff."""
     if cutoff <= 0.0 or 2.0 * cutoff * dt >= 1.0:
         c[0], c[1], c[2] = 1.0, 0.0, 0.0
         return
@@ -63,7 +64,7 @@ def _tune_filter(c: Any, cutoff: float, dt: float) -> None:
 
 @kernel
 def _filter(s: Any, c: Any, value: float) -> float:
-    """One step of the low-pass over its two delays `s`."""
+    """Performs one step of the low-pass over its two delays `s`."""
     if c[0] == 1.0:
         return value
     now = value - c[1] * s[0] - c[2] * s[1]
@@ -75,14 +76,14 @@ def _filter(s: Any, c: Any, value: float) -> float:
 
 @kernel
 def _settle_filter(s: Any, c: Any, value: float) -> None:
-    """Set the delays as if `value` had been there for ever."""
+    """Sets the delays as if `value` had been the input forever."""
     s[0] = value / (1.0 + c[1] + c[2])
     s[1] = s[0]
 
 
 @kernel
 def _tune(m: Any, dt: float) -> None:
-    """Filter coefficients for steps of dt, settled on the present inputs."""
+    """Sets the filter coefficients for steps of dt and settles the filters on the current inputs."""
     m.filter_dt = dt
     _tune_filter(m.gyro_filter, m.INS_GYRO_FILTER, dt)
     _tune_filter(m.accel_filter, m.INS_ACCEL_FILTER, dt)
@@ -93,7 +94,7 @@ def _tune(m: Any, dt: float) -> None:
 
 @kernel
 def _sense(m: Any) -> bool:
-    """Take over the motion inputs; False if they are no finite numbers or the attitude has no length."""
+    """Reads the motion inputs; False if they are not finite numbers or the attitude has length zero."""
     total = 0.0
     length = 0.0
     for i in range(3):
@@ -123,7 +124,7 @@ def _sense(m: Any) -> bool:
 
 @kernel
 def start(m: Any) -> int:
-    """Choose the mixer, take the present motion, disarmed on the ground in STABILIZE."""
+    """Selects the mixer, reads the initial motion, and starts disarmed on the ground in STABILIZE."""
     if not 1 <= m.SYSID_THISMAV <= 255:
         return _BAD_SYSID
     if min(m.PSC_POSXY_P, m.PSC_POSZ_P, m.WPNAV_ACCEL, m.WPNAV_ACCEL_Z, m.PSC_JERK_XY, m.PSC_JERK_Z) <= 0.0:
@@ -172,7 +173,7 @@ def _publish(m: Any) -> None:
 
 @kernel
 def advance(m: Any, t: float, h: float) -> int:
-    """One loop of the autopilot: inputs at t, motor commands for t + h."""
+    """Performs one loop of the autopilot: inputs at t, motor commands for t + h."""
     m.mavlink_tx_len = 0
     m.telemetry_tx_len = 0
     m.serial_tx_len = 0
@@ -206,15 +207,15 @@ def advance(m: Any, t: float, h: float) -> int:
 
 
 class Autopilot(Model):
-    """Multirotor autopilot that flies and speaks MAVLink as ArduCopter does."""
+    """Multirotor autopilot with ArduCopter's flight behaviour and MAVLink behaviour."""
 
     step_size = _STEP
     variables = VARIABLES
     kernels = (start, advance)
     errors: ClassVar = {
-        _NO_MIXER: "the vehicle's airframe has no mixer: quad_x (1), hexa_x (2) and octa_x (3) have",
+        _NO_MIXER: "no mixer for the vehicle's airframe; valid: quad_x (1), hexa_x (2), octa_x (3)",
         _BAD_SYSID: "SYSID_THISMAV is not within 1 to 255",
-        _NOT_FINITE: "a motion input is not a finite number, or the attitude is no quaternion",
+        _NOT_FINITE: "a motion input is not a finite number, or the attitude is not a quaternion",
         _BAD_LEAN: "ANGLE_MAX is not within 500 to 8000 (5 to 80 degrees)",
         _BAD_GAIN: "PSC_POSXY_P, PSC_POSZ_P, PSC_JERK_XY, PSC_JERK_Z, WPNAV_ACCEL and WPNAV_ACCEL_Z must be positive",
     }

@@ -1,15 +1,16 @@
-"""The estimator FMU: between a vehicle and its autopilot, it hands on what sensors let one know of the motion.
+"""The estimator FMU, which replaces a vehicle's true motion by an estimate from simulated sensors.
 
-Noisy sensors (`sensors`) are fused by an observer of constant gains, the steady state of a Kalman filter whose noise
-does not change: the IMU is integrated at every step; GPS, barometer and magnetometer correct. A GPS fix is compared
-with what was estimated when it was taken, its lag ago. Horizontal velocity errors correct the tilt and the gyros'
-biases, for a tilt accelerates; height errors correct climb rate and accelerometer bias; the field's direction corrects
-the heading. With `use_truth` the true motion is handed on, one step late.
+It is connected between a vehicle and its autopilot. An observer with constant gains, the steady state of a Kalman
+filter with constant noise, fuses noisy sensors (`sensors`). The IMU is integrated in every step; GPS, barometer and
+magnetometer provide corrections. A GPS fix is compared with the estimate at the time when it was taken, one lag
+earlier. Errors of the horizontal velocity correct the tilt and the gyro biases, because a tilt error causes
+acceleration. Errors of the height correct the climb rate and the accelerometer bias. The direction of the magnetic
+field corrects the heading. With `use_truth`, the output is the true motion, one step late.
 
-Not here: wind, terrain, several sensors of a kind and choosing among them, and health: the autopilot goes by its own
-start-up times. An estimate begins at the true motion, aligned.
+Not here: wind, terrain, redundant sensors and their selection, and health reports: the autopilot uses its own start-up
+times. The estimate is initialised with the true motion.
 
-Source: J. A. Farrell, Aided navigation, chapter 7 (observers of constant gain); gains by placing poles.
+Source: J. A. Farrell, Aided navigation, chapter 7 (observers with constant gain); gains by pole placement.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ _NOT_FINITE, _BAD_RATE = 1, 2
 _GRAVITY = 9.80665  # m/s2
 _SLACK = 1e-9  # s
 _ASTRAY = 5.0  # m
-_FIXES = 8  # GPS fixes that may be under way
-_FIX = 13  # position and velocity as measured, and as estimated then; when it arrives
+_FIXES = 8  # maximum number of GPS fixes in transit
+_FIX = 13  # measured and then estimated position and velocity, and the time of arrival
 _ARRIVES = 12
 
 Quaternion = tuple[float, float, float, float]
@@ -55,7 +56,7 @@ def _motion_is_good(m: Any) -> bool:
 
 @kernel
 def start(m: Any) -> int:
-    """Begin with the true motion and biases that are not known yet."""
+    """Initialises the estimate with the true motion; the biases are unknown."""
     if not _motion_is_good(m):
         return _NOT_FINITE
     if m.gps_lag * m.gps_rate > _FIXES - 1 or min(m.gps_rate, m.barometer_rate, m.magnetometer_rate) <= 0.0:
@@ -89,7 +90,7 @@ def _hand_on_truth(m: Any) -> None:
 
 @kernel
 def _turn(m: Any, x: float, y: float, z: float) -> None:
-    """Turn the estimated attitude by the small rotation vector (x, y, z) [rad, FRD]."""
+    """Rotates the estimated attitude by the small rotation vector (x, y, z) [rad, FRD]."""
     angle = math.sqrt(x * x + y * y + z * z)
     half = 0.5 * angle
     s = math.sin(half) / angle if angle > 1e-12 else 0.5
@@ -100,7 +101,7 @@ def _turn(m: Any, x: float, y: float, z: float) -> None:
 
 @kernel
 def _predict(m: Any, h: float) -> None:
-    """Integrate the IMU over h."""
+    """Integrates the IMU over h."""
     for i in range(3):
         m.angular_velocity[i] = m.gyro[i] - m.gyro_offset[i]
         m.specific_force[i] = m.force[i]
@@ -122,14 +123,14 @@ def _predict(m: Any, h: float) -> None:
 
 @kernel
 def _correct_by_gps(m: Any, r: Any, dt: float) -> None:
-    """A fix `r` that has arrived, dt after the one before: place, velocity, tilt, gyro offsets; horizontal only."""
+    """Corrects horizontal position, velocity, tilt and gyro offsets by fix `r`, received dt after the previous one."""
     w = m.gps_gain
     for i in range(2):
         place, speed = r[i] - r[6 + i], r[3 + i] - r[9 + i]
         m.p[i] += m.gps_position_gain * dt * place
         m.v[i] += 3.0 * w * dt * speed
         r[3 + i] = speed
-    # An error of the tilt about an axis accelerates across it, by g times the angle: (s + w)^3 = 0, three poles at w.
+    # A tilt error about an axis causes acceleration across it, g times the angle: (s + w)^3 = 0, three poles at w.
     tilt = 3.0 * w * w / _GRAVITY * dt
     drift = w * w * w / _GRAVITY * dt
     x, y, _ = rotate_inverse(_quaternion(m.q), (float(r[4]), -float(r[3]), 0.0))
@@ -149,7 +150,7 @@ def _correct_by_barometer(m: Any, height: float, dt: float) -> None:
 
 @kernel
 def _correct_by_field(m: Any, dt: float) -> None:
-    """Turn the estimate about the vertical until the measured field points where it should."""
+    """Rotates the estimate about the vertical to align the measured magnetic field with its known direction."""
     f = m.field
     n, e, _ = rotate(_quaternion(m.q), (float(f[0]), float(f[1]), float(f[2])))
     if n * n + e * e < 1e-6:
@@ -164,7 +165,7 @@ def _correct_by_field(m: Any, dt: float) -> None:
 
 @kernel
 def _take_fix(m: Any, t: float) -> None:
-    """A new fix; it will arrive in gps_lag."""
+    """Takes a new fix, which arrives after gps_lag."""
     row = m.fixes[m.fix_next]
     sense_gps(m, m.gps_count, 1.0 / m.gps_rate, row)
     for i in range(3):
@@ -178,7 +179,7 @@ def _take_fix(m: Any, t: float) -> None:
 
 @kernel
 def _correct(m: Any, t: float) -> None:
-    """What is due at t."""
+    """Applies the corrections due at t."""
     if t >= m.gps_count / m.gps_rate - _SLACK:
         _take_fix(m, t)
     if m.fix_waiting > 0:
@@ -207,7 +208,7 @@ def _note_errors(m: Any) -> None:
 
 @kernel
 def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """What is known at t + h: the sensors' samples of the true motion at t, integrated over h."""
+    """Computes the estimate at t + h: the sensors' samples of the true motion at t, integrated over h."""
     if not _motion_is_good(m):
         return _NOT_FINITE
     if m.use_truth:
@@ -255,34 +256,39 @@ def _size(name: str, unit: str, start: float, description: str, minimum: float =
 
 
 class Estimator(Model):
-    """Sensors with noise, lag and drift, and an observer that estimates the motion from them."""
+    """Estimates the motion from simulated sensors with noise, lag and drift."""
 
     step_size = _STEP
     variables = (
         *_TRUE_MOTION,
-        Parameter("use_truth", type=bool, start=False, tunable=True, description="hand on the true motion"),
-        Parameter("seed", type=int, start=1, description="of the noise of all sensors"),
-        Parameter("identity", type=int, start=1, description="which vehicle: others have other noise"),
+        Parameter("use_truth", type=bool, start=False, tunable=True, description="output the true motion"),
+        Parameter("seed", type=int, start=1, description="seed of the noise of all sensors"),
+        Parameter(
+            "identity",
+            type=int,
+            start=1,
+            description="identity of the vehicle; different identities have different noise",
+        ),
         _size("gyro_noise", "1", 1.7e-4, "noise density in rad/s per square root of Hz"),
         _size("gyro_bias", "rad/s", 2e-3, "standard deviation of the bias"),
         _size("accel_noise", "1", 2e-3, "noise density in m/s2 per square root of Hz"),
         _size("accel_bias", "m/s2", 0.02, "standard deviation of the bias"),
-        _size("gps_rate", "Hz", 5.0, "fixes per second"),
-        _size("gps_lag", "s", 0.1, "time from a fix until it is known"),
+        _size("gps_rate", "Hz", 5.0, "rate of GPS fixes"),
+        _size("gps_lag", "s", 0.1, "delay from a fix to its arrival"),
         _size("gps_position_noise", "m", 0.15, "standard deviation of a fix"),
-        _size("gps_velocity_noise", "m/s", 0.08, "standard deviation of its velocity"),
+        _size("gps_velocity_noise", "m/s", 0.08, "standard deviation of a fix's velocity"),
         _size("gps_drift", "m", 0.4, "standard deviation of the slow error"),
         _size("gps_drift_time", "s", 200.0, "correlation time of the slow error", 1e-3),
-        _size("barometer_rate", "Hz", 50.0, "samples per second"),
+        _size("barometer_rate", "Hz", 50.0, "rate of barometer samples"),
         _size("barometer_noise", "m", 0.1, "standard deviation"),
         _size("barometer_drift", "m", 0.2, "standard deviation of the slow error"),
         _size("barometer_drift_time", "s", 300.0, "correlation time of the slow error", 1e-3),
-        _size("magnetometer_rate", "Hz", 50.0, "samples per second"),
+        _size("magnetometer_rate", "Hz", 50.0, "rate of magnetometer samples"),
         _size("magnetometer_noise", "1", 0.01, "standard deviation over the field's strength"),
-        Parameter("field_inclination", unit="rad", start=-1.147, description="of the magnetic field, down"),
-        Parameter("field_declination", unit="rad", start=0.203, description="of the magnetic field, east"),
+        Parameter("field_inclination", unit="rad", start=-1.147, description="inclination of the magnetic field, down"),
+        Parameter("field_declination", unit="rad", start=0.203, description="declination of the magnetic field, east"),
         _size("gps_gain", "1/s", 0.4, "poles of velocity, tilt and gyro offsets"),
-        _size("gps_position_gain", "1/s", 0.6, "pole of the place"),
+        _size("gps_position_gain", "1/s", 0.6, "pole of position"),
         _size("barometer_gain", "1/s", 0.7, "poles of height, climb rate and accelerometer offset"),
         _size("magnetometer_gain", "1/s", 0.2, "poles of heading and gyro offset"),
         *_ESTIMATE,
@@ -314,6 +320,6 @@ class Estimator(Model):
     )
     kernels = (start, advance)
     errors: ClassVar = {
-        _NOT_FINITE: "a motion input is not a finite number, or the attitude is no quaternion",
+        _NOT_FINITE: "a motion input is not a finite number, or the attitude is not a quaternion",
         _BAD_RATE: "a sensor's rate is not positive, or more than 7 GPS fixes are under way (gps_lag times gps_rate)",
     }

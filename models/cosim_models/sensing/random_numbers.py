@@ -1,4 +1,4 @@
-"""Random numbers by counter: what comes depends on key and counter alone, not on who asked before.
+"""Counter-based random numbers: a number depends only on key and counter, not on earlier calls.
 
 Threefry-2x32 with 20 rounds, in integers that never overflow, so that interpreted and compiled kernels agree to the
 bit.
@@ -25,8 +25,8 @@ _UNIT = 1.0 / 4294967296.0
 
 @kernel
 def threefry(key0: int, key1: int, counter0: int, counter1: int) -> tuple[int, int]:
-    """Two random 32-bit words for a key and a counter of two 32-bit words each."""
-    # Through int64: what comes from a record has 32 bits and a sign.
+    """Returns two random 32-bit words for a key and a counter of two 32-bit words each."""
+    # Through int64, because integers from a record are signed 32-bit.
     a0, a1 = np.int64(key0) & _MASK, np.int64(key1) & _MASK
     a2 = _PARITY ^ a0 ^ a1
     x, y = (np.int64(counter0) + a0) & _MASK, (np.int64(counter1) + a1) & _MASK
@@ -45,7 +45,7 @@ def threefry(key0: int, key1: int, counter0: int, counter1: int) -> tuple[int, i
 
 @kernel
 def normal_pair(key0: int, key1: int, counter0: int, counter1: int) -> tuple[float, float]:
-    """Two independent standard normal numbers (Box and Muller's transformation)."""
+    """Returns two independent standard normal numbers (Box-Muller transform)."""
     x, y = threefry(key0, key1, counter0, counter1)
     radius = math.sqrt(-2.0 * math.log((x + 0.5) * _UNIT))
     angle = 2.0 * math.pi * (y + 0.5) * _UNIT

@@ -1,10 +1,10 @@
-"""Sensors of a vehicle: what an IMU, a GPS receiver, a barometer and a magnetometer say of its true motion.
+"""Simulated sensors of a vehicle: IMU, GPS receiver, barometer and magnetometer.
 
-Each has a rate and white noise, the IMU constant biases, GPS and barometer errors that wander (Gauss-Markov), the GPS a
-lag. Noise is a function of seed, identity, sensor and number of the sample (`random_numbers`). Kernels over the record
-`m` of an `Estimator`; NED, FRD, SI.
+Each sensor has a rate and white noise. In addition, the IMU has constant biases, GPS and barometer have slowly varying
+errors (Gauss-Markov), and the GPS has a lag. Noise is a function of seed, identity, sensor and sample number
+(`random_numbers`). Kernels over the record `m` of an `Estimator`; NED, FRD, SI.
 
-Not here: failures, temperature, vibration, magnetic disturbances, levers between sensor and centre of mass.
+Not here: failures, temperature, vibration, magnetic disturbances, and offsets between sensors and centre of mass.
 
 Source: P. D. Groves, Principles of GNSS, inertial and multisensor integrated navigation systems, chapters 4 and 14.
 """
@@ -35,22 +35,23 @@ GYRO, ACCEL, GPS, GPS_VELOCITY, BARO, MAG = range(6)
 """Streams of random numbers, four triples each."""
 
 _IMU_STEP = 1e-5
-"""Shortest time between samples of the IMU, s: over shorter steps it holds the last one. The noise of a sample grows as
-one over the root of the time since the one before, without end for steps of 1e-13 s, which some engines make."""
-_WANDER = 100  # added to the stream: the biases' own numbers
-_START = 200  # ... and those they begin with
+"""Minimum time between samples of the IMU, s; in shorter steps it holds the last sample. The noise of a sample is
+inversely proportional to the square root of the time since the previous one, and would diverge in steps of 1e-13 s,
+which some engines take."""
+_WANDER = 100  # added to the stream: random numbers of the bias processes
+_START = 200  # added to the stream: random numbers of the initial biases
 
 
 @kernel
 def _triple(m: Any, stream: int, number: int, out: Any) -> None:
-    """Three standard normal numbers: the `number`th of a stream."""
+    """Writes three standard normal numbers, the `number`th triple of a stream, to `out`."""
     out[0], out[1] = normal_pair(m.seed, m.identity, 2 * number, stream)
     out[2], _ = normal_pair(m.seed, m.identity, 2 * number + 1, stream)
 
 
 @kernel
 def _wander(m: Any, stream: int, number: int, bias: Any, size: float, time: float, dt: float) -> None:
-    """Move a bias on by dt: a Gauss-Markov process of standard deviation `size` and correlation time `time`."""
+    """Advances a bias by dt: a Gauss-Markov process of standard deviation `size` and correlation time `time`."""
     if size <= 0.0:
         return
     keep = math.exp(-dt / time)
@@ -62,7 +63,7 @@ def _wander(m: Any, stream: int, number: int, bias: Any, size: float, time: floa
 
 @kernel
 def begin_sensors(m: Any) -> None:
-    """Biases as they are when the vehicle is switched on."""
+    """Draws the biases at power-on."""
     for stream in range(6):
         _triple(m, stream + _START, 0, m.normal)
         size = m.gyro_bias if stream == GYRO else m.accel_bias if stream == ACCEL else 0.0
@@ -73,9 +74,9 @@ def begin_sensors(m: Any) -> None:
 
 @kernel
 def sense_imu(m: Any, number: int, dt: float) -> None:
-    """m.gyro [rad/s] and m.force [m/s2]: the `number`th sample of the IMU, dt after the one before.
+    """Sets m.gyro [rad/s] and m.force [m/s2] to the `number`th sample of the IMU, dt after the previous one.
 
-    A step shorter than any sampling keeps the sample that there is.
+    In a step shorter than the minimum, the previous sample is kept.
     """
     if dt < _IMU_STEP and number > 0:
         return
@@ -90,7 +91,7 @@ def sense_imu(m: Any, number: int, dt: float) -> None:
 
 @kernel
 def sense_gps(m: Any, number: int, dt: float, out: Any) -> None:
-    """out[0:3] position [m], out[3:6] velocity [m/s]: the `number`th fix."""
+    """Writes the `number`th fix: out[0:3] position [m], out[3:6] velocity [m/s]."""
     _wander(m, GPS, number, m.bias[GPS], m.gps_drift, m.gps_drift_time, dt)
     _triple(m, GPS, number, m.normal)
     for i in range(3):
@@ -102,7 +103,7 @@ def sense_gps(m: Any, number: int, dt: float, out: Any) -> None:
 
 @kernel
 def sense_barometer(m: Any, number: int, dt: float) -> float:
-    """Height over the local origin [m]."""
+    """Returns the measured height above the local origin [m]."""
     _wander(m, BARO, number, m.bias[BARO], m.barometer_drift, m.barometer_drift_time, dt)
     _triple(m, BARO, number, m.normal)
     return float(-m.true_position[2] + m.bias[BARO, 0] + m.barometer_noise * m.normal[0])
@@ -110,7 +111,7 @@ def sense_barometer(m: Any, number: int, dt: float) -> float:
 
 @kernel
 def sense_magnetometer(m: Any, number: int, out: Any) -> None:
-    """out[0:3]: direction of the field [FRD], as long as 1 but for noise."""
+    """Writes the measured direction of the field [FRD] to out[0:3]; its length is 1 except for noise."""
     q = m.true_attitude
     c = math.cos(m.field_inclination)
     field = (

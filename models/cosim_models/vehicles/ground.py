@@ -1,8 +1,8 @@
-"""Contact of one point with flat ground: a spring and damper across it, stick and slip along it.
+"""Contact of one point with flat ground: a spring and a damper normal to it, stick and slip along it.
 
-Along the ground the point hangs on a spring from an anchor that stays where it is until the force exceeds Coulomb's
-limit, then is dragged along: a body at rest stays where it is, under a side wind too (a friction law that depends on
-velocity alone creeps). Source: P. A. Cundall and O. D. L. Strack, A discrete numerical model for granular
+Along the ground, a spring connects the point to an anchor. The anchor stays in place until the force exceeds Coulomb's
+limit and is then dragged along. A body at rest therefore stays in place, even in side wind, whereas a friction law that
+depends only on velocity creeps. Source: P. A. Cundall and O. D. L. Strack, A discrete numerical model for granular
 assemblies, Geotechnique 29 (1979).
 """
 
@@ -27,15 +27,15 @@ def contact_force(
     damping: float,
     friction: float,
 ) -> tuple[float, float, float]:
-    """Force of the ground on a point [N, NED].
+    """Returns the force of the ground on a point [N, NED].
 
     Args:
-        depth: how far the point is below the surface [m]; no force when it is not.
+        depth: depth of the point below the surface [m]; the force is zero unless it is positive.
         vn, ve, vd: velocity of the point [m/s, NED].
-        sn, se: from the anchor to the point [m].
-        stiffness: across and along the ground [N/m].
-        damping: across and along the ground [N s/m].
-        friction: Coulomb's coefficient [1].
+        sn, se: vector from the anchor to the point [m].
+        stiffness: normal to and along the ground [N/m].
+        damping: normal to and along the ground [N s/m].
+        friction: Coulomb friction coefficient [1].
     """
     if depth <= 0.0:
         return (0.0, 0.0, 0.0)
@@ -54,7 +54,7 @@ def contact_force(
 def dragged(
     depth: float, vd: float, sn: float, se: float, stiffness: float, damping: float, friction: float
 ) -> tuple[float, float]:
-    """The stretch (sn, se) [m] that friction holds; the rest has slipped. Arguments as for `contact_force`."""
+    """Returns the stretch (sn, se) [m] that friction holds; the rest has slipped. Arguments as for `contact_force`."""
     if depth <= 0.0:
         return (0.0, 0.0)
     limit = friction * max(stiffness * depth + damping * vd, 0.0) / stiffness

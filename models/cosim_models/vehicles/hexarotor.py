@@ -1,11 +1,11 @@
-"""The hexarotor FMU. Its physics is in `multirotor`; its default numbers are those of the AscTec Firefly.
+"""The hexarotor FMU. The physics is in `multirotor`; the default parameters are those of the AscTec Firefly.
 
 Source: rotors_description/urdf/firefly.xacro of RotorS (ethz-asl): 1.5 kg body and six rotors of 0.005 kg, arms of
-0.215 m every 60 degrees with the hubs 0.037 m above the centre of mass, and the propulsion constants of its six
-rotors. The rotors' masses are added to the body's moments of inertia as points. RotorS writes speeds to the motors
-directly, so the command is made linear in speed from standstill. Differences: motors are numbered and turn as
-ArduPilot's hexa X has them (RotorS's all turn the other way), and the rotor drag coefficient is that of RotorS's
-Iris, because the 0.0176 of the file would hold it back with 57 N at 1 m/s.
+0.215 m every 60 degrees with the hubs 0.037 m above the centre of mass, and the propulsion constants of its six rotors.
+The rotors are added to the body's moments of inertia as point masses. RotorS sends speeds directly to the motors, so
+the command is linear in speed, from standstill. Differences: motors are numbered and turn as in ArduPilot's hexa X
+(RotorS's all turn the other way), and the rotor drag coefficient is that of RotorS's Iris, because the file's 0.0176
+would cause a drag of 57 N at 1 m/s.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A multirotor as a rigid body: the variables that every multirotor FMU has, and its kernels.
+"""A multirotor as a rigid body: the variables and kernels shared by all multirotor FMUs.
 
-Six degrees of freedom with a quaternion, up to eight rotors with lag, body drag, wind and flat ground. There are no
-sensors, no battery, no ground effect and no contact with other vehicles. The equations are in `multirotor_dynamics`,
-`rigid_body`, `rotor` and `ground`.
+The model has six degrees of freedom with a quaternion, up to eight rotors with lag, body drag, wind and flat ground. It
+has no sensors, no battery, no ground effect and no contact with other vehicles. The equations are in
+`multirotor_dynamics`, `rigid_body`, `rotor` and `ground`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cosim_models.vehicles.rotor import MotorCurve
 __all__ = ["ERRORS", "KERNELS", "STEP_SIZE", "multirotor_variables"]
 
 STEP_SIZE = 0.0025
-"""Communication step for which the vehicles are made [s]: ArduCopter's 400 Hz."""
+"""Communication step size of the vehicles [s]: ArduCopter's 400 Hz."""
 
 KERNELS = (start, advance)
 
@@ -44,16 +44,16 @@ def multirotor_variables(
     rotor_drag: float,
     rolling_moment: float,
 ) -> tuple[Variable, ...]:
-    """The variables of a multirotor FMU; the arguments are the start values of the parameters of the same names.
+    """Returns the variables of a multirotor FMU; the arguments are start values of the parameters of the same names.
 
-    All multirotors have the same variables, so that one can replace another; only the numbers differ. Rotors are
-    numbered as ArduPilot numbers them for `airframe`, arms in FRD [m] from the centre of mass.
+    All multirotors have the same variables, so that one can replace another; only the values differ. Rotors are
+    numbered as ArduPilot numbers them for `airframe`; their positions are given in FRD [m] from the centre of mass.
     """
     count = len(rotor_x)
     spare = (0.0,) * (MAX_MOTORS - count)
     return (
         *VEHICLE_INPUTS,
-        Parameter("mass", unit="kg", start=mass, minimum=1e-3, description="all of the vehicle"),
+        Parameter("mass", unit="kg", start=mass, minimum=1e-3, description="total mass of the vehicle"),
         Parameter(
             "inertia",
             shape=3,
@@ -101,14 +101,14 @@ def multirotor_variables(
             type=bool,
             start=False,
             verdict=Role.ON_GROUND,
-            description="whether the ground carries some of the weight",
+            description="the ground carries some of the weight",
         ),
         *_MEMORY,
     )
 
 
 def _rotor_parameters(**start: float) -> tuple[Variable, ...]:
-    """Parameters that all rotors of a vehicle share."""
+    """Declares the parameters shared by all rotors of a vehicle."""
 
     def parameter(name: str, unit: str, description: str) -> Variable:
         return Parameter(name, unit=unit, start=start[name], minimum=0.0, description=description)
@@ -120,8 +120,8 @@ def _rotor_parameters(**start: float) -> tuple[Variable, ...]:
             start=MotorCurve.speed,
             description="speed: speed linear in the command, lag on speed; thrust: see thrust_expo, lag on thrust",
         ),
-        Parameter("command_min", unit="1", start=0.0, description="command up to which a rotor stands"),
-        Parameter("command_max", unit="1", start=1.0, description="command of full speed"),
+        Parameter("command_min", unit="1", start=0.0, description="command up to which a rotor is stopped"),
+        Parameter("command_max", unit="1", start=1.0, description="command for full speed"),
         parameter("speed_min", "rad/s", "curve speed: rotor speed just above command_min"),
         parameter("speed_max", "rad/s", "rotor speed at command_max"),
         Parameter(
@@ -134,7 +134,7 @@ def _rotor_parameters(**start: float) -> tuple[Variable, ...]:
         parameter("moment_constant", "m", "drag torque over thrust"),
         parameter("time_constant_up", "s", "lag while speeding up"),
         parameter("time_constant_down", "s", "lag while slowing down"),
-        parameter("axial_speed_limit", "m/s", "axial air speed at which thrust vanishes, falling linearly; 0: no loss"),
+        parameter("axial_speed_limit", "m/s", "axial air speed at which thrust falls linearly to zero; 0: no loss"),
         parameter("rotor_drag", "N.s2/(rad.m)", "force against air flow across the axis, over rotor and air speed"),
         parameter("rolling_moment", "N.s2/rad", "moment against air flow across the axis, over rotor and air speed"),
         Parameter(
@@ -142,7 +142,7 @@ def _rotor_parameters(**start: float) -> tuple[Variable, ...]:
             unit="kg.m2",
             start=0.0,
             minimum=0.0,
-            description="of one rotor about its axis, for gyroscopic and spin-up torque; 0: none",
+            description="inertia of one rotor about its axis, for gyroscopic and spin-up torque; 0: none",
         ),
     )
 
@@ -159,23 +159,27 @@ _BODY_PARAMETERS = (
         description="torque against angular velocity: roll, pitch, yaw",
     ),
     Parameter("ground_height", unit="m", start=0.0, description="down coordinate at which the vehicle stands"),
-    Parameter("ground_deflection", unit="m", start=0.005, minimum=1e-6, description="of the feet under the weight"),
-    Parameter("ground_damping", unit="1", start=0.7, minimum=0.0, description="damping ratio of standing on the feet"),
+    Parameter(
+        "ground_deflection", unit="m", start=0.005, minimum=1e-6, description="deflection of the feet under the weight"
+    ),
+    Parameter("ground_damping", unit="1", start=0.7, minimum=0.0, description="damping ratio of the feet"),
     Parameter("ground_friction", unit="1", start=0.6, minimum=0.0, description="Coulomb friction coefficient"),
     Parameter("foot_radius", unit="m", start=0.2, minimum=0.0, description="four feet, this far from the down axis"),
-    Parameter("foot_height", unit="m", start=0.1, minimum=0.0, description="of the centre of mass above the feet"),
+    Parameter(
+        "foot_height", unit="m", start=0.1, minimum=0.0, description="height of the centre of mass above the feet"
+    ),
     Parameter("substep", unit="s", start=STEP_SIZE, minimum=1e-6, description="longest integration step"),
 )
 
 _MEMORY = (
-    Memory("stage_speed", shape=(3, MAX_MOTORS)),  # rad/s at the begin, middle and end of a sub-step
+    Memory("stage_speed", shape=(3, MAX_MOTORS)),  # rad/s at the start, middle and end of a sub-step
     Memory("stage_slew", shape=(3, MAX_MOTORS)),  # its derivative, rad/s2
-    Memory("target", shape=MAX_MOTORS),  # what the lag runs towards: rad/s, or rad2/s2 for the thrust curve
-    Memory("decay_step"),  # sub-step for which the next two hold, s
+    Memory("target", shape=MAX_MOTORS),  # target of the lag: rad/s, or rad2/s2 for the thrust curve
+    Memory("decay_step"),  # sub-step for which the next two values are valid, s
     Memory("decay_up"),
     Memory("decay_down"),
     Memory("contact", shape=(CONTACTS, 3)),  # feet, then hubs, FRD, m
-    Memory("anchor", shape=(CONTACTS, 2)),  # where friction holds them, north and east, m
+    Memory("anchor", shape=(CONTACTS, 2)),  # anchors of friction, north and east, m
     Memory("reach"),  # longest distance of a contact from the centre of mass, m
     Memory("ground_stiffness"),  # of one contact, N/m
     Memory("ground_damper"),  # of one contact, N s/m

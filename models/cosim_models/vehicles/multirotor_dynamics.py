@@ -1,8 +1,7 @@
-"""The two kernels that every multirotor FMU shares, over the record that `multirotor` declares.
+"""The two kernels shared by all multirotor FMUs, over the record that `multirotor` declares.
 
-The rotors' lag is solved exactly; the body is integrated by the classical Runge-Kutta method of order 4 in equal
-sub-steps of at most `substep`. Frames: NED for position, velocity and wind, FRD for everything that turns with the
-body.
+The rotors' lag is solved exactly. The body is integrated by the classical fourth-order Runge-Kutta method in equal
+sub-steps of at most `substep`. Frames: NED for position, velocity and wind, FRD for all quantities fixed to the body.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ GRAVITY = 9.80665
 _CURVE_SPEED = int(MotorCurve.speed)
 _FEET = 4
 CONTACTS = _FEET + MAX_MOTORS
-"""Points that can touch the ground: the feet, then the rotors' hubs."""
+"""Number of points that can touch the ground: the feet and the rotor hubs."""
 _BEGIN, _MIDDLE, _END = 0, 1, 2
 
 ERRORS = {
@@ -66,7 +65,7 @@ ERRORS = {
 
 @kernel
 def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector, Vector]:
-    """Force [N] and torque about the centre of mass [N m] of rotors and body drag, FRD; `air`: velocity in air, FRD."""
+    """Returns force [N] and torque [N m] of rotors and body drag about the centre of mass, FRD; `air` is airspeed."""
     fx = fy = fz = 0.0
     mx = my = mz = 0.0
     for i in range(m.rotor_count):
@@ -97,7 +96,7 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
 
 @kernel
 def _spin(m: Any, stage: int) -> tuple[float, float]:
-    """Angular momentum of the rotors about the down axis [kg m2/s] and its rate of change [N m]."""
+    """Returns the rotors' angular momentum about the down axis [kg m2/s] and its rate of change [N m]."""
     spin = rate = 0.0
     for i in range(m.rotor_count):
         spin -= m.rotor_direction[i] * m.stage_speed[stage, i]
@@ -109,7 +108,7 @@ def _spin(m: Any, stage: int) -> tuple[float, float]:
 def _contact_motion(
     m: Any, i: int, position: Vector, velocity: Vector, r: Matrix, rates: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """Arm, position and velocity of contact point `i`, all NED."""
+    """Returns arm, position and velocity of contact point `i`, all in NED."""
     c = load(m.contact[i])
     arm = from_body(r, c)
     turning = (rates[1] * c[2] - rates[2] * c[1], rates[2] * c[0] - rates[0] * c[2], rates[0] * c[1] - rates[1] * c[0])
@@ -118,7 +117,7 @@ def _contact_motion(
 
 @kernel
 def _ground_forces(m: Any, position: Vector, velocity: Vector, r: Matrix, rates: Vector) -> tuple[Vector, Vector]:
-    """Force [N, NED] and torque about the centre of mass [N m, FRD] of the ground."""
+    """Returns force [N, NED] and torque about the centre of mass [N m, FRD] of the ground."""
     fn = fe = fd = 0.0
     tn = te = td = 0.0
     for i in range(_FEET + m.rotor_count):
@@ -139,7 +138,7 @@ def _ground_forces(m: Any, position: Vector, velocity: Vector, r: Matrix, rates:
 def _accelerations(
     m: Any, stage: int, position: Vector, velocity: Vector, q: Quaternion, rates: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """Acceleration [m/s2, NED], angular acceleration [rad/s2, FRD] and specific force [m/s2, FRD]."""
+    """Returns acceleration [m/s2, NED], angular acceleration [rad/s2, FRD] and specific force [m/s2, FRD]."""
     r = rotation_matrix(q)
     air = to_body(r, (velocity[0] - m.wind[0], velocity[1] - m.wind[1], velocity[2] - m.wind[2]))
     force, torque = _air_forces(m, stage, air, rates)
@@ -166,7 +165,7 @@ def _accelerations(
 
 @kernel
 def _aim(m: Any) -> None:
-    """Turn the motor commands into what the rotors' lags run towards."""
+    """Converts the motor commands to the targets of the rotors' lags."""
     for i in range(m.rotor_count):
         command = float(m.motor[i])
         if m.motor_curve == _CURVE_SPEED:
@@ -178,7 +177,7 @@ def _aim(m: Any) -> None:
 
 @kernel
 def _turn_rotors(m: Any, h: float) -> None:
-    """Rotor speeds at the stages of a sub-step of `h` seconds: the exact solution for a constant command."""
+    """Computes rotor speeds at the stages of a sub-step of `h` seconds: the exact solution for a constant command."""
     if h != m.decay_step:
         m.decay_step = h
         m.decay_up = decay(m.time_constant_up, 0.5 * h)
@@ -205,7 +204,7 @@ def _turn_rotors(m: Any, h: float) -> None:
 
 @kernel
 def _slew(m: Any) -> None:
-    """The rotors' accelerations at the stages; none without lag, where the speed jumps."""
+    """Computes the rotors' accelerations at the stages; zero without lag, when the speed jumps."""
     for stage in range(3):
         for i in range(m.rotor_count):
             speed = float(m.stage_speed[stage, i])
@@ -223,9 +222,9 @@ def _slew(m: Any) -> None:
 
 @kernel
 def _rk4(m: Any, h: float, p: Vector, v: Vector, q: Quaternion, w: Vector) -> tuple[Vector, Vector, Quaternion, Vector]:
-    """One step of the classical Runge-Kutta method; the rotors have been turned before."""
+    """Performs one step of the classical Runge-Kutta method; the rotor speeds are already computed."""
     half, sixth = 0.5 * h, h / 6.0
-    begin = int(np.int64(_BEGIN))  # not literals, for each of which numba would compile the forces anew
+    begin = int(np.int64(_BEGIN))  # not literals, because numba would recompile the forces for each
     middle, end = begin + 1, begin + 2
     a1, b1, _ = _accelerations(m, begin, p, v, q, w)
     c1 = derivative(q, w)
@@ -248,7 +247,7 @@ def _rk4(m: Any, h: float, p: Vector, v: Vector, q: Quaternion, w: Vector) -> tu
 
 @kernel
 def _weighted(x: Vector, sixth: float, k1: Vector, k2: Vector, k3: Vector, k4: Vector) -> Vector:
-    """x + sixth (k1 + 2 k2 + 2 k3 + k4)."""
+    """Returns x + sixth (k1 + 2 k2 + 2 k3 + k4)."""
     return (
         x[0] + sixth * (k1[0] + 2.0 * (k2[0] + k3[0]) + k4[0]),
         x[1] + sixth * (k1[1] + 2.0 * (k2[1] + k3[1]) + k4[1]),
@@ -258,7 +257,7 @@ def _weighted(x: Vector, sixth: float, k1: Vector, k2: Vector, k3: Vector, k4: V
 
 @kernel
 def _slip(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vector) -> None:
-    """Let the anchors of the contact points follow where friction does not hold them; tell whether any touches."""
+    """Moves the anchors of contact points that friction does not hold, and records whether any touches the ground."""
     m.on_ground = False
     if position[2] + m.reach + 1.0 < m.surface:
         return
@@ -279,7 +278,7 @@ def _slip(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vect
 
 @kernel
 def _check(m: Any) -> int:
-    """A key of ERRORS, or 0."""
+    """Returns a key of ERRORS, or 0."""
     if not (m.mass > 0.0 and m.inertia[0] > 0.0 and m.inertia[1] > 0.0 and m.inertia[2] > 0.0):
         return 1
     if m.rotor_count < 1 or m.rotor_count > MAX_MOTORS:
@@ -297,7 +296,7 @@ def _check(m: Any) -> int:
 
 @kernel
 def _stand(m: Any) -> None:
-    """Contact points and ground: spring and damper of the feet carry the weight `ground_deflection` deep."""
+    """Sets contact points and ground: the feet carry the weight at `ground_deflection`, with damping."""
     side = m.foot_radius * sqrt(0.5)
     for i in range(_FEET):
         m.contact[i, 0] = side if i < 2 else -side
@@ -319,7 +318,7 @@ def _stand(m: Any) -> None:
 
 @kernel
 def _publish(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: Vector) -> None:
-    """Write the motion and what follows from it into the outputs."""
+    """Writes the motion and the quantities derived from it to the outputs."""
     _, _, specific = _accelerations(m, int(np.int64(_END)), position, velocity, q, rates)
     for i in range(3):
         m.position[i] = position[i]
@@ -332,7 +331,7 @@ def _publish(m: Any, position: Vector, velocity: Vector, q: Quaternion, rates: V
 
 @kernel
 def start(m: Any) -> int:
-    """Check the parameters and put the vehicle at its initial position, at rest, rotors standing."""
+    """Checks the parameters and places the vehicle at its initial position, at rest, with stopped rotors."""
     code = _check(m)
     if code != 0:
         return code
@@ -353,8 +352,8 @@ def start(m: Any) -> int:
 
 @kernel
 def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Advance the vehicle from `t` to `t + h` [s] in equal sub-steps of at most `substep`; inputs are constant."""
-    # A step that is a multiple of the sub-step up to rounding shall not get one sub-step more.
+    """Advances the vehicle from `t` to `t + h` [s] in equal sub-steps of at most `substep`; inputs are constant."""
+    # A step that is a multiple of the sub-step up to rounding must not get an additional sub-step.
     steps = max(ceil(h / m.substep - 1e-6), 1)
     part = h / steps
     _aim(m)

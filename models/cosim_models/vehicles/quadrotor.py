@@ -1,8 +1,8 @@
-"""The quadrotor FMU. Its physics is in `multirotor`; its default numbers are those of PX4's simulated 3DR Iris.
+"""The quadrotor FMU. The physics is in `multirotor`; the default parameters are those of PX4's simulated 3DR Iris.
 
-Source: models/iris/iris.sdf.jinja of PX4-SITL_gazebo-classic. The links of that model are lumped into one body:
-1.5 kg base, 0.015 kg IMU, 0.01 kg GPS and four rotors of 0.005 kg are 1.545 kg; the moments of inertia are the base's
-plus the rotors' own and their arms'. Feet are ours: that model stands on a box.
+Source: models/iris/iris.sdf.jinja of PX4-SITL_gazebo-classic. The links of that model are combined into one body: 1.5
+kg base, 0.015 kg IMU, 0.01 kg GPS and four rotors of 0.005 kg give 1.545 kg; the moments of inertia are the sum of the
+base's, the rotors' own and those of their arms. The feet are our addition: the original model stands on a box.
 """
 
 from __future__ import annotations

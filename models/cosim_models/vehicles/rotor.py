@@ -1,6 +1,6 @@
-"""One rotor: from command to speed with its lag, and from speed and air to force and moment.
+"""One rotor: from command to speed with lag, and from speed and airflow to force and moment.
 
-Rotor axes are parallel to the body's down axis; thrust points up. Nothing here knows where a rotor sits.
+Rotor axes are parallel to the body's down axis; thrust points up. The position of the rotor is not used here.
 
 Sources: the force and moment are those of gazebo_motor_model in PX4-SITL_gazebo-classic and RotorS (F. Furrer et al.,
 RotorS - A Modular Gazebo MAV Simulator Framework, 2016), rotor drag after P. Martin and E. Salaun, The True Role of
@@ -20,12 +20,12 @@ __all__ = ["MotorCurve", "decay", "lagged", "rotor_force", "rotor_moment", "spee
 
 
 class MotorCurve(IntEnum):
-    """What is proportional to what between command and thrust, and what lags."""
+    """The quantity that is proportional to the command, and to which the lag applies."""
 
     speed = 1
-    """The speed is linear in the command and follows with a lag (Gazebo's motor models)."""
+    """Speed is linear in the command and follows with a lag (Gazebo's motor models)."""
     thrust = 2
-    """The thrust is a quadratic of the command and follows with a lag (ArduPilot's thrust curve)."""
+    """Thrust is a quadratic function of the command and follows with a lag (ArduPilot's thrust curve)."""
 
 
 @kernel
@@ -36,7 +36,7 @@ def _effective(command: float, command_min: float, command_max: float) -> float:
 
 @kernel
 def speed_command(command: float, command_min: float, command_max: float, speed_min: float, speed_max: float) -> float:
-    """Commanded speed [rad/s]: 0 up to `command_min`, then linear from `speed_min` to `speed_max`."""
+    """Returns the commanded speed [rad/s]: 0 up to `command_min`, then linear from `speed_min` to `speed_max`."""
     if command <= command_min:
         return 0.0
     return speed_min + _effective(command, command_min, command_max) * (speed_max - speed_min)
@@ -44,7 +44,7 @@ def speed_command(command: float, command_min: float, command_max: float, speed_
 
 @kernel
 def thrust_command(command: float, command_min: float, command_max: float, expo: float) -> float:
-    """Commanded thrust as a part of the greatest: (1 - expo) c + expo c^2, c from command_min to command_max."""
+    """Returns commanded thrust over maximum thrust: (1 - expo) c + expo c^2, c from command_min to command_max."""
     if command <= command_min:
         return 0.0
     c = _effective(command, command_min, command_max)
@@ -53,7 +53,7 @@ def thrust_command(command: float, command_min: float, command_max: float, expo:
 
 @kernel
 def decay(time_constant: float, h: float) -> float:
-    """What is left after `h` seconds of a distance that shrinks with `time_constant` [s]; no lag if that is 0."""
+    """Returns the remaining fraction, after `h` seconds, of a decay with `time_constant` [s]; 0 if that is 0."""
     if time_constant <= 0.0:
         return 0.0
     return exp(-h / time_constant)
@@ -61,20 +61,20 @@ def decay(time_constant: float, h: float) -> float:
 
 @kernel
 def lagged(value: float, target: float, remaining: float) -> float:
-    """The exact solution of a first-order lag after the time for which `decay` gave `remaining`."""
+    """Returns the exact solution of a first-order lag after the time for which `decay` returned `remaining`."""
     return target + (value - target) * remaining
 
 
 @kernel
 def rotor_force(speed: float, thrust: float, air: Vector, vanishing: float, drag: float) -> Vector:
-    """The force of one rotor [N, FRD].
+    """Returns the force of one rotor [N, FRD].
 
     Args:
         speed: [rad/s], >= 0.
         thrust: static thrust at that speed [N].
         air: velocity of the hub relative to the air [m/s, FRD].
-        vanishing: 1 / the axial speed at which the thrust has gone [s/m]; 0: thrust does not depend on it.
-        drag: rotor drag coefficient lambda_1 [N s2/(rad m)], force opposite to the velocity across the axis.
+        vanishing: 1 / axial speed at which the thrust vanishes [s/m]; 0: thrust does not depend on it.
+        drag: rotor drag coefficient lambda_1 [N s2/(rad m)]; the force opposes the velocity across the axis.
     """
     left = max(1.0 - abs(air[2]) * vanishing, 0.0)
     return (-speed * drag * air[0], -speed * drag * air[1], -thrust * left)
@@ -82,13 +82,13 @@ def rotor_force(speed: float, thrust: float, air: Vector, vanishing: float, drag
 
 @kernel
 def rotor_moment(speed: float, thrust: float, air: Vector, turning: float, moment: float, rolling: float) -> Vector:
-    """The moment of one rotor about its hub [N m, FRD].
+    """Returns the moment of one rotor about its hub [N m, FRD].
 
     Args:
         speed, thrust, air: as for `rotor_force`; the drag torque follows the static thrust.
-        turning: +1 counter-clockwise seen from above (the body is turned clockwise, yaw > 0), -1 clockwise.
+        turning: +1 counter-clockwise seen from above (turns the body clockwise, yaw > 0), -1 clockwise.
         moment: drag torque over thrust [m].
-        rolling: rolling moment coefficient mu_1 [N s2/rad], moment opposite to the velocity across the axis.
+        rolling: rolling moment coefficient mu_1 [N s2/rad]; the moment opposes the velocity across the axis.
     """
     roll = turning * speed * rolling
     return (-roll * air[0], -roll * air[1], turning * moment * thrust)

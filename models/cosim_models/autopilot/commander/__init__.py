@@ -1,1 +1,1 @@
-"""Arming, mode requests, fail-safes: who decides."""
+"""Decisions about arming, modes and fail-safes."""

@@ -1,10 +1,10 @@
-"""A simple battery, and what the autopilot does when it runs low.
+"""A simple battery model and the low-battery fail-safes.
 
-The current follows the throttle: `hover_current` while hovering, and in proportion to the power that thrust takes, its
-1.5th power (momentum theory). With SIM_BATT_CAP_AH of 0 the voltage stays at SIM_BATT_VOLTAGE, as in a simulated
-ArduCopter by default; otherwise the open-circuit voltage falls along a lithium-polymer cell's curve, and the load takes
-`battery_resistance` times the current off it. The motors do not become weaker. Looked at ten times a second. Kernels
-over the autopilot's record `m`.
+The current follows the throttle: it is `hover_current` in hover and proportional to the power for thrust, throttle to
+the power of 1.5 (momentum theory). With SIM_BATT_CAP_AH = 0, the voltage stays at SIM_BATT_VOLTAGE, as in a simulated
+ArduCopter by default. Otherwise, the open-circuit voltage follows the discharge curve of a lithium-polymer cell, and
+the load drops it by `battery_resistance` times the current. A low battery does not weaken the motors. The battery is
+checked ten times a second. Kernels over the autopilot's record `m`.
 
 Sources: ArduPilot, AP_BattMonitor (update_failsafes, check_failsafes); the discharge curve is a typical one of
 lithium-polymer cells at rest.
@@ -24,10 +24,10 @@ from cosim_models.autopilot.link.statustext import BATTERY_CRITICAL, BATTERY_LOW
 __all__ = ["CRITICAL_CHARGE", "LOW_CHARGE", "battery_remaining", "drain", "new_alarm"]
 
 LOW_CHARGE, CRITICAL_CHARGE = 1, 2
-"""Alarms of the battery."""
+"""Battery alarms."""
 
 _CELL = 4.2  # V, full
-# Charge left and voltage at rest of a cell.
+# Remaining charge and open-circuit voltage of a cell.
 _CHARGE = np.array((0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0))
 _AT_REST = np.array((3.0, 3.45, 3.68, 3.74, 3.77, 3.79, 3.82, 3.87, 3.92, 3.98, 4.06, 4.2))
 _MILLIAMPERE_HOUR = 3.6  # A s
@@ -35,7 +35,7 @@ _MILLIAMPERE_HOUR = 3.6  # A s
 
 @kernel
 def _share_at_rest(charge: float) -> float:
-    """Voltage at rest of a battery with `charge` (0 to 1) left, over that of a full one."""
+    """Returns the open-circuit voltage at `charge` (0 to 1), relative to that of a full battery."""
     i = 1
     while i < _CHARGE.shape[0] - 1 and charge > _CHARGE[i]:
         i += 1
@@ -45,7 +45,7 @@ def _share_at_rest(charge: float) -> float:
 
 @kernel
 def drain(m: Any, dt: float) -> None:
-    """What the motors take in dt: m.battery_voltage [V], _current [A], _used [mAh] and _energy [J]."""
+    """Updates m.battery_voltage [V], _current [A], _used [mAh] and _energy [J] for the motors' consumption over dt."""
     current = 0.0
     if m.armed and m.spool_state > GROUND_IDLE and m.throttle_hover > 0.0:
         load = clip(m.throttle_out / m.throttle_hover, 0.0, 10.0)
@@ -62,7 +62,7 @@ def drain(m: Any, dt: float) -> None:
 
 @kernel
 def battery_remaining(m: Any) -> int:
-    """Per cent of BATT_CAPACITY, -1 if that is not known."""
+    """Returns the remaining per cent of BATT_CAPACITY, or -1 if unknown."""
     if m.BATT_CAPACITY <= 0.0:
         return -1
     return int(clip(100.0 * (1.0 - m.battery_used / m.BATT_CAPACITY), 0.0, 100.0))
@@ -70,7 +70,7 @@ def battery_remaining(m: Any) -> int:
 
 @kernel
 def _is_below(m: Any, row: int, voltage: float, least: float, t: float) -> bool:
-    """Whether the voltage has been below `least` for BATT_LOW_TIMER."""
+    """Returns whether the voltage has been below `least` for BATT_LOW_TIMER."""
     if least <= 0.0 or not 0.0 < voltage < least:
         m.battery_since[row] = -1.0
         return False
@@ -81,7 +81,7 @@ def _is_below(m: Any, row: int, voltage: float, least: float, t: float) -> bool:
 
 @kernel
 def new_alarm(m: Any, t: float) -> int:
-    """LOW_CHARGE or CRITICAL_CHARGE when the battery has just come to it, else 0; says so."""
+    """Returns LOW_CHARGE or CRITICAL_CHARGE when that alarm has just been raised, else 0; sends a status text."""
     voltage = m.battery_voltage
     if m.BATT_FS_VOLTSRC == 1:
         voltage += m.battery_resistance * m.battery_current if m.SIM_BATT_CAP_AH > 0.0 else 0.0

@@ -1,8 +1,8 @@
-"""What the autopilot does by itself when something is wrong: ground station or radio are lost, a fence is crossed.
+"""Fail-safes: responses to a lost ground station, a lost radio and a breached fence.
 
-`watch` looks ten times a second. The ground station counts as lost when HEARTBEATs of SYSID_MYGCS that have been heard
-stay away for FS_GCS_TIMEOUT; this is also how a lost link shows. Fences are a greatest and a least height and a circle,
-all about home, and what has been uploaded. Kernels over the autopilot's record `m`.
+The fail-safes run ten times a second. The ground station is lost if, after the first HEARTBEAT of SYSID_MYGCS, none
+arrives for FS_GCS_TIMEOUT; this also detects a lost link. Fences are a maximum and a minimum height, a circle, all
+relative to home, and the uploaded polygons and circles. Kernels over the autopilot's record `m`.
 
 Source: ArduPilot, ArduCopter events (failsafe_gcs_check), fence, AC_Fence.
 """
@@ -48,7 +48,7 @@ from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, BRAKE, GUIDED, L
 __all__ = ["hear_station", "watch"]
 
 _PERIOD = 0.1  # s
-_GIVE_UP = 100.0  # m beyond a fence from where the vehicle lands instead of returning
+_GIVE_UP = 100.0  # m beyond a fence at which the vehicle lands instead of returning
 # FS_OPTIONS
 _AUTO_GOES_ON, _AUTO_GOES_ON_ALONE, _GUIDED_GOES_ON, _LANDING_GOES_ON, _PILOT_GOES_ON_ALONE = 1, 2, 4, 8, 16
 _REPORT, _RETURN, _ALWAYS_LAND, _BRAKE = 0, 1, 2, 4  # FENCE_ACTION
@@ -56,7 +56,7 @@ _REPORT, _RETURN, _ALWAYS_LAND, _BRAKE = 0, 1, 2, 4  # FENCE_ACTION
 
 @kernel
 def hear_station(m: Any, sender: int, t: float) -> None:
-    """A HEARTBEAT has been heard."""
+    """Records a HEARTBEAT of the ground station."""
     if sender == m.SYSID_MYGCS:
         m.station_heard = t
         m.station_known = True
@@ -64,7 +64,7 @@ def hear_station(m: Any, sender: int, t: float) -> None:
 
 @kernel
 def _change(m: Any, mode: int, t: float) -> None:
-    """Switch to a mode, to LAND where it is not possible; on the ground disarm instead."""
+    """Changes to a mode, or to LAND if that is not possible; on the ground, disarms instead."""
     if m.on_ground:
         disarm(m)
     elif mode == LAND or not position_ready(m, t) or not set_mode(m, mode, t):
@@ -106,7 +106,7 @@ def _watch_station(m: Any, t: float) -> None:
 
 @kernel
 def _beyond(m: Any) -> tuple[float, float, float]:
-    """How far [m] the vehicle is above, outside and below its fences; negative within."""
+    """Returns the distances [m] by which the vehicle is above, outside and below its fences; negative within."""
     n, e, height = m.pos[0] - m.home[0], m.pos[1] - m.home[1], m.pos[2] - m.home[2]
     return height - m.FENCE_ALT_MAX, math.sqrt(n * n + e * e) - m.FENCE_RADIUS, m.FENCE_ALT_MIN - height
 
@@ -142,7 +142,7 @@ def _is_landing(m: Any) -> bool:
 
 @kernel
 def _watch_radio(m: Any, t: float) -> None:
-    """The radio is lost when no signal comes, or one with the throttle below FS_THR_VALUE."""
+    """Detects a lost radio: no signal, or a throttle below FS_THR_VALUE."""
     if hands_on(m, t) or m.SIM_RC_FAIL != NO_PULSES:
         m.radio_heard = t
     pulse = channel(m, m.RCMAP_THROTTLE, t)
@@ -178,7 +178,7 @@ def _watch_fence(m: Any, t: float) -> None:
         m.fence_low_armed = False
         return
     above, outside, below = _beyond(m)
-    m.fence_low_armed = m.fence_low_armed or below < 0.0  # counts once it has been left behind
+    m.fence_low_armed = m.fence_low_armed or below < 0.0  # active only after it has been exceeded once
     now = 0
     if (m.FENCE_TYPE & HIGHEST) != 0 and above >= 0.0:
         now += HIGHEST
@@ -189,7 +189,7 @@ def _watch_fence(m: Any, t: float) -> None:
     if (m.FENCE_TYPE & POLYGON) != 0 and m.fence_count > 0 and not within_polygons(m, m.pos[0], m.pos[1]):
         now += POLYGON
     if m.mode == LAND or m.mode == RTL:
-        now &= ~LOWEST  # coming down is what was asked for
+        now &= ~LOWEST  # the descent is intended
     new = now & ~m.fence_breach
     m.fence_breach = now
     if new == 0:
@@ -218,7 +218,7 @@ def _watch_fence(m: Any, t: float) -> None:
 
 @kernel
 def watch(m: Any, t: float) -> None:
-    """Look whether something is wrong, ten times a second."""
+    """Runs the fail-safes, ten times a second."""
     if t < m.next_watch - 1e-9:
         return
     m.next_watch = t + _PERIOD

@@ -1,6 +1,6 @@
-"""Asking for a mode or to arm: what ArduCopter checks first, and its texts where it refuses.
+"""Requests to change mode or arm: ArduCopter's checks, and its status texts on refusal.
 
-What ground stations command (`commands`), pilots switch (`switches`) and fail-safes do goes through here. Kernels
+Commands of ground stations (`commands`), the pilot's switches (`switches`) and fail-safes all use this module. Kernels
 over the autopilot's record `m`.
 
 Source: ArduPilot, ArduCopter mode and AP_Arming_Copter; answers recorded from ArduCopter 4.7-dev.
@@ -73,7 +73,7 @@ def _is_mode(mode: int) -> bool:
 
 @kernel
 def _mission_can_begin(m: Any) -> bool:
-    """Whether AUTO can be entered: there is a mission, and on the ground it begins with a take-off."""
+    """Returns whether AUTO can be entered: a mission exists and, on the ground, begins with a take-off."""
     count = mission_count(m)
     if count <= 1:
         say(m, WARNING, AUTO_REFUSED, NO_NUMBER)
@@ -92,7 +92,7 @@ def _mission_can_begin(m: Any) -> bool:
 
 @kernel
 def start_mission(m: Any, t: float) -> int:
-    """Fly the mission from the ground on; a MAV_RESULT."""
+    """Starts the mission on the ground; returns a MAV_RESULT."""
     if change_mode(m, AUTO, t) != MAV_RESULT_ACCEPTED:
         return MAV_RESULT_FAILED
     m.auto_armed = m.armed
@@ -101,7 +101,7 @@ def start_mission(m: Any, t: float) -> int:
 
 @kernel
 def change_mode(m: Any, mode: int, t: float) -> int:
-    """Switch to a mode by ArduCopter's number; a MAV_RESULT."""
+    """Changes to a mode given by ArduCopter's number; returns a MAV_RESULT."""
     if not _is_mode(mode):
         say(m, WARNING, NO_SUCH_MODE, mode)
         return MAV_RESULT_FAILED
@@ -127,7 +127,7 @@ def change_mode(m: Any, mode: int, t: float) -> int:
 
 @kernel
 def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
-    """Arm after ArduCopter's checks, as far as they can fail here; a MAV_RESULT."""
+    """Arms after those of ArduCopter's checks that can fail here; returns a MAV_RESULT."""
     if m.armed:
         return MAV_RESULT_ACCEPTED
     auto = m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0
@@ -170,7 +170,7 @@ def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
 
 @kernel
 def arm_or_disarm(m: Any, p1: float, p2: float, t: float) -> int:
-    """COMPONENT_ARM_DISARM."""
+    """Handles COMPONENT_ARM_DISARM; returns a MAV_RESULT."""
     if p1 == 1.0:
         return arm_checked(m, p2 in (_FORCE_ARM, _FORCE), False, t)
     if p1 == 0.0:

@@ -1,8 +1,8 @@
-"""How far the autopilot has started up: the stages of ArduCopter's start-up, and the pre-arm checks.
+"""Readiness of the autopilot: the stages of ArduCopter's start-up, and the pre-arm checks.
 
 Kernels over the autopilot's record `m`.
 
-Source: start-ups of ArduCopter 4.7-dev under SITL; its stages scale with `estimate_ready_time`.
+Source: recorded start-ups of ArduCopter 4.7-dev under SITL; the stages scale with `estimate_ready_time`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = [
 
 _SLACK = 1e-9  # s
 
-# Start-up of ArduCopter [s]: first known, estimator, attitude, GPS fix, home, AHRS, pre-arm checks; all before
+# Start-up of ArduCopter [s]: first known, estimator, attitude, GPS fix, home, AHRS, pre-arm checks. All of them precede
 # _STARTUP, the position estimate.
 _STARTUP, HEARD_AT, EKF_AT, ATTITUDE_AT = 41.5, 2.9, 5.4, 5.9
 GPS_AT, HOME_AT, AHRS_AT, PREARM_AT = 9.8, 19.8, 22.4, 23.4
@@ -36,23 +36,23 @@ GPS_AT, HOME_AT, AHRS_AT, PREARM_AT = 9.8, 19.8, 22.4, 23.4
 
 @kernel
 def reached(m: Any, t: float, at: float) -> bool:
-    """Whether a stage of ArduCopter's start-up has been reached, its times scaled to `estimate_ready_time`."""
+    """Returns whether a stage of ArduCopter's start-up has been reached; times scale with `estimate_ready_time`."""
     return bool(t >= at * (m.estimate_ready_time / _STARTUP) - _SLACK)
 
 
 @kernel
 def attitude_ready(m: Any, t: float) -> bool:
-    """Whether the attitude estimate is good."""
+    """Returns whether the attitude estimate is good."""
     return reached(m, t, ATTITUDE_AT)
 
 
 @kernel
 def home_ready(m: Any, t: float) -> bool:
-    """Whether the origin and home are known."""
+    """Returns whether the origin and home are known."""
     return reached(m, t, HOME_AT)
 
 
 @kernel
 def prearm_ready(m: Any, t: float) -> bool:
-    """Whether the pre-arm checks of the present mode pass."""
+    """Returns whether the pre-arm checks of the current mode pass."""
     return reached(m, t, PREARM_AT) and (not needs_position(m.mode) or position_ready(m, t))

@@ -1,6 +1,6 @@
-"""What the pilot switches: the mode by the switch's channel, the motors by the yaw stick.
+"""The pilot's switches: mode changes by the mode switch, arming by the yaw stick.
 
-`watch_switches` looks ten times a second. A mode switch that is no longer overridden leaves the mode as it is. Kernels
+The switches are read ten times a second. When the override of the mode switch ends, the mode does not change. Kernels
 over the autopilot's record `m`.
 
 Source: ArduPilot, RC_Channel (read_mode_switch) and ArduCopter motors (arm_motors_check).
@@ -22,12 +22,12 @@ from cosim_models.autopilot.record.variables import VARIABLES
 
 __all__ = ["LAST_POSITION", "watch_switches"]
 
-_POSITIONS = np.array((1230, 1360, 1490, 1620, 1749), dtype=np.int64)  # us, greatest of positions 1 to 5
+_POSITIONS = np.array((1230, 1360, 1490, 1620, 1749), dtype=np.int64)  # us, upper limits of positions 1 to 5
 LAST_POSITION = 6
-_LEAST, _GREATEST = 900, 2200  # us, of a switch that is there
+_LEAST, _GREATEST = 900, 2200  # us, valid pulses of a connected switch
 _SETTLED = 0.2  # s
 _FULL = 4000.0 / 4500.0  # yaw stick
-_ARMED_AFTER = 20  # looks
+_ARMED_AFTER = 20  # readings
 
 _FIELDS = record_layout(VARIABLES)[0].fields
 assert _FIELDS is not None
@@ -56,7 +56,7 @@ def _watch_mode(m: Any, t: float) -> None:
 
 @kernel
 def _watch_rudder(m: Any, t: float) -> None:
-    """Two seconds of full right yaw with closed throttle arm, of full left disarm."""
+    """Arms after two seconds of full right yaw with closed throttle, disarms after full left yaw."""
     yaw = deflection(m, m.RCMAP_YAW, t)
     right, left = yaw > _FULL, yaw < -_FULL and m.ARMING_RUDDER == 2
     if (
@@ -77,7 +77,7 @@ def _watch_rudder(m: Any, t: float) -> None:
 
 @kernel
 def watch_switches(m: Any, t: float) -> None:
-    """Act on the mode switch and the yaw stick."""
+    """Responds to the mode switch and the yaw stick."""
     if hands_on(m, t):
         _watch_mode(m, t)
         _watch_rudder(m, t)

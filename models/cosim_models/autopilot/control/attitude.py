@@ -1,9 +1,9 @@
-"""Attitude: from a thrust direction and a heading to torques, as ArduCopter's AC_AttitudeControl does it.
+"""Attitude control, from a thrust direction and a heading to torques, as in ArduCopter's AC_AttitudeControl.
 
-The target attitude is itself shaped (limited angular acceleration), the body follows it with a square-root controller
-on the thrust direction first and the heading second, and rate PIDs turn angular velocity errors into torques
-(-1 to 1). Kernels over the autopilot's record `m`; FRD body axes, NED reference, quaternions (w, x, y, z) that rotate
-body into NED, radians. Thrust itself is not decided here.
+The target attitude is shaped with limited angular acceleration. The body follows it with a square-root controller,
+thrust direction first and heading second, and rate PIDs turn angular velocity errors into torques (-1 to 1). The amount
+of thrust is determined elsewhere. Kernels over the autopilot's record `m`; FRD body axes, NED reference, quaternions
+(w, x, y, z) that rotate body into NED, radians.
 
 Source: ArduPilot, AC_AttitudeControl and AC_AttitudeControl_Multi.
 """
@@ -40,16 +40,16 @@ Vector = tuple[float, float, float]
 
 _CDEG = math.radians(0.01)  # rad per centidegree
 _DEG = math.radians(1.0)
-_THRUST_ERROR = math.radians(30.0)  # beyond, heading gives way
+_THRUST_ERROR = math.radians(30.0)  # beyond this, heading control is reduced
 _YAW_ERROR_MAX = math.radians(45.0)
 _TILT_ACCEL_MIN, _TILT_ACCEL_MAX = math.radians(40.0), math.radians(720.0)
 _YAW_ACCEL_MIN, _YAW_ACCEL_MAX = math.radians(10.0), math.radians(120.0)
-_RELAX = 0.3  # s, time constant with which integrals are let go on the ground
+_RELAX = 0.3  # s, time constant with which integrals decay on the ground
 
 
 @kernel
 def attitude_from_thrust(n: float, e: float, d: float, heading: float) -> Quaternion:
-    """The attitude whose thrust points along (n, e, d) [NED, any length], turned to `heading` [rad]."""
+    """Returns the attitude with thrust along (n, e, d) [NED, any length] and the given `heading` [rad]."""
     length = math.sqrt(n * n + e * e + d * d)
     if length == 0.0:
         n, e, d, length = 0.0, 0.0, -1.0, 1.0
@@ -64,7 +64,7 @@ def attitude_from_thrust(n: float, e: float, d: float, heading: float) -> Quater
 
 @kernel
 def tilt_and_heading_error(target: Quaternion, body: Quaternion) -> tuple[float, float, float, float]:
-    """Rotation from `body` to `target`: tilt about body x and y first, the rest about z [rad], and the tilt's size."""
+    """Returns the rotation from `body` to `target`: tilt about body x and y, then heading [rad], and the tilt angle."""
     w, x, y, z = multiply(conjugate(body), target)
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
@@ -99,7 +99,7 @@ def _set_target(m: Any, q: Quaternion) -> None:
 
 @kernel
 def _turned(q: Quaternion, x: float, y: float, z: float) -> Quaternion:
-    """`q` turned on by the rotation vector (x, y, z) in its own axes."""
+    """Returns `q` rotated by the rotation vector (x, y, z) in its own axes."""
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
         return q
@@ -111,7 +111,7 @@ def _turned(q: Quaternion, x: float, y: float, z: float) -> Quaternion:
 def _towards_angle(
     error: float, time_constant: float, accel_max: float, rate: float, ff: float, rate_max: float, dt: float
 ) -> float:
-    """Next angular velocity of the shaped target: towards `error`, with limited angular acceleration."""
+    """Returns the next angular velocity of the shaped target, with limited angular acceleration."""
     wanted = ff + sqrt_controller(error, 1.0 / max(time_constant, 0.01), accel_max, dt)
     if rate_max > 0.0:
         wanted = clip(wanted, -rate_max, rate_max)
@@ -122,20 +122,20 @@ def _towards_angle(
 
 @kernel
 def shape_angle(m: Any, error: float, accel_max: float, rate: float, dt: float) -> float:
-    """Next angular velocity of an angle on the way to a target `error` [rad] away, by `accel_max` [cdeg/s2]."""
+    """Returns the next angular velocity towards a target angle `error` [rad] away, limited by `accel_max` [cdeg/s2]."""
     return _towards_angle(error, m.ATC_INPUT_TC, accel_max * _CDEG, rate, 0.0, 0.0, dt)
 
 
 @kernel
 def _advance_target(m: Any, dt: float) -> None:
-    """Turn the target attitude on by its angular velocity."""
+    """Rotates the target attitude by its angular velocity."""
     w = m.rate_target
     _set_target(m, _turned(_target(m), w[0] * dt, w[1] * dt, w[2] * dt))
 
 
 @kernel
 def _shape_tilt(m: Any, wanted: Quaternion, dt: float) -> float:
-    """Shape the target's roll and pitch rates towards `wanted`; returns the heading error of the target."""
+    """Shapes the target's roll and pitch rates towards `wanted`; returns the heading error of the target."""
     x, y, z, _ = tilt_and_heading_error(wanted, _target(m))
     w = m.rate_target
     w[0] = _towards_angle(x, m.ATC_INPUT_TC, m.ATC_ACCEL_R_MAX * _CDEG, w[0], 0.0, m.ATC_RATE_R_MAX * _DEG, dt)
@@ -145,7 +145,9 @@ def _shape_tilt(m: Any, wanted: Quaternion, dt: float) -> float:
 
 @kernel
 def follow_heading(m: Any, n: float, e: float, d: float, heading: float, heading_rate: float, dt: float) -> None:
-    """One step towards thrust along (n, e, d) [NED] with the nose at `heading` [rad], itself turning [rad/s]."""
+    """Performs one step towards thrust along (n, e, d) [NED] and `heading` [rad], which turns at `heading_rate`
+    [rad/s].
+    """
     slew = m.ATC_SLEW_YAW * _CDEG
     if m.ATC_RATE_Y_MAX > 0.0:
         slew = min(slew, m.ATC_RATE_Y_MAX * _DEG)
@@ -159,7 +161,7 @@ def follow_heading(m: Any, n: float, e: float, d: float, heading: float, heading
 
 @kernel
 def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float) -> None:
-    """One step towards thrust along (n, e, d) [NED], the nose turning at `rate` [rad/s]."""
+    """Performs one step towards thrust along (n, e, d) [NED] with yaw rate `rate` [rad/s]."""
     _advance_target(m, dt)
     heading = euler_from_quaternion(_target(m))[2]
     _shape_tilt(m, attitude_from_thrust(n, e, d, heading), dt)
@@ -172,14 +174,14 @@ def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float
 
 @kernel
 def _follow_target(m: Any, dt: float) -> None:
-    """Angular velocity of the body that takes it to the target: correction of the error and feed-forward."""
+    """Computes the body's angular velocity towards the target: error correction plus feed-forward."""
     body = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
     x, y, z, tilt_error = tilt_and_heading_error(_target(m), body)
     m.thrust_error = tilt_error
     yaw_accel = clip(0.5 * m.ATC_ACCEL_Y_MAX * _CDEG, _YAW_ACCEL_MIN, _YAW_ACCEL_MAX)
     if m.ATC_RAT_YAW_P > 0.0:
         z_max = min(inverse_sqrt_controller(1.0 / m.ATC_RAT_YAW_P, m.ATC_ANG_YAW_P, yaw_accel), _YAW_ERROR_MAX)
-        if abs(z) > z_max:  # the target waits for a nose that cannot follow
+        if abs(z) > z_max:  # the target waits for a heading that cannot follow
             limited = clip(wrap_pi(z), -z_max, z_max)
             _set_target(m, _turned(_turned(body, x, y, 0.0), 0.0, 0.0, limited))
             z = limited
@@ -206,7 +208,7 @@ def _follow_target(m: Any, dt: float) -> None:
 
 @kernel
 def run_rates(m: Any, dt: float) -> None:
-    """The rate PIDs: m.torque (roll, pitch, yaw; -1 to 1) from m.rate_wanted and m.gyro [rad/s]."""
+    """Runs the rate PIDs: computes m.torque (roll, pitch, yaw; -1 to 1) from m.rate_wanted and m.gyro [rad/s]."""
     m.torque[0] = pid(
         m.rate_pid[0],
         m.rate_wanted[0],
@@ -259,7 +261,7 @@ def run_rates(m: Any, dt: float) -> None:
 
 @kernel
 def relax_yaw(m: Any) -> None:
-    """The target takes the body's heading and stops turning."""
+    """Sets the target's heading to the body's and its yaw rate to zero."""
     target = _target(m)
     body = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
     turn = 0.5 * (euler_from_quaternion(body)[2] - euler_from_quaternion(target)[2])
@@ -269,7 +271,7 @@ def relax_yaw(m: Any) -> None:
 
 @kernel
 def forget_torques(m: Any, gradually: bool, dt: float) -> None:
-    """Reset the integrals of the rate PIDs, at once or over some tenths of a second."""
+    """Resets the integrals of the rate PIDs, at once or over some tenths of a second."""
     keep = 1.0 - dt / (dt + _RELAX) if gradually else 0.0
     for i in range(3):
         m.rate_pid[i, INTEGRAL] *= keep

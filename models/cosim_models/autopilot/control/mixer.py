@@ -1,7 +1,8 @@
-"""From wanted thrust and torques to motor commands, as ArduCopter's AP_MotorsMatrix does it.
+"""The motor mixer, from thrust and torques to motor commands, as in ArduCopter's AP_MotorsMatrix.
 
-Normalised factors per motor, what gives way when the motors saturate (throttle first to keep roll and pitch, yaw
-before both), and the inverse of the propellers' thrust curve. No dynamics and no units but fractions of full range.
+It contains the normalised factors per motor, the priorities on saturation (throttle yields first to keep roll and
+pitch, yaw yields before both), and the inverse of the propellers' thrust curve. All quantities are fractions of full
+range; there are no dynamics.
 
 Source: ArduPilot, AP_MotorsMatrix (setup_motors, output_armed_stabilizing) and AP_Motors_Thrust_Linearization.
 """
@@ -27,11 +28,11 @@ __all__ = [
 ]
 
 LIMIT_ROLL_PITCH, LIMIT_YAW, LIMIT_THROTTLE_LOWER, LIMIT_THROTTLE_UPPER = 1, 2, 4, 8
-"""Bits of what `mix` could not give."""
+"""Bits that report which demands `mix` could not satisfy."""
 
-_CW, _CCW = -1.0, 1.0  # direction of the propeller seen from above; a counter-clockwise one yaws the body right
+_CW, _CCW = -1.0, 1.0  # rotation of the propeller seen from above; a counter-clockwise one yaws the body right
 
-# Angle from the nose, clockwise, in degrees, and direction of each motor in ArduPilot's order.
+# Angle from the front, clockwise, in degrees, and rotation of each motor, in ArduPilot's order.
 _QUAD_X = np.array([(45.0, _CCW), (-135.0, _CCW), (-45.0, _CW), (135.0, _CW)])
 _HEXA_X = np.array([(90.0, _CW), (-90.0, _CCW), (-30.0, _CW), (150.0, _CCW), (30.0, _CCW), (-150.0, _CW)])
 _OCTA_X = np.array(
@@ -50,12 +51,12 @@ _OCTA_X = np.array(
 
 @kernel
 def motor_factors(airframe: int, factors: Any) -> int:
-    """Fill `factors` (float64[8, 3]: roll, pitch, yaw of each motor) for an `Airframe`.
+    """Fills `factors` (float64[8, 3]: roll, pitch, yaw of each motor) for an `Airframe`.
 
     The largest factor of each axis is 0.5.
 
     Returns:
-        The number of motors; 0 if the airframe has no mixer here.
+        The number of motors; 0 if the airframe has no mixer.
     """
     if airframe == 1:
         layout = _QUAD_X
@@ -82,7 +83,7 @@ def motor_factors(airframe: int, factors: Any) -> int:
 
 @kernel
 def _yaw_room(factors: Any, count: int, yaw: float, throttle: float, thrust: Any) -> float:
-    """How much yaw every motor can take on top of its roll and pitch at a throttle."""
+    """Returns the yaw that every motor can add to its roll and pitch at a given throttle."""
     room = 1.0
     for i in range(count):
         factor = factors[i, 2]
@@ -106,22 +107,22 @@ def mix(
     yaw_headroom: float,
     thrust: Any,
 ) -> tuple[int, float]:
-    """Distribute throttle and torques over the motors.
+    """Distributes throttle and torques to the motors.
 
     Args:
         factors: float64[8, 3] of `motor_factors`.
         count: number of motors.
-        roll: torque wanted, -1 to 1 (right side down positive).
-        pitch: nose up positive.
-        yaw: nose right positive.
-        throttle: average thrust wanted, 0 to 1.
-        throttle_average_max: how far the average may rise to keep attitude control.
+        roll: demanded torque, -1 to 1 (right side down positive).
+        pitch: demanded torque, nose up positive.
+        yaw: demanded torque, nose right positive.
+        throttle: demanded average thrust, 0 to 1.
+        throttle_average_max: limit to which the average may rise to keep attitude control.
         throttle_max: upper limit of the average (while spooling up).
-        yaw_headroom: yaw that is always possible, at the cost of throttle (MOT_YAW_HEADROOM / 1000).
+        yaw_headroom: yaw that is always available, at the cost of throttle (MOT_YAW_HEADROOM / 1000).
         thrust: float64[8], receives the thrust of each motor, 0 to 1.
 
     Returns:
-        The LIMIT_ bits of what was not possible, and the average thrust given.
+        The LIMIT_ bits of unsatisfied demands, and the resulting average thrust.
     """
     limits = 0
     if throttle <= 0.0:
@@ -150,7 +151,7 @@ def mix(
         scale = min(scale, -average_max / low)
     low *= scale
     high *= scale
-    extra = throttle + low  # above the least average at which no motor is asked for negative thrust
+    extra = throttle + low  # above the least average thrust at which no motor needs negative thrust
     if scale < 1.0:
         limits |= LIMIT_ROLL_PITCH | LIMIT_YAW
         if extra > 0.0:
@@ -169,9 +170,9 @@ def mix(
 
 @kernel
 def thrust_to_command(thrust: float, expo: float, spin_min: float, spin_max: float) -> float:
-    """Motor command (0 to 1 of the PWM range) for a share of full thrust.
+    """Returns the motor command (0 to 1 of the PWM range) for a fraction of full thrust.
 
-    Inverts thrust = (1 - expo) c + expo c^2, c being the command between `spin_min` and `spin_max` (MOT_THST_EXPO,
+    Inverts thrust = (1 - expo) c + expo c^2, where c is the command between `spin_min` and `spin_max` (MOT_THST_EXPO,
     MOT_SPIN_MIN, MOT_SPIN_MAX). A full battery is assumed.
     """
     linear = 1.0 - clip(expo, -1.0, 1.0)

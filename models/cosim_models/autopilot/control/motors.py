@@ -1,7 +1,7 @@
-"""The motors' side of the autopilot: spool states, throttle filter, hover throttle, mixing, output.
+"""Motor control of the autopilot: spool states, throttle filter, hover throttle, mixing, output.
 
-Kernels over the autopilot's record `m`. Torques and throttle arrive as fractions of full range; `m.motor` leaves as
-(pwm - 1000) / 1000. What to fly is decided elsewhere.
+Kernels over the autopilot's record `m`. Inputs are torques and throttle as fractions of full range; the output
+`m.motor` is (pwm - 1000) / 1000.
 
 Source: ArduPilot, AP_MotorsMulticopter (output_logic, update_throttle_hover) and AC_AttitudeControl_Multi
 (update_throttle_rpy_mix).
@@ -36,21 +36,23 @@ __all__ = [
 ]
 
 SHUT_DOWN, GROUND_IDLE, SPOOLING_UP, THROTTLE_UNLIMITED, SPOOLING_DOWN = 0, 1, 2, 3, 4
-"""States of the motors; the first two and THROTTLE_UNLIMITED can be wanted."""
+"""Spool states of the motors; the first two and THROTTLE_UNLIMITED can be requested."""
 
-_HOVER_TIME = 10.0  # s, of learning the hover throttle
+_HOVER_TIME = 10.0  # s, time constant of learning the hover throttle
 _HOVER_MIN, _HOVER_MAX = 0.125, 0.6875
 
 
 @kernel
 def air_density_ratio(altitude: float) -> float:
-    """Air density at `altitude` [m AMSL] over that at sea level, standard atmosphere, as far as ArduPilot uses it."""
+    """Returns the air density at `altitude` [m AMSL] relative to sea level, in ArduPilot's range of the standard
+    atmosphere.
+    """
     return clip((1.0 - 2.25577e-5 * clip(altitude, -1000.0, 11000.0)) ** 4.25588, 0.5, 1.25)
 
 
 @kernel
 def _spool(m: Any, dt: float) -> None:
-    """Next spool state, on the way to `m.spool_wanted`."""
+    """Advances the spool state towards `m.spool_wanted`."""
     step = dt / max(m.MOT_SPOOL_TIME, 0.05)
     step_down = dt / max(m.MOT_SPOOL_TIM_DN, 0.05) if m.MOT_SPOOL_TIM_DN > 0.0 else step
     wanted = m.spool_wanted if m.armed and not m.arming_delay else SHUT_DOWN
@@ -110,7 +112,7 @@ def _filter_throttle(m: Any, dt: float) -> None:
 
 @kernel
 def _slewed(m: Any, last: float, wanted: float, dt: float) -> float:
-    """The next command on the way from `last` to `wanted`, whose range MOT_SLEW_UP_TIME and MOT_SLEW_DN_TIME take."""
+    """Returns the next command from `last` towards `wanted`; MOT_SLEW_*_TIME is the time for the full range."""
     room = m.MOT_SPIN_MAX - m.MOT_SPIN_MIN
     if m.MOT_SLEW_UP_TIME > 0.0:
         wanted = min(wanted, last + room * dt / m.MOT_SLEW_UP_TIME)
@@ -121,7 +123,7 @@ def _slewed(m: Any, last: float, wanted: float, dt: float) -> float:
 
 @kernel
 def run_motors(m: Any, dt: float) -> None:
-    """From m.torque and the throttle command to m.motor, and what was saturated."""
+    """Computes m.motor from m.torque and the throttle command, and records saturation."""
     _filter_throttle(m, dt)
     _spool(m, dt)
     gain = 1.0 / m.air_density
@@ -156,7 +158,7 @@ def run_motors(m: Any, dt: float) -> None:
 
 @kernel
 def mix_towards(m: Any, wanted: float, dt: float) -> None:
-    """Move the share of throttle that may rise for the sake of attitude (ATC_THR_MIX_*): up fast, down slowly."""
+    """Moves the share of throttle that may rise to keep attitude (ATC_THR_MIX_*): up fast, down slowly."""
     if m.throttle_mix < wanted:
         m.throttle_mix += min(2.0 * dt, wanted - m.throttle_mix)
     elif m.throttle_mix > wanted:
@@ -172,7 +174,7 @@ def mix_towards(m: Any, wanted: float, dt: float) -> None:
 
 @kernel
 def learn_hover_throttle(m: Any, dt: float) -> None:
-    """Let the hover throttle follow the throttle of a level hover (MOT_HOVER_LEARN)."""
+    """Adapts the hover throttle to the throttle in level hover (MOT_HOVER_LEARN)."""
     if m.MOT_HOVER_LEARN < 1 or not m.armed or m.on_ground or m.spool_state != THROTTLE_UNLIMITED:
         return
     if abs(m.velocity_desired[2]) > 1e-3 or abs(m.vel[2]) > 0.6 or m.throttle_filtered <= 0.0:

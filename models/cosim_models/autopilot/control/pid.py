@@ -1,7 +1,7 @@
-"""ArduPilot's PID with filters on target, error and derivative, over an array that holds its state.
+"""ArduPilot's PID with filters on target, error and derivative; its state is an array.
 
-State (float64[5]): TARGET and ERROR filtered, DERIVATIVE filtered, INTEGRAL, RUNNING (0: the next update takes target
-and error as they are, so that filters do not start from an old value). Signals have no unit here.
+State (float64[5]): filtered TARGET and ERROR, filtered DERIVATIVE, INTEGRAL, RUNNING. If RUNNING is 0, the next update
+takes target and error unfiltered, so that filters do not start from an old value. Signals have no fixed unit.
 
 Source: ArduPilot, AC_PID and AC_PID_2D.
 """
@@ -28,7 +28,7 @@ __all__ = [
 TARGET, ERROR, DERIVATIVE, INTEGRAL, RUNNING = 0, 1, 2, 3, 4
 PID_STATE = 5
 PLANE_STATE = 7
-"""Length of the state of `pid_plane`: error, derivative and integral, north and east each, then running."""
+"""Length of the state of `pid_plane`: error, derivative and integral, each north and east, then running."""
 
 
 @kernel
@@ -48,10 +48,10 @@ def pid(
     kff: float,
     pd_max: float,
 ) -> float:
-    """One step of the controller; returns P + I + D and `kff` times the target.
+    """Performs one step of the controller; returns P + I + D and `kff` times the target.
 
-    `*_alpha` are weights of new samples (`lowpass_alpha`). While `saturated` the integral can only shrink. P + D is
-    limited to `pd_max`, if that is positive.
+    The `*_alpha` arguments are weights of new samples (`lowpass_alpha`). While `saturated`, the integral can only
+    shrink. P + D is limited to `pd_max` if that is positive.
     """
     if s[RUNNING] == 0.0:
         s[RUNNING] = 1.0
@@ -93,7 +93,7 @@ def pid_plane(
     limit_e: float,
     kff: float,
 ) -> tuple[float, float]:
-    """`pid` in the horizontal plane; the integral does not grow towards the saturated direction (limit_n, limit_e)."""
+    """Runs `pid` in the horizontal plane; the integral does not grow in the saturated direction (limit_n, limit_e)."""
     error_n = target_n - n
     error_e = target_e - e
     if s[6] == 0.0:

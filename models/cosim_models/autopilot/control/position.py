@@ -1,9 +1,9 @@
-"""Position: from a target to a thrust direction and a throttle, as ArduCopter's AC_PosControl does it.
+"""Position control, from a target to a thrust direction and a throttle, as in ArduCopter's AC_PosControl.
 
-Three layers, each a kernel over the autopilot's record `m`: `initialise_*` (take the present motion as desired),
-`seek_*` (shape the desired motion towards a target, jerk-limited) and `control_*` (make the vehicle follow the desired
-motion: position P, velocity PID, and for the vertical acceleration PID). Vectors are north, east, UP in m, m/s, m/s2:
-the vertical limits are named by direction. Attitude and modes are elsewhere.
+It has three layers, each made of kernels over the autopilot's record `m`: `initialise_*` (take the current motion as
+desired), `seek_*` (shape the desired motion towards a target, jerk-limited) and `control_*` (make the vehicle follow
+the desired motion: position P, velocity PID, and vertically an acceleration PID). Vectors are north, east, UP in m,
+m/s, m/s2; the vertical limits are named by direction.
 
 Source: ArduPilot, AC_PosControl (4.6 and 4.7-dev).
 """
@@ -58,27 +58,27 @@ _RELAX = 0.16  # s, time constant of POSCONTROL_RELAX_TC
 _THROTTLE_FILTER = 2.0  # Hz, on the throttle of the altitude controller
 _OVERSPEED_GAIN = 2.0  # on the vertical acceleration limit beyond the speed limit
 _ACCEL_DOWN_MAX = 7.5  # m/s2
-_THROTTLE_SHARE = 0.8  # of full thrust that leaning may use
+_THROTTLE_SHARE = 0.8  # of full thrust that may be used for leaning
 _LEAN_MIN = math.radians(10.0)
-_ALWAYS = 0.85  # m/s2, less than any lean limit gives (ANGLE_MAX and PSC_ANGLE_MAX are 5 degrees at least)
+_ALWAYS = 0.85  # m/s2, below any lean limit (ANGLE_MAX and PSC_ANGLE_MAX are at least 5 degrees)
 _PER_MILLE = 0.001
 _THROUGHPUT = 0.1  # throttle per (m/s2) and unit of an acceleration gain: gains are per mille per cm/s2
 
 
 @kernel
 def set_limits(m: Any, speed: float, up: float, down: float) -> None:
-    """Limits of the desired motion: speeds [m/s, positive]; accelerations and jerks are the parameters'."""
+    """Sets the limits of the desired motion: speeds [m/s, positive]; accelerations and jerks come from parameters."""
     m.speed_max = speed
     m.speed_up = up
     m.speed_down = down
     m.accel_max = 0.01 * m.WPNAV_ACCEL
     m.accel_up = 0.01 * m.WPNAV_ACCEL_Z
-    # No more jerk than the attitude controller can turn the thrust.
+    # Limit the jerk to the rate at which the attitude controller can turn the thrust.
     turn = math.radians(0.01 * min(m.ATC_ACCEL_R_MAX, m.ATC_ACCEL_P_MAX))
     m.jerk_max = m.PSC_JERK_XY
     if turn > 0.0:
         m.jerk_max = min(m.jerk_max, 0.5 * math.sqrt(m.accel_max * turn * GRAVITY))
-    # ... and no more than the filters of the acceleration PID let through.
+    # Limit it also to the bandwidth of the acceleration PID's filters.
     m.jerk_up = m.PSC_JERK_Z
     room = min(GRAVITY, m.accel_up) * 2.0 * math.pi / 5.0
     if m.PSC_ACCZ_FLTT > 0.0:
@@ -87,12 +87,12 @@ def set_limits(m: Any, speed: float, up: float, down: float) -> None:
         m.jerk_up = min(m.jerk_up, room * m.PSC_ACCZ_FLTE)
 
 
-# ---- the present motion becomes the desired one --------------------------------------------------------------------
+# ---- initialise: take the current motion as desired ----------------------------------------------------------------
 
 
 @kernel
 def _leaning_acceleration(m: Any) -> tuple[float, float]:
-    """North and east acceleration that the target attitude gives at constant height."""
+    """Returns the north and east acceleration of the target attitude at constant height."""
     w, x, y, z = m.attitude_target[0], m.attitude_target[1], m.attitude_target[2], m.attitude_target[3]
     up = max(1.0 - 2.0 * (x * x + y * y), 0.1)
     return -GRAVITY * 2.0 * (x * z + w * y) / up, -GRAVITY * 2.0 * (y * z - w * x) / up
@@ -100,7 +100,7 @@ def _leaning_acceleration(m: Any) -> tuple[float, float]:
 
 @kernel
 def initialise_ne(m: Any) -> None:
-    """Desired horizontal motion := the present one; integral such that the lean angles stay."""
+    """Sets the desired horizontal motion to the current one, and the integral such that the lean angles stay."""
     m.position_desired[0] = m.pos[0]
     m.position_desired[1] = m.pos[1]
     m.velocity_desired[0] = m.vel[0]
@@ -120,7 +120,7 @@ def initialise_ne(m: Any) -> None:
 
 @kernel
 def stopping_ne(m: Any) -> tuple[float, float]:
-    """North and east of where the vehicle can come to rest."""
+    """Returns the north and east position at which the vehicle can come to rest."""
     vn, ve = m.vel[0], m.vel[1]
     speed = math.sqrt(vn * vn + ve * ve)
     way = inverse_sqrt_controller(speed, m.PSC_POSXY_P, m.accel_max) / speed if speed > 0.0 else 0.0
@@ -129,7 +129,7 @@ def stopping_ne(m: Any) -> tuple[float, float]:
 
 @kernel
 def stop_ne(m: Any) -> None:
-    """`initialise_ne`, but desired is to rest where the vehicle can come to rest."""
+    """Like `initialise_ne`, but the desired motion is rest at the stopping point."""
     initialise_ne(m)
     m.position_desired[0], m.position_desired[1] = stopping_ne(m)
     for i in range(2):
@@ -139,7 +139,7 @@ def stop_ne(m: Any) -> None:
 
 @kernel
 def initialise_up(m: Any) -> None:
-    """Desired vertical motion := the present one; integral such that the throttle stays."""
+    """Sets the desired vertical motion to the current one, and the integral such that the throttle stays."""
     m.position_desired[2] = m.pos[2]
     m.velocity_desired[2] = m.vel[2]
     m.acceleration_desired[2] = clip(m.acc[2], -m.accel_up, m.accel_up)
@@ -153,7 +153,7 @@ def initialise_up(m: Any) -> None:
 
 @kernel
 def relax_ne(m: Any, dt: float) -> None:
-    """`initialise_ne`, with the wanted acceleration fading out."""
+    """Like `initialise_ne`, but the demanded acceleration decays."""
     initialise_ne(m)
     keep = 1.0 - dt / (dt + _RELAX)
     for i in range(2):
@@ -163,13 +163,13 @@ def relax_ne(m: Any, dt: float) -> None:
 
 @kernel
 def relax_up(m: Any, throttle: float, dt: float) -> None:
-    """`initialise_up`, with the throttle going to `throttle`."""
+    """Like `initialise_up`, but the throttle moves to `throttle`."""
     initialise_up(m)
     soft = m.throttle_in + (throttle - m.throttle_in) * (dt / (dt + _RELAX))
     m.accel_pid[INTEGRAL] = soft - m.throttle_hover
 
 
-# ---- the desired motion is shaped ----------------------------------------------------------------------------------
+# ---- seek: shape the desired motion --------------------------------------------------------------------------------
 
 
 @kernel
@@ -190,7 +190,7 @@ def _advance_up(m: Any, dt: float) -> None:
 
 @kernel
 def _overspeed(m: Any) -> float:
-    """Factor on the vertical limits while faster than the speed limits."""
+    """Returns the factor on the vertical limits while the vehicle exceeds the speed limits."""
     v = m.velocity_desired[2]
     if v > m.speed_up and m.speed_up > 0.0:
         return float(_OVERSPEED_GAIN * v / m.speed_up)
@@ -201,7 +201,7 @@ def _overspeed(m: Any) -> float:
 
 @kernel
 def seek_position(m: Any, n: float, e: float, u: float, dt: float) -> None:
-    """Desired motion straight to the point (n, e, u), all axes within their speed limits."""
+    """Shapes the desired motion straight to the point (n, e, u), all axes within their speed limits."""
     gain = _overspeed(m)
     _advance_ne(m, dt)
     _advance_up(m, dt)
@@ -226,7 +226,7 @@ def seek_position(m: Any, n: float, e: float, u: float, dt: float) -> None:
 
 @kernel
 def seek_position_ne(m: Any, n: float, e: float, dt: float) -> None:
-    """Desired horizontal motion to (n, e), which may be moved on every step."""
+    """Shapes the desired horizontal motion to (n, e), which may change in every step."""
     _advance_ne(m, dt)
     p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
     a[0], a[1] = shape_position_ne(
@@ -236,7 +236,7 @@ def seek_position_ne(m: Any, n: float, e: float, dt: float) -> None:
 
 @kernel
 def seek_position_up(m: Any, u: float, vu: float, dt: float) -> None:
-    """Desired vertical motion to height u, passed at climb rate vu."""
+    """Shapes the desired vertical motion to height u, passed at climb rate vu."""
     gain = _overspeed(m)
     _advance_up(m, dt)
     p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
@@ -249,7 +249,7 @@ def seek_position_up(m: Any, u: float, vu: float, dt: float) -> None:
 
 @kernel
 def seek_velocity_ne(m: Any, vn: float, ve: float, an: float, ae: float, dt: float) -> None:
-    """Desired horizontal velocity (vn, ve), with (an, ae) added to the acceleration."""
+    """Shapes the desired horizontal velocity to (vn, ve), with (an, ae) added to the acceleration."""
     _advance_ne(m, dt)
     v, a = m.velocity_desired, m.acceleration_desired
     a[0], a[1] = shape_velocity_ne(vn, ve, an, ae, v[0], v[1], a[0], a[1], m.accel_max, m.jerk_max, dt, False)
@@ -257,7 +257,7 @@ def seek_velocity_ne(m: Any, vn: float, ve: float, an: float, ae: float, dt: flo
 
 @kernel
 def seek_velocity_up(m: Any, vu: float, au: float, landing: bool, dt: float) -> None:
-    """Desired climb rate vu; `landing`: the desired height goes down even if the throttle cannot."""
+    """Shapes the desired climb rate to vu; if `landing`, the desired height falls even if the throttle cannot."""
     if landing:
         m.limit[2] = max(m.limit[2], 0.0)
     gain = _overspeed(m)
@@ -278,7 +278,7 @@ def seek_velocity_up(m: Any, vu: float, au: float, landing: bool, dt: float) -> 
 
 @kernel
 def seek_position_velocity(m: Any, p_to: Any, v_to: Any, a_to: Any, dt: float) -> None:
-    """Desired motion onto a moving point: position, velocity, acceleration (float64[3] each), itself moved on by dt."""
+    """Shapes the motion onto a moving point (position, velocity, acceleration: float64[3]), which it advances by dt."""
     gain = _overspeed(m)
     _advance_ne(m, dt)
     _advance_up(m, dt)
@@ -325,7 +325,7 @@ def seek_position_velocity(m: Any, p_to: Any, v_to: Any, a_to: Any, dt: float) -
 
 @kernel
 def seek_acceleration(m: Any, an: float, ae: float, au: float, dt: float) -> None:
-    """Desired acceleration (an, ae, au), jerk-limited; velocity and position follow."""
+    """Shapes the desired acceleration to (an, ae, au), jerk-limited; velocity and position follow."""
     _advance_ne(m, dt)
     _advance_up(m, dt)
     a = m.acceleration_desired
@@ -337,18 +337,18 @@ def seek_acceleration(m: Any, an: float, ae: float, au: float, dt: float) -> Non
 
 @kernel
 def soften_for_landing(m: Any, dt: float) -> None:
-    """Let the horizontal position error fade, and keep the integral from growing, while the feet may touch."""
+    """Reduces the horizontal position error and stops the integral from growing while the feet may touch the ground."""
     for i in range(2):
         m.position_desired[i] += (m.pos[i] - m.position_desired[i]) * (dt / (dt + _RELAX))
         m.limit[i] = m.acceleration_target[i]
 
 
-# ---- the vehicle is made to follow ---------------------------------------------------------------------------------
+# ---- control: make the vehicle follow the desired motion ------------------------------------------------------------
 
 
 @kernel
 def control_ne(m: Any, dt: float) -> None:
-    """Wanted horizontal acceleration, m.acceleration_target[0:2], limited to the lean angle allowed."""
+    """Computes the demanded horizontal acceleration m.acceleration_target[0:2], within the permitted lean angle."""
     p, e = m.position_desired, m.position_error
     farthest = inverse_sqrt_controller(m.speed_max, m.PSC_POSXY_P, m.accel_max)
     e[0], e[1] = limit_length(p[0] - m.pos[0], p[1] - m.pos[1], farthest)
@@ -395,7 +395,7 @@ def control_ne(m: Any, dt: float) -> None:
 
 @kernel
 def _head_along_path(m: Any) -> None:
-    """Heading and turn rate of the desired path, kept while the vehicle is slower than 5 % of its speed limit."""
+    """Sets heading and yaw rate along the desired path; holds them below 5 % of the speed limit."""
     vn, ve = m.velocity_desired[0], m.velocity_desired[1]
     speed = math.sqrt(vn * vn + ve * ve)
     m.path_turn_rate = 0.0
@@ -407,7 +407,7 @@ def _head_along_path(m: Any) -> None:
 
 @kernel
 def control_up(m: Any, dt: float) -> None:
-    """Throttle that follows the desired vertical motion."""
+    """Sets the throttle that follows the desired vertical motion."""
     p = m.position_desired
     highest = inverse_sqrt_controller(m.speed_up, m.PSC_POSZ_P, m.accel_up)
     lowest = inverse_sqrt_controller(m.speed_down, m.PSC_POSZ_P, m.accel_up)
@@ -456,7 +456,7 @@ def control_up(m: Any, dt: float) -> None:
 
 @kernel
 def set_throttle(m: Any, throttle: float, boost: bool, cutoff: float, dt: float) -> None:
-    """Hand a throttle (0 to 1) to the motors: more when leaning if `boost`, low-passed at `cutoff` [Hz]."""
+    """Passes a throttle (0 to 1) to the motors: raised when leaning if `boost`, low-pass filtered at `cutoff` [Hz]."""
     m.throttle_in = throttle
     if m.thrust_max > 0.0:
         lean = math.acos(clip(throttle / (_THROTTLE_SHARE * m.thrust_max), 0.0, 1.0))

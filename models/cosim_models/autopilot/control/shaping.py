@@ -1,7 +1,7 @@
-"""Kinematic shaping: from a target to the jerk-limited motion that leads there, as ArduCopter plans it.
+"""Kinematic shaping: jerk-limited motion towards a target, as planned by ArduCopter.
 
-Every law here is a pure function of numbers in SI units that returns the next acceleration (one axis, or a pair for
-the horizontal plane); the caller integrates. Nothing here knows of vehicles, modes or estimates.
+Every law is a pure function of numbers in SI units that returns the next acceleration (one axis, or a pair for the
+horizontal plane); the caller integrates. The laws are independent of vehicles, modes and estimates.
 
 Sources: ArduPilot's AP_Math/control (square-root controller, acceleration and jerk limits). The brake constants,
 half the gain and half the acceleration, are those of ArduCopter 4.6 and 4.7-dev (2025): they reproduce the recorded
@@ -35,18 +35,18 @@ Pair = tuple[float, float]
 
 _CORNER_SHARE = math.sqrt(0.5)
 BRAKE_SHARE = 0.5
-"""Share of the acceleration and of the jerk with which the position shaper plans to brake."""
+"""Fraction of the acceleration and jerk limits with which the position shaper plans to brake."""
 
 
 @kernel
 def clip(value: float, low: float, high: float) -> float:
-    """`value` limited to [low, high]."""
+    """Limits `value` to [low, high]."""
     return low if value < low else high if value > high else value
 
 
 @kernel
 def wrap_pi(angle: float) -> float:
-    """The angle [rad] wrapped to (-pi, pi]."""
+    """Wraps the angle [rad] to (-pi, pi]."""
     if angle > math.pi or angle <= -math.pi:
         angle = angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
         if angle == -math.pi:
@@ -56,7 +56,7 @@ def wrap_pi(angle: float) -> float:
 
 @kernel
 def lowpass_alpha(dt: float, cutoff: float) -> float:
-    """Weight of the new sample in a first-order low-pass of `cutoff` [Hz]; 1 (no filter) for a cutoff of 0."""
+    """Returns the weight of a new sample in a first-order low-pass of `cutoff` [Hz]; 1 (no filter) if that is 0."""
     if cutoff <= 0.0:
         return 1.0
     return dt / (dt + 1.0 / (2.0 * math.pi * cutoff))
@@ -64,7 +64,7 @@ def lowpass_alpha(dt: float, cutoff: float) -> float:
 
 @kernel
 def limit_length(x: float, y: float, longest: float) -> Pair:
-    """The vector (x, y), shortened to `longest` where it is longer."""
+    """Returns the vector (x, y), shortened to length `longest` if it is longer."""
     length = math.sqrt(x * x + y * y)
     if length > longest and length > 0.0:
         return x * (longest / length), y * (longest / length)
@@ -73,10 +73,10 @@ def limit_length(x: float, y: float, longest: float) -> Pair:
 
 @kernel
 def sqrt_controller(error: float, p: float, second_derivative_max: float, dt: float) -> float:
-    """Rate that brings `error` to zero: linear with gain `p` [1/s] near zero, a square root beyond.
+    """Returns the rate that brings `error` to zero: linear with gain `p` [1/s] near zero, a square root beyond.
 
-    In the square-root part the rate falls with `second_derivative_max` per second, so the error is reached with
-    that deceleration. With dt > 0 the rate never overshoots the error within one step. A limit of 0 means none.
+    In the square-root part, the rate falls by `second_derivative_max` per second, so the target is approached with that
+    deceleration. With dt > 0, the rate never overshoots the error within one step. A limit of 0 means no limit.
     """
     if second_derivative_max <= 0.0:
         rate = error * p
@@ -98,7 +98,7 @@ def sqrt_controller(error: float, p: float, second_derivative_max: float, dt: fl
 
 @kernel
 def inverse_sqrt_controller(rate: float, p: float, second_derivative_max: float) -> float:
-    """The error for which `sqrt_controller` (without dt) returns `rate`: also the stopping distance from a speed."""
+    """Returns the error for which `sqrt_controller` (without dt) returns `rate`, also the stopping distance."""
     if second_derivative_max <= 0.0:
         return 0.0 if p == 0.0 else rate / p
     if p == 0.0:
@@ -117,7 +117,7 @@ def limit_cornering(
     ae: float,
     acceleration_max: float,
 ) -> Pair:
-    """An acceleration limited in length, across the direction of travel (vn, ve) first, then along it."""
+    """Limits an acceleration in length: first across the direction of travel (vn, ve), then along it."""
     if an * an + ae * ae <= acceleration_max * acceleration_max:
         return an, ae
     speed = math.sqrt(vn * vn + ve * ve)
@@ -138,7 +138,7 @@ def limit_cornering(
 
 @kernel
 def _limit_correction(un: float, ue: float, an: float, ae: float, acceleration_max: float) -> Pair:
-    """A correction limited in length, of which 1/sqrt(2) is kept for what is across the wanted velocity (un, ue)."""
+    """Limits a correction in length, with 1/sqrt(2) reserved for the part across the target velocity (un, ue)."""
     speed = math.sqrt(un * un + ue * ue)
     if speed == 0.0:
         return limit_length(an, ae, acceleration_max)
@@ -164,9 +164,9 @@ def kinematic_limit(
     up: float,
     down: float,
 ) -> float:
-    """The largest speed along the unit vector (dn, de, du; u is up) that keeps every axis within its limit.
+    """Returns the largest speed along the unit vector (dn, de, du; u is up) that keeps every axis within its limit.
 
-    `horizontal`, `up` and `down` are positive; the vector need not be exactly of length one.
+    `horizontal`, `up` and `down` are positive; the length of the vector need not be exactly one.
     """
     flat = math.sqrt(dn * dn + de * de)
     vertical = up if du > 0.0 else down
@@ -191,7 +191,7 @@ def shape_velocity(
     dt: float,
     limit_total: bool,
 ) -> float:
-    """Next acceleration on the way from speed `v` to `v_target` with a_min <= a <= a_max and limited jerk.
+    """Returns the next acceleration from speed `v` towards `v_target`, with a_min <= a <= a_max and limited jerk.
 
     a_min < 0 < a_max. `a_feedforward` is added to the correction; `limit_total` limits the sum again.
     """
@@ -218,7 +218,7 @@ def shape_velocity_ne(
     dt: float,
     limit_total: bool,
 ) -> Pair:
-    """`shape_velocity` in the horizontal plane: one limit on the length of acceleration and of jerk."""
+    """Like `shape_velocity`, in the horizontal plane, with limits on the lengths of acceleration and jerk."""
     dn = vn_target - vn
     de = ve_target - ve
     error = math.sqrt(dn * dn + de * de)
@@ -251,7 +251,7 @@ def shape_position(
     dt: float,
     limit_total: bool,
 ) -> float:
-    """Next acceleration on the way from position `p` to `p_target`, within speed, acceleration and jerk limits.
+    """Returns the next acceleration from position `p` towards `p_target`, within speed, acceleration and jerk limits.
 
     v_min <= 0 <= v_max; both zero mean no limit. `v_feedforward` is the target's own speed.
     """
@@ -291,7 +291,9 @@ def shape_position_ne(
     dt: float,
     limit_total: bool,
 ) -> Pair:
-    """`shape_position` in the horizontal plane: straight towards the target, limits on lengths. v_max 0: none."""
+    """Like `shape_position`, in the horizontal plane, straight towards the target; limits are lengths. v_max 0: no
+    limit.
+    """
     dn = pn_target - pn
     de = pe_target - pe
     error = math.sqrt(dn * dn + de * de)
@@ -320,9 +322,10 @@ def advance_limited(
     p_error: float,
     v_error: float,
 ) -> Pair:
-    """Position and speed one step on; motion into a saturated direction that would enlarge an error is dropped.
+    """Returns position and speed one step later; motion in a saturated direction that would enlarge an error is
+    dropped.
 
-    `limit` is the direction (sign) in which the actuators are saturated, 0 for none.
+    `limit` is the direction (sign) of actuator saturation, 0 for none.
     """
     move = v * dt + 0.5 * a * dt * dt
     if move * limit > 0.0 and p_error * limit > 0.0:
@@ -349,7 +352,7 @@ def advance_limited_ne(
     vn_error: float,
     ve_error: float,
 ) -> tuple[float, float, float, float]:
-    """`advance_limited` in the horizontal plane; (ln, le) points into the saturated direction."""
+    """Like `advance_limited`, in the horizontal plane; (ln, le) points in the saturated direction."""
     mn = vn * dt + 0.5 * an * dt * dt
     me = ve * dt + 0.5 * ae * dt * dt
     gn = an * dt

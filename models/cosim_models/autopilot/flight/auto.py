@@ -1,11 +1,11 @@
-"""AUTO: the mission is flown, as far as `missions` accepts its commands.
+"""AUTO: flies the mission, with the commands that `missions` accepts.
 
-Waypoint, take-off, land, return, loiter for a time, for turns or without end, delay are flown one after the other.
-What stands behind one of them, change of speed, heading and delay, is done one after the other while the next one is
-flown, and forgotten when that is done; jumps are taken when the next command is looked for. `run_auto` is called once
-a step in AUTO. Paths between waypoints are shaped as in GUIDED, not ArduCopter's S-curves: a waypoint without delay is
-passed when it is nearer than WPNAV_RADIUS, the others when the path has come to rest there.
-Kernels over the autopilot's record `m`; MAVLink is in `missions`.
+Navigation commands are flown one after the other: waypoint, take-off, land, return, loiter (for a time, for turns or
+unlimited) and delay. Commands that follow a navigation command (change of speed, heading, delay) run one after the
+other while the next navigation command is flown, and are dropped when that is done. Jumps are evaluated when the next
+command is selected. `run_auto` is called once per step in AUTO. Paths between waypoints are shaped as in GUIDED, not as
+ArduCopter's S-curves: a waypoint without delay is passed when the vehicle is within WPNAV_RADIUS, the others when the
+path has come to rest there. Kernels over the autopilot's record `m`; MAVLink is in `missions`.
 
 Source: ArduPilot, ArduCopter mode_auto and AP_Mission.
 """
@@ -85,20 +85,20 @@ _COMMANDS = np.array(
     ),
     dtype=np.int64,
 )  # in the order of MISSION_TEXTS
-_AT_REST = 0.1  # m between the shaped path and a waypoint at which the vehicle has come to rest
+_AT_REST = 0.1  # m between the shaped path and a waypoint at which the vehicle counts as at rest
 _JUMPS_AT_ONCE = 64
-_AT_CENTRE = 3.0  # m from a circle's centre within which it begins at once
-_LOOK_AT_EDGE = 5.0  # m from it beyond which the nose points to its edge on the way there
-_FINISHED = -1  # m.auto_command when the mission has come to its end
+_AT_CENTRE = 3.0  # m from a circle's centre within which the circle begins at once
+_LOOK_AT_EDGE = 5.0  # m from the circle beyond which the vehicle faces its edge during the approach
+_FINISHED = -1  # m.auto_command when the mission is finished
 _RADIUS_COARSE = 255.0  # m; larger radii are kept in steps of 10 m
 
-# What is happening to the command.
+# State of the current command.
 _GOING, _THERE = 0, 1
 
 
 @kernel
 def change_speed(m: Any, kind: int, speed: float) -> None:
-    """DO_CHANGE_SPEED: kinds 0 and 1 along, 2 up, 3 down; speed [m/s]. A mission keeps it."""
+    """Handles DO_CHANGE_SPEED: kinds 0 and 1 along, 2 up, 3 down; speed [m/s]. The mission keeps the speed."""
     which = 1 if kind == 2 else 2 if kind == 3 else 0
     if kind == 2:
         m.speed_up = speed
@@ -110,12 +110,12 @@ def change_speed(m: Any, kind: int, speed: float) -> None:
         m.auto_speed[which] = speed
 
 
-# ---- places --------------------------------------------------------------------------------------------------------
+# ---- positions -----------------------------------------------------------------------------------------------------
 
 
 @kernel
 def _place(m: Any, row: int) -> tuple[float, float, float]:
-    """North, east and up of an item; without a place (0, 0) the desired position, without a height the desired one."""
+    """Returns north, east and up of an item; a missing position (0, 0) or height is replaced by the desired one."""
     r = m.mission[row]
     p = m.position_desired
     n, e, u = p[0], p[1], p[2]
@@ -137,7 +137,7 @@ def _place(m: Any, row: int) -> tuple[float, float, float]:
 
 @kernel
 def _go_to(m: Any, n: float, e: float, u: float, t: float) -> None:
-    """Fly to a point at the speeds that the mission has asked for."""
+    """Flies to a point at the speeds that the mission has requested."""
     keep = keep_heading(m)
     guide_position(m, n, e, u, t)
     if keep:
@@ -165,7 +165,7 @@ def _arrived(m: Any, passing: bool) -> bool:
 
 @kernel
 def _begin_turns(m: Any, row: int, t: float) -> None:
-    """Fly to the edge of the circle, or begin at once near its centre; radii are kept in whole metres."""
+    """Flies to the edge of the circle, or begins at once near its centre; radii are stored in whole metres."""
     r = m.mission[row]
     n, e, up = _place(m, row)
     wanted = abs(r[P3])
@@ -200,14 +200,14 @@ def _begin_round(m: Any) -> None:
 
 @kernel
 def _turns(m: Any) -> float:
-    """How many rounds the item asks for: parts of one, or whole ones up to 255."""
+    """Returns the number of turns of the item: fractions of one, or whole numbers up to 255."""
     wanted = m.mission[m.mission_current, P1]
     return float(wanted if 0.0 < wanted < 1.0 else clip(math.floor(wanted), 0.0, 255.0))
 
 
 @kernel
 def _has_gone_round(m: Any) -> bool:
-    """Whether the rounds are flown; says which one begins."""
+    """Returns whether the turns are complete; reports the beginning of each turn."""
     if m.auto_stage == _GOING:
         if _arrived(m, False):
             _begin_round(m)
@@ -219,12 +219,12 @@ def _has_gone_round(m: Any) -> bool:
     return bool(done >= wanted)
 
 
-# ---- commands that are flown ---------------------------------------------------------------------------------------
+# ---- navigation commands -------------------------------------------------------------------------------------------
 
 
 @kernel
 def _tell(m: Any, command: int, row: int) -> None:
-    """ArduCopter's text on a command that begins."""
+    """Sends ArduCopter's status text for a command that begins."""
     for i in range(_COMMANDS.shape[0]):
         if _COMMANDS[i] == command:
             say(m, INFO, MISSION_TEXTS + i, row)
@@ -232,7 +232,7 @@ def _tell(m: Any, command: int, row: int) -> None:
 
 @kernel
 def _begin(m: Any, row: int, t: float) -> None:
-    """Begin a command that is flown."""
+    """Begins a navigation command."""
     command = int(m.mission[row, COMMAND])
     _tell(m, command, row)
     m.mission_current = row
@@ -259,7 +259,7 @@ def _begin(m: Any, row: int, t: float) -> None:
 
 @kernel
 def _is_done(m: Any, t: float) -> bool:
-    """Whether the command that is flown has come to its end."""
+    """Returns whether the current navigation command is complete."""
     command = m.auto_command
     hold = m.mission[m.mission_current, P1]
     if command == MAV_CMD_NAV_TAKEOFF:
@@ -281,12 +281,12 @@ def _is_done(m: Any, t: float) -> bool:
     return False
 
 
-# ---- commands beside them ------------------------------------------------------------------------------------------
+# ---- commands that run beside navigation ---------------------------------------------------------------------------
 
 
 @kernel
 def _do(m: Any, row: int, t: float) -> None:
-    """Begin a command that is done while another one is flown."""
+    """Begins a command that runs beside navigation."""
     r = m.mission[row]
     _tell(m, int(r[COMMAND]), row)
     m.auto_do = row
@@ -308,7 +308,7 @@ def _has_done(m: Any, t: float) -> bool:
 
 @kernel
 def _do_next(m: Any, t: float) -> None:
-    """Go on with what is done beside the flight: all up to the next command that is flown."""
+    """Continues the commands beside navigation, up to the next navigation command."""
     if m.auto_do == 0:
         return
     if m.auto_doing:
@@ -323,12 +323,12 @@ def _do_next(m: Any, t: float) -> None:
         _do(m, row, t)
 
 
-# ---- the order -----------------------------------------------------------------------------------------------------
+# ---- order of commands ---------------------------------------------------------------------------------------------
 
 
 @kernel
 def _next(m: Any, row: int, taking: bool) -> int:
-    """The command at `row`, or to which the jumps there lead; -1 at the end. With `taking` the jumps are counted."""
+    """Returns the command at `row`, or the target of the jumps there; -1 at the end. `taking`: count the jumps."""
     first_jump = -1
     for _ in range(_JUMPS_AT_ONCE + m.mission.shape[0]):
         if row >= mission_count(m):
@@ -353,7 +353,7 @@ def _next(m: Any, row: int, taking: bool) -> int:
 
 @kernel
 def _advance(m: Any, row: int, t: float) -> None:
-    """Begin the first command from `row` on that is flown, and before it the first that is done beside it."""
+    """Begins the first navigation command from `row` on, and before it the first command that runs beside it."""
     m.auto_do = 0
     m.auto_doing = False
     for _ in range(m.mission.shape[0]):
@@ -377,7 +377,7 @@ def _advance(m: Any, row: int, t: float) -> None:
 
 @kernel
 def _follow(m: Any, t: float) -> None:
-    """What the mission wants now."""
+    """Updates the current command and advances the mission."""
     if m.mission_changed:
         m.mission_changed = False
         _advance(m, m.mission_current, t)
@@ -394,7 +394,7 @@ def _follow(m: Any, t: float) -> None:
 
 @kernel
 def run_auto(m: Any, t: float, dt: float) -> None:
-    """One step of AUTO."""
+    """Performs one step of AUTO."""
     if not m.armed or not m.auto_armed:
         rest_on_ground(m, dt)
         return

@@ -1,6 +1,6 @@
-"""Flying round a point: what CIRCLE and a mission's LOITER_TURNS share.
+"""Flight on a circle, shared by CIRCLE and the mission command LOITER_TURNS.
 
-A point goes round on the circle, as fast as the accelerations allow, and the vehicle follows it. Kernels over the
+A point moves along the circle as fast as the acceleration limits allow, and the vehicle follows it. Kernels over the
 autopilot's record `m`; vectors are north, east from the local origin, SI units.
 
 Source: ArduPilot, AC_Circle.
@@ -31,9 +31,9 @@ _ALONG = 2  # CIRCLE_OPTIONS
 
 @kernel
 def begin_circle(m: Any, by_heading: bool) -> None:
-    """Begin at the desired position, at rest; `by_heading`: as if the vehicle looked at the centre from there.
+    """Begins at the desired position, at rest; `by_heading`: the vehicle's heading gives the direction of the centre.
 
-    m.circle_centre, _radius and _rate are set.
+    Requires m.circle_centre, _radius and _rate.
     """
     heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
     c, p = m.circle_centre, m.position_desired
@@ -49,7 +49,7 @@ def begin_circle(m: Any, by_heading: bool) -> None:
 
 @kernel
 def nearest_on_circle(m: Any, up: float) -> tuple[float, float, float]:
-    """The place on the circle nearest to where the vehicle can rest, and how far from there its centre at `up` is."""
+    """Returns the circle's point nearest to the stopping point, and the latter's distance from the centre at `up`."""
     c = m.circle_centre
     rest_n, rest_e = stopping_ne(m)
     n, e, u = rest_n - c[0], rest_e - c[1], m.position_desired[2] - up
@@ -64,7 +64,7 @@ def nearest_on_circle(m: Any, up: float) -> tuple[float, float, float]:
 
 @kernel
 def _turn(m: Any, dt: float) -> None:
-    """The point on the circle moves on."""
+    """Advances the point on the circle."""
     rate = m.circle_rate
     accel = max(abs(rate), _ACCEL_MIN)
     if m.circle_radius > 0.0:
@@ -78,7 +78,7 @@ def _turn(m: Any, dt: float) -> None:
 
 @kernel
 def go_round(m: Any, climb: float, dt: float) -> None:
-    """One step round the centre, the nose towards it, at a climb rate [m/s]."""
+    """Performs one step around the centre, facing it, with a climb rate [m/s]."""
     _turn(m, dt)
     c = m.circle_centre
     seek_position_ne(

@@ -1,12 +1,11 @@
-"""What the autopilot flies by itself: GUIDED, take-off, landing and RTL, as ArduCopter does it.
+"""Autonomous flight: GUIDED, take-off, landing, RTL and BRAKE, as in ArduCopter.
 
-Kernels over the autopilot's record `m`, called once a step; they call the position and attitude controllers with what
-is wanted. `take_off` and the `guide_*` functions are what commands do. Vectors are north, east, UP from the local
-origin, SI units. What is flown by hand is in `manual`, which mode runs in `modes`, where the nose points in
-`yaw`, where RTL goes in `rally`; MAVLink is elsewhere.
+Kernels over the autopilot's record `m`, called once per step; they call the position and attitude controllers. Commands
+use `take_off` and the `guide_*` functions. Vectors are north, east, UP from the local origin, SI units. Modes flown by
+hand are in `manual`, the mode switching is in `modes`, the heading in `yaw`, the destination of RTL in `rally`.
 
-RTL flies by the same shaper as GUIDED, not by ArduCopter's waypoint S-curves. BRAKE stops as GUIDED does, with
-WPNAV_ACCEL, not with ArduCopter's harder braking.
+RTL uses the same shaper as GUIDED, not ArduCopter's waypoint S-curves. BRAKE stops as GUIDED does, with WPNAV_ACCEL,
+not with ArduCopter's harder braking.
 
 Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_guided, mode_land, mode_rtl, takeoff.
 """
@@ -88,10 +87,10 @@ __all__ = [
 _TAKEOFF_THROTTLE = 0.9
 _RTL_ALT_MIN = 0.3  # m
 _RTL_CONE_MIN = 0.5
-_FENCE_MARGIN = 2.0  # m that RTL stays below the highest fence
+_FENCE_MARGIN = 2.0  # m by which RTL stays below the highest fence
 
 
-# ---- GUIDED: what commands ask for ---------------------------------------------------------------------------------
+# ---- GUIDED: commands ----------------------------------------------------------------------------------------------
 
 
 @kernel
@@ -101,7 +100,7 @@ def standard_limits(m: Any) -> None:
 
 @kernel
 def _start_control(m: Any) -> None:
-    """Standard limits, controllers from the present motion, nose as WP_YAW_BEHAVIOR says."""
+    """Sets standard limits, initialises the controllers from the current motion, and the heading by WP_YAW_BEHAVIOR."""
     standard_limits(m)
     initialise_ne(m)
     initialise_up(m)
@@ -110,7 +109,7 @@ def _start_control(m: Any) -> None:
 
 @kernel
 def guide_stop(m: Any, t: float) -> None:
-    """GUIDED: come to rest and wait for targets."""
+    """Stops in GUIDED and waits for targets."""
     _start_control(m)
     m.submode = VELOCITY
     m.guided_time = t
@@ -128,7 +127,7 @@ def _enter_submode(m: Any, submode: int) -> None:
 
 @kernel
 def guide_position(m: Any, n: float, e: float, u: float, t: float) -> None:
-    """GUIDED: fly to a point."""
+    """Flies to a point in GUIDED."""
     _enter_submode(m, POSITION)
     default_nose(m)
     m.guided_position[0], m.guided_position[1], m.guided_position[2] = n, e, u
@@ -137,7 +136,7 @@ def guide_position(m: Any, n: float, e: float, u: float, t: float) -> None:
 
 @kernel
 def guide_velocity(m: Any, vn: float, ve: float, vu: float, t: float) -> None:
-    """GUIDED: fly at a velocity, for GUID_TIMEOUT."""
+    """Flies at a velocity in GUIDED, for GUID_TIMEOUT."""
     _enter_submode(m, VELOCITY)
     default_nose(m)
     m.guided_velocity[0], m.guided_velocity[1], m.guided_velocity[2] = vn, ve, vu
@@ -148,7 +147,7 @@ def guide_velocity(m: Any, vn: float, ve: float, vu: float, t: float) -> None:
 
 @kernel
 def guide_position_velocity(m: Any, t: float) -> None:
-    """GUIDED: follow a moving point; the caller has set m.guided_position, _velocity and _acceleration."""
+    """Follows a moving point in GUIDED; the caller has set m.guided_position, _velocity and _acceleration."""
     _enter_submode(m, POSITION_VELOCITY)
     default_nose(m)
     m.guided_time = t
@@ -156,7 +155,7 @@ def guide_position_velocity(m: Any, t: float) -> None:
 
 @kernel
 def guide_acceleration(m: Any, an: float, ae: float, au: float, t: float) -> None:
-    """GUIDED: accelerate, for GUID_TIMEOUT."""
+    """Accelerates in GUIDED, for GUID_TIMEOUT."""
     _enter_submode(m, ACCELERATION)
     default_nose(m)
     m.guided_acceleration[0], m.guided_acceleration[1], m.guided_acceleration[2] = an, ae, au
@@ -165,7 +164,7 @@ def guide_acceleration(m: Any, an: float, ae: float, au: float, t: float) -> Non
 
 @kernel
 def take_off(m: Any, height: float) -> bool:
-    """GUIDED: take off to `height` [m above home]; False where that is not possible."""
+    """Takes off in GUIDED to `height` [m above home]; returns False if that is not possible."""
     if not m.armed or not m.on_ground or m.mode != GUIDED or m.home[2] + height <= m.pos[2]:
         return False
     start_takeoff(m, m.home[2] + height)
@@ -175,7 +174,7 @@ def take_off(m: Any, height: float) -> bool:
 
 @kernel
 def start_takeoff(m: Any, up: float) -> None:
-    """Begin a take-off to `up` [m]."""
+    """Begins a take-off to `up` [m]."""
     standard_limits(m)
     m.submode = TAKEOFF
     hold_heading(m)
@@ -197,11 +196,11 @@ def start_land(m: Any) -> None:
 
 @kernel
 def _return_height(m: Any, n: float, e: float, height: float) -> float:
-    """Height [m above home] of the way back to a place (n, e) whose own is `height`."""
+    """Returns the height [m above home] of the return flight to a point (n, e) whose own height is `height`."""
     now = m.pos[2] - m.home[2]
     least = max(_RTL_ALT_MIN, now + max(0.01 * m.RTL_CLIMB_MIN, 0.0))
     wanted = max(height, 0.01 * m.RTL_ALT, least)
-    if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # nearby there is no need to go all the way up
+    if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # nearby, a full climb is unnecessary
         here_n, here_e = stopping_ne(m)
         distance = math.sqrt((here_n - n) ** 2 + (here_e - e) ** 2)
         wanted = min(wanted, max(distance * m.RTL_CONE_SLOPE, least))
@@ -212,7 +211,7 @@ def _return_height(m: Any, n: float, e: float, height: float) -> float:
 
 @kernel
 def start_rtl(m: Any) -> None:
-    """Return to home or to the best rally point: climb, fly there, wait, come down."""
+    """Begins RTL to home or the best rally point: climb, return, wait, descend."""
     _start_control(m)
     hold_heading(m)
     m.submode = POSITION
@@ -227,7 +226,7 @@ def start_rtl(m: Any) -> None:
 
 @kernel
 def rest_on_ground(m: Any, dt: float) -> None:
-    """Motors idle, controllers follow the vehicle so that nothing winds up."""
+    """Idles the motors; the controllers follow the vehicle so that nothing winds up."""
     m.spool_wanted = GROUND_IDLE
     forget_torques(m, True, dt)
     if m.spool_state <= GROUND_IDLE:
@@ -312,21 +311,21 @@ def run_guided(m: Any, t: float, dt: float) -> None:
 
 @kernel
 def _reposition(m: Any) -> tuple[float, float]:
-    """North and east velocity [m/s] by which the pilot's roll and pitch stick move the landing place."""
+    """Returns the north and east velocity [m/s] by which the pilot's roll and pitch sticks move the landing point."""
     forward, right = m.pilot_stick[0], m.pilot_stick[1]
     if not m.rc_known or m.LAND_REPOSITION == 0 or (forward == 0.0 and right == 0.0):
         return 0.0, 0.0
     heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
     c, s = math.cos(heading), math.sin(heading)
     n, e = forward * c - right * s, forward * s + right * c
-    edge = math.sqrt(n * n + e * e) / max(abs(n), abs(e))  # of the square of sticks, in this direction
+    edge = math.sqrt(n * n + e * e) / max(abs(n), abs(e))  # edge of the square of stick positions in this direction
     speed = 0.5 * 0.01 * m.WPNAV_ACCEL / edge
     return n * speed, e * speed
 
 
 @kernel
 def _descend(m: Any, dt: float) -> None:
-    """Down at the speed limit to LAND_ALT_LOW, then at LAND_SPEED, over the place that the pilot may move."""
+    """Descends at the speed limit to LAND_ALT_LOW, then at LAND_SPEED; the pilot may move the landing point."""
     slow = 0.01 * m.LAND_SPEED
     fast = 0.01 * m.LAND_SPEED_HIGH if m.LAND_SPEED_HIGH > 0.0 else m.speed_down
     height = m.pos[2] - m.home[2]
@@ -355,7 +354,7 @@ def run_land(m: Any, dt: float) -> None:
 
 @kernel
 def fly_to_point(m: Any, dt: float) -> None:
-    """One step towards m.guided_position."""
+    """Performs one step towards m.guided_position."""
     m.spool_wanted = THROTTLE_UNLIMITED
     p = m.guided_position
     seek_position(m, p[0], p[1], p[2], dt)
@@ -366,7 +365,7 @@ def fly_to_point(m: Any, dt: float) -> None:
 
 @kernel
 def _come_down(m: Any, dt: float) -> None:
-    """To RTL_ALT_FINAL, and stay there, over the place that the pilot may move."""
+    """Descends to RTL_ALT_FINAL and holds that height; the pilot may move the landing point."""
     m.spool_wanted = THROTTLE_UNLIMITED
     vn, ve = _reposition(m)
     p = m.guided_position

@@ -1,8 +1,9 @@
-"""What is flown by hand: STABILIZE, ALT_HOLD, LOITER and CIRCLE, as ArduCopter flies them.
+"""Manual flight: STABILIZE, ALT_HOLD, LOITER and CIRCLE, as in ArduCopter.
 
-Kernels over the autopilot's record `m`, called once a step. Without a pilot's hands (`sticks`) the sticks ask for
-nothing: LOITER and ALT_HOLD keep the height, on the ground the motors idle. In STABILIZE the throttle is then closed,
-on the ground and in the air, where the vehicle falls. Vectors are north, east, UP from the local origin, SI units.
+Kernels over the autopilot's record `m`, called once per step. Without input from a pilot (`sticks`), the sticks are
+neutral: LOITER and ALT_HOLD keep the height, and on the ground the motors idle. In STABILIZE, however, the throttle is
+then closed both on the ground and in the air, where the vehicle falls. Vectors are north, east, UP from the local
+origin, SI units.
 
 Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode_stabilize, mode_althold, mode_loiter, mode_circle, takeoff; AC_Loiter
 and AC_Circle.
@@ -58,8 +59,8 @@ __all__ = [
 ]
 
 _TAKEOFF_THROTTLE = 0.9
-_LOITER_SHARE = 2.0 / 3.0  # of ANGLE_MAX that LOITER uses by itself
-_LOITER_CORRECTION = 2.0  # m/s and m, that LOITER makes good at most
+_LOITER_SHARE = 2.0 / 3.0  # of ANGLE_MAX that LOITER uses by default
+_LOITER_CORRECTION = 2.0  # m/s and m, maximum correction in LOITER
 _LOITER_SPEED_MIN = 0.2  # m/s
 _CIRCLE_RATE_MAX = math.radians(90.0)
 _STICKS, _AT_CENTRE = 1, 4  # CIRCLE_OPTIONS
@@ -67,7 +68,7 @@ _STICKS, _AT_CENTRE = 1, 4  # CIRCLE_OPTIONS
 
 @kernel
 def _lean_by_stick(m: Any, t: float, dt: float) -> None:
-    """The attitude that the sticks ask for."""
+    """Computes the attitude demanded by the sticks."""
     most = math.radians(0.01 * m.ANGLE_MAX)
     n, e = pilot_tilt(m, most, m.lean_max if m.mode != STABILIZE else most, t)
     follow_yaw_rate(m, GRAVITY * n, GRAVITY * e, -GRAVITY, _yaw_rate(m, t, dt), dt)
@@ -75,7 +76,7 @@ def _lean_by_stick(m: Any, t: float, dt: float) -> None:
 
 @kernel
 def _yaw_rate(m: Any, t: float, dt: float) -> float:
-    """The turn rate that the yaw stick asks for, approached with PILOT_Y_RATE_TC."""
+    """Returns the yaw rate demanded by the yaw stick, filtered with PILOT_Y_RATE_TC."""
     rate = pilot_yaw_rate(m, t)
     if m.PILOT_Y_RATE_TC > 0.0:
         rate = m.rate_target[2] + (rate - m.rate_target[2]) * min(dt / max(m.PILOT_Y_RATE_TC, 0.01), 1.0)
@@ -84,7 +85,7 @@ def _yaw_rate(m: Any, t: float, dt: float) -> float:
 
 @kernel
 def run_stabilize(m: Any, t: float, dt: float) -> None:
-    """Sticks are lean, turn rate and throttle."""
+    """Runs STABILIZE: the sticks set lean, yaw rate and throttle."""
     m.spool_wanted = GROUND_IDLE if throttle_zero(m, t) else THROTTLE_UNLIMITED
     throttle = pilot_throttle(m, t)
     if m.spool_state <= GROUND_IDLE:
@@ -97,7 +98,7 @@ def run_stabilize(m: Any, t: float, dt: float) -> None:
     set_throttle(m, throttle, True, m.PILOT_THR_FILT, dt)
 
 
-# ---- modes that keep height ----------------------------------------------------------------------------------------
+# ---- modes that hold height ----------------------------------------------------------------------------------------
 
 
 @kernel
@@ -109,7 +110,7 @@ def _pilot_limits(m: Any) -> None:
 
 @kernel
 def _is_flying(m: Any, climb: float, t: float, dt: float) -> bool:
-    """Whether the vehicle flies or takes off by the throttle stick; if not, it is let rest on the ground."""
+    """Returns whether the vehicle flies or takes off by the throttle stick; if not, the vehicle rests on the ground."""
     if m.armed and (m.pilot_takeoff or (m.on_ground and climb > 0.0 and m.spool_state == THROTTLE_UNLIMITED)):
         if not m.pilot_takeoff:
             m.pilot_takeoff = True
@@ -128,7 +129,7 @@ def _is_flying(m: Any, climb: float, t: float, dt: float) -> bool:
 
 @kernel
 def _climb(m: Any, climb: float, dt: float) -> None:
-    """Height by the climb rate asked for, or the pilot's take-off."""
+    """Runs height control at the demanded climb rate, or the pilot's take-off."""
     if not m.pilot_takeoff:
         seek_velocity_up(m, climb, 0.0, False, dt)
         control_up(m, dt)
@@ -155,7 +156,7 @@ def _climb(m: Any, climb: float, dt: float) -> None:
 
 @kernel
 def start_alt_hold(m: Any) -> None:
-    """Keep the present height."""
+    """Holds the current height."""
     standard_limits(m)
     _pilot_limits(m)
     initialise_up(m)
@@ -163,7 +164,7 @@ def start_alt_hold(m: Any) -> None:
 
 @kernel
 def run_alt_hold(m: Any, t: float, dt: float) -> None:
-    """Sticks are lean, turn rate and climb rate; the wind carries the vehicle away."""
+    """Runs ALT_HOLD: the sticks set lean, yaw rate and climb rate; the vehicle drifts with the wind."""
     _pilot_limits(m)
     climb = pilot_climb_rate(m, t)
     if not _is_flying(m, climb, t, dt):
@@ -178,7 +179,7 @@ def run_alt_hold(m: Any, t: float, dt: float) -> None:
 
 @kernel
 def start_loiter(m: Any, t: float) -> None:
-    """Come to rest, then hold the place."""
+    """Stops the vehicle, then holds its position."""
     standard_limits(m)
     _pilot_limits(m)
     m.speed_max = _LOITER_CORRECTION
@@ -199,7 +200,7 @@ def _reset_loiter(m: Any, t: float) -> None:
 
 @kernel
 def _acceleration_of(m: Any, roll: float, pitch: float) -> tuple[float, float]:
-    """North and east acceleration at constant height of a lean [rad] with the present heading."""
+    """Returns the north and east acceleration at constant height for a lean [rad] with the current heading."""
     q = m.q
     heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]
     up = max(math.cos(roll) * math.cos(pitch), 0.1)
@@ -211,7 +212,7 @@ def _acceleration_of(m: Any, roll: float, pitch: float) -> tuple[float, float]:
 
 @kernel
 def _predict(m: Any, roll: float, pitch: float, dt: float) -> tuple[float, float]:
-    """Acceleration of the attitude as it will follow the sticks."""
+    """Returns the acceleration of the attitude as it will follow the sticks."""
     tilt, rate = m.loiter_tilt, m.loiter_tilt_rate
     rate[0] = shape_angle(m, roll - tilt[0], m.ATC_ACCEL_R_MAX, rate[0], dt)
     rate[1] = shape_angle(m, pitch - tilt[1], m.ATC_ACCEL_P_MAX, rate[1], dt)
@@ -224,7 +225,7 @@ def _predict(m: Any, roll: float, pitch: float, dt: float) -> tuple[float, float
 
 @kernel
 def _move(m: Any, t: float, dt: float) -> None:
-    """Desired horizontal motion: what the sticks accelerate, less drag and, with centred sticks, braking."""
+    """Shapes the horizontal motion: acceleration by the sticks, less drag and, with centred sticks, braking."""
     lean_max = (
         math.radians(m.LOIT_ANG_MAX) if m.LOIT_ANG_MAX > 0.0 else _LOITER_SHARE * math.radians(0.01 * m.ANGLE_MAX)
     )
@@ -261,7 +262,7 @@ def _move(m: Any, t: float, dt: float) -> None:
 
 @kernel
 def run_loiter(m: Any, t: float, dt: float) -> None:
-    """Sticks are acceleration, turn rate and climb rate; centred, the vehicle brakes and holds its place."""
+    """Runs LOITER: sticks set acceleration, yaw rate and climb rate; centred sticks brake and hold position."""
     _pilot_limits(m)
     climb = pilot_climb_rate(m, t)
     if not _is_flying(m, climb, t, dt):
@@ -281,7 +282,7 @@ def run_loiter(m: Any, t: float, dt: float) -> None:
 
 @kernel
 def _take_circle(m: Any) -> None:
-    """Radius and rate as the parameters have them."""
+    """Sets radius and rate from the parameters."""
     m.circle_asked[0], m.circle_asked[1] = m.CIRCLE_RADIUS, m.CIRCLE_RATE
     m.circle_radius = 0.01 * m.CIRCLE_RADIUS
     m.circle_rate = math.radians(m.CIRCLE_RATE)
@@ -289,7 +290,7 @@ def _take_circle(m: Any) -> None:
 
 @kernel
 def start_circle(m: Any) -> None:
-    """A circle whose centre is ahead of where the vehicle comes to rest, CIRCLE_RADIUS away."""
+    """Begins a circle whose centre is CIRCLE_RADIUS ahead of the stopping point."""
     standard_limits(m)
     _pilot_limits(m)
     heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
@@ -306,7 +307,7 @@ def start_circle(m: Any) -> None:
 
 @kernel
 def _change_circle(m: Any, t: float, dt: float) -> None:
-    """Parameters that are set meanwhile; the pitch stick changes the radius, the roll stick the rate."""
+    """Applies changed parameters; the pitch stick changes the radius, the roll stick the rate."""
     if m.circle_asked[0] != m.CIRCLE_RADIUS or m.circle_asked[1] != m.CIRCLE_RATE:
         _take_circle(m)
     if (m.CIRCLE_OPTIONS & _STICKS) == 0 or not hands_on(m, t) or m.radio_lost:
@@ -319,7 +320,7 @@ def _change_circle(m: Any, t: float, dt: float) -> None:
 
 @kernel
 def run_circle(m: Any, t: float, dt: float) -> None:
-    """Round the centre, the nose towards it until the pilot turns it; the throttle stick is the climb rate."""
+    """Runs CIRCLE: faces the centre until the pilot yaws; the throttle stick sets the climb rate."""
     if not m.armed or not m.auto_armed or m.on_ground:
         rest_on_ground(m, dt)
         return

@@ -1,7 +1,7 @@
-"""Which mode flies: switching modes, and one step of the present one.
+"""Flight mode selection: changing modes, and one step of the current mode.
 
-Kernels over the autopilot's record `m`. How modes fly is in `guided`, `manual` and `auto`; what ground
-stations are told about a mode that cannot be entered in `commander.mode_requests`.
+Kernels over the autopilot's record `m`. The modes are in `guided`, `manual` and `auto`; `commander.mode_requests`
+reports refused mode changes to ground stations.
 
 Source: ArduPilot, ArduCopter 4.6/4.7-dev: mode.
 """
@@ -34,9 +34,9 @@ _ARMING_DELAY = 2.0  # s between arming and the motors
 
 @kernel
 def set_mode(m: Any, mode: int, t: float) -> bool:
-    """Switch modes; False if armed and the mode needs a position that is not there. The mode must be one of `Mode`.
+    """Changes the mode; returns False if armed and the mode needs a missing position. The mode must be one of `Mode`.
 
-    Whether there is a mission for AUTO is the caller's to check.
+    The caller must check that there is a mission for AUTO.
     """
     if mode == m.mode:
         return True
@@ -76,7 +76,7 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
 
 @kernel
 def run_mode(m: Any, t: float, dt: float) -> None:
-    """One step of the present mode; AUTO has been run before (`auto`)."""
+    """Performs one step of the current mode, except AUTO, which runs earlier (`auto`)."""
     if m.arming_delay and (not m.armed or t - m.armed_at >= _ARMING_DELAY - 1e-9):
         m.arming_delay = False
     if m.mode == GUIDED or m.mode == BRAKE:

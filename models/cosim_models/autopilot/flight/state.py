@@ -1,6 +1,6 @@
-"""Armed or not, on the ground or in the air, in which mode: the autopilot's discrete state, as ArduCopter keeps it.
+"""The autopilot's discrete state as in ArduCopter: armed or not, on the ground or in the air, flight mode.
 
-Kernels over the autopilot's record `m`. How a mode flies is in `guided`.
+Kernels over the autopilot's record `m`.
 
 Source: ArduPilot, ArduCopter 4.6/4.7-dev: AP_Arming_Copter, motors (auto disarm), land_detector.
 """
@@ -39,8 +39,8 @@ __all__ = [
 ]
 
 
-_LANDED_TIME = 1.0  # s of stillness that mean landed
-_TOUCHED_TIME = 0.2  # s that mean perhaps landed
+_LANDED_TIME = 1.0  # s without motion until landed
+_TOUCHED_TIME = 0.2  # s until possibly landed
 _LANDED_ACCEL = 1.0  # m/s2, filtered at 1 Hz
 _LANDED_SPEED = 1.0  # m/s
 _LARGE_LEAN = math.cos(math.radians(15.0))
@@ -50,19 +50,19 @@ _MOVING_ACCEL = 3.0  # m/s2
 
 @kernel
 def position_ready(m: Any, t: float) -> bool:
-    """Whether the position estimate is good enough to fly by (from `estimate_ready_time` on)."""
+    """Returns whether the position estimate is good enough for flight (from `estimate_ready_time` on)."""
     return bool(t >= m.estimate_ready_time)
 
 
 @kernel
 def needs_position(mode: int) -> bool:
-    """Whether a mode cannot be entered, or armed in, without a position estimate."""
+    """Returns whether entering or arming in a mode requires a position estimate."""
     return mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE)
 
 
 @kernel
 def arm(m: Any, t: float) -> None:
-    """Arm. The place becomes home, the motors wait for two seconds."""
+    """Arms. The current position becomes home; the motors wait for two seconds."""
     m.armed = True
     m.armed_at = t
     m.arming_delay = True
@@ -76,7 +76,7 @@ def arm(m: Any, t: float) -> None:
 
 @kernel
 def disarm(m: Any) -> None:
-    """Stop the motors."""
+    """Disarms and stops the motors."""
     m.armed = False
     m.auto_armed = False
     m.on_ground = True
@@ -85,7 +85,7 @@ def disarm(m: Any) -> None:
 
 @kernel
 def disarm_after_delay(m: Any, t: float) -> bool:
-    """Disarm when armed on the ground for DISARM_DELAY; returns whether that happened now."""
+    """Disarms after DISARM_DELAY armed on the ground; returns whether that happened in this step."""
     if not m.armed or m.DISARM_DELAY <= 0.0 or m.spool_state > GROUND_IDLE or not m.on_ground:
         m.idle_since = t
         return False
@@ -97,7 +97,7 @@ def disarm_after_delay(m: Any, t: float) -> bool:
 
 @kernel
 def detect_landing(m: Any, dt: float) -> None:
-    """ArduCopter's land detector: idle throttle and no motion for a second. Sets m.on_ground and the throttle mix."""
+    """Detects landing as ArduCopter: idle throttle, no motion for a second. Sets m.on_ground and the throttle mix."""
     alpha = lowpass_alpha(dt, 1.0)
     still = 0.0
     moving = 0.0
@@ -105,7 +105,7 @@ def detect_landing(m: Any, dt: float) -> None:
         m.land_accel[i] += alpha * (m.acc[i] - m.land_accel[i])
         still += m.land_accel[i] * m.land_accel[i]
         moving += m.acc[i] * m.acc[i]
-    upright = 1.0 - 2.0 * (m.attitude_target[1] ** 2 + m.attitude_target[2] ** 2)  # cosine of the lean wanted
+    upright = 1.0 - 2.0 * (m.attitude_target[1] ** 2 + m.attitude_target[2] ** 2)  # cosine of the lean of the target
     rough = upright < _LARGE_LEAN or m.thrust_error > _LARGE_ERROR
     if not m.armed:
         m.on_ground = True
@@ -142,7 +142,7 @@ def detect_landing(m: Any, dt: float) -> None:
 
 @kernel
 def landed_state(m: Any) -> int:
-    """MAV_LANDED_STATE: 1 on ground, 2 in air, 3 taking off, 4 landing."""
+    """Returns MAV_LANDED_STATE: 1 on ground, 2 in air, 3 taking off, 4 landing."""
     if m.on_ground:
         return 1
     if m.pilot_takeoff or ((m.mode == GUIDED or m.mode == AUTO) and m.submode == TAKEOFF and not m.takeoff_done):

@@ -1,10 +1,9 @@
-"""The pilot: overrides of the remote control heard by MAVLink, as sticks, and what the sticks ask for.
+"""The pilot's sticks: remote control overrides received by MAVLink, and the demands of the sticks.
 
-RC_CHANNELS_OVERRIDE and MANUAL_CONTROL of the ground station (SYSID_MYGCS) set channels for RC_OVERRIDE_TIME. What is
-not overridden comes from a receiver whose transmitter nobody holds, as a simulated ArduCopter's: sticks centred, the
-throttle closed on the ground and in STABILIZE and in the middle otherwise, so that nothing is asked for; SIM_RC_FAIL
-takes it away. Kernels over the autopilot's record `m`; how modes use the sticks is in `guided`, what happens
-when the radio is lost in `failsafes`.
+RC_CHANNELS_OVERRIDE and MANUAL_CONTROL from the ground station (SYSID_MYGCS) set channels for RC_OVERRIDE_TIME.
+Channels without an override have neutral inputs, as in a simulated ArduCopter: centred sticks, and a throttle that is
+closed on the ground and in STABILIZE and centred otherwise. SIM_RC_FAIL removes these inputs. Kernels over the
+autopilot's record `m`; modes use the sticks in `guided` and `manual`, and a lost radio is handled in `failsafes`.
 
 Not here: simple modes, trims by ear, auxiliary switches.
 
@@ -48,12 +47,12 @@ __all__ = [
 ]
 
 NO_PULSES = 1
-"""SIM_RC_FAIL: the receiver gives no pulses."""
+"""SIM_RC_FAIL: the receiver outputs no pulses."""
 
 _IGNORE, _RELEASE = 65535, 65534
 _NO_VALUE = 32767  # of MANUAL_CONTROL
 _FOR_EVER = 1e300
-_ZERO_TIME = 0.4  # s of closed throttle that count as closed
+_ZERO_TIME = 0.4  # s until a closed throttle counts as closed
 _LEAN_MIN = math.radians(10.0)
 _LEAN_MAX = math.radians(85.0)
 _EXPO_SHARE = 0.375
@@ -68,12 +67,12 @@ _CALIBRATION = 8 * (_REVERSED + 1)  # bytes
 assert _FIELDS[f"RC{STICK_CHANNELS}_REVERSED"][1] == _RC + (STICK_CHANNELS - 1) * _CALIBRATION + 8 * _REVERSED
 
 
-# ---- what is heard -------------------------------------------------------------------------------------------------
+# ---- received overrides --------------------------------------------------------------------------------------------
 
 
 @kernel
 def _override(m: Any, i: int, pulse: int, t: float) -> None:
-    """Override channel i (from 0) with `pulse` [us]; 0 releases it."""
+    """Overrides channel i (from 0) with `pulse` [us]; 0 releases it."""
     m.rc_override[i] = pulse
     m.rc_time[i] = t
     if pulse != 0 and m.RC_OVERRIDE_TIME != 0.0:
@@ -83,7 +82,7 @@ def _override(m: Any, i: int, pulse: int, t: float) -> None:
 
 @kernel
 def hear_override(m: Any, sender: int, t: float) -> None:
-    """RC_CHANNELS_OVERRIDE."""
+    """Handles RC_CHANNELS_OVERRIDE."""
     if sender != m.SYSID_MYGCS:
         return
     for i in range(CHANNELS):
@@ -100,14 +99,14 @@ def hear_override(m: Any, sender: int, t: float) -> None:
 
 @kernel
 def _heard_station(m: Any, t: float) -> None:
-    """Flying by hand is a sign of life of the ground station."""
+    """Counts pilot input as a sign of life of the ground station."""
     m.station_heard = t
     m.station_known = True
 
 
 @kernel
 def _axis(m: Any, number: int, value: int, offset: int, scale: float, t: float) -> None:
-    """One axis of MANUAL_CONTROL on channel `number`, scaled to its pulses."""
+    """Applies one axis of MANUAL_CONTROL to channel `number`, scaled to its pulses."""
     if not 1 <= number <= STICK_CHANNELS:
         return
     pulse = 0
@@ -119,7 +118,7 @@ def _axis(m: Any, number: int, value: int, offset: int, scale: float, t: float) 
 
 @kernel
 def hear_manual_control(m: Any, sender: int, t: float) -> None:
-    """MANUAL_CONTROL: x forward, y right, z up from 0 (closed) to 1000, r clockwise; others -1000 to 1000."""
+    """Handles MANUAL_CONTROL: x forward, y right, r clockwise, -1000 to 1000; z up, from 0 (closed) to 1000."""
     target, x, y, z, r, _, _, _, _, _, _, _, _, _, _, _ = decode_manual_control(m.received)
     if sender != m.SYSID_MYGCS or target != m.SYSID_THISMAV:
         return
@@ -141,13 +140,13 @@ def _calibration(m: Any, number: int, what: int) -> float:
 
 @kernel
 def hands_on(m: Any, t: float) -> bool:
-    """Whether the pilot moves the sticks: a channel is overridden."""
+    """Returns whether the pilot controls the sticks, i.e. a channel is overridden."""
     return bool(m.rc_known and t < m.rc_until)
 
 
 @kernel
 def _receiver(m: Any, number: int) -> int:
-    """Pulse [us] of channel `number` of a transmitter that nobody holds."""
+    """Returns the neutral pulse [us] of channel `number`, without an override."""
     if m.SIM_RC_FAIL == NO_PULSES:
         return 0
     if number == m.RCMAP_THROTTLE:
@@ -163,20 +162,20 @@ def _receiver(m: Any, number: int) -> int:
 
 @kernel
 def override_active(m: Any, number: int, t: float) -> bool:
-    """Whether channel `number` (from 1) is overridden."""
+    """Returns whether channel `number` (from 1) is overridden."""
     held = m.RC_OVERRIDE_TIME < 0.0 or t - m.rc_time[number - 1] < m.RC_OVERRIDE_TIME
     return bool(m.rc_override[number - 1] != 0 and held)
 
 
 @kernel
 def channel(m: Any, number: int, t: float) -> int:
-    """Pulse [us] of channel `number` (from 1); 0: there is none."""
+    """Returns the pulse [us] of channel `number` (from 1); 0 without a signal."""
     return int(m.rc_override[number - 1]) if override_active(m, number, t) else _receiver(m, number)
 
 
 @kernel
 def deflection(m: Any, number: int, t: float) -> float:
-    """Deflection of the stick on channel `number` from its centre, -1 to 1, 0 in the dead zone."""
+    """Returns the deflection of the stick on channel `number` from its centre, -1 to 1, 0 in the dead zone."""
     pulse = float(channel(m, number, t))
     if pulse == 0.0:
         return 0.0
@@ -195,7 +194,7 @@ def deflection(m: Any, number: int, t: float) -> float:
 
 @kernel
 def _above_least(m: Any, number: int, pulse: float) -> float:
-    """Where a pulse stands between the dead zone above the least (0) and the greatest pulse (1000)."""
+    """Scales a pulse to 0 (end of the dead zone above the minimum) to 1000 (maximum pulse)."""
     low, high = _calibration(m, number, _MIN), _calibration(m, number, _MAX)
     pulse = clip(pulse, low, high)
     if _calibration(m, number, _REVERSED) > 0.0:
@@ -206,14 +205,14 @@ def _above_least(m: Any, number: int, pulse: float) -> float:
 
 @kernel
 def _throttle(m: Any, t: float) -> float:
-    """The throttle stick, 0 to 1000."""
+    """Returns the throttle stick position, 0 to 1000."""
     pulse = channel(m, m.RCMAP_THROTTLE, t)
     return _above_least(m, m.RCMAP_THROTTLE, float(pulse)) if pulse != 0 else 0.0
 
 
 @kernel
 def _middle(m: Any) -> float:
-    """The throttle stick in its middle, 1 to 999."""
+    """Returns the centre position of the throttle stick, 1 to 999."""
     number = m.RCMAP_THROTTLE
     return clip(
         _above_least(m, number, 0.5 * (_calibration(m, number, _MIN) + _calibration(m, number, _MAX))), 1.0, 999.0
@@ -222,19 +221,22 @@ def _middle(m: Any) -> float:
 
 @kernel
 def throttle_open(m: Any, t: float) -> bool:
-    """Whether the throttle stick is off its stop, held by somebody."""
+    """Returns whether the pilot holds the throttle stick above its lower stop."""
     return hands_on(m, t) and _throttle(m, t) > 0.0
 
 
 @kernel
 def throttle_zero(m: Any, t: float) -> bool:
-    """Whether the throttle has been closed for a while."""
+    """Returns whether the throttle has been closed for _ZERO_TIME."""
     return not m.rc_known or t - m.throttle_open_at >= _ZERO_TIME
 
 
 @kernel
 def read_sticks(m: Any, t: float) -> None:
-    """Note what the modes that fly by themselves ask of the sticks; needed every step.
+    """Records the stick demands for autonomous modes; required in every step.
+
+    It records whether the throttle is open, which allows an armed vehicle to fly autonomously, and the demands of the
+    other sticks.
 
     Whether the throttle is open, and with it that an armed vehicle may fly by itself; what the other sticks ask for.
     """
@@ -254,7 +256,7 @@ def read_sticks(m: Any, t: float) -> None:
         m.auto_armed = False
 
 
-# ---- what the sticks ask for ---------------------------------------------------------------------------------------
+# ---- demands of the sticks -----------------------------------------------------------------------------------------
 
 
 @kernel
@@ -264,7 +266,7 @@ def _flies(m: Any, t: float) -> bool:
 
 @kernel
 def pilot_climb_rate(m: Any, t: float) -> float:
-    """Climb rate [m/s] the throttle stick asks for; 0 when nobody moves it."""
+    """Returns the climb rate [m/s] demanded by the throttle stick; 0 without pilot input."""
     if not _flies(m, t):
         return 0.0
     stick, middle = _throttle(m, t), _middle(m)
@@ -279,13 +281,13 @@ def pilot_climb_rate(m: Any, t: float) -> float:
 
 @kernel
 def pilot_climbs(m: Any, t: float) -> bool:
-    """Whether the throttle stick is not below its middle, held by somebody."""
+    """Returns whether the pilot holds the throttle stick at or above its centre."""
     return _flies(m, t) and _throttle(m, t) >= _middle(m) - clip(m.THR_DZ, 0.0, 400.0)
 
 
 @kernel
 def pilot_throttle(m: Any, t: float) -> float:
-    """Throttle (0 to 1) in STABILIZE: the hover throttle with the stick in its middle."""
+    """Returns the throttle (0 to 1) in STABILIZE; the centred stick gives the hover throttle."""
     if not hands_on(m, t):
         return 0.0
     stick, middle = _throttle(m, t), _middle(m)
@@ -296,7 +298,7 @@ def pilot_throttle(m: Any, t: float) -> float:
 
 @kernel
 def pilot_yaw_rate(m: Any, t: float) -> float:
-    """Turn rate [rad/s] the yaw stick asks for."""
+    """Returns the yaw rate [rad/s] demanded by the yaw stick."""
     if not _flies(m, t):
         return 0.0
     stick = deflection(m, m.RCMAP_YAW, t)
@@ -308,9 +310,9 @@ def pilot_yaw_rate(m: Any, t: float) -> float:
 
 @kernel
 def pilot_heading_thrust(m: Any, lean_max: float, lean_limit: float, t: float) -> tuple[float, float]:
-    """Forward and right part of the thrust over its upward part that roll and pitch stick ask for.
+    """Returns the forward and right thrust demanded by the roll and pitch sticks, relative to the upward thrust.
 
-    Full sticks mean a lean of `lean_max`; both together lean no more than `lean_limit`, 10 degrees at least [rad].
+    A full stick means a lean of `lean_max`; both sticks together lean at most `lean_limit`, at least 10 degrees [rad].
     """
     if not _flies(m, t):
         return 0.0, 0.0
@@ -327,7 +329,7 @@ def pilot_heading_thrust(m: Any, lean_max: float, lean_limit: float, t: float) -
 
 @kernel
 def pilot_tilt(m: Any, lean_max: float, lean_limit: float, t: float) -> tuple[float, float]:
-    """`pilot_heading_thrust` as north and east, by the heading of the attitude wanted."""
+    """Returns `pilot_heading_thrust` as north and east, using the heading of the attitude target."""
     forward, right = pilot_heading_thrust(m, lean_max, lean_limit, t)
     q = m.attitude_target
     heading = euler_from_quaternion((q[0], q[1], q[2], q[3]))[2]

@@ -1,7 +1,8 @@
-"""Where the nose points when the vehicle flies by itself: held, along the path, to a heading, at a rate, by the pilot.
+"""Heading control in autonomous flight: hold, along the path, to a heading, at a rate, or by the pilot.
 
-Kernels over the autopilot's record `m`. Modes and commands choose; the pilot's yaw stick takes the nose over, unless
-an option forbids it, until the next choice. `lean` hands heading and acceleration to the attitude controller.
+Kernels over the autopilot's record `m`. Modes and commands select the behaviour. The pilot's yaw stick overrides it
+until the next selection, unless an option forbids it. `lean` passes heading and acceleration to the attitude
+controller.
 
 Source: ArduPilot, ArduCopter autoyaw and mode (use_pilot_yaw).
 """
@@ -47,12 +48,12 @@ def _heading(q: Any) -> float:
     return float(euler_from_quaternion((q[0], q[1], q[2], q[3]))[2])
 
 
-# ---- what modes and commands choose --------------------------------------------------------------------------------
+# ---- selection by modes and commands -------------------------------------------------------------------------------
 
 
 @kernel
 def default_nose(m: Any) -> None:
-    """WP_YAW_BEHAVIOR: 0 keeps the heading; 1, 2 and 3 look along the path (2 keeps it in RTL)."""
+    """Applies WP_YAW_BEHAVIOR: 0 holds the heading; 1, 2 and 3 point along the path (2 holds it in RTL)."""
     if m.WP_YAW_BEHAVIOR == 0 or (m.WP_YAW_BEHAVIOR == 2 and m.mode == RTL):
         m.yaw_mode = _HOLD
     elif m.yaw_mode != _ALONG_PATH:
@@ -63,13 +64,13 @@ def default_nose(m: Any) -> None:
 
 @kernel
 def hold_heading(m: Any) -> None:
-    """Keep the nose where it points."""
+    """Holds the current heading."""
     m.yaw_mode = _HOLD
 
 
 @kernel
 def turn_to(m: Any, heading: float) -> None:
-    """Point the nose at `heading` [rad]."""
+    """Turns to `heading` [rad]."""
     m.yaw_mode = _FIXED
     m.yaw_fixed = heading
     m.yaw_left = 0.0
@@ -77,28 +78,29 @@ def turn_to(m: Any, heading: float) -> None:
 
 @kernel
 def turn_at(m: Any, rate: float) -> None:
-    """Turn the nose at `rate` [rad/s]."""
+    """Turns at `rate` [rad/s]."""
     m.yaw_mode = _TURN
     m.yaw_rate = rate
 
 
 @kernel
 def stop_turning(m: Any) -> None:
-    """End what `turn_at` began."""
+    """Ends the rotation begun by `turn_at`."""
     if m.yaw_mode == _TURN:
         m.yaw_mode = _HOLD
 
 
 @kernel
 def turn_by(m: Any, angle: float, rate: float, direction: float, relative: bool) -> None:
-    """CONDITION_YAW: to `angle` [rad], or by it, at `rate` [rad/s] (ATC_SLEW_YAW where it is 0 or more).
+    """Handles CONDITION_YAW: turns to or by `angle` [rad] at up to `rate` [rad/s], ATC_SLEW_YAW if that is not
+    positive.
 
     Args:
         m: the record.
         angle: heading, or angle to turn by.
-        rate: how fast.
+        rate: maximum rate.
         direction: positive clockwise, negative counter-clockwise; 0: the shorter way to a heading.
-        relative: by the angle, from the present heading.
+        relative: turn by the angle, starting at the current heading.
     """
     slew = math.radians(0.01 * m.ATC_SLEW_YAW)
     m.yaw_slew = min(slew, rate) if rate > 0.0 else slew
@@ -122,20 +124,20 @@ def turn_by(m: Any, angle: float, rate: float, direction: float, relative: bool)
 
 @kernel
 def keep_heading(m: Any) -> bool:
-    """Whether a heading that has been asked for outlasts the next waypoint: WP_YAW_BEHAVIOR is 0."""
+    """Returns whether a commanded heading outlasts the next waypoint, i.e. WP_YAW_BEHAVIOR is 0."""
     return bool(m.WP_YAW_BEHAVIOR == 0 and m.yaw_mode == _FIXED)
 
 
 @kernel
 def has_turned(m: Any) -> bool:
-    """Whether the nose has come to where `turn_by` sends it; takes it back from the path, as ArduCopter does."""
+    """Returns whether the heading of `turn_by` is reached; selects that heading again, as ArduCopter does."""
     m.yaw_mode = _FIXED
     return bool(m.yaw_left == 0.0 and abs(wrap_pi(m.yaw_fixed - _heading(m.q))) <= _TURNED)
 
 
 @kernel
 def turn_as_armed(m: Any) -> None:
-    """Above home: as it pointed at arming, where WP_YAW_BEHAVIOR does not keep the heading in RTL."""
+    """Turns to the heading at arming (above home), unless WP_YAW_BEHAVIOR holds the heading in RTL."""
     if m.WP_YAW_BEHAVIOR == 0 or m.WP_YAW_BEHAVIOR == 2:
         hold_heading(m)
     else:
@@ -144,30 +146,30 @@ def turn_as_armed(m: Any) -> None:
 
 @kernel
 def points_there(m: Any) -> bool:
-    """Whether the nose is where `turn_to` wants it, if that is still wanted."""
+    """Returns whether the heading of `turn_to` is reached or no longer selected."""
     return bool(m.yaw_mode != _FIXED or abs(wrap_pi(m.yaw_fixed - _heading(m.q))) <= _TURNED)
 
 
 @kernel
 def circle_nose(m: Any) -> None:
-    """Let the nose go round: `look_round` says where it points."""
+    """Selects the heading given by `look_round`, for circles."""
     m.yaw_mode = _ROUND
     m.yaw_left = 0.0
 
 
 @kernel
 def look_round(m: Any, heading: float) -> None:
-    """Point the nose at `heading` [rad] if it goes round."""
+    """Sets the heading [rad] while `circle_nose` is selected."""
     if m.yaw_mode == _ROUND:
         m.yaw_fixed = heading
 
 
-# ---- what is done --------------------------------------------------------------------------------------------------
+# ---- execution -----------------------------------------------------------------------------------------------------
 
 
 @kernel
 def _is_returning_free(m: Any) -> bool:
-    """Whether the pilot may turn the nose in RTL."""
+    """Returns whether the pilot may yaw in RTL."""
     if (m.RTL_OPTIONS & _IGNORE_STICK) == 0 or m.rtl_stage == DESCEND:
         return True
     return bool(m.rtl_stage == FINAL and m.LAND_REPOSITION != 0)
@@ -175,7 +177,7 @@ def _is_returning_free(m: Any) -> bool:
 
 @kernel
 def _is_free(m: Any) -> bool:
-    """Whether the pilot may turn the nose."""
+    """Returns whether the pilot may yaw."""
     if m.mode == GUIDED:
         return bool((m.GUID_OPTIONS & _IGNORE_STICK) == 0)
     if m.mode == AUTO:
@@ -189,7 +191,7 @@ def _is_free(m: Any) -> bool:
 
 @kernel
 def _follow_pilot(m: Any) -> None:
-    """The yaw stick takes the nose over."""
+    """Gives control of the heading to the yaw stick."""
     if m.pilot_flies and _is_free(m):
         if m.pilot_turn != 0.0:
             m.yaw_mode = _PILOT
@@ -199,7 +201,7 @@ def _follow_pilot(m: Any) -> None:
 
 @kernel
 def lean(m: Any, dt: float) -> None:
-    """Hand the wanted acceleration and heading to the attitude controller."""
+    """Passes the demanded acceleration and heading to the attitude controller."""
     if m.rc_known:
         _follow_pilot(m)
     an, ae = m.acceleration_target[0], m.acceleration_target[1]

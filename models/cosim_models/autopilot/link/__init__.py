@@ -1,1 +1,1 @@
-"""Packets and texts on their links."""
+"""Packets and status texts on the autopilot's links."""

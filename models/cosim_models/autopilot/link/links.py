@@ -1,9 +1,9 @@
-"""The autopilot's links and their send buffers: one packet more, and the times that messages carry.
+"""The autopilot's links and their send buffers: appending packets, and timestamps of messages.
 
-A link is a pair of packet ports, as a serial port is one of ArduPilot's: `mavlink` leads to what else is on board and
-to the swarm's radio, `telemetry` to the ground stations' radio, `serial` to a cable. Each has its own sequence, MAVLink
-version and streams. Packets go out by `m.link`, which is the one that is being heard or served.
-Kernels over the autopilot's record `m`. What the packets say is in `mavlink.messages` and `mavlink.status_messages`.
+A link is a pair of packet ports, corresponding to a serial port of ArduPilot. `mavlink` connects to other components on
+board and to the swarm's radio, `telemetry` to the ground stations' radio, `serial` to a cable. Each link has its own
+sequence, MAVLink version and streams. Packets are sent on `m.link`, the link that is being served. Kernels over the
+autopilot's record `m`. The contents of packets are in `mavlink.messages` and `mavlink.status_messages`.
 
 Source: ArduPilot, GCS_MAVLINK (one for each channel).
 """
@@ -39,7 +39,7 @@ _COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 
 @kernel
 def _append(m: Any, buffer: Any, used: int, message: int) -> int:
-    """Append m.payload to the `used` bytes of a buffer; how many are used then, negative if that is not possible."""
+    """Appends m.payload to the `used` bytes of a buffer; returns the new number of bytes, negative on failure."""
     link = m.link
     n = pack(buffer, used, m.payload, message, m.sequence[link], m.SYSID_THISMAV, _COMPONENT, m.link_version[link])
     if n >= 0:
@@ -49,7 +49,7 @@ def _append(m: Any, buffer: Any, used: int, message: int) -> int:
 
 @kernel
 def send(m: Any, message: int) -> bool:
-    """Append m.payload as a packet; False if it does not fit or the version in use cannot carry it."""
+    """Appends m.payload as a packet; False if it does not fit or the MAVLink version in use cannot carry it."""
     if m.link == MAVLINK:
         n = _append(m, m.mavlink_tx, m.mavlink_tx_len, message)
         if n >= 0:
@@ -67,7 +67,7 @@ def send(m: Any, message: int) -> bool:
 
 @kernel
 def send_to_all(m: Any, message: int) -> None:
-    """Append m.payload by every link that has room for an answer."""
+    """Appends m.payload on every link that has room for an answer."""
     here = m.link
     for link in range(LINKS):
         m.link = link
@@ -78,7 +78,7 @@ def send_to_all(m: Any, message: int) -> None:
 
 @kernel
 def can_answer(m: Any) -> bool:
-    """Whether there is room for a packet that is no acknowledgement."""
+    """Returns whether there is room for a packet other than an acknowledgement."""
     used = m.mavlink_tx_len if m.link == MAVLINK else m.telemetry_tx_len if m.link == TELEMETRY else m.serial_tx_len
     return bool(used + MAX_PACKET + m.ack_room <= m.mavlink_tx.shape[0])
 

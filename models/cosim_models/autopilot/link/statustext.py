@@ -1,4 +1,4 @@
-"""What the autopilot says in words: ArduCopter's STATUSTEXTs, queued and sent behind the acknowledgements.
+"""ArduCopter's status texts (STATUSTEXT), queued and sent after the acknowledgements.
 
 Kernels over the autopilot's record `m`.
 
@@ -76,7 +76,7 @@ CRITICAL, WARNING, INFO = (cast(int, np.int64(severity)) for severity in (2, 4, 
 _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
 _EVERY_LINK = 2**LINKS - 1
 NO_NUMBER = cast(int, np.int64(-1))
-"""`say` without a number."""
+"""Number argument of `say` for texts without a number."""
 
 _TEXTS: list[bytes] = []
 
@@ -131,7 +131,7 @@ GCS_DISARMING = _text(b"GCS Failsafe - Disarming")
 GCS_LANDING = _text(b"GCS Failsafe - Continuing Landing")
 GCS_AUTO = _text(b"GCS Failsafe - Continuing Auto Mode")
 GCS_PILOT = _text(b"GCS Failsafe - Continuing Pilot Control")
-# ... of commands of a mission that begin, one behind the other
+# Texts of mission commands that begin, in the order of commands.
 MISSION_TEXTS = _text(b"Mission: % WP")
 _text(b"Mission: % LoitUnlim")
 _text(b"Mission: % LoitTime")
@@ -155,13 +155,13 @@ _PLACE, _PLACE_OF_HUNDREDTHS, _PLACE_OF_SECOND, _POINT = 37, 36, 38, 46  # % $ &
 
 @kernel
 def say(m: Any, severity: int, text: int, number: int) -> None:
-    """Queue a STATUSTEXT: one of the texts, with `number` in the place of its %. A full queue drops it."""
+    """Queues a STATUSTEXT, with `number` substituted for its "%". A full queue drops it."""
     say_with(m, severity, text, number, 0)
 
 
 @kernel
 def say_with(m: Any, severity: int, text: int, number: int, second: int) -> None:
-    """`say` with a second number: in the place of its & as it is, of its $ with two decimals."""
+    """Like `say`, with a second value substituted for "&" (integer) or "$" (two decimals)."""
     n = m.text_count
     if n < m.text_queue.shape[0]:
         m.text_queue[n, 0] = severity
@@ -174,7 +174,7 @@ def say_with(m: Any, severity: int, text: int, number: int, second: int) -> None
 
 @kernel
 def send_texts(m: Any) -> None:
-    """Send the queued texts, behind the acknowledgements as ArduCopter does; what does not fit waits."""
+    """Sends the queued texts after the acknowledgements, as ArduCopter does; texts that do not fit wait."""
     for link in range(LINKS):
         m.link = link
         for row in range(m.text_count):
@@ -195,7 +195,7 @@ def send_texts(m: Any) -> None:
 
 @kernel
 def _put_number(m: Any, at: int, number: int, least: int) -> int:
-    """Write a number of at least `least` digits at `at`; returns how many."""
+    """Writes a number with at least `least` digits at `at`; returns the number of characters."""
     digits = 1
     rest = number
     while rest >= 10:
@@ -211,7 +211,7 @@ def _put_number(m: Any, at: int, number: int, least: int) -> int:
 
 @kernel
 def _send_text(m: Any, row: int) -> bool:
-    """The text of a row of the queue, with its numbers."""
+    """Sends the text of a row of the queue, with its numbers."""
     text = m.text_queue[row, 1]
     encode_statustext(m.payload, m.text_queue[row, 0], 0, 0)
     at = 0

@@ -1,8 +1,8 @@
-"""What the autopilot hears: MAVLink commands and targets, and their answers, as ArduCopter answers them.
+"""Reception of MAVLink commands and targets, and their answers, as in ArduCopter.
 
-`receive` walks the packets of a step. Only good packets that are addressed to this system (or to all) count; each
-COMMAND_LONG and COMMAND_INT gets exactly one COMMAND_ACK, addressed to the requester, refusals with ArduCopter's
-texts; SET_MODE gets none. Kernels over the autopilot's record `m`.
+`receive` processes the packets of a step. Only good packets addressed to this system (or to all) count. Each
+COMMAND_LONG and COMMAND_INT is answered by exactly one COMMAND_ACK to the requester, with ArduCopter's texts on
+refusal; SET_MODE is not answered. Kernels over the autopilot's record `m`.
 
 Sources: MAVLink common.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; answers recorded from ArduCopter 4.7-dev.
 """
@@ -143,7 +143,7 @@ __all__ = ["receive"]
 
 
 _COMPONENT = 1
-_SHORTEST, _ACK = 13, 22  # bytes of a COMMAND_LONG of nothing but zeros, and of its COMMAND_ACK
+_SHORTEST, _ACK = 13, 22  # bytes of a COMMAND_LONG that contains only zeros, and of its COMMAND_ACK
 # Sums of POSITION_TARGET_TYPEMASK_X_IGNORE and the like.
 _NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0
 _ABSOLUTE, _RELATIVE = 0, 1
@@ -154,7 +154,7 @@ _ABSOLUTE, _RELATIVE = 0, 1
 
 @kernel
 def _turn(m: Any, angle: float, rate: float, direction: float, relative: float) -> int:
-    """CONDITION_YAW: angle [deg] at a rate [deg/s]; relative 1 turns by it in `direction`, 0 to it."""
+    """Handles CONDITION_YAW: angle [deg], rate [deg/s]; relative 1 turns by the angle in `direction`, 0 turns to it."""
     if not 0.0 <= angle <= 360.0 or not (relative == 0.0 or relative == 1.0) or not math.isfinite(rate + direction):
         return MAV_RESULT_FAILED
     turn_by(m, math.radians(angle), math.radians(rate), direction, relative == 1.0)
@@ -163,7 +163,7 @@ def _turn(m: Any, angle: float, rate: float, direction: float, relative: float) 
 
 @kernel
 def _change_speed(m: Any, kind: float, speed: float) -> int:
-    if not 0.0 < speed < math.inf or 4.0 <= kind < 5.0:  # MAVLink's number behind the last kind
+    if not 0.0 < speed < math.inf or 4.0 <= kind < 5.0:  # 4 follows MAVLink's last kind
         return MAV_RESULT_DENIED
     if not 0.0 <= kind < 4.0 or m.mode not in (AUTO, GUIDED, RTL):
         return MAV_RESULT_FAILED
@@ -214,7 +214,7 @@ def _request_message(m: Any, message: float, argument: float, t: float) -> int:
 
 @kernel
 def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, height: float, t: float) -> int:
-    """Commands that COMMAND_LONG and COMMAND_INT share; `height` is param7 or z. Returns a MAV_RESULT."""
+    """Handles commands shared by COMMAND_LONG and COMMAND_INT; `height` is param7 or z. Returns a MAV_RESULT."""
     if command == MAV_CMD_COMPONENT_ARM_DISARM:
         return arm_or_disarm(m, p1, p2, t)
     if command == MAV_CMD_NAV_TAKEOFF:
@@ -260,7 +260,7 @@ def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, h
 
 @kernel
 def _altitude_reference(frame: int) -> int:
-    """What an altitude in a MAV_FRAME is above: _ABSOLUTE (sea), _RELATIVE (home), -1 for frames not understood."""
+    """Returns the reference of altitudes in a MAV_FRAME: _ABSOLUTE (sea), _RELATIVE (home), -1 if not supported."""
     if frame == 0 or frame == 5:
         return _ABSOLUTE
     if frame == 3 or frame == 6:
@@ -270,7 +270,7 @@ def _altitude_reference(frame: int) -> int:
 
 @kernel
 def _locate(m: Any, lat: int, lon: int, altitude: float, reference: int) -> tuple[float, float, float]:
-    """North, east and up of a place in degE7 and m."""
+    """Returns north, east and up of a position in degE7 and m."""
     n, e, d = local_from_geodetic(
         radians_from_deg_e7(lat), radians_from_deg_e7(lon), altitude, m.origin_latitude, m.origin_longitude, 0.0
     )
@@ -326,7 +326,7 @@ def _guide(
     relative: bool,
     t: float,
 ) -> None:
-    """A target of SET_POSITION_TARGET_*, in local axes; combinations that mean nothing stop the vehicle."""
+    """Applies a target of SET_POSITION_TARGET_*, in local axes; unsupported combinations stop the vehicle."""
     position = (mask & _NO_POSITION) == 0
     velocity = (mask & _NO_VELOCITY) == 0
     acceleration = (mask & _NO_ACCELERATION) == 0
@@ -405,7 +405,7 @@ def _global_target(m: Any, t: float) -> None:
 
 @kernel
 def _guided_item(m: Any, current: int, frame: int, lat: float, lon: float, z: float, t: float) -> bool:
-    """MISSION_ITEM with current 2, a place to go to in GUIDED, or 3, a height; places in 1e-7 degrees."""
+    """Handles MISSION_ITEM with current 2, a GUIDED target, or 3, a height; positions in 1e-7 degrees."""
     reference = _altitude_reference(frame)
     if m.mode != GUIDED or reference < 0 or not math.isfinite(z):
         return False
@@ -449,7 +449,7 @@ def _mission_item(m: Any, whole: bool, sender: int, part: int, t: float) -> None
 
 @kernel
 def _mission(m: Any, message: int, sender: int, part: int, t: float) -> None:
-    """What is about missions; an answer that does not fit is left out, and asked for again."""
+    """Handles mission messages; an answer that does not fit is omitted, and the ground station asks again."""
     if not can_answer(m):
         return
     if message in (MISSION_ITEM_INT, MISSION_ITEM):
@@ -532,7 +532,7 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
 
 @kernel
 def receive(m: Any, packets: Any, n: int, t: float) -> None:
-    """Act on the n bytes of packets that have come by m.link in this step, and answer them there."""
+    """Processes the n bytes of packets received on m.link in this step, and answers on the same link."""
     p = 0
     m.ack_room = (n // _SHORTEST + 1) * _ACK
     while True:

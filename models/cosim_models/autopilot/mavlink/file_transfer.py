@@ -1,8 +1,9 @@
-"""MAVLink's file transfer, read only: the parameters as the file @PARAM/param.pck, by which MAVProxy fetches them.
+"""MAVLink's file transfer, read-only: the parameters as the file @PARAM/param.pck, as fetched by MAVProxy.
 
-The file is packed as ArduPilot packs it (names share their beginnings, values have their types' widths), as long as it
-is open with the values of the moment when a piece is read. Directories can be listed; other files are not there and
-nothing can be written. One session at a time: who opens the file has it. Kernels over the autopilot's record `m`.
+The file is packed as in ArduPilot: names share their common prefixes, and values have the width of their types. Its
+length is fixed while it is open; values are read when a piece is sent. Directories can be listed; other files do not
+exist, and writing is not possible. There is one session at a time, which belongs to the system that opened the file.
+Kernels over the autopilot's record `m`.
 
 Sources: the MAVLink guide, "File Transfer Protocol (FTP)"; ArduPilot, GCS_FTP and AP_Filesystem_Param; a recorded
 transfer from ArduCopter 4.7-dev to MAVProxy.
@@ -31,7 +32,7 @@ from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, PARAMETER
 __all__ = ["answer_file_transfer", "continue_burst"]
 
 
-# Numpy integers: numba compiles a kernel anew for every Python integer that is passed as a constant.
+# Numpy integers, because numba recompiles a kernel for every Python integer passed as a constant.
 def _whole(value: int) -> int:
     return cast(int, np.int64(value))
 
@@ -48,7 +49,7 @@ _CREATE, _LAST_WRITING = 6, 13
 _ACK, _NAK = (_whole(i) for i in (128, 129))
 _INVALID_SESSION, _END, _UNKNOWN, _PROTECTED, _NOT_FOUND = (_whole(i) for i in (4, 6, 7, 9, 10))
 _NOTHING, _ONE, _FOUR = (_whole(i) for i in (0, 1, 4))
-_SHARE = 0.005  # s between two packets of a burst
+_SHARE = 0.005  # s between packets of a burst
 _FILE_TRANSFER = _whole(FILE_TRANSFER_PROTOCOL)
 _MESSAGE_LENGTH = _whole(FILE_TRANSFER_PROTOCOL_LENGTH)
 
@@ -58,7 +59,7 @@ _PACKED_SIZE = {MAV_PARAM_TYPE_INT8: 1, MAV_PARAM_TYPE_INT16: 2, MAV_PARAM_TYPE_
 
 
 def _packed() -> tuple[bytes, list[int]]:
-    """The file with zeros for values, and where the values stand."""
+    """Returns the file with zero values, and the offsets of the values."""
     data = bytearray(np.array((_MAGIC, PARAMETER_COUNT, PARAMETER_COUNT), dtype="<u2").tobytes())
     places = []
     before = ""
@@ -95,7 +96,7 @@ _QUERY, _SLASH = 63, 47  # ? /
 
 @kernel
 def _put_piece(m: Any, at: int, count: int) -> None:
-    """Bytes [at, at + count) of the file into the answer."""
+    """Copies bytes [at, at + count) of the file to the answer."""
     for i in range(count):
         put_u8(m.payload, _DATA + i, _FILE[at + i])
     for p in range(PARAMETER_COUNT):
@@ -118,7 +119,7 @@ def _put_piece(m: Any, at: int, count: int) -> None:
 
 @kernel
 def _begin(m: Any, system: int, component: int, sequence: int, session: int, request: int, offset: int) -> None:
-    """An answer without data: acknowledged."""
+    """Begins an answer: an acknowledgement without data."""
     clear(m.payload, _NOTHING, _MESSAGE_LENGTH)
     put_u8(m.payload, _SYSTEM, system)
     put_u8(m.payload, _COMPONENT, component)
@@ -138,7 +139,7 @@ def _refuse(m: Any, error: int) -> None:
 
 @kernel
 def _fill(m: Any, at: int, count: int) -> None:
-    """A piece of the file into the answer, or that it has ended."""
+    """Copies a piece of the file to the answer, or reports the end of the file."""
     count = min(count, _MOST, _LENGTH - at)
     if count <= 0:
         _refuse(m, _END)
@@ -149,7 +150,7 @@ def _fill(m: Any, at: int, count: int) -> None:
 
 @kernel
 def _names(m: Any, size: int, name: Any, query: bool) -> bool:
-    """Whether the path received is `name`; with `query` something may follow a question mark."""
+    """Returns whether the received path is `name`; with `query`, a suffix after a question mark is allowed."""
     n = name.shape[0]
     if size < n:
         return False
@@ -162,7 +163,7 @@ def _names(m: Any, size: int, name: Any, query: bool) -> bool:
 
 @kernel
 def _list(m: Any, size: int, offset: int) -> None:
-    """The listing of a folder: one entry, then the end."""
+    """Answers the listing of a folder: one entry, then the end."""
     inside = _names(m, size, _FOLDER, False)
     root = size == 0 or (get_u8(m.received, _DATA) == _SLASH and (size == 1 or get_u8(m.received, _DATA + 1) == 0))
     if not inside and not root:
@@ -181,7 +182,7 @@ def _list(m: Any, size: int, offset: int) -> None:
 
 @kernel
 def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
-    """Answer a FILE_TRANSFER_PROTOCOL that asks for something; what does not fit is asked for again."""
+    """Answers a FILE_TRANSFER_PROTOCOL request; if the answer does not fit, the client asks again."""
     if not can_answer(m):
         return
     sequence, session = get_u16(m.received, _SEQUENCE), get_u8(m.received, _SESSION)
@@ -227,7 +228,7 @@ def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
 
 @kernel
 def continue_burst(m: Any, t: float) -> None:
-    """The next piece of a burst, one every 5 ms where there is room; at the end of the file that it has ended."""
+    """Sends the next piece of a burst, one every 5 ms if there is room, and the end of the file."""
     if t < m.file_due - 1e-9 or not can_answer(m):
         return
     left = _LENGTH - m.file_at

@@ -1,11 +1,11 @@
-"""What the autopilot says: HEARTBEAT, streamed messages, texts and acknowledgements, as ArduCopter fills them.
+"""Contents of the autopilot's messages: HEARTBEAT, streams, status texts and acknowledgements, as in ArduCopter.
 
-Kernels over the autopilot's record `m` that append one MAVLink packet to what goes out by `m.link`. A buffer cannot
-overflow: acknowledgements always fit, texts and answers leave room for those still to come, and what streams and does
-not fit waits. When something is said is in `telemetry` and `commands`.
+Each kernel over the autopilot's record `m` appends one MAVLink packet to the send buffer of `m.link`. A buffer cannot
+overflow: acknowledgements always fit, texts and answers leave room for the acknowledgements still to come, and streamed
+messages that do not fit wait. The timing is in `telemetry` and `commands`.
 
-Start-up follows ArduCopter's order, its times scaled so that the position estimate is ready at
-`estimate_ready_time` (41.5 s there).
+Start-up follows ArduCopter's sequence, with times scaled so that the position estimate is ready at
+`estimate_ready_time` (41.5 s in ArduCopter).
 
 Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; recorded
 conversations with ArduCopter 4.7-dev.
@@ -127,7 +127,7 @@ __all__ = [
     "tell_interval",
 ]
 
-# numba compiles a kernel anew for every Python integer that is passed as a constant, but once for all numpy integers.
+# numba recompiles a kernel for every Python integer passed as a constant, but only once for all numpy integers.
 _ATTITUDE = cast(int, np.int64(ATTITUDE))
 _AUTOPILOT_VERSION = cast(int, np.int64(AUTOPILOT_VERSION))
 _COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
@@ -154,7 +154,7 @@ _ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
 # MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, file transfer, both
 # SET_POSITION_TARGETs, MAVLink 2, fences, rally points
 _CAPABILITIES = 1 + 2 + 4 + 8 + 32 + 128 + 256 + 8192 + 16384 + 32768
-_SOFTWARE = 0x04070000  # the ArduCopter whose ways these are: 4.7-dev
+_SOFTWARE = 0x04070000  # the emulated ArduCopter: 4.7-dev
 
 
 # ---- answers and texts ---------------------------------------------------------------------------------------------
@@ -162,21 +162,21 @@ _SOFTWARE = 0x04070000  # the ArduCopter whose ways these are: 4.7-dev
 
 @kernel
 def acknowledge(m: Any, command: int, result: int, system: int, component: int) -> None:
-    """COMMAND_ACK to the requester."""
+    """Sends COMMAND_ACK to the requester."""
     encode_command_ack(m.payload, command, result, 0, 0, system, component)
     send(m, _COMMAND_ACK)
 
 
 @kernel
 def answer_timesync(m: Any, sent: int, t: float) -> None:
-    """TIMESYNC: when it is here, for a request that was sent at `sent` [ns]."""
+    """Sends TIMESYNC with the local time, for a request that was sent at `sent` [ns]."""
     encode_timesync(m.payload, microseconds(t) * 1000, sent)
     send(m, _TIMESYNC)
 
 
 @kernel
 def tell_interval(m: Any, message: int, row: int) -> None:
-    """MESSAGE_INTERVAL: microseconds between two of a message, -1 where it is not sent, 0 where it is not known."""
+    """Sends MESSAGE_INTERVAL: microseconds between messages, -1 if not sent, 0 if unknown."""
     interval = 0
     if row >= 0:
         seconds = m.interval[m.link, row]
@@ -185,7 +185,7 @@ def tell_interval(m: Any, message: int, row: int) -> None:
     send(m, _MESSAGE_INTERVAL)
 
 
-# ---- what can be streamed ------------------------------------------------------------------------------------------
+# ---- streamed messages ---------------------------------------------------------------------------------------------
 
 
 @kernel
@@ -252,7 +252,7 @@ def _send_sys_status(m: Any, t: float) -> bool:
 
 @kernel
 def _place(m: Any) -> tuple[int, int, float]:
-    """Latitude and longitude in 1e-7 degrees, altitude AMSL in m."""
+    """Returns latitude and longitude in 1e-7 degrees, altitude AMSL in m."""
     lat, lon, alt = geodetic_from_local(
         m.pos[0], m.pos[1], -m.pos[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
     )
@@ -395,7 +395,7 @@ def _send_servos(m: Any, t: float) -> bool:
 
 @kernel
 def send_message(m: Any, row: int, t: float) -> bool:
-    """Send the message of a row of STREAMS now; True if that was done, or there is nothing to say yet."""
+    """Sends the message of a row of STREAMS; True if it was sent, or if there is nothing to report yet."""
     message = message_of(row)
     if message == GLOBAL_POSITION_INT:
         return _send_global_position(m, t)

@@ -1,9 +1,9 @@
-"""MAVLink's parameter protocol: list, read and set the autopilot's parameters by ArduPilot's names.
+"""MAVLink's parameter protocol: lists, reads and sets the autopilot's parameters by ArduPilot's names.
 
-Every parameter that is listed acts; parameters of ArduPilot for what this autopilot does not do are unknown here, and
-asking for them is answered as ArduCopter answers unknown names: not at all. A value that is set acts from the next
-step on. Values that the laws cannot work with are denied as ArduPilot denies writing what is read-only. Nothing is kept
-beyond a run. Kernels over the autopilot's record `m`, which is addressed by offset.
+Every listed parameter has an effect. ArduPilot's parameters for features missing in this autopilot are unknown here,
+and like ArduCopter, it does not answer requests for unknown names. A new value takes effect in the next step. Values
+outside the valid range are rejected, as ArduPilot rejects writes to read-only parameters. Values are not kept after a
+run. Kernels over the autopilot's record `m`, which is accessed by offset.
 
 Sources: the MAVLink guide, "Parameter Protocol"; ArduPilot, GCS_Param; answers recorded from ArduCopter 4.7-dev.
 """
@@ -51,15 +51,15 @@ __all__ = [
 ]
 
 _ID_LENGTH = 16
-_SHARE = 0.005  # s between two values of a list
-_CHANGED = 65535  # index of a value that is told because it was set
-_NEARLY = 0.01  # that is added to an integer's value before its fraction is cut off
+_SHARE = 0.005  # s between values of a list
+_CHANGED = 65535  # index of a value that is sent because it was set
+_NEARLY = 0.01  # added to an integer's value before its fraction is truncated
 _LARGEST = 1e6
 _DENIED = np.frombuffer(b"Param write denied ()", dtype=np.uint8).copy()
 
 _TABLE = sorted((v for v in VARIABLES if v.role == "parameter" and v.name.isupper()), key=lambda v: v.name)
 PARAMETER_NAMES = tuple(v.name for v in _TABLE)
-"""Names of all parameters, in the order of their index."""
+"""Names of all parameters, ordered by index."""
 PARAMETER_COUNT = len(_TABLE)
 
 
@@ -95,7 +95,7 @@ _STATUSTEXT = cast(int, np.int64(STATUSTEXT))
 
 @kernel
 def _find(m: Any, at: int) -> int:
-    """Index of the parameter whose name is at `at` in the payload received, -1 if there is none."""
+    """Returns the index of the parameter named at `at` in the received payload, or -1."""
     for i in range(PARAMETER_COUNT):
         same = True
         for k in range(_ID_LENGTH):
@@ -112,13 +112,13 @@ def _find(m: Any, at: int) -> int:
 
 @kernel
 def parameter_type(i: int) -> int:
-    """MAV_PARAM_TYPE of the parameter of index i."""
+    """Returns the MAV_PARAM_TYPE of the parameter with index i."""
     return int(_TYPES[i])
 
 
 @kernel
 def parameter_value(m: Any, i: int) -> float:
-    """The parameter of index i."""
+    """Returns the value of the parameter with index i."""
     if _IS_WHOLE[i] != 0:
         return float(get_whole(m, _OFFSETS[i]))
     return get_real(m, _OFFSETS[i])
@@ -126,7 +126,7 @@ def parameter_value(m: Any, i: int) -> float:
 
 @kernel
 def _fill(m: Any, i: int, index: int) -> None:
-    """PARAM_VALUE of parameter i, told as number `index`."""
+    """Fills PARAM_VALUE for parameter i, reported with index `index`."""
     encode_param_value(m.payload, parameter_value(m, i), _TYPES[i], PARAMETER_COUNT, index)
     for k in range(_ID_LENGTH):
         put_u8(m.payload, PARAM_VALUE_PARAM_ID + k, _IDS[i, k])
@@ -134,7 +134,7 @@ def _fill(m: Any, i: int, index: int) -> None:
 
 @kernel
 def list_parameters(m: Any, t: float) -> None:
-    """PARAM_REQUEST_LIST: begin the list, anew if one is being sent."""
+    """Handles PARAM_REQUEST_LIST: begins the list, or restarts it."""
     m.parameter_next[m.link] = 0
     m.parameter_due[m.link] = t
     m.transferring = True
@@ -142,7 +142,7 @@ def list_parameters(m: Any, t: float) -> None:
 
 @kernel
 def send_list(m: Any, t: float) -> None:
-    """The next value of a list that is being sent, one every 5 ms where there is room."""
+    """Sends the next value of the list in progress, one every 5 ms if there is room."""
     link = m.link
     if t < m.parameter_due[link] - 1e-9 or not can_answer(m):
         return
@@ -154,7 +154,7 @@ def send_list(m: Any, t: float) -> None:
 
 @kernel
 def read_parameter(m: Any) -> None:
-    """PARAM_REQUEST_READ, by index or by name."""
+    """Handles PARAM_REQUEST_READ, by index or by name."""
     _, _, index = decode_param_request_read(m.received)
     if index < 0:
         index = _find(m, PARAM_REQUEST_READ_PARAM_ID)
@@ -180,7 +180,7 @@ def _deny(m: Any, i: int) -> None:
 
 @kernel
 def set_parameter(m: Any) -> None:
-    """PARAM_SET: the value that holds then is told to all; names not known, infinity and NaN are not answered."""
+    """Handles PARAM_SET: the resulting value is sent to all; unknown names, infinity and NaN are not answered."""
     _, _, value, _ = decode_param_set(m.received)
     i = _find(m, PARAM_SET_PARAM_ID)
     if i < 0 or not math.isfinite(value):

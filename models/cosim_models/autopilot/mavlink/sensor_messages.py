@@ -1,8 +1,8 @@
-"""Messages on attitude, sensors, memory and fences: the rest of the autopilot's telemetry.
+"""Contents of messages on attitude, sensors, memory and fences.
 
-Kernels over the autopilot's record `m` that append one MAVLink packet each; see `messages` for the rest. There
-is no magnetometer: its fields are zero. VIBRATION is what one sample differs from the filtered ones, not a mean over
-some seconds as ArduPilot's. The pressure is the standard atmosphere's at the true height.
+Each kernel over the autopilot's record `m` appends one MAVLink packet; see `messages` for the others. There is no
+magnetometer, so its fields are zero. VIBRATION is the difference of one sample from the filtered ones, not a mean over
+some seconds as in ArduPilot. The pressure is that of the standard atmosphere at the true height.
 
 Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common; ISO 2533 (standard atmosphere).
 """
@@ -54,7 +54,7 @@ _SCALED_IMU = cast(int, np.int64(SCALED_IMU))
 _SCALED_PRESSURE = cast(int, np.int64(SCALED_PRESSURE))
 _VIBRATION = cast(int, np.int64(VIBRATION))
 
-_FREE_MEMORY = 524288  # bytes, as a simulated ArduCopter says
+_FREE_MEMORY = 524288  # bytes, as reported by a simulated ArduCopter
 _BELOW, _ABOVE, _OUTSIDE = 1, 2, 3  # FENCE_BREACH
 _SEA_LEVEL, _LAPSE, _TEMPERATURE, _EXPONENT = 1013.25, 0.0065, 288.15, 5.25588  # hPa, K/m, K
 _FREEZING = 273.15
@@ -62,20 +62,20 @@ _FREEZING = 273.15
 
 @kernel
 def short(value: float) -> int:
-    """`value` cut to an int16."""
+    """Truncates `value` to an int16."""
     return int(min(max(value, -32768.0), 32767.0))
 
 
 @kernel
 def send_ahrs(m: Any) -> bool:
-    """AHRS: no drift of gyros, no errors of an estimate."""
+    """Sends AHRS: no gyro drift and no estimation errors."""
     encode_ahrs(m.payload, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return send(m, _AHRS)
 
 
 @kernel
 def send_ahrs2(m: Any) -> bool:
-    """AHRS2: what a second estimator would say."""
+    """Sends AHRS2, the output of a second estimator."""
     roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     lat, lon, alt = geodetic_from_local(
         m.pos[0], m.pos[1], -m.pos[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
@@ -86,7 +86,7 @@ def send_ahrs2(m: Any) -> bool:
 
 @kernel
 def send_vibration(m: Any, t: float) -> bool:
-    """VIBRATION: how far the specific force is from its filtered value [m/s2, FRD]."""
+    """Sends VIBRATION: deviation of the specific force from its filtered value [m/s2, FRD]."""
     back = conjugate((float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3])))
     x, y, z = rotate(back, (float(m.acc[0]), float(m.acc[1]), -float(m.acc[2]) - GRAVITY))
     f = m.specific_force
@@ -96,14 +96,14 @@ def send_vibration(m: Any, t: float) -> bool:
 
 @kernel
 def send_memory(m: Any) -> bool:
-    """MEMINFO: memory is not short."""
+    """Sends MEMINFO with constant free memory."""
     encode_meminfo(m.payload, 0, 65535, _FREE_MEMORY)
     return send(m, _MEMINFO)
 
 
 @kernel
 def send_scaled_imu(m: Any, t: float) -> bool:
-    """SCALED_IMU: specific force [mG] and angular velocity [mrad/s], FRD."""
+    """Sends SCALED_IMU: specific force [mG] and angular velocity [mrad/s], FRD."""
     f, w = m.specific_force, m.gyro
     g = 1000.0 / GRAVITY
     encode_scaled_imu(
@@ -125,7 +125,7 @@ def send_scaled_imu(m: Any, t: float) -> bool:
 
 @kernel
 def send_pressure(m: Any, t: float) -> bool:
-    """SCALED_PRESSURE: the standard atmosphere's pressure [hPa] and temperature."""
+    """Sends SCALED_PRESSURE: pressure [hPa] and temperature of the standard atmosphere."""
     kelvin = _TEMPERATURE - _LAPSE * (m.origin_altitude + m.pos[2])
     pressure = _SEA_LEVEL * (kelvin / _TEMPERATURE) ** _EXPONENT
     encode_scaled_pressure(m.payload, milliseconds(t), pressure, 0.0, short(100.0 * (kelvin - _FREEZING)), 0)
@@ -134,7 +134,7 @@ def send_pressure(m: Any, t: float) -> bool:
 
 @kernel
 def send_fence(m: Any) -> bool:
-    """FENCE_STATUS, where fences are watched."""
+    """Sends FENCE_STATUS if fences are enabled."""
     if m.FENCE_ENABLE == 0:
         return True
     kind = 0

@@ -1,7 +1,7 @@
-"""Messages on where the autopilot is going and what it measures: the less frequent half of its telemetry.
+"""Contents of messages on destination and measurements, the less frequent half of the telemetry.
 
-Kernels over the autopilot's record `m` that append one MAVLink packet each; see `messages` for the rest.
-There is no magnetometer: its fields in RAW_IMU are zero.
+Each kernel over the autopilot's record `m` appends one MAVLink packet; see `messages` for the others. There is no
+magnetometer, so its fields in RAW_IMU are zero.
 
 Sources: MAVLink common.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; recorded telemetry of ArduCopter 4.7-dev.
 """
@@ -75,14 +75,14 @@ _UNKNOWN_RSSI = 255
 
 @kernel
 def going(m: Any) -> bool:
-    """Whether there is a point to which the vehicle flies: m.guided_position."""
+    """Returns whether the vehicle flies to a point, m.guided_position."""
     flying = m.armed and not m.on_ground and m.submode == POSITION
     return bool(flying and (m.mode == GUIDED or m.mode == RTL or m.mode == AUTO))
 
 
 @kernel
 def send_destination(m: Any, t: float) -> bool:
-    """POSITION_TARGET_GLOBAL_INT, while there is one."""
+    """Sends POSITION_TARGET_GLOBAL_INT if there is a destination."""
     if not going(m):
         return True
     p = m.guided_position
@@ -109,7 +109,7 @@ def send_destination(m: Any, t: float) -> bool:
 
 @kernel
 def send_destination_ned(m: Any, t: float) -> bool:
-    """POSITION_TARGET_LOCAL_NED, while there is one."""
+    """Sends POSITION_TARGET_LOCAL_NED if there is a destination."""
     if not going(m):
         return True
     p = m.guided_position
@@ -121,7 +121,7 @@ def send_destination_ned(m: Any, t: float) -> bool:
 
 @kernel
 def send_navigation(m: Any) -> bool:
-    """NAV_CONTROLLER_OUTPUT: the attitude wanted, bearing and distance of the destination."""
+    """Sends NAV_CONTROLLER_OUTPUT: attitude target, bearing and distance of the destination."""
     q = m.attitude_target
     roll, pitch, yaw = euler_from_quaternion((q[0], q[1], q[2], q[3]))
     bearing = math.degrees(yaw) % 360.0
@@ -141,7 +141,7 @@ def send_navigation(m: Any) -> bool:
 
 @kernel
 def send_imu(m: Any, t: float) -> bool:
-    """RAW_IMU: specific force [mG] and angular velocity [mrad/s], FRD."""
+    """Sends RAW_IMU: specific force [mG] and angular velocity [mrad/s], FRD."""
     f, w = m.specific_force, m.gyro
     g = 1000.0 / GRAVITY
     encode_raw_imu(
@@ -164,7 +164,7 @@ def send_imu(m: Any, t: float) -> bool:
 
 @kernel
 def send_simulated(m: Any) -> bool:
-    """SIMSTATE: the true motion."""
+    """Sends SIMSTATE: the true motion."""
     roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     f, w = m.specific_force, m.angular_velocity
     p = m.position
@@ -175,7 +175,7 @@ def send_simulated(m: Any) -> bool:
 
 @kernel
 def send_battery(m: Any) -> bool:
-    """BATTERY_STATUS of the battery."""
+    """Sends BATTERY_STATUS."""
     encode_battery_status(
         m.payload,
         0,
@@ -199,7 +199,7 @@ def send_battery(m: Any) -> bool:
 
 @kernel
 def send_channels(m: Any, t: float) -> bool:
-    """RC_CHANNELS: the receiver's channels, as overridden."""
+    """Sends RC_CHANNELS: the receiver's channels including overrides."""
     clear(m.payload, 0, RC_CHANNELS_LENGTH)
     put_u32(m.payload, RC_CHANNELS_TIME_BOOT_MS, milliseconds(t))
     count = 0
@@ -215,6 +215,6 @@ def send_channels(m: Any, t: float) -> bool:
 
 @kernel
 def send_power(m: Any) -> bool:
-    """POWER_STATUS: the 5 V of a simulated board."""
+    """Sends POWER_STATUS: the 5 V of a simulated board."""
     encode_power_status(m.payload, 5000, 0, 0)
     return send(m, _POWER_STATUS)

@@ -1,8 +1,8 @@
-"""When the autopilot speaks: HEARTBEAT once a second and at every change, streams at the rates asked for.
+"""Timing of the autopilot's messages: HEARTBEAT once a second and at every change, streams at the requested rates.
 
-Kernels over the autopilot's record `m`. Every link has streams of its own, at the rates of its parameters (SR2_ on
-board and by the swarm's radio, SR1_ by the ground stations' radio, SR0_ by cable) until a REQUEST_DATA_STREAM or
-SET_MESSAGE_INTERVAL that comes by it changes them. What is said is in `messages`.
+Kernels over the autopilot's record `m`. Every link has its own streams, at the rates of its parameters (SR2_ on board
+and by the swarm's radio, SR1_ by the ground stations' radio, SR0_ by cable), until a REQUEST_DATA_STREAM or
+SET_MESSAGE_INTERVAL received on that link changes them. The contents are in `messages`.
 
 Source: ArduPilot, GCS_Common and GCS_MAVLink_Copter (stream groups).
 """
@@ -40,12 +40,12 @@ _RATES = np.array(
     ],
     dtype=np.int64,
 )
-"""Offset of the parameter with the rate of a group by a link, 0 without one."""
+"""Offset of the rate parameter of a group on a link, 0 if there is none."""
 
 
 @kernel
 def default_interval(m: Any, row: int) -> float:
-    """Interval [s] that the parameters of m.link ask for; 0: not sent. HEARTBEAT: 1 s."""
+    """Returns the interval [s] given by the parameters of m.link; 0: not sent. HEARTBEAT: 1 s."""
     if row == HEARTBEAT_ROW:
         return 1.0
     offset = _RATES[m.link, stream_group(row)]
@@ -55,7 +55,9 @@ def default_interval(m: Any, row: int) -> float:
 
 @kernel
 def start_streams(m: Any) -> None:
-    """All streams of all links at the rates of the parameters, the first HEARTBEAT at once; no list is being sent."""
+    """Starts all streams of all links at the parameters' rates, with the first HEARTBEAT at once and no list in
+    progress.
+    """
     for link in range(LINKS):
         m.link = link
         m.link_version[link] = 2
@@ -70,7 +72,7 @@ def start_streams(m: Any) -> None:
 
 @kernel
 def set_interval(m: Any, row: int, interval: float, t: float) -> None:
-    """Stream a row every `interval` s by m.link from now on, the first after one interval; 0 stops it."""
+    """Streams a row every `interval` s on m.link from now on, first after one interval; 0 stops it."""
     link = m.link
     if interval != m.interval[link, row]:
         m.interval[link, row] = interval
@@ -81,7 +83,7 @@ def set_interval(m: Any, row: int, interval: float, t: float) -> None:
 
 @kernel
 def _stream(m: Any, t: float) -> None:
-    """Send what is due by m.link at t."""
+    """Sends the messages due at t on m.link."""
     link = m.link
     soonest = t + 1.0
     for row in range(STREAM_COUNT):
@@ -90,7 +92,7 @@ def _stream(m: Any, t: float) -> None:
             continue
         if t >= m.due[link, row] - _SLACK and send_message(m, row, t):
             m.due[link, row] += interval
-            if m.due[link, row] <= t:  # late by more than an interval: do not catch up
+            if m.due[link, row] <= t:  # late by more than an interval: skip the missed ones
                 m.due[link, row] = t + interval
         soonest = min(soonest, m.due[link, row])
     m.next_due[link] = soonest
@@ -98,7 +100,7 @@ def _stream(m: Any, t: float) -> None:
 
 @kernel
 def _tell_home(m: Any, t: float) -> None:
-    """Home and origin by every link, when they have become known and at arming."""
+    """Sends home and origin on every link when they become known and at arming."""
     if not m.armed:
         for i in range(3):
             m.home[i] = m.pos[i]
@@ -111,7 +113,7 @@ def _tell_home(m: Any, t: float) -> None:
 
 @kernel
 def telemetry(m: Any, t: float) -> None:
-    """Send what is due at t."""
+    """Sends the messages due at t on all links."""
     if m.told_armed and not m.armed:
         say(m, INFO, DISARMING, NO_NUMBER)
     if (home_ready(m, t) and not m.told_home) or (m.armed and not m.told_armed):

@@ -1,1 +1,1 @@
-"""Missions, fences and rally points, as they are stored."""
+"""Storage of missions, fences and rally points."""

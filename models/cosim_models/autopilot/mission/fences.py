@@ -1,8 +1,8 @@
-"""Fences of polygons and circles: the items that the mission protocol uploads, and whether a place is within them.
+"""Polygon and circle fences: their items in the mission protocol, and the check of positions against them.
 
-A vehicle is within if it is inside of every inclusion circle and, where there are inclusion polygons, of one of them,
-and outside of all exclusions. Kernels over the autopilot's record `m`; the protocol is in `missions`, what a breach
-does in `failsafes`.
+A vehicle is within the fence if it is inside every inclusion circle, inside one of the inclusion polygons if there are
+any, and outside all exclusions. Kernels over the autopilot's record `m`; the protocol is in `missions`, the response to
+a breach in `failsafes`.
 
 Sources: the MAVLink guide, "Mission Protocol" (geofences); ArduPilot, AC_PolyFence_loader.
 """
@@ -55,7 +55,7 @@ HIGHEST, CIRCLE, POLYGON, LOWEST = 1, 2, 4, 8
 FENCE_CAPACITY = 70
 _COMMAND, _SIZE, _LATITUDE, _LONGITUDE, _NORTH, _EAST = range(6)
 FENCE_ITEM = 6
-"""Columns of the table of fence items: as uploaded, places in 1e-7 degrees and, from the local origin, in m."""
+"""Columns of the table of fence items: as uploaded, positions in 1e-7 degrees and, from the local origin, in m."""
 
 _LEAST_VERTICES = 3
 _MISSION_ITEM = cast(int, np.int64(MISSION_ITEM))
@@ -64,7 +64,7 @@ _MISSION_ITEM_INT = cast(int, np.int64(MISSION_ITEM_INT))
 
 @kernel
 def check_fence_item(command: int, frame: int, size: float, latitude: float, longitude: float) -> int:
-    """MAV_MISSION_RESULT of an item; `size` is its param 1: vertices or radius [m]."""
+    """Returns the MAV_MISSION_RESULT for an item; `size` is its param 1: number of vertices, or radius [m]."""
     if not MAV_CMD_NAV_FENCE_RETURN_POINT <= command <= MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION:
         return MAV_MISSION_UNSUPPORTED
     if frame not in (0, 2, 3, 5, 6):
@@ -80,14 +80,14 @@ def check_fence_item(command: int, frame: int, size: float, latitude: float, lon
 
 @kernel
 def keep_fence_item(m: Any, sequence: int, command: int, size: float, latitude: float, longitude: float) -> None:
-    """Put an item into the table."""
+    """Stores an item in the table."""
     r = m.fence[sequence]
     r[_COMMAND], r[_SIZE], r[_LATITUDE], r[_LONGITUDE] = float(command), size, latitude, longitude
 
 
 @kernel
 def fence_is_whole(m: Any, count: int) -> bool:
-    """Whether the vertices of every polygon follow each other, as many as they say."""
+    """Returns whether the vertices of every polygon are contiguous and as many as declared."""
     i = 0
     while i < count:
         command = m.fence[i, _COMMAND]
@@ -105,7 +105,7 @@ def fence_is_whole(m: Any, count: int) -> bool:
 
 @kernel
 def place_fence(m: Any, count: int) -> None:
-    """The fence is of `count` items from now on."""
+    """Activates a fence of `count` items."""
     for i in range(count):
         r = m.fence[i]
         r[_NORTH], r[_EAST], _ = local_from_geodetic(
@@ -121,7 +121,7 @@ def place_fence(m: Any, count: int) -> None:
 
 @kernel
 def send_fence_item(m: Any, sequence: int, system: int, component: int, whole: bool) -> None:
-    """Answer the request for an item, with `whole` degrees or as floats."""
+    """Answers the request for an item, in integer degrees if `whole`, otherwise in floats."""
     r = m.fence[sequence]
     command, size, lat, lon = int(r[_COMMAND]), r[_SIZE], int(r[_LATITUDE]), int(r[_LONGITUDE])
     if whole:
@@ -153,7 +153,7 @@ def send_fence_item(m: Any, sequence: int, system: int, component: int, whole: b
 
 @kernel
 def _is_inside(m: Any, first: int, vertices: int, n: float, e: float) -> bool:
-    """Whether (n, e) is inside of a polygon: a ray to the east crosses it an odd number of times."""
+    """Returns whether (n, e) is inside a polygon: a ray to the east crosses it an odd number of times."""
     inside = False
     k = first + vertices - 1
     for i in range(first, first + vertices):
@@ -166,7 +166,7 @@ def _is_inside(m: Any, first: int, vertices: int, n: float, e: float) -> bool:
 
 @kernel
 def within_polygons(m: Any, n: float, e: float) -> bool:
-    """Whether (n, e) [m] is where the uploaded fence allows."""
+    """Returns whether the uploaded fence permits (n, e) [m]."""
     wanted = False  # there are inclusion polygons
     found = False
     i = 0

@@ -1,9 +1,10 @@
-"""MAVLink's mission protocol, and the list of mission items that it keeps.
+"""MAVLink's mission protocol, and the stored list of mission items.
 
-A ground station uploads items (asked for one by one, again every second, given up after eight), downloads them, clears
-them and sets the current one. Item 0 is home. Commands that this autopilot does not fly are refused at the upload.
-Fences and rally points are items of their own (`fences`, `rally`). While one system uploads, others are denied.
-Kernels over the autopilot's record `m`; `auto` flies the items, `commands` hears of guided targets.
+A ground station uploads items, downloads them, clears them and sets the current one. During an upload, the autopilot
+requests items one by one, repeats a request every second, and gives up after eight seconds. Item 0 is home. Commands
+that this autopilot cannot fly are rejected during the upload. Fences and rally points have their own items (`fences`,
+`rally`). While one system uploads, others are denied. Kernels over the autopilot's record `m`; `auto` flies the items,
+`commands` handles guided targets.
 
 Sources: the MAVLink guide, "Mission Protocol"; ArduPilot, MissionItemProtocol and AP_Mission.
 """
@@ -109,7 +110,7 @@ MISSION_CAPACITY = 100
 FENCE, RALLY = cast(int, np.int64(1)), cast(int, np.int64(2))  # MAV_MISSION_TYPE; 0 is a mission
 COMMAND, FRAME, P1, P2, P3, P4, LATITUDE, LONGITUDE, Z, AUTOCONTINUE, DONE = range(11)
 ITEM = 11
-"""Columns of the table of items: as uploaded, places in 1e-7 degrees; DONE counts the jumps taken."""
+"""Columns of the table of items: as uploaded, positions in 1e-7 degrees; DONE counts the jumps taken."""
 
 _ASK_AGAIN, _GIVE_UP = 1.0, 8.0  # s
 
@@ -139,25 +140,25 @@ _MISSION_ITEM_REACHED = cast(int, np.int64(MISSION_ITEM_REACHED))
 _MISSION_REQUEST = cast(int, np.int64(MISSION_REQUEST))
 
 
-# ---- what is said --------------------------------------------------------------------------------------------------
+# ---- answers -------------------------------------------------------------------------------------------------------
 
 
 @kernel
 def ack_mission(m: Any, result: int, kind: int, system: int, component: int) -> None:
-    """MISSION_ACK to the ground station."""
+    """Sends MISSION_ACK to the ground station."""
     encode_mission_ack(m.payload, system, component, result, kind)
     send(m, _MISSION_ACK)
 
 
 @kernel
 def mission_count(m: Any) -> int:
-    """Items, home among them."""
+    """Returns the number of items, including home."""
     return int(max(m.mission_count, 1))
 
 
 @kernel
 def send_count(m: Any, kind: int, system: int, component: int) -> None:
-    """Answer MISSION_REQUEST_LIST."""
+    """Answers MISSION_REQUEST_LIST."""
     if kind > RALLY or (m.uploading and kind == m.upload_kind):
         ack_mission(m, MAV_MISSION_UNSUPPORTED if kind > RALLY else MAV_MISSION_DENIED, kind, system, component)
         return
@@ -168,7 +169,7 @@ def send_count(m: Any, kind: int, system: int, component: int) -> None:
 
 @kernel
 def send_item(m: Any, sequence: int, kind: int, system: int, component: int, whole: bool) -> None:
-    """Answer MISSION_REQUEST or, with `whole` degrees, MISSION_REQUEST_INT."""
+    """Answers MISSION_REQUEST_INT if `whole` (integer degrees), otherwise MISSION_REQUEST."""
     if kind == FENCE and sequence < m.fence_count:
         send_fence_item(m, sequence, system, component, whole)
         return
@@ -216,7 +217,7 @@ def _send_item(
     kind: int,
     whole: bool,
 ) -> None:
-    """MISSION_ITEM_INT or, not with `whole` degrees, MISSION_ITEM."""
+    """Sends MISSION_ITEM_INT if `whole` (integer degrees), otherwise MISSION_ITEM."""
     lat, lon, z = place
     if whole:
         encode_mission_item_int(
@@ -262,7 +263,7 @@ def _send_item(
 
 @kernel
 def send_mission_current(m: Any) -> bool:
-    """MISSION_CURRENT: which item is flown, and whether that goes on."""
+    """Sends MISSION_CURRENT: the current item and the mission state."""
     total = mission_count(m) - 1
     state = 1 if total == 0 else 5 if m.mission_complete else 3 if m.mode == 3 else 2
     encode_mission_current(m.payload, m.mission_current, total, state, 1 if m.mode == 3 else 0)
@@ -271,7 +272,7 @@ def send_mission_current(m: Any) -> bool:
 
 @kernel
 def send_reached(m: Any, sequence: int) -> None:
-    """MISSION_ITEM_REACHED, to all that listen."""
+    """Sends MISSION_ITEM_REACHED on all links."""
     encode_mission_item_reached(m.payload, sequence)
     send_to_all(m, _MISSION_ITEM_REACHED)
 
@@ -281,7 +282,7 @@ def send_reached(m: Any, sequence: int) -> None:
 
 @kernel
 def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
-    """MISSION_CLEAR_ALL of one kind; ArduCopter knows no "all kinds" (255)."""
+    """Handles MISSION_CLEAR_ALL for one type; like ArduCopter, it does not support "all types" (255)."""
     if kind > RALLY:
         ack_mission(m, MAV_MISSION_UNSUPPORTED, kind, system, component)
         return
@@ -301,13 +302,13 @@ def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
 
 @kernel
 def is_uploading(m: Any, system: int, component: int) -> bool:
-    """Whether an upload is going on and is that of this system and component."""
+    """Returns whether an upload by this system and component is in progress."""
     return bool(m.uploading and system == m.upload_system and component == m.upload_component)
 
 
 @kernel
 def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: float) -> None:
-    """MISSION_COUNT: forget the items of this kind and ask for the first one."""
+    """Handles MISSION_COUNT: discards the items of this type and requests the first one."""
     if kind > RALLY:
         ack_mission(m, MAV_MISSION_UNSUPPORTED, kind, system, component)
         return
@@ -342,7 +343,7 @@ def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: 
 
 @kernel
 def continue_upload(m: Any, t: float) -> None:
-    """Ask for the next item when it is time to, or give the upload up."""
+    """Repeats the request for the next item when due, or gives the upload up."""
     if t - m.upload_heard >= _GIVE_UP:
         m.uploading = False
         ack_mission(m, MAV_MISSION_OPERATION_CANCELLED, m.upload_kind, m.upload_system, m.upload_component)
@@ -354,7 +355,7 @@ def continue_upload(m: Any, t: float) -> None:
 
 @kernel
 def _check_item(command: int, frame: int, values: Any, latitude: float, longitude: float, z: float) -> int:
-    """MAV_MISSION_RESULT of an item."""
+    """Returns the MAV_MISSION_RESULT for an item."""
     known = False
     for i in range(_FLOWN.shape[0]):
         known = known or command == _FLOWN[i]
@@ -384,7 +385,7 @@ def receive_item(
     z: float,
     t: float,
 ) -> None:
-    """The next item of an upload (latitude and longitude in 1e-7 degrees); the last one is acknowledged."""
+    """Stores the next item of an upload (latitude and longitude in 1e-7 degrees); acknowledges the last one."""
     if not m.uploading:
         return
     kind = m.upload_kind
@@ -417,7 +418,7 @@ def receive_item(
 
 @kernel
 def _finish_upload(m: Any) -> None:
-    """All items are there."""
+    """Completes an upload after its last item."""
     m.uploading = False
     result = MAV_MISSION_ACCEPTED
     if m.upload_kind == 0:
@@ -452,14 +453,14 @@ def _keep_item(
 
 @kernel
 def forget_jumps(m: Any) -> None:
-    """No jump has been taken yet."""
+    """Resets the counters of jumps taken."""
     for row in range(mission_count(m)):
         m.mission[row, DONE] = 0.0
 
 
 @kernel
 def set_current(m: Any, sequence: int) -> bool:
-    """Make an item the current one; False if there is none of that number."""
+    """Sets the current item; returns False if there is no item with that number."""
     if not 0 <= sequence < mission_count(m):
         return False
     if sequence == 0 or m.mission_complete:

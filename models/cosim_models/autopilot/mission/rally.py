@@ -1,7 +1,7 @@
-"""Rally points: places besides home to return to, and which of them, or home, RTL flies to.
+"""Rally points: alternative return points to home, and the choice of RTL's destination.
 
-It is the nearest one, unless home is nearer (RALLY_INCL_HOME) or all are beyond RALLY_LIMIT_KM; points outside of the
-fences do not count. Kernels over the autopilot's record `m`; the protocol is in `missions`.
+RTL flies to the nearest rally point, unless home is nearer (RALLY_INCL_HOME) or all points are beyond RALLY_LIMIT_KM.
+Points outside the fences do not count. Kernels over the autopilot's record `m`; the protocol is in `missions`.
 
 Sources: the MAVLink guide, "Mission Protocol" (rally points); ArduPilot, AP_Rally, MissionItemProtocol_Rally and
 AC_Fence (check_destination_within_fence).
@@ -39,14 +39,15 @@ RALLY_CAPACITY = 20
 _FRAME, _LATITUDE, _LONGITUDE, _Z, _NORTH, _EAST = range(6)
 RALLY_FRAME, RALLY_PLACE = _FRAME, _LATITUDE
 RALLY_ITEM = 6
-"""Columns of the table of rally points: MAV_FRAME (0 or 3), place in 1e-7 degrees, altitude in whole m, place in m."""
+"""Columns of the table of rally points: MAV_FRAME (0 or 3), position in 1e-7 degrees, altitude in whole m, position in
+m."""
 
 _MOST = 32767.0  # m
 
 
 @kernel
 def check_rally_item(command: int, frame: int, latitude: float, longitude: float, z: float) -> int:
-    """MAV_MISSION_RESULT of an item."""
+    """Returns the MAV_MISSION_RESULT for an item."""
     if command != MAV_CMD_NAV_RALLY_POINT:
         return MAV_MISSION_UNSUPPORTED
     if not abs(latitude) <= 9e8:
@@ -60,7 +61,7 @@ def check_rally_item(command: int, frame: int, latitude: float, longitude: float
 
 @kernel
 def keep_rally_item(m: Any, sequence: int, frame: int, latitude: float, longitude: float, z: float) -> None:
-    """Put a point into the table; heights are kept in whole metres, as ArduPilot keeps them."""
+    """Stores a point in the table; heights are stored in whole metres, as in ArduPilot."""
     r = m.rally[sequence]
     r[_FRAME] = 0.0 if frame == 0 or frame == 5 else 3.0
     r[_LATITUDE], r[_LONGITUDE], r[_Z] = latitude, longitude, float(math.trunc(z))
@@ -76,7 +77,7 @@ def keep_rally_item(m: Any, sequence: int, frame: int, latitude: float, longitud
 
 @kernel
 def _is_allowed(m: Any, n: float, e: float, height: float) -> bool:
-    """Whether a place at a height [m above home] is within the fences that are watched."""
+    """Returns whether a point at a height [m above home] is within the enabled fences."""
     if m.FENCE_ENABLE == 0:
         return True
     if (m.FENCE_TYPE & HIGHEST) != 0 and height > m.FENCE_ALT_MAX:
@@ -91,7 +92,7 @@ def _is_allowed(m: Any, n: float, e: float, height: float) -> bool:
 
 @kernel
 def best_return(m: Any) -> tuple[float, float, float]:
-    """North and east of where to return to, and its height [m] above home: 0 of home."""
+    """Returns north and east of RTL's destination, and its height [m] above home, which is 0 for home."""
     best, nearest = -1, math.inf
     for i in range(m.rally_count):
         r = m.rally[i]
@@ -110,6 +111,6 @@ def best_return(m: Any) -> tuple[float, float, float]:
 
 @kernel
 def _height(m: Any, i: int) -> float:
-    """Height [m] of a point above home."""
+    """Returns the height [m] of a point above home."""
     z = m.rally[i, _Z]
     return float(z if m.rally[i, _FRAME] == 3.0 else z - m.origin_altitude - m.home[2])

@@ -1,1 +1,1 @@
-"""The autopilot's variables: its record, its parameters."""
+"""The autopilot's record: variables and parameters."""

@@ -46,7 +46,7 @@ class Mode(IntEnum):
     BRAKE = 17
 
 
-# Numpy integers: numba compiles a kernel anew for every Python integer that is passed as a constant.
+# Numpy integers, because numba recompiles a kernel for every Python integer passed as a constant.
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE = (
     cast(int, np.int64(0)),
     cast(int, np.int64(2)),
@@ -59,9 +59,9 @@ STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE = (
     cast(int, np.int64(17)),
 )
 
-# What GUIDED is doing.
+# Sub-modes of GUIDED.
 TAKEOFF, POSITION, VELOCITY, POSITION_VELOCITY, ACCELERATION = (cast(int, np.int64(i)) for i in range(5))
-# What RTL is doing.
+# Sub-modes of RTL.
 CLIMB, RETURN, WAIT, DESCEND, FINAL = range(5)
 
 LANDING = 4

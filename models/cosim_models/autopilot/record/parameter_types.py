@@ -1,4 +1,4 @@
-"""ArduPilot's types of the parameters that are no floats, as its parameter protocol tells them. Names only."""
+"""ArduPilot's types of its non-float parameters, as reported by its parameter protocol; names only."""
 
 from __future__ import annotations
 

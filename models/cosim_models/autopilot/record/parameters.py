@@ -1,7 +1,7 @@
 """The parameters of `Autopilot`, under ArduPilot's names and in its units.
 
-Defaults are those of ArduCopter 4.7-dev without any parameter file. Nothing is computed here. Those that a step in
-flight does not read are declared rare.
+Defaults are those of ArduCopter 4.7-dev without a parameter file. This module contains no computation. Parameters that
+a step in flight does not read are declared rare.
 
 Source: ArduPilot's parameter documentation; the recorded list of all parameters of a simulated ArduCopter 4.7-dev.
 """
@@ -16,7 +16,7 @@ from cosim.verdict import Role
 
 __all__ = ["PARAMETERS", "STICK_CHANNELS"]
 
-_POSITIVE = 1e-3  # least value of what the laws divide by
+_POSITIVE = 1e-3  # lower limit of values that the control laws divide by
 
 
 def _real(name: str, unit: str, start: float, description: str, minimum: float | None = None) -> Variable:
@@ -25,7 +25,7 @@ def _real(name: str, unit: str, start: float, description: str, minimum: float |
 
 
 def _signed(name: str, unit: str, start: float, description: str, most: float) -> Variable:
-    """A parameter between -most and most."""
+    """Declares a parameter between -most and most."""
     return Parameter(name, unit=unit, start=start, minimum=-most, maximum=most, tunable=True, description=description)
 
 
@@ -36,12 +36,12 @@ def _whole(name: str, start: int, description: str, minimum: int | None = None, 
 
 
 def _rare(*variables: Variable) -> tuple[Variable, ...]:
-    """The same, not read in most steps."""
+    """Returns the variables declared rare: most steps do not read them."""
     return tuple(replace(variable, rare=True) for variable in variables)
 
 
 def _rate_parameters(axis: str, name: str, p: float, i: float, d: float, error_filter: float) -> tuple[Variable, ...]:
-    """Parameters of one rate controller; its output is the share of the greatest torque."""
+    """Declares the parameters of one rate controller; its output is a fraction of the maximum torque."""
     prefix = f"ATC_RAT_{axis}_"
     return (
         _real(prefix + "P", "s/rad", p, f"{name} rate: proportional gain"),
@@ -63,13 +63,13 @@ ATTITUDE_PARAMETERS = (
     _real("ATC_ANG_RLL_P", "1/s", 4.5, "roll angle: gain"),
     _real("ATC_ANG_PIT_P", "1/s", 4.5, "pitch angle: gain"),
     _real("ATC_ANG_YAW_P", "1/s", 4.5, "yaw angle: gain"),
-    _real("ATC_ACCEL_R_MAX", "cdeg/s2", 110000.0, "roll: greatest angular acceleration"),
-    _real("ATC_ACCEL_P_MAX", "cdeg/s2", 110000.0, "pitch: greatest angular acceleration"),
-    _real("ATC_ACCEL_Y_MAX", "cdeg/s2", 27000.0, "yaw: greatest angular acceleration"),
-    _real("ATC_RATE_R_MAX", "deg/s", 0.0, "roll: greatest rate of the attitude target, 0: no limit"),
-    _real("ATC_RATE_P_MAX", "deg/s", 0.0, "pitch: greatest rate of the attitude target, 0: no limit"),
-    _real("ATC_RATE_Y_MAX", "deg/s", 0.0, "yaw: greatest rate of the attitude target, 0: no limit"),
-    _real("ATC_SLEW_YAW", "cdeg/s", 6000.0, "greatest rate of turning the nose"),
+    _real("ATC_ACCEL_R_MAX", "cdeg/s2", 110000.0, "roll: maximum angular acceleration"),
+    _real("ATC_ACCEL_P_MAX", "cdeg/s2", 110000.0, "pitch: maximum angular acceleration"),
+    _real("ATC_ACCEL_Y_MAX", "cdeg/s2", 27000.0, "yaw: maximum angular acceleration"),
+    _real("ATC_RATE_R_MAX", "deg/s", 0.0, "roll: maximum rate of the attitude target, 0: no limit"),
+    _real("ATC_RATE_P_MAX", "deg/s", 0.0, "pitch: maximum rate of the attitude target, 0: no limit"),
+    _real("ATC_RATE_Y_MAX", "deg/s", 0.0, "yaw: maximum rate of the attitude target, 0: no limit"),
+    _real("ATC_SLEW_YAW", "cdeg/s", 6000.0, "maximum yaw rate"),
     _real("ATC_INPUT_TC", "s", 0.15, "time constant of the attitude target"),
     _real("ATC_ANG_LIM_TC", "s", 1.0, "time constant of the lean limit that keeps height"),
     _whole("ATC_ANGLE_BOOST", 1, "1: more throttle when leaning"),
@@ -98,7 +98,7 @@ POSITION_PARAMETERS = (
     _real("PSC_VELXY_FLTE", "Hz", 5.0, "horizontal velocity: filter of the error"),
     _real("PSC_VELXY_FLTD", "Hz", 5.0, "horizontal velocity: filter of the derivative"),
     _real("PSC_VELXY_FF", "1/s", 0.0, "horizontal velocity: feed-forward of the target"),
-    _real("PSC_ANGLE_MAX", "deg", 0.0, "greatest lean for position control, 0: ANGLE_MAX"),
+    _real("PSC_ANGLE_MAX", "deg", 0.0, "maximum lean for position control, 0: ANGLE_MAX"),
     _real("PSC_POSZ_P", "1/s", 1.0, "height: gain", _POSITIVE),
     _real("PSC_VELZ_P", "1/s", 5.0, "climb rate: proportional gain"),
     _real("PSC_VELZ_I", "1/s2", 0.0, "climb rate: integral gain"),
@@ -116,45 +116,45 @@ POSITION_PARAMETERS = (
     _real("PSC_ACCZ_FLTD", "Hz", 0.0, "vertical acceleration: filter of the derivative"),
     _real("PSC_ACCZ_FF", "1", 0.0, "vertical acceleration: feed-forward, per mille of throttle per cm/s2"),
     _real("PSC_ACCZ_PDMX", "1", 0.0, "vertical acceleration: limit of P and D, per mille of throttle, 0: none"),
-    _real("PSC_JERK_XY", "m/s3", 5.0, "greatest horizontal jerk", _POSITIVE),
-    _real("PSC_JERK_Z", "m/s3", 5.0, "greatest vertical jerk", _POSITIVE),
+    _real("PSC_JERK_XY", "m/s3", 5.0, "maximum horizontal jerk", _POSITIVE),
+    _real("PSC_JERK_Z", "m/s3", 5.0, "maximum vertical jerk", _POSITIVE),
     _real("WPNAV_SPEED", "cm/s", 1000.0, "horizontal speed"),
     _real("WPNAV_SPEED_UP", "cm/s", 250.0, "climb rate"),
     _real("WPNAV_SPEED_DN", "cm/s", 150.0, "descent rate"),
-    _real("WPNAV_ACCEL", "cm/s2", 250.0, "greatest horizontal acceleration", _POSITIVE),
-    _real("WPNAV_ACCEL_Z", "cm/s2", 100.0, "greatest vertical acceleration", _POSITIVE),
+    _real("WPNAV_ACCEL", "cm/s2", 250.0, "maximum horizontal acceleration", _POSITIVE),
+    _real("WPNAV_ACCEL_Z", "cm/s2", 100.0, "maximum vertical acceleration", _POSITIVE),
     _real("WPNAV_RADIUS", "cm", 200.0, "distance at which a waypoint is reached"),
 )
 
 MODE_PARAMETERS = (
-    _real("DISARM_DELAY", "s", 10.0, "armed on the ground longer than this: disarm; 0: never"),
+    _real("DISARM_DELAY", "s", 10.0, "time armed on the ground until disarming; 0: never"),
     *_rare(
-        _whole("WP_YAW_BEHAVIOR", 2, "0: keep the heading, 1: nose along the path, 2: except in RTL"),
-        _real("GUID_TIMEOUT", "s", 3.0, "how long a velocity or acceleration target holds"),
-        _real("LOIT_SPEED", "cm/s", 1250.0, "greatest speed in LOITER"),
-        _real("LOIT_ACC_MAX", "cm/s2", 500.0, "greatest correction of the place in LOITER", _POSITIVE),
-        _real("LOIT_ANG_MAX", "deg", 0.0, "greatest lean in LOITER, 0: two thirds of ANGLE_MAX"),
-        _real("LOIT_BRK_ACCEL", "cm/s2", 250.0, "greatest braking in LOITER"),
+        _whole("WP_YAW_BEHAVIOR", 2, "0: hold the heading, 1: along the path, 2: except in RTL"),
+        _real("GUID_TIMEOUT", "s", 3.0, "lifetime of a velocity or acceleration target"),
+        _real("LOIT_SPEED", "cm/s", 1250.0, "maximum speed in LOITER"),
+        _real("LOIT_ACC_MAX", "cm/s2", 500.0, "maximum acceleration of position correction in LOITER", _POSITIVE),
+        _real("LOIT_ANG_MAX", "deg", 0.0, "maximum lean in LOITER, 0: two thirds of ANGLE_MAX"),
+        _real("LOIT_BRK_ACCEL", "cm/s2", 250.0, "maximum braking in LOITER"),
         _real("LOIT_BRK_JERK", "cm/s3", 500.0, "jerk of braking in LOITER"),
         _real("LOIT_BRK_DELAY", "s", 1.0, "time before braking in LOITER"),
         _real("CIRCLE_RADIUS", "cm", 1000.0, "radius of CIRCLE, 0: turn on the spot", 0.0),
         _signed("CIRCLE_RATE", "deg/s", 20.0, "rate of CIRCLE, positive clockwise", 90.0),
-        _whole("CIRCLE_OPTIONS", 1, "sum of 1 sticks change circle, 2 nose along it, 4 begin at its centre", 0, 7),
-        _real("RTL_ALT", "cm", 1500.0, "least height above home of the way back"),
+        _whole("CIRCLE_OPTIONS", 1, "sum of 1 sticks change circle, 2 face along it, 4 begin at its centre", 0, 7),
+        _real("RTL_ALT", "cm", 1500.0, "minimum return height above home"),
         _real("RTL_CONE_SLOPE", "1", 3.0, "height over distance below which RTL need not climb"),
-        _real("RTL_CLIMB_MIN", "cm", 0.0, "least climb before the way back"),
-        _real("RTL_SPEED", "cm/s", 0.0, "speed of the way back, 0: WPNAV_SPEED"),
-        _real("RTL_ALT_FINAL", "cm", 0.0, "height above home at which the vehicle stays, 0: it lands"),
+        _real("RTL_CLIMB_MIN", "cm", 0.0, "minimum climb before the return"),
+        _real("RTL_SPEED", "cm/s", 0.0, "return speed, 0: WPNAV_SPEED"),
+        _real("RTL_ALT_FINAL", "cm", 0.0, "height above home at the end of RTL, 0: land"),
         _real("RTL_LOIT_TIME", "ms", 5000.0, "time above home before landing"),
         _real("LAND_SPEED", "cm/s", 50.0, "descent rate below LAND_ALT_LOW"),
         _real("LAND_SPEED_HIGH", "cm/s", 0.0, "descent rate above LAND_ALT_LOW, 0: WPNAV_SPEED_DN"),
-        _real("LAND_ALT_LOW", "cm", 1000.0, "height below which landing is slow"),
-        _whole("MIS_RESTART", 0, "AUTO: 0 goes on with the mission, 1 begins it again", 0, 1),
+        _real("LAND_ALT_LOW", "cm", 1000.0, "height below which the descent is slow"),
+        _whole("MIS_RESTART", 0, "AUTO: 0 resumes the mission, 1 restarts it", 0, 1),
         _whole("AUTO_OPTIONS", 0, "sum of 1 armed in AUTO, 2 takes off without throttle, 4 yaw stick ignored", 0, 7),
         _whole("GUID_OPTIONS", 0, "sum of 1 armed in GUIDED by the sticks, 4 yaw stick ignored", 0, 5),
         _whole("RTL_OPTIONS", 0, "4: yaw stick ignored before the landing", 0, 4),
-        _whole("LAND_REPOSITION", 1, "1: roll and pitch stick move the landing place", 0, 1),
-        _real("RALLY_LIMIT_KM", "km", 0.3, "distance beyond which rally points do not count if all are, 0: any", 0.0),
+        _whole("LAND_REPOSITION", 1, "1: roll and pitch sticks move the landing place", 0, 1),
+        _real("RALLY_LIMIT_KM", "km", 0.3, "distance limit of rally points if all are beyond it, 0: none", 0.0),
         _whole("RALLY_INCL_HOME", 1, "1: return to home if it is nearer than the rally points", 0, 1),
         _real("TKOFF_SLEW_TIME", "s", 2.0, "time from no to full throttle while lifting off"),
         _real("TKOFF_THR_MAX", "1", 0.9, "throttle that counts as lifted off"),
@@ -163,18 +163,18 @@ MODE_PARAMETERS = (
 
 
 def _channel(number: int, dead_zone: float) -> tuple[Variable, ...]:
-    """Calibration of one channel of the remote control; five values one behind the other in the record."""
+    """Declares the calibration of one remote control channel: five consecutive values in the record."""
     return (
-        _real(f"RC{number}_MIN", "us", 1000.0, "least pulse"),
+        _real(f"RC{number}_MIN", "us", 1000.0, "minimum pulse"),
         _real(f"RC{number}_TRIM", "us", 1500.0, "pulse of the centred stick"),
-        _real(f"RC{number}_MAX", "us", 2000.0, "greatest pulse"),
-        _real(f"RC{number}_DZ", "us", dead_zone, "dead zone about the centre, or above the least"),
+        _real(f"RC{number}_MAX", "us", 2000.0, "maximum pulse"),
+        _real(f"RC{number}_DZ", "us", dead_zone, "dead zone about the centre, or above the minimum"),
         _real(f"RC{number}_REVERSED", "1", 0.0, "1: reversed"),
     )
 
 
 STICK_CHANNELS = 8
-"""Channels that a stick may be on."""
+"""Channels that can be assigned to sticks."""
 
 PILOT_PARAMETERS = _rare(
     *(
@@ -193,85 +193,85 @@ PILOT_PARAMETERS = _rare(
         minimum=-1.0,
         maximum=120.0,
         tunable=True,
-        description="how long an override holds; 0: overrides are ignored, -1: for ever",
+        description="lifetime of an override; 0: overrides are ignored, -1: unlimited",
     ),
     _real("RC_FS_TIMEOUT", "s", 1.0, "time without a signal after which the radio is lost", 0.5),
     _whole("SIM_RC_FAIL", 0, "receiver: 0 works, 1 gives no pulses, 2 throttle of 950 us", 0, 2),
     *(
-        _whole(f"FLTMODE{position}", mode, f"mode of position {position} of the switch", 0, 17)
+        _whole(f"FLTMODE{position}", mode, f"mode at switch position {position}", 0, 17)
         for position, mode in enumerate((7, 9, 6, 3, 5, 0), 1)
     ),
     _whole("FLTMODE_CH", 5, "channel of the mode switch, 0: none", 0, 16),
     _whole("ARMING_RUDDER", 2, "yaw stick: 0 nothing, 1 arms, 2 arms and disarms", 0, 2),
-    _real("THR_DZ", "1", 100.0, "throttle about the middle that keeps height, per mille"),
+    _real("THR_DZ", "1", 100.0, "dead band about mid throttle that holds height, per mille"),
     _real("PILOT_SPEED_UP", "cm/s", 250.0, "climb rate of the full throttle stick", _POSITIVE),
     _real("PILOT_SPEED_DN", "cm/s", 0.0, "descent rate of the closed throttle stick, 0: PILOT_SPEED_UP"),
-    _real("PILOT_ACCEL_Z", "cm/s2", 250.0, "greatest vertical acceleration the throttle stick asks for", _POSITIVE),
-    _real("PILOT_TKOFF_ALT", "cm", 0.0, "height to which the pilot's take-off climbs by itself", 0.0),
+    _real("PILOT_ACCEL_Z", "cm/s2", 250.0, "maximum vertical acceleration by the throttle stick", _POSITIVE),
+    _real("PILOT_TKOFF_ALT", "cm", 0.0, "automatic climb height of the pilot's take-off", 0.0),
     _real("PILOT_THR_FILT", "Hz", 0.0, "filter of the throttle in STABILIZE"),
     _real("PILOT_Y_RATE", "deg/s", 202.5, "turn rate of the full yaw stick"),
     _signed("PILOT_Y_EXPO", "1", 0.0, "curve of the yaw stick: 0 linear, 1 soft about the centre", 1.0),
-    _real("PILOT_Y_RATE_TC", "s", 0.0, "time constant of the turn rate the yaw stick asks for"),
+    _real("PILOT_Y_RATE_TC", "s", 0.0, "time constant of the yaw rate demanded by the stick"),
 )
 
 MOTOR_PARAMETERS = (
     *_rare(
-        _real("MOT_PWM_MIN", "us", 1000.0, "pulse of a motor that stands, as SERVO_OUTPUT_RAW tells it"),
+        _real("MOT_PWM_MIN", "us", 1000.0, "pulse of a stopped motor in SERVO_OUTPUT_RAW"),
         _real("MOT_PWM_MAX", "us", 2000.0, "pulse of a motor at full command"),
     ),
     _real("MOT_THST_EXPO", "1", 0.65, "curve of thrust over command: 0 linear, 1 quadratic"),
-    _real("MOT_THST_HOVER", "1", 0.35, "throttle of hovering, at the start"),
+    _real("MOT_THST_HOVER", "1", 0.35, "initial hover throttle"),
     _whole("MOT_HOVER_LEARN", 2, "0: keep MOT_THST_HOVER, 1 and 2: learn it in flight"),
     _real("MOT_SPIN_ARM", "1", 0.1, "command when armed on the ground"),
-    _real("MOT_SPIN_MIN", "1", 0.15, "least command in flight"),
+    _real("MOT_SPIN_MIN", "1", 0.15, "minimum command in flight"),
     _real("MOT_SPIN_MAX", "1", 0.95, "greatest command"),
     _real("MOT_SPOOL_TIME", "s", 0.5, "time to spool up"),
     _real("MOT_SPOOL_TIM_DN", "s", 0.0, "time to spool down, 0: MOT_SPOOL_TIME"),
-    _real("MOT_SLEW_UP_TIME", "s", 0.0, "time of a command from least to greatest, 0: at once"),
-    _real("MOT_SLEW_DN_TIME", "s", 0.0, "time of a command from greatest to least, 0: at once"),
-    _real("MOT_YAW_HEADROOM", "1", 200.0, "yaw that is always possible, per mille"),
+    _real("MOT_SLEW_UP_TIME", "s", 0.0, "time of a command from minimum to maximum, 0: at once"),
+    _real("MOT_SLEW_DN_TIME", "s", 0.0, "time of a command from maximum to minimum, 0: at once"),
+    _real("MOT_YAW_HEADROOM", "1", 200.0, "yaw that is always available, per mille"),
 )
 
 SAFETY_PARAMETERS = _rare(
-    _whole("SYSID_MYGCS", 255, "MAVLink system id of the ground station whose HEARTBEATs are watched"),
+    _whole("SYSID_MYGCS", 255, "MAVLink system id of the ground station whose HEARTBEATs are monitored"),
     _whole("FS_GCS_ENABLE", 0, "ground station lost: 0 nothing, 1 to 3 RTL, 4 and 5 LAND, 7 BRAKE", 0, 7),
-    _real("FS_GCS_TIMEOUT", "s", 5.0, "silence after which the ground station is lost", 0.1),
+    _real("FS_GCS_TIMEOUT", "s", 5.0, "time without HEARTBEAT until the ground station is lost", 0.1),
     _whole("FS_THR_ENABLE", 1, "radio lost: 0 nothing, 1 RTL, 2 AUTO or RTL, 3 to 5 LAND, 7 BRAKE", 0, 7),
     _real("FS_THR_VALUE", "us", 975.0, "throttle pulse below which the radio is lost"),
     _whole(
         "FS_OPTIONS",
         16,
-        "sum of what goes on: 1 AUTO and 4 GUIDED without radio, 2 AUTO and 16 pilot without ground station, 8 landing",
+        "sum of: 1 AUTO and 4 GUIDED continue without radio, 2 AUTO and 16 pilot without ground station, 8 landing",
         0,
         31,
     ),
-    _whole("ARMING_CHECK", 1, "0: only the position is asked for", 0),
-    _whole("FENCE_ENABLE", 0, "1: fences are watched", 0, 1),
-    _whole("FENCE_TYPE", 7, "sum of 1 greatest height, 2 circle, 4 polygons, 8 least height", 0, 15),
-    _whole("FENCE_ACTION", 1, "0: tell only, 1: RTL, 2: LAND, 4: BRAKE", 0, 4),
-    _real("FENCE_ALT_MAX", "m", 100.0, "greatest height above home"),
+    _whole("ARMING_CHECK", 1, "0: check the position only", 0),
+    _whole("FENCE_ENABLE", 0, "1: fences are enabled", 0, 1),
+    _whole("FENCE_TYPE", 7, "sum of 1 maximum height, 2 circle, 4 polygons, 8 minimum height", 0, 15),
+    _whole("FENCE_ACTION", 1, "0: report only, 1: RTL, 2: LAND, 4: BRAKE", 0, 4),
+    _real("FENCE_ALT_MAX", "m", 100.0, "maximum height above home"),
     Parameter(
-        "FENCE_ALT_MIN", unit="m", start=-10.0, minimum=-100.0, tunable=True, description="least height above home"
+        "FENCE_ALT_MIN", unit="m", start=-10.0, minimum=-100.0, tunable=True, description="minimum height above home"
     ),
-    _real("FENCE_RADIUS", "m", 150.0, "greatest distance from home"),
+    _real("FENCE_RADIUS", "m", 150.0, "maximum distance from home"),
 )
 
 BATTERY_PARAMETERS = _rare(
-    _real("BATT_CAPACITY", "mAh", 3300.0, "capacity that is reckoned with"),
-    _real("BATT_LOW_VOLT", "V", 10.5, "voltage that is low, 0: none"),
-    _real("BATT_LOW_MAH", "mAh", 0.0, "charge left that is low, 0: none"),
-    _real("BATT_CRT_VOLT", "V", 0.0, "voltage that is critical, 0: none"),
-    _real("BATT_CRT_MAH", "mAh", 0.0, "charge left that is critical, 0: none"),
-    _real("BATT_LOW_TIMER", "s", 10.0, "how long the voltage must be low, 0: voltages do not count"),
-    _whole("BATT_FS_LOW_ACT", 0, "battery low: 0 tell, 1 LAND, 2 and 3 RTL, 4 LAND, 5 disarm, 6 RTL, 7 BRAKE", 0, 7),
+    _real("BATT_CAPACITY", "mAh", 3300.0, "capacity assumed by the autopilot"),
+    _real("BATT_LOW_VOLT", "V", 10.5, "low voltage, 0: none"),
+    _real("BATT_LOW_MAH", "mAh", 0.0, "low remaining charge, 0: none"),
+    _real("BATT_CRT_VOLT", "V", 0.0, "critical voltage, 0: none"),
+    _real("BATT_CRT_MAH", "mAh", 0.0, "critical remaining charge, 0: none"),
+    _real("BATT_LOW_TIMER", "s", 10.0, "duration of low voltage until the alarm, 0: ignore voltages"),
+    _whole("BATT_FS_LOW_ACT", 0, "battery low: 0 report, 1 LAND, 2 and 3 RTL, 4 LAND, 5 disarm, 6 RTL, 7 BRAKE", 0, 7),
     _whole("BATT_FS_CRT_ACT", 0, "battery critical: as for BATT_FS_LOW_ACT", 0, 7),
     _whole("BATT_FS_VOLTSRC", 0, "which voltage counts: 0 under load, 1 at rest", 0, 1),
     _real("BATT_ARM_VOLT", "V", 0.0, "voltage below which arming is refused, 0: none"),
-    _real("BATT_ARM_MAH", "mAh", 0.0, "charge left below which arming is refused, 0: none"),
+    _real("BATT_ARM_MAH", "mAh", 0.0, "remaining charge below which arming is refused, 0: none"),
     _real("SIM_BATT_VOLTAGE", "V", 12.6, "voltage of the full battery"),
-    _real("SIM_BATT_CAP_AH", "Ah", 0.0, "capacity of the simulated battery, 0: its voltage stays", 0.0),
-    _real("hover_current", "A", 15.0, "current that hovering takes", 0.0),
-    _real("battery_resistance", "V/A", 0.02, "of the simulated battery", 0.0),
+    _real("SIM_BATT_CAP_AH", "Ah", 0.0, "capacity of the simulated battery, 0: constant voltage", 0.0),
+    _real("hover_current", "A", 15.0, "current in hover", 0.0),
+    _real("battery_resistance", "V/A", 0.02, "internal resistance of the simulated battery", 0.0),
 )
 
 _PORTS = ((0, "by cable"), (1, "to ground stations by radio"), (2, "on board and to the swarm"))
@@ -285,25 +285,30 @@ _STREAMS = (
     (3, "RC_CHAN", "SERVO_OUTPUT_RAW and RC_CHANNELS"),
 )
 STREAM_RATES = {(2 - port, group): f"SR{port}_{name}" for port, _ in _PORTS for group, name, _ in _STREAMS}
-"""Names of the parameters with stream rates by link (`link.links`) and MAV_DATA_STREAM."""
+"""Names of the stream rate parameters by link (`link.links`) and MAV_DATA_STREAM."""
 
 LINK_PARAMETERS = (
     _real(
         "estimate_ready_time",
         "s",
         2.0,
-        "time after which the position estimate is ready; 41.5 s in simulated ArduCopter",
+        "time at which the position estimate is ready; 41.5 s in simulated ArduCopter",
     ),
     *_rare(
         replace(_whole("SYSID_THISMAV", 1, "MAVLink system id"), verdict=Role.SYSTEM_ID),
         *(
-            _whole(f"SR{port}_{name}", 0, f"rate of {what} {where} in Hz until asked otherwise, 0: not sent")
+            _whole(f"SR{port}_{name}", 0, f"rate of {what} {where} in Hz until a request changes it, 0: not sent")
             for port, where in _PORTS
             for _, name, what in _STREAMS
         ),
-        _real("origin_latitude", "rad", math.radians(-35.363262), "of the local origin that all vehicles share"),
-        _real("origin_longitude", "rad", math.radians(149.165237), "of the local origin"),
-        _real("origin_altitude", "m", 584.0, "of the local origin, above mean sea level"),
+        _real(
+            "origin_latitude",
+            "rad",
+            math.radians(-35.363262),
+            "latitude of the local origin, the same for all vehicles",
+        ),
+        _real("origin_longitude", "rad", math.radians(149.165237), "longitude of the local origin"),
+        _real("origin_altitude", "m", 584.0, "altitude of the local origin above mean sea level"),
     ),
 )
 
@@ -321,4 +326,4 @@ PARAMETERS = tuple(
     )
     for variable in group
 )
-"""All parameters. Those with ArduPilot's names, in capitals, can be set by ground stations."""
+"""All parameters. Ground stations can set those with ArduPilot's names, in capitals."""

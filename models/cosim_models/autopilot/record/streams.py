@@ -1,4 +1,4 @@
-"""Messages that the autopilot sends at an interval or on request. Tables only: `messages` fills them.
+"""Messages that the autopilot sends at an interval or on request. Tables only; `messages` fills the messages.
 
 Source: ArduPilot, GCS_MAVLink_Copter (stream groups).
 """
@@ -81,7 +81,7 @@ _TABLE = (
     (HEARTBEAT, _NONE),
 )
 STREAMS = tuple(message for message, _ in _TABLE)
-"""In the order in which they are sent."""
+"""Rows in the order in which they are sent."""
 STREAM_COUNT = len(STREAMS)
 HEARTBEAT_ROW = cast(int, np.int64(STREAM_COUNT - 1))
 _IDS = np.array(STREAMS, dtype=np.int64)
@@ -90,19 +90,19 @@ _GROUPS = np.array([group for _, group in _TABLE], dtype=np.int64)
 
 @kernel
 def message_of(row: int) -> int:
-    """The message id of a row of STREAMS."""
+    """Returns the message id of a row of STREAMS."""
     return int(_IDS[row])
 
 
 @kernel
 def stream_group(row: int) -> int:
-    """The MAV_DATA_STREAM to which a row of STREAMS belongs, 0 if to none."""
+    """Returns the MAV_DATA_STREAM of a row of STREAMS, 0 if it belongs to none."""
     return int(_GROUPS[row])
 
 
 @kernel
 def stream_of(message: int) -> int:
-    """The row of STREAMS of a message id, -1 if it has none."""
+    """Returns the row of STREAMS for a message id, -1 if it has none."""
     for row in range(STREAM_COUNT):
         if _IDS[row] == message:
             return row

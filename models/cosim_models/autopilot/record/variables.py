@@ -1,6 +1,6 @@
-"""What `Autopilot` declares: its ports, its parameters (`parameters`) and what its record remembers.
+"""Declarations of `Autopilot`: its ports, its parameters (`parameters`) and the memory of its record.
 
-Nothing is computed here.
+This module contains no computation.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ CHANNELS = 16
 """Channels of the remote control."""
 
 MEMORY = (
-    # what is sensed: north, east, up and FRD
+    # sensed motion: north, east, up and FRD
     Memory("pos", shape=3),
     Memory("vel", shape=3),
     Memory("acc", shape=3),  # without gravity
@@ -58,15 +58,15 @@ MEMORY = (
     Memory("velocity_pid", shape=PLANE_STATE),
     Memory("climb_pid", shape=PID_STATE),
     Memory("accel_pid", shape=PID_STATE),
-    Memory("limit", shape=3),  # direction in which the actuators are saturated
+    Memory("limit", shape=3),  # direction of actuator saturation
     Memory("path_heading"),
     Memory("path_turn_rate"),
-    Memory("lean_max"),  # that keeps height
+    Memory("lean_max"),  # maximum lean that keeps height
     # motors
     Memory("motor_count", dtype="i4"),
     Memory("factors", shape=(MAX_MOTORS, 3)),
     Memory("thrust", shape=MAX_MOTORS),
-    Memory("air_density"),  # over that at sea level
+    Memory("air_density"),  # relative to sea level
     Memory("spool_state", dtype="i4"),
     Memory("spool_wanted", dtype="i4"),
     Memory("spin_up"),
@@ -104,7 +104,7 @@ MEMORY = (
     Memory("yaw_mode", dtype="i4"),
     Memory("yaw_fixed"),
     Memory("yaw_rate"),
-    Memory("yaw_left", rare=True),  # angle still to turn to yaw_fixed, and the rate of doing it
+    Memory("yaw_left", rare=True),  # remaining angle to turn to yaw_fixed, and the rate
     Memory("yaw_slew", rare=True),
     Memory("loiter_brake"),
     Memory("loiter_since"),
@@ -113,27 +113,27 @@ MEMORY = (
     # link
     Memory("payload", dtype="u1", shape=255),
     Memory("received", dtype="u1", shape=255),
-    Memory("link", dtype="i4"),  # that is heard or served
+    Memory("link", dtype="i4"),  # link being served
     Memory("sequence", dtype="i4", shape=LINKS, rare=True),
     Memory("text_queue", dtype="i8", shape=(8, 5), rare=True),  # severity, text, number, hundredths, bits of links
     Memory("text_count", dtype="i4"),
-    Memory("ack_room", dtype="i4"),  # bytes to keep for acknowledgements of what was received
+    Memory("ack_room", dtype="i4"),  # bytes reserved for acknowledgements of received commands
     Memory("link_version", dtype="i4", shape=LINKS, rare=True),
     Memory("interval", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("due", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("next_due", shape=LINKS, rare=True),
-    Memory("soonest_due"),  # of all links
-    Memory("transferring", dtype="?"),  # a list or a file goes out, or items come in
+    Memory("soonest_due"),  # earliest due time of all links
+    Memory("transferring", dtype="?"),  # a list or a file is being sent, or items are being received
     Memory("told_armed", dtype="?"),
     Memory("told_mode", dtype="i4"),
     Memory("told_home", dtype="?"),
-    Memory("parameter_next", dtype="i4", shape=LINKS, rare=True),  # of the list being sent
+    Memory("parameter_next", dtype="i4", shape=LINKS, rare=True),  # next index of the list being sent
     Memory("parameter_due", shape=LINKS, rare=True),
     # pilot
-    Memory("rc_known", dtype="?"),  # an override has been heard
-    Memory("rc_until"),  # the last override lapses
+    Memory("rc_known", dtype="?"),  # an override has been received
+    Memory("rc_until"),  # when the last override expires
     Memory("throttle_open_at"),  # when the throttle stick was last open
-    Memory("pilot_flies", dtype="?", rare=True),  # what sticks ask of modes that fly by themselves
+    Memory("pilot_flies", dtype="?", rare=True),  # demands of the sticks in autonomous modes
     Memory("pilot_turn", rare=True),
     Memory("pilot_stick", shape=2, rare=True),  # forward and right, -1 to 1
     Memory("pilot_takeoff", dtype="?"),
@@ -150,11 +150,11 @@ MEMORY = (
     Memory("circle_centre", shape=2, rare=True),
     Memory("circle_radius", rare=True),
     Memory("circle_rate", rare=True),
-    Memory("circle_asked", shape=2, rare=True),  # CIRCLE_RADIUS and CIRCLE_RATE when last looked at
+    Memory("circle_asked", shape=2, rare=True),  # CIRCLE_RADIUS and CIRCLE_RATE as last read
     Memory("circle_angle", rare=True),
     Memory("circle_turning", rare=True),
     Memory("circle_total", rare=True),  # angle flown
-    Memory("circle_told", dtype="i4", rare=True),  # rounds
+    Memory("circle_told", dtype="i4", rare=True),  # turns reported
     Memory("file_bursting", dtype="?", rare=True),
     Memory("file_link", dtype="i4", rare=True),
     Memory("file_open", dtype="?", rare=True),
@@ -174,21 +174,21 @@ MEMORY = (
     Memory("battery_current", rare=True),
     Memory("battery_used", rare=True),  # mAh
     Memory("battery_energy", rare=True),  # J
-    Memory("battery_since", shape=2, rare=True),  # low, and critical; -1: it is not
+    Memory("battery_since", shape=2, rare=True),  # start of low and critical voltage; -1: not low
     Memory("battery_alarm", dtype="i4", rare=True),
     Memory("fence_breach", dtype="i4"),  # bits of FENCE_TYPE
     Memory("fence_low_armed", dtype="?", rare=True),
     # mission
-    Memory("mission_count", dtype="i4"),  # items, home among them
+    Memory("mission_count", dtype="i4"),  # number of items, including home
     Memory("mission_current", dtype="i4"),
     Memory("mission_complete", dtype="?"),
-    Memory("mission_changed", dtype="?"),  # the current item is to be begun
-    Memory("auto_command", dtype="i4"),  # MAV_CMD that is flown
+    Memory("mission_changed", dtype="?"),  # the current item must be started
+    Memory("auto_command", dtype="i4"),  # MAV_CMD being flown
     Memory("auto_stage", dtype="i4", rare=True),
     Memory("auto_since", rare=True),
-    Memory("auto_speed", shape=3, rare=True),  # along, up, down, that the mission asked for, 0: WPNAV_SPEED
-    Memory("auto_do", dtype="i4", rare=True),  # row of the command beside the flight, 0: none
-    Memory("auto_doing", dtype="?", rare=True),  # it is not done
+    Memory("auto_speed", shape=3, rare=True),  # along, up, down, as requested by the mission, 0: WPNAV_SPEED
+    Memory("auto_do", dtype="i4", rare=True),  # row of the command beside navigation, 0: none
+    Memory("auto_doing", dtype="?", rare=True),  # that command is not complete
     Memory("auto_do_since", rare=True),
     Memory("auto_landing", dtype="?"),
     Memory("fence", shape=(FENCE_CAPACITY, FENCE_ITEM)),
@@ -223,17 +223,19 @@ VARIABLES = (
     Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
     Output("armed", type=bool, start=False, verdict=Role.ARMED, description="whether the motors may turn"),
     Output("mode", type=Mode, start=Mode.STABILIZE, description="flight mode, by ArduCopter's number"),
-    Output("on_ground", type=bool, start=True, description="whether the vehicle is taken to be on the ground"),
-    Output("target", shape=3, unit="m", start=0.0, description="position it flies to, NED from the local origin"),
+    Output("on_ground", type=bool, start=True, description="landed, according to the land detector"),
+    Output(
+        "target", shape=3, unit="m", start=0.0, description="position of the destination, NED from the local origin"
+    ),
     Output(
         "desired_position",
         shape=3,
         unit="m",
         start=0.0,
         verdict=Role.DESIRED_POSITION,
-        description="of the shaped path, NED",
+        description="position on the shaped path, NED",
     ),
-    Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="of the shaped path, NED"),
+    Output("desired_velocity", shape=3, unit="m/s", start=0.0, description="velocity on the shaped path, NED"),
     PacketOutput("mavlink_tx", capacity=4096, description="packets sent on board and by the swarm's radio"),
     PacketOutput(
         "telemetry_tx", capacity=4096, verdict=Role.TELEMETRY, description="packets sent to ground stations by radio"
@@ -241,4 +243,4 @@ VARIABLES = (
     PacketOutput("serial_tx", capacity=4096, verdict=Role.SERIAL, description="packets sent by a cable"),
     *MEMORY,
 )
-"""All that an Autopilot declares."""
+"""All variables of an Autopilot."""
