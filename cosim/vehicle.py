@@ -9,6 +9,7 @@ not. For these, a master infers the meaning from the following names, and from n
     AUTOPILOT      the component of a vehicle's system to which a cable connects
     VEHICLE        the component of a vehicle's system whose POSITION is the position of the vehicle
     POSITION       Real output with 3 elements: position of the vehicle, NED from the local origin [m]
+    ATTITUDE       Real output with 4 elements: unit quaternion w, x, y, z that rotates body FRD into NED
     STEP, TARGET   outputs of an agent: number of the current step, and desired position in m east of the origin
     LINES          packet ports for ground stations by radio, and for a cable, and for nothing else
 """
@@ -23,6 +24,7 @@ from cosim.verdict import Role
 
 __all__ = [
     "AIRFRAME",
+    "ATTITUDE",
     "AUTOPILOT",
     "LINES",
     "MAX_MOTORS",
@@ -37,7 +39,7 @@ __all__ = [
 ]
 
 AUTOPILOT, VEHICLE = "autopilot", "vehicle"
-POSITION = "position"
+POSITION, ATTITUDE = "position", "attitude"
 STEP, TARGET = "step", "target"
 LINES: Mapping[Role, tuple[str, str]] = {
     Role.TELEMETRY: ("telemetry_rx", "telemetry_tx"),
@@ -72,12 +74,14 @@ VEHICLE_INPUTS: tuple[Variable, ...] = (
 _MOTION = (
     (POSITION, 3, "m", (0.0, 0.0, 0.0), "position relative to the local origin, NED (north, east, down)"),
     ("velocity", 3, "m/s", (0.0, 0.0, 0.0), "velocity over ground, NED"),
-    ("attitude", 4, "1", (1.0, 0.0, 0.0, 0.0), "unit quaternion w, x, y, z that rotates body FRD into NED"),
+    (ATTITUDE, 4, "1", (1.0, 0.0, 0.0, 0.0), "unit quaternion w, x, y, z that rotates body FRD into NED"),
     ("angular_velocity", 3, "rad/s", (0.0, 0.0, 0.0), "angular velocity of the body, FRD"),
     ("specific_force", 3, "m/s2", (0.0, 0.0, -9.80665), "what an accelerometer measures at the centre of mass, FRD"),
 )
 
 AIRFRAME = Output("airframe", type=Airframe, start=Airframe.quad_x, description="which mixer the vehicle needs")
+
+_ROLES = {POSITION: Role.POSITION, ATTITUDE: Role.ATTITUDE}
 
 VEHICLE_OUTPUTS: tuple[Variable, ...] = (
     *(
@@ -86,7 +90,7 @@ VEHICLE_OUTPUTS: tuple[Variable, ...] = (
             shape=shape,
             unit=unit,
             start=start,
-            verdict=Role.POSITION if name == POSITION else None,
+            verdict=_ROLES.get(name),
             description=description,
         )
         for name, shape, unit, start, description in _MOTION

@@ -27,6 +27,7 @@ __all__ = [
     "Neighbour",
     "Reason",
     "Role",
+    "Rotors",
     "Verdict",
     "complaints",
     "references",
@@ -116,11 +117,34 @@ class Formation:
     period: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Rotors:
+    """An output of Reals: the speed of each rotor [rad/s], by which a vehicle is drawn. Each field names a parameter.
+
+    Attributes:
+        count: Integer: rotors in use, the first ones of the arrays.
+        forward, right, down: Reals, one for each rotor: positions of the hubs, FRD from the centre of mass [m].
+        direction: Reals, one for each rotor: +1 turns counter-clockwise seen from above, -1 clockwise.
+    """
+
+    count: str
+    forward: str
+    right: str
+    down: str
+    direction: str
+
+    @property
+    def arrays(self) -> tuple[str, str, str, str]:
+        return (self.forward, self.right, self.down, self.direction)
+
+
 class Role(Enum):
     """Role of a variable for a master. The value is the name of the element in the annotation."""
 
     POSITION = "Position"
     """Output of 3 Reals: position of a body, NED from the local origin [m]."""
+    ATTITUDE = "Attitude"
+    """Output of 4 Reals: unit quaternion w, x, y, z that rotates FRD of a body into NED."""
     ON_GROUND = "OnGround"
     """Boolean output of a body: true while the body stands on the ground."""
     ARMED = "Armed"
@@ -139,7 +163,7 @@ class Role(Enum):
     """Input that may stay unconnected, because its start value is meaningful."""
 
 
-Verdict: TypeAlias = Condition | Reason | Bound | Formation | Role
+Verdict: TypeAlias = Condition | Reason | Bound | Formation | Rotors | Role
 
 
 class Declared(Protocol):
@@ -165,13 +189,14 @@ _PLACES: Mapping[object, tuple[str, tuple[str, ...], tuple[int, ...]]] = {
     Bound: ("output", ("Real", "Integer"), _SCALAR),
     Formation: ("output", ("Real",), _SCALAR),
     Role.POSITION: ("output", ("Real",), _VECTOR),
+    Role.ATTITUDE: ("output", ("Real",), (4,)),
     Role.ON_GROUND: ("output", ("Boolean",), _SCALAR),
     Role.ARMED: ("output", ("Boolean",), _SCALAR),
     Role.DESIRED_POSITION: ("output", ("Real",), _VECTOR),
     Role.START_POSITION: ("parameter", ("Real",), _VECTOR),
     Role.SYSTEM_ID: ("parameter", ("Integer",), _SCALAR),
 }
-"""Role, kinds and shape of the variables that may have a verdict, except those checked by `_complaint_of_port`."""
+"""Role, kinds and shape of the variables that may have a verdict, except those of `_complaint_of_port` and Rotors."""
 
 
 def complaints(variables: Iterable[Declared]) -> list[str]:
@@ -184,6 +209,9 @@ def complaints(variables: Iterable[Declared]) -> list[str]:
             continue
         if verdict in (Role.OPTIONAL, Role.TELEMETRY, Role.SERIAL):
             found += _complaint_of_port(v, verdict)
+            continue
+        if isinstance(verdict, Rotors):
+            found += _complaints_of_rotors(v, verdict, known)
             continue
         role, kinds, shape = _PLACES[verdict if isinstance(verdict, Role) else type(verdict)]
         if v.role != role or v.kind not in kinds or v.shape != shape:
@@ -204,6 +232,18 @@ def _complaint_of_port(v: Declared, role: Role) -> list[str]:
     if role is not Role.OPTIONAL and v.kind != "Packets":
         return [f"{v.name}: only a packet port can be {role.name}, this is of kind {v.kind}"]
     return []
+
+
+def _complaints_of_rotors(v: Declared, verdict: Rotors, known: Mapping[str, Declared]) -> list[str]:
+    """Returns the errors in the verdict of an array of rotor speeds, one sentence for each."""
+    if v.role != "output" or v.kind != "Real" or len(v.shape) != 1:
+        return [f"{v.name}: verdict Rotors is for an output of kind Real, an array with an element for each rotor"]
+    shapes = {verdict.count: ("Integer", ()), **dict.fromkeys(verdict.arrays, ("Real", v.shape))}
+    return [
+        f"{v.name}: its verdict refers to {name}, but there is no parameter {name} of kind {kind} and shape {shape}"
+        for name, (kind, shape) in shapes.items()
+        if name not in known or (known[name].role, known[name].kind, known[name].shape) != ("parameter", kind, shape)
+    ]
 
 
 def references(verdict: Verdict) -> list[tuple[str, str, tuple[str, ...]]]:

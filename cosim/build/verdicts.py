@@ -9,6 +9,7 @@
       <Formation variable="target" step="step" stays="stubborn" begin="first_step_time" period="period">
         <Neighbour id="left_sysid" gain="epsilon"/>
       </Formation>
+      <Rotors variable="speed" count="n" forward="x" right="y" down="z" direction="turns"/>
       <Optional variable="wind"/>
       <Telemetry variable="telemetry_rx"/>
     </Verdicts>
@@ -20,10 +21,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from xml.etree.ElementTree import Element, SubElement
 
 from cosim.model import Variable
-from cosim.verdict import Bound, Condition, Formation, Reason, Role, Verdict
+from cosim.verdict import Bound, Condition, Formation, Reason, Role, Rotors, Verdict
 
 __all__ = ["verdicts"]
 
@@ -63,6 +65,9 @@ def _element(name: str, verdict: Verdict) -> Element:
         if verdict.of:
             element.set("of", verdict.of)
         element.text = verdict.text or None
+    elif isinstance(verdict, Rotors):
+        for name_of, other in asdict(verdict).items():
+            element.set(name_of, other)
     elif isinstance(verdict, Formation):
         for what in ("step", "stays", "begin", "period"):
             if other := getattr(verdict, what):

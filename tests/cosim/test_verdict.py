@@ -12,7 +12,7 @@ from cosim import Input, Model, Output, PacketInput, Parameter
 from cosim.build.description import model_description
 from cosim.build.description3 import model_description3
 from cosim.build.verdicts import verdicts
-from cosim.verdict import Bound, Condition, Formation, Neighbour, Reason, Role, complaints
+from cosim.verdict import Bound, Condition, Formation, Neighbour, Reason, Role, Rotors, complaints
 
 
 class Task(IntEnum):
@@ -48,6 +48,11 @@ VARIABLES = (
         unit="m",
         verdict=Formation("turn", "rests", (Neighbour("west", "gain"), Neighbour("west", 0.25)), "begin", "stale"),
     ),
+    Output("heading", shape=4, verdict=Role.ATTITUDE),
+    Parameter("n", type=int, start=2),
+    Parameter("x", shape=2, unit="m"),
+    Parameter("turns", shape=2),
+    Output("spin", shape=2, unit="rad/s", verdict=Rotors("n", forward="x", right="x", down="x", direction="turns")),
     PacketInput("cable", capacity=300, verdict=Role.SERIAL),
     PacketInput("radio", capacity=300, verdict=Role.TELEMETRY),
 )
@@ -62,6 +67,8 @@ WRITTEN = [
     '<StartPosition variable="begun" />',
     '<Formation variable="way" step="turn" stays="rests" begin="begin" period="stale">'
     '<Neighbour id="west" gain="gain" /><Neighbour id="west" gain="0.25" /></Formation>',
+    '<Attitude variable="heading" />',
+    '<Rotors variable="spin" count="n" forward="x" right="x" down="x" direction="turns" />',
     '<Serial variable="cable" />',
     '<Telemetry variable="radio" />',
 ]
@@ -125,6 +132,11 @@ def test_fmi_3_has_them_as_an_annotation() -> None:
         (
             Output("y", verdict=Formation("y")),
             "y: its verdict refers to y, but there is no scalar y of kind Integer",
+        ),
+        (Output("y", shape=3, verdict=Role.ATTITUDE), "y: verdict ATTITUDE is for an output of 4 of kind Real"),
+        (
+            Output("y", verdict=Rotors("n", "x", "x", "x", "x")),
+            "y: verdict Rotors is for an output of kind Real, an array with an element for each rotor",
         ),
         (
             Output("y", type=int, verdict=Condition(failed=(1,), by="y")),

@@ -19,7 +19,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 __all__ = ["RunFolder", "clear", "differences", "held_fingerprint", "is_figure", "stamp"]
 
 _RESULTS = ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog", "packets/*.tlog")
-_DRAWN = (".png", ".svg", ".pdf")
+_DRAWN = (".png", ".svg", ".pdf", ".html")
 _STAMP = "uav-cosim, signals.parquet sha256 "
 _HEAD = 65536
 """Bytes of a figure within which its stamp lies."""
@@ -110,7 +110,7 @@ def stamp(run: Path) -> str:
 
 
 def is_figure(file: Path) -> bool:
-    """Returns whether a file is a figure that `uav-cosim plot` drew: such figures have a stamp."""
+    """Returns whether a file was made of a run by `uav-cosim plot` or `view`: such files have a stamp."""
     if file.suffix not in _DRAWN or not file.is_file():
         return False
     with file.open("rb") as opened:

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cosim.verdict import Bound, Condition, Reason, Role
+from cosim.verdict import Bound, Condition, Reason, Role, Rotors
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.observation import Seen
@@ -56,7 +56,7 @@ def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
         (instance.name, element)
         for instance in checked.instances
         for name, verdict in instance.fmu.verdicts.items()
-        if not isinstance(verdict, Role) or verdict not in (Role.SYSTEM_ID, Role.OPTIONAL)
+        if not isinstance(verdict, Rotors) and verdict not in (Role.SYSTEM_ID, Role.OPTIONAL, Role.ATTITUDE)
         for element in elements_of(name, instance.fmu.variables)
     )
 

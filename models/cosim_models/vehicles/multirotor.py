@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from cosim import Memory, Output, Parameter, Variable
 from cosim.vehicle import MAX_MOTORS, VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
-from cosim.verdict import Role
+from cosim.verdict import Role, Rotors
 from cosim_models.vehicles.multirotor_dynamics import CONTACTS, ERRORS, advance, start
 from cosim_models.vehicles.rigid_body import Vector
 from cosim_models.vehicles.rotor import MotorCurve
@@ -95,7 +95,14 @@ def multirotor_variables(
         ),
         *_BODY_PARAMETERS,
         *(replace(v, start=airframe) if v.name == "airframe" else v for v in VEHICLE_OUTPUTS),
-        Output("rotor_speed", shape=MAX_MOTORS, unit="rad/s", start=0.0, description="speed of each rotor"),
+        Output(
+            "rotor_speed",
+            shape=MAX_MOTORS,
+            unit="rad/s",
+            start=0.0,
+            verdict=Rotors("rotor_count", "rotor_x", "rotor_y", "rotor_z", "rotor_direction"),
+            description="speed of each rotor",
+        ),
         Output(
             "on_ground",
             type=bool,

@@ -14,9 +14,14 @@ import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
+<<<<<<< HEAD
 from cosim_master.cli.views.overview import _names, overview, overview_tables, signal_table
 from cosim_master.execution.options import RunOptions
+=======
+from cosim_master.cli.views.overview import overview, overview_tables, signal_table
+>>>>>>> 37f2bae (A run is shown in a browser: uav-cosim view writes one page with motion, packets, signals, messages and findings)
 from cosim_master.execution.simulate import simulate
+from cosim_master.results.message_names import message_names
 
 VERDICT = {
     "good": False,
@@ -119,9 +124,9 @@ def test_the_document(tmp_path: Path) -> None:
 
 
 def test_messages_have_names_without_pymavlink(monkeypatch: pytest.MonkeyPatch) -> None:
-    with_it = _names()
+    with_it = message_names()
     monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
-    without = _names.__wrapped__()
+    without = message_names.__wrapped__()
     assert without[0] == "HEARTBEAT" and without[33] == "GLOBAL_POSITION_INT" and len(without) > 50
     assert without.items() <= with_it.items()
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.verdict import Bound, Condition, Formation, Neighbour, Role
+from cosim.verdict import Bound, Condition, Formation, Neighbour, Role, Rotors
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.fmi.description.declarations import verdicts_as_json, verdicts_of_json
 from cosim_master.fmi.description.read import describe
@@ -61,11 +61,17 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
         ('<Position variable="y"/>', 'its verdict <Position> of "y" is ignored: it must be of causality output and'),
         ('<Armed variable="z"/>', 'its verdict <Armed> of "z" is ignored: there is no such variable'),
         ('<Optional variable="y"/>', "it is of causality output, only inputs are optional"),
-        ('<Great variable="y"/>', "there are Condition, Reason, Bound, Formation, Position, OnGround, Armed"),
+        (
+            '<Great variable="y"/>',
+            "there are Condition, Reason, Bound, Formation, Rotors, Position, Attitude, OnGround",
+        ),
         ('<Bound variable="y" most="limit"/>', 'there is no parameter "limit"'),
         ('<Bound variable="y" least="low"/>', 'least="low" must be a number'),
         ('<Bound variable="y" most="NaN"/>', "a number must not be NaN"),
         ('<Condition variable="n" failed="x"/>', "invalid literal for int()"),
+        ('<Attitude variable="y"/>', "it must be of causality output and type Real, with 4 elements"),
+        ('<Rotors variable="n"/>', "it must be of causality output and type Real"),
+        ('<Rotors variable="y" count="k"/>', 'there is no parameter "k" of type Integer with 1 elements'),
         ('<Serial variable="y"/>', 'its verdict <Serial> of "y" is ignored: it is of type Real and not a packet port'),
         ('<Formation variable="y"/>', "it needs the attribute step, an output"),
         ('<Formation variable="y" step="y"/>', 'output "y" is of type Real, it must be Integer'),
@@ -98,6 +104,20 @@ def test_formations_and_lines_of_an_fmu_of_any_tool_are_read(workshop: Workshop)
         "p": Role.START_POSITION,
     }
     assert verdicts_of_json(json.loads(json.dumps(verdicts_as_json(fmu.verdicts)))) == fmu.verdicts
+
+
+def test_attitude_and_rotors_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
+    inner = '<Attitude variable="q"/><Rotors variable="w" count="n" forward="x" right="y" down="z" direction="d"/>'
+    outputs = [variable(f"q[{i}]", "output") for i in (1, 2, 3, 4)]
+    outputs += [variable(f"w[{i}]", "output") for i in (1, 2)]
+    hubs = [variable(f"{name}[{i}]", "parameter") for name in "xyzd" for i in (1, 2)]
+    count = variable("n", "parameter", "Integer")
+    fmu = describe(workshop.fmu("a.fmu", *outputs, *hubs, count, extra=verdict_tool(inner)))
+    assert fmu.verdicts == {"q": Role.ATTITUDE, "w": Rotors("n", "x", "y", "z", "d")}
+    assert verdicts_of_json(json.loads(json.dumps(verdicts_as_json(fmu.verdicts)))) == fmu.verdicts
+    short = describe(workshop.fmu("b.fmu", *outputs, *hubs[:-1], count, extra=verdict_tool(inner)))
+    assert "w" not in short.verdicts
+    assert any('there is no parameter "d" of type Real with 2 elements' in note for note in short.notes)
 
 
 # ---- known before --------------------------------------------------------------------------------------------------

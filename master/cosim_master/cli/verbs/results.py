@@ -1,14 +1,15 @@
-"""Verbs that look at FMUs, systems and results of runs: `info`, `plot`, `export`."""
+"""Verbs that look at FMUs, systems and results of runs: `info`, `plot`, `view`, `export`."""
 
 from __future__ import annotations
 
 import sys
+import webbrowser
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cosim_master.cli.terminal.console import errors, notes, print_json, print_tables, say, usage
+from cosim_master.cli.terminal.console import errors, note, notes, print_json, print_tables, say, usage
 from cosim_master.cli.terminal.options import Json, Variant
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
@@ -84,6 +85,33 @@ def plot(
             return
         for file in files:
             say(str(file))
+
+
+@verb("view out/line5", "view out/line5 -o line5.html --no-open")
+def view(
+    run: Run,
+    file: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="HTML file to write.", show_default="view.html in the run's"),
+    ] = None,
+    no_open: Annotated[
+        bool, typer.Option("--no-open", help="Write the page only; do not open a browser.", show_default=False)
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Show a run in a browser: one HTML page with its motion, packets, signals, messages and findings."""
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"reading {run}")
+        from cosim_master.view.page import write_page
+
+        written = write_page(run, file)
+        doing.end()
+        if as_json:
+            print_json({"files": [str(written)]})
+        else:
+            say(str(written))
+        if not no_open and not webbrowser.open(written.resolve().as_uri()):
+            note(f"no browser was found here; open {written} in one")
 
 
 @verb("export out/line5 -o line5.csv", "export out/line5 -o - | head -3")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.results.message_names import message_names
 
 __all__ = ["overview", "overview_tables", "signal_table"]
 
@@ -92,7 +92,7 @@ def _messages(table: pa.Table, seconds: float) -> list[dict[str, Any]]:
         found.append(
             {
                 "id": one["message"],
-                "name": _names().get(one["message"], f"message {one['message']}"),
+                "name": message_names().get(one["message"], f"message {one['message']}"),
                 "senders": senders,
                 "sent": one["count_all"],
                 "rate": one["count_all"] / senders / seconds if seconds > 0.0 else None,
@@ -102,18 +102,6 @@ def _messages(table: pa.Table, seconds: float) -> list[dict[str, Any]]:
             }
         )
     return sorted(found, key=lambda message: (-message["sent"], message["id"]))
-
-
-@cache
-def _names() -> dict[int, str]:
-    """Names of messages by id: of all of ArduPilot's with pymavlink, else of those that models can send."""
-    try:
-        from pymavlink.dialects.v20 import ardupilotmega
-    except ImportError:
-        from cosim import messages
-
-        return {getattr(messages, n): n for n in dir(messages) if hasattr(messages, f"encode_{n.lower()}")}
-    return {number: str(message.msgname) for number, message in ardupilotmega.mavlink_map.items()}
 
 
 def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:

@@ -7,13 +7,24 @@ The meanings that figures need stand in the manifest of a run as JSON.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, fields
 from typing import Any
 
 from lxml import etree
 
-from cosim.verdict import ANNOTATION, Bound, Condition, Formation, Neighbour, Reason, Role, Verdict, references
+from cosim.verdict import (
+    ANNOTATION,
+    Bound,
+    Condition,
+    Formation,
+    Neighbour,
+    Reason,
+    Role,
+    Rotors,
+    Verdict,
+    references,
+)
 from cosim_master.fmi.description.variables import Variable
 
 __all__ = ["elements_of", "read_verdicts", "verdicts_as_json", "verdicts_of_json"]
@@ -28,13 +39,14 @@ _TYPES: Mapping[object, tuple[str, tuple[str, ...], int]] = {
     Bound: ("output", ("Real", "Integer"), 1),
     Formation: ("output", ("Real",), 1),
     Role.POSITION: ("output", ("Real",), 3),
+    Role.ATTITUDE: ("output", ("Real",), 4),
     Role.ON_GROUND: ("output", ("Boolean",), 1),
     Role.ARMED: ("output", ("Boolean",), 1),
     Role.DESIRED_POSITION: ("output", ("Real",), 3),
     Role.START_POSITION: ("parameter", ("Real",), 3),
     Role.SYSTEM_ID: ("parameter", ("Integer",), 1),
 }
-"""Causality, types and number of elements of variables that may have a verdict, but for those of `_check_port`."""
+"""Causality, types and number of elements of variables that may have a verdict, but for ports and Rotors."""
 _ROLES = {role.value: role for role in Role}
 
 
@@ -83,7 +95,9 @@ def _read(element: etree._Element) -> Verdict:
     if tag == "Formation":
         others = {what: element.get(what, "") for what in ("step", "stays", "begin", "period")}
         return Formation(neighbours=tuple(map(_neighbour, element.iterfind("Neighbour"))), **others)
-    raise ValueError(f"there are {', '.join(('Condition', 'Reason', 'Bound', 'Formation', *_ROLES))}")
+    if tag == "Rotors":
+        return Rotors(**{field.name: element.get(field.name, "") for field in fields(Rotors)})
+    raise ValueError(f"there are {', '.join(('Condition', 'Reason', 'Bound', 'Formation', 'Rotors', *_ROLES))}")
 
 
 def _neighbour(element: etree._Element) -> Neighbour:
@@ -119,6 +133,9 @@ def _checked(name: str, verdict: Verdict, variables: Mapping[str, Variable]) -> 
     if verdict in (Role.OPTIONAL, Role.TELEMETRY, Role.SERIAL):
         _check_port(verdict, elements[0])
         return verdict
+    if isinstance(verdict, Rotors):
+        _check_rotors(verdict, elements, variables)
+        return verdict
     causality, types, size = _TYPES[verdict if isinstance(verdict, Role) else type(verdict)]
     first = elements[0]
     if len(elements) != size or first.causality != causality or first.type not in types or first.wide:
@@ -141,30 +158,45 @@ def _check_port(verdict: Verdict, variable: Variable) -> None:
         raise ValueError(f"it is of type {variable.type} and not a packet port")
 
 
+def _check_rotors(verdict: Rotors, speeds: Sequence[Variable], variables: Mapping[str, Variable]) -> None:
+    """Raises ValueError if these are not the speeds of rotors, or what belongs to each of them is not declared."""
+    if any(one.causality != "output" or one.type != "Real" for one in speeds):
+        raise ValueError("it must be of causality output and type Real")
+    sizes = {verdict.count: ("Integer", 1), **{name: ("Real", len(speeds)) for name in verdict.arrays}}
+    for name, (kind, size) in sizes.items():
+        found = [variables[element] for element in elements_of(name, variables)]
+        if len(found) != size or any("arameter" not in one.causality or one.type != kind for one in found):
+            raise ValueError(f'there is no parameter "{name}" of type {kind} with {size} elements')
+
+
 def verdicts_as_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, Any]]:
-    """Returns roles and formations by the name of their variable, as `verdicts_of_json` reads them."""
+    """Returns roles, formations and rotors by the name of their variable, as `verdicts_of_json` reads them."""
     found: dict[str, dict[str, Any]] = {}
     for name, verdict in verdicts.items():
         if isinstance(verdict, Role):
             found[name] = {"is": verdict.value}
         elif isinstance(verdict, Formation):
             found[name] = {"is": "Formation", **asdict(verdict)}
+        elif isinstance(verdict, Rotors):
+            found[name] = {"is": "Rotors", **asdict(verdict)}
     return found
 
 
 def verdicts_of_json(told: Mapping[str, Mapping[str, Any]]) -> dict[str, Verdict]:
-    """Returns the verdicts that `verdicts_as_json` was given; others than roles and formations are left out.
+    """Returns the verdicts that `verdicts_as_json` was given; conditions, reasons and bounds are left out.
 
     Raises:
         KeyError, TypeError, ValueError: they were not written so.
     """
     found: dict[str, Verdict] = {}
     for name, one in told.items():
-        fields = dict(one)
-        what = fields.pop("is")
+        told_of = dict(one)
+        what = told_of.pop("is")
         if what == "Formation":
-            neighbours = tuple(Neighbour(**neighbour) for neighbour in fields.pop("neighbours"))
-            found[name] = Formation(neighbours=neighbours, **fields)
+            neighbours = tuple(Neighbour(**neighbour) for neighbour in told_of.pop("neighbours"))
+            found[name] = Formation(neighbours=neighbours, **told_of)
+        elif what == "Rotors":
+            found[name] = Rotors(**told_of)
         elif what in _ROLES:
             found[name] = _ROLES[what]
     return found

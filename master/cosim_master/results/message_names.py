@@ -1,0 +1,19 @@
+"""Names of MAVLink messages, for people."""
+
+from __future__ import annotations
+
+from functools import cache
+
+__all__ = ["message_names"]
+
+
+@cache
+def message_names() -> dict[int, str]:
+    """Returns names of messages by id: of all of ArduPilot's with pymavlink, else of those that models can send."""
+    try:
+        from pymavlink.dialects.v20 import ardupilotmega
+    except ImportError:
+        from cosim import messages
+
+        return {getattr(messages, n): n for n in dir(messages) if hasattr(messages, f"encode_{n.lower()}")}
+    return {number: str(message.msgname) for number, message in ardupilotmega.mavlink_map.items()}

@@ -1,0 +1,123 @@
+"""Who is who in a recording: which columns are a drone's position, its attitude, its agent's desired position.
+
+A drone is a component that outputs its position (m, NED), and the agent beside it in the same system, a component that
+outputs the number of its step and its desired position (m east of the origin); or either of them alone. Which outputs
+these are, and what law an agent follows, the FMUs declare (`cosim.verdict`), and the manifest of the run has it. An FMU
+that declares nothing is known by the names of its outputs (`cosim.vehicle`), and its law is not known.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cosim.vehicle import ATTITUDE, POSITION, STEP, TARGET
+from cosim.verdict import Formation, Role, Rotors, Verdict
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.fmi.description.declarations import verdicts_of_json
+from cosim_master.system.flatten.flat import natural
+from cosim_master.system.formation import formation_of
+
+__all__ = ["UNKNOWN", "Part", "Player", "parts", "players", "read_manifest"]
+
+
+@dataclass(frozen=True, slots=True)
+class Player:
+    """What the manifest tells of an instance: the values of its parameters, and the meanings that its FMU declares."""
+
+    parameters: Mapping[str, Any]
+    verdicts: Mapping[str, Verdict]
+
+    def named(self, role: Role) -> str:
+        """The variable that has a role; empty if none has."""
+        return next((name for name, one in self.verdicts.items() if one is role), "")
+
+    @property
+    def position(self) -> str:
+        return self.named(Role.POSITION) or POSITION
+
+    @property
+    def attitude(self) -> str:
+        return self.named(Role.ATTITUDE) or ATTITUDE
+
+    @property
+    def target(self) -> tuple[str, Formation]:
+        return formation_of(self.verdicts) or (TARGET, Formation(step=STEP))
+
+    @property
+    def rotors(self) -> tuple[str, Rotors] | None:
+        return next(((name, one) for name, one in self.verdicts.items() if isinstance(one, Rotors)), None)
+
+
+UNKNOWN = Player({}, {})
+"""An instance that the manifest does not know."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A drone: its name, and the instances that are its vehicle and its agent; "" for one that is not there."""
+
+    name: str
+    vehicle: str
+    agent: str
+
+
+def read_manifest(run: Path) -> dict[str, Any]:
+    """Returns the manifest of a run.
+
+    Raises:
+        CosimError: the folder has none, or it is not the manifest of a complete run.
+    """
+    file = run / "manifest.json"
+    try:
+        told = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise CosimError(f"{file}: not the manifest of a complete run: {error!r}") from None
+    if not isinstance(told, dict):
+        raise CosimError(f"{file}: not the manifest of a complete run: a {type(told).__name__}, not an object")
+    return told
+
+
+def players(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Player]:
+    """Returns what a manifest tells of each instance.
+
+    Raises:
+        CosimError: it is not the manifest of a complete run.
+    """
+    try:
+        fmus = {path: verdicts_of_json(fmu.get("verdicts", {})) for path, fmu in manifest.get("fmus", {}).items()}
+        return {
+            name: Player(one.get("parameters", {}), fmus.get(one.get("fmu"), {}))
+            for name, one in manifest["instances"].items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CosimError(f"{run / 'manifest.json'}: not the manifest of a complete run: {error!r}") from None
+
+
+def parts(columns: Mapping[str, str], known: Mapping[str, Player]) -> list[Part]:
+    """Returns the drones in natural order of their names, by the recorded columns and their units."""
+    vehicles: set[str] = set()
+    agents: set[str] = set()
+    for name in {component for column in columns if (component := column.rpartition(".")[0])}:
+        of = known.get(name, UNKNOWN)
+        if all(columns.get(f"{name}.{of.position}[{i}]") == "m" for i in (1, 2, 3)):
+            vehicles.add(name)
+        target, formation = of.target
+        if f"{name}.{formation.step}" in columns and columns.get(f"{name}.{target}") == "m":
+            agents.add(name)
+    by_place: dict[str, tuple[list[str], list[str]]] = {}
+    for group, all_of in enumerate((vehicles, agents)):
+        for component in sorted(all_of):
+            by_place.setdefault(component.rpartition(".")[0], ([], []))[group].append(component)
+    found: dict[str, tuple[str, str]] = {}
+    for place, here in by_place.items():
+        if place and max(map(len, here)) == 1:
+            found[place] = ("".join(here[0]), "".join(here[1]))
+        else:
+            found |= {vehicle: (vehicle, "") for vehicle in here[0]}
+            for agent in here[1]:
+                found[agent] = (found.get(agent, ("", ""))[0], agent)
+    return [Part(name, *found[name]) for name in sorted(found, key=natural)]

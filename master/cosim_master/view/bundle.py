@@ -1,0 +1,43 @@
+"""The page's bundle: what `npm ci` and `node build.mjs ../bundle` make of page/, as files of this package.
+
+The bundle is part of the repository, so that neither users nor a clone need Node. Its digest says of which sources it
+was built; `digest_of_sources` computes the same as page/build.mjs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+__all__ = ["Bundle", "digest_of_sources", "read_bundle"]
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """The parts of the page that are the same for every run."""
+
+    script: str
+    style: str
+    body: str
+    digest: str
+
+
+def read_bundle() -> Bundle:
+    """Returns the bundle that is installed."""
+    folder = files(__package__) / "bundle"
+    script, style, body, digest = (
+        (folder / name).read_text(encoding="utf-8") for name in ("viewer.js", "viewer.css", "shell.html", "digest.txt")
+    )
+    return Bundle(script, style, body, digest.strip())
+
+
+def digest_of_sources(page: Path) -> str:
+    """Returns the SHA-256 of all that the bundle is made from: build script, packages with their lock file, sources."""
+    digest = hashlib.sha256()
+    sources = sorted(f"src/{file.name}" for file in (page / "src").iterdir())
+    for name in ("build.mjs", "package.json", "package-lock.json", *sources):
+        digest.update(f"{name}\n".encode())
+        digest.update((page / name).read_bytes())
+    return digest.hexdigest()

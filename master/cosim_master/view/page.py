@@ -1,0 +1,84 @@
+"""The HTML document that shows a run: one file that needs nothing else, and asks nobody for anything.
+
+Its rules (Content-Security-Policy) allow exactly the script and the style sheet that it carries, by their digests, and
+no connection at all. The recording is base64 of compressed bytes: nothing in it can be taken for markup.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import json
+from base64 import b64encode
+from pathlib import Path
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.run_folder import stamp
+from cosim_master.view.block import compressed
+from cosim_master.view.bundle import read_bundle
+from cosim_master.view.replay import replay
+
+__all__ = ["write_page"]
+
+_DOCUMENT = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{rules}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="referrer" content="no-referrer">
+<meta name="source" content="{source}">
+<title>{title}</title>
+<link rel="icon" href="data:,">
+<style>{style}</style>
+</head>
+<body>
+{body}
+<script type="text/plain" id="run">{run}</script>
+<script type="text/plain" id="data">{data}</script>
+<script>{script}</script>
+</body>
+</html>
+"""
+_RULES = (
+    "default-src 'none'; script-src 'sha256-{script}'; style-src 'sha256-{style}'; img-src data:; "
+    "base-uri 'none'; form-action 'none'"
+)
+
+
+def write_page(run: Path, file: Path | None = None) -> Path:
+    """Write the page that shows a run.
+
+    Args:
+        run: folder of the run.
+        file: where to write; its folder is made if need be. None: view.html in the folder of the run.
+
+    Returns:
+        The file written.
+
+    Raises:
+        CosimError: the run is not complete or recorded nothing, or the file cannot be written.
+    """
+    file = file or run / "view.html"
+    document, block = replay(run)
+    bundle = read_bundle()
+    text = _DOCUMENT.format(
+        rules=_RULES.format(script=_digest(bundle.script), style=_digest(bundle.style)),
+        source=html.escape(stamp(run)),
+        title=html.escape("".join(c if c.isprintable() else " " for c in f"{document['name']} - uav-cosim")),
+        style=bundle.style,
+        body=bundle.body,
+        run=compressed(json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")),
+        data=block.text(),
+        script=bundle.script,
+    )
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CosimError(f"{file}: the page cannot be written: {error.strerror or error}") from error
+    return file
+
+
+def _digest(text: str) -> str:
+    return b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -1,0 +1,290 @@
+"""The packets of a run for the page: which fly when, how each link fares, and what was said.
+
+How links fare is counted over all packets. Of those that are drawn, and of those in the log, there are at most so many:
+the log keeps all messages of rare kinds, and every n-th of the others.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter, defaultdict, deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.messages import STATUSTEXT, STATUSTEXT_TEXT
+from cosim_master.results.message_names import message_names
+from cosim_master.results.read import packets
+from cosim_master.results.recorder import EPOCH
+from cosim_master.results.roles import Part
+from cosim_master.view.block import Array, Block, steps_between
+
+__all__ = ["traffic"]
+
+_DRAWN = 250_000
+_LOGGED = 20_000
+_LINKS = 2_000
+_NOBODY = 65535
+_SAME = ("sent", "source", "sequence", "message", "system", "component")
+"""Columns that tell packets apart: rows of one packet, for several nodes, have the same."""
+
+
+def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantum: float) -> dict[str, Any]:
+    """Returns what the page shows of a run's packets; empty lists if they were not recorded.
+
+    Args:
+        run: folder of the run.
+        parts: the drones, in the order of the page.
+        block: takes the numbers.
+        start, quantum: s, of the page's times.
+    """
+    told: dict[str, Any] = {"messages": [], "sources": [], "vehicleOf": [], "spoken": [], "links": [], "longest": 0.0}
+    if not (run / "packets.parquet").is_file():
+        return told
+    table = packets(run)
+    if table.num_rows == 0:
+        return told
+    columns = {name: table[name].to_numpy() for name in ("sent", "arrival", "sequence", "system", "component")}
+    codes: dict[str, list[Any]] = {}
+    for name in ("source", "target", "outcome", "message"):
+        coded = table[name].combine_chunks().dictionary_encode()
+        codes[name] = coded.dictionary.to_pylist()
+        columns[name] = coded.indices.to_numpy(zero_copy_only=False)
+    names = message_names()
+    nodes = _nodes_of(codes["source"], codes["target"])
+    by_node = _vehicle_of_nodes(codes["target"], parts)
+    told["messages"] = [names.get(number, f"message {number}") for number in codes["message"]]
+    told["spoken"] = [number == STATUSTEXT for number in codes["message"]]
+    told["sources"] = codes["source"]
+    told["vehicleOf"] = [by_node.get(nodes[source], -1) for source in codes["source"]]
+    radio = np.array([outcome == "radio" for outcome in codes["outcome"]])[columns["outcome"]]
+    lost = np.array([outcome.startswith("lost") for outcome in codes["outcome"]])[columns["outcome"]]
+    begins = _sends(columns)
+    _flights(told, columns, codes, radio, lost, begins, by_node, block, (start, quantum))
+    told["links"] = _links(columns, codes, nodes, radio, lost, by_node)
+    told["log"] = _log(run, columns, codes, radio, lost, begins, block, (start, quantum))
+    return told
+
+
+def _nodes_of(sources: Sequence[str], targets: Sequence[str]) -> dict[str, str]:
+    """The node that each sender belongs to: the one whose name its own begins with, else itself (a gateway)."""
+    known = {*targets}
+    found = {}
+    for source in sources:
+        at = source
+        while at and at not in known:
+            at = at.rpartition(".")[0]
+        found[source] = at or source
+    return found
+
+
+def _vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, int]:
+    """Which vehicle carries a node: the only one in it, or the one of its name."""
+    carried: dict[str, list[int]] = defaultdict(list)
+    for i, part in enumerate(parts):
+        at = part.vehicle
+        while at:
+            carried[at].append(i)
+            at = at.rpartition(".")[0]
+    found = {node: carried[node][0] for node in nodes if len(carried.get(node, ())) == 1}
+    return found | {part.name: i for i, part in enumerate(parts) if part.name in nodes}
+
+
+def _sends(columns: Mapping[str, Array]) -> Array:
+    """The first row of each packet."""
+    n = len(columns["sent"])
+    new = np.zeros(n, bool)
+    new[:1] = True
+    for name in _SAME:
+        new[1:] |= columns[name][1:] != columns[name][:-1]
+    return np.flatnonzero(new)
+
+
+def _ticks(times: Array, clock: tuple[float, float]) -> Array:
+    start, quantum = clock
+    return np.rint((times - start) / quantum).astype(np.int64)
+
+
+def _flights(
+    told: dict[str, Any],
+    columns: Mapping[str, Array],
+    codes: Mapping[str, Sequence[Any]],
+    radio: Array,
+    lost: Array,
+    begins: Array,
+    by_node: Mapping[str, int],
+    block: Block,
+    clock: tuple[float, float],
+) -> None:
+    """The packets that went by radio, or were lost there; if there are too many, those of every n-th send."""
+    on_air = radio | lost
+    every = max(1, -(-int(on_air.sum()) // _DRAWN))
+    number = np.zeros(len(on_air), np.int64)
+    number[begins] = 1
+    rows = np.flatnonzero(on_air & ((np.cumsum(number) - 1) % every == 0))
+    rows = rows[np.argsort(columns["sent"][rows], kind="stable")]
+    sent = columns["sent"][rows]
+    delay = np.nan_to_num(columns["arrival"][rows] - sent)
+    of_target = np.array([by_node.get(node, _NOBODY) for node in codes["target"]])
+    of_source = np.array([_NOBODY if i < 0 else i for i in told["vehicleOf"]])
+    told["every"] = every
+    told["longest"] = float(delay.max(initial=0.0))
+    told["flights"] = {
+        "sent": block.add(steps_between(_ticks(sent, clock)), "u4"),
+        "delay": block.add(np.rint(delay / clock[1]), "u4"),
+        "from": block.add(of_source[columns["source"][rows]], "u2"),
+        "to": block.add(of_target[columns["target"][rows]], "u2"),
+        "message": block.add(columns["message"][rows], "u2"),
+        "lost": block.add(lost[rows], "u1"),
+    }
+
+
+def _links(
+    columns: Mapping[str, Array],
+    codes: Mapping[str, Sequence[Any]],
+    nodes: Mapping[str, str],
+    radio: Array,
+    lost: Array,
+    by_node: Mapping[str, int],
+) -> list[dict[str, Any]]:
+    """How each link fares, the worst first; of very many links, each sender's as one."""
+    senders = list(dict.fromkeys(nodes.values()))
+    of_source = np.array([senders.index(nodes[source]) for source in codes["source"]])
+    rows = np.flatnonzero(radio | lost)
+    source, target = of_source[columns["source"][rows]], columns["target"][rows]
+    keys, link = np.unique(source.astype(np.int64) * (len(codes["target"]) + 1) + target, return_inverse=True)
+    merged = len(keys) > _LINKS
+    if merged:
+        keys, link = np.unique(source.astype(np.int64) * (len(codes["target"]) + 1), return_inverse=True)
+    seconds = float(columns["sent"].max() - columns["sent"].min())
+    count = np.bincount(link)
+    gone = np.bincount(link, weights=lost[rows])
+    delay = np.bincount(link, weights=np.where(radio[rows], columns["arrival"][rows] - columns["sent"][rows], 0.0))
+    causes: list[Counter[str]] = [Counter() for _ in keys]
+    for row in np.flatnonzero(lost[rows]):
+        causes[link[row]][codes["outcome"][columns["outcome"][rows[row]]]] += 1
+    found = []
+    for i, key in enumerate(keys):
+        sender, node = divmod(int(key), len(codes["target"]) + 1)
+        arrived = int(count[i] - gone[i])
+        found.append(
+            {
+                "from": senders[sender],
+                "to": "all" if merged else codes["target"][node] or "nobody",
+                "sent": int(count[i]),
+                "lost": int(gone[i]),
+                "causes": dict(causes[i]),
+                "delay": delay[i] / arrived if arrived else None,
+                "rate": count[i] / seconds if seconds > 0 else None,
+                "vehicle": by_node.get(senders[sender], -1),
+            }
+        )
+    return sorted(found, key=lambda one: -one["lost"] / one["sent"])
+
+
+def _log(
+    run: Path,
+    columns: Mapping[str, Array],
+    codes: Mapping[str, Sequence[Any]],
+    radio: Array,
+    lost: Array,
+    begins: Array,
+    block: Block,
+    clock: tuple[float, float],
+) -> dict[str, Any]:
+    """The packets sent, in the order of time, with what is in them."""
+    chosen = _chosen(columns["message"][begins], [number == STATUSTEXT for number in codes["message"]])
+    rows = begins[chosen]
+    payloads = _payloads(run / "packets.tlog", columns, codes["message"], rows)
+    texts = [
+        _said(codes["message"][columns["message"][row]], payload) for row, payload in zip(rows, payloads, strict=True)
+    ]
+    return {
+        "of": len(begins),
+        "time": block.add(steps_between(_ticks(columns["sent"][rows], clock)), "u4"),
+        "source": block.add(columns["source"][rows], "u2"),
+        "message": block.add(columns["message"][rows], "u2"),
+        "heard": block.add(np.minimum(np.add.reduceat(radio.astype(np.int64), begins)[chosen], 65535), "u2"),
+        "lost": block.add(np.minimum(np.add.reduceat(lost.astype(np.int64), begins)[chosen], 65535), "u2"),
+        "texts": texts,
+    }
+
+
+def _chosen(messages: Array, spoken: Sequence[bool]) -> Array:
+    """Which of the packets sent go into the log: kind by kind, rare ones and texts first, while there is room."""
+    kinds, counts = np.unique(messages, return_counts=True)
+    order = sorted(zip(counts, kinds, strict=True), key=lambda one: (not spoken[one[1]], one[0]))
+    kept, room = [], _LOGGED
+    for left, (count, kind) in zip(range(len(order), 0, -1), order, strict=True):
+        every = max(1, -(-int(count) // max(1, room // left)))
+        of_kind = np.flatnonzero(messages == kind)[::every]
+        kept.append(of_kind)
+        room = max(0, room - len(of_kind))
+    return np.sort(np.concatenate(kept))
+
+
+def _payloads(file: Path, columns: Mapping[str, Array], messages: Sequence[int], rows: Array) -> list[bytes]:
+    """The payloads of some packets, from the log of all packets sent."""
+    waiting: dict[tuple[int, ...], deque[int]] = defaultdict(deque)
+    sent = np.rint(columns["sent"] * 1e9).astype(np.int64) // 1000
+    for place, row in enumerate(rows):
+        number = messages[columns["message"][row]]
+        key = (sent[row], columns["system"][row], columns["component"][row], columns["sequence"][row], number)
+        waiting[tuple(map(int, key))].append(place)
+    found = [b""] * len(rows)
+    if not file.is_file():
+        return found
+    data = file.read_bytes()
+    at = 0
+    while at + 17 <= len(data):
+        time = struct.unpack_from(">Q", data, at)[0] - EPOCH
+        at += 8
+        length = data[at + 1]
+        if data[at] == 0xFD:
+            number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+            key, begin = (time, data[at + 5], data[at + 6], data[at + 4], number), at + 10
+            at = begin + length + 2 + (13 if data[at + 2] & 1 else 0)
+        else:
+            key, begin = (time, data[at + 3], data[at + 4], data[at + 2], data[at + 5]), at + 6
+            at = begin + length + 2
+        if places := waiting.get(key):
+            found[places.popleft()] = data[begin : begin + length]
+    return found
+
+
+def _said(number: int, payload: bytes) -> str:
+    """What is in a packet: the text of a STATUSTEXT; of others their fields, if pymavlink is installed."""
+    if number == STATUSTEXT:
+        return payload[STATUSTEXT_TEXT : STATUSTEXT_TEXT + 50].split(b"\0")[0].decode("utf-8", "replace")
+    try:
+        from pymavlink.dialects.v20 import ardupilotmega
+    except ImportError:
+        return ""
+    kind = ardupilotmega.mavlink_map.get(number)
+    if kind is None:
+        return f"{len(payload)} bytes"
+    size = kind.unpacker.size
+    values = kind.unpacker.unpack(payload[:size].ljust(size, b"\0"))
+    in_order = dict(zip(kind.ordered_fieldnames, _fields(values, kind), strict=True))
+    return ", ".join(f"{name} {_short(in_order[name])}" for name in kind.fieldnames)
+
+
+def _fields(values: Sequence[Any], kind: Any) -> list[Any]:
+    """The values of a message in the order of the wire, arrays as one value."""
+    found: list[Any] = []
+    at = 0
+    for length in kind.array_lengths:
+        many = length > 0 and not isinstance(values[at], bytes)
+        found.append(list(values[at : at + length]) if many else values[at])
+        at += length if many else 1
+    return found
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, bytes):
+        return value.split(b"\0")[0].decode("utf-8", "replace")
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "[" + " ".join(map(_short, value)) + "]" if isinstance(value, list) else str(value)
