@@ -37,7 +37,7 @@ def test_every_verb_has_an_example_its_switches_and_json(name: str) -> None:
     assert re.search(rf"Examples?:\n +uav-cosim {name}\b", shown.stdout)
     assert all(switch in shown.stdout for switch in ("-q, --quiet", "-v, --verbose", "--json"))
     blocks = [block for block in DOCUMENTED if block.partition("-")[0] == name]
-    assert blocks or name in ("convert", "graph", "new", "swap"), "its JSON document is not described"
+    assert blocks or name in ("convert", "graph", "new", "swap", "view"), "its JSON document is not described"
 
 
 def test_defaults_are_shown() -> None:

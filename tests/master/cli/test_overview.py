@@ -14,12 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
-<<<<<<< HEAD
-from cosim_master.cli.views.overview import _names, overview, overview_tables, signal_table
-from cosim_master.execution.options import RunOptions
-=======
 from cosim_master.cli.views.overview import overview, overview_tables, signal_table
->>>>>>> 37f2bae (A run is shown in a browser: uav-cosim view writes one page with motion, packets, signals, messages and findings)
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.message_names import message_names
 

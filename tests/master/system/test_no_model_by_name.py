@@ -60,6 +60,7 @@ IN_FILES = {
         "execution/run/checkpoint.py": "of the recorder in its files",
         "results/checkpoint_folder.py": "of the recorder in its files",
         "system/settings/network.py": "attribute of the annotation of networks",
+        "view/motion.py": "key of the page's document",
     },
     "step": {
         "cli/terminal/options.py": "option",
@@ -83,6 +84,7 @@ IN_FILES = {
         "system/reading/ssp/grammar.py": "attribute of SSP",
         "system/reading/ssp/ssc.py": "attribute of SSP",
         "system/reading/ssp/ssv.py": "attribute of SSP",
+        "view/traffic.py": "column of packets.parquet",
     },
 }
 """Words that once meant a model's variable, where they mean something else, and what."""

@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 import pytest
 from pymavlink import mavutil
 
+from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.read import packets, signals
 from cosim_master.view.page import write_page
@@ -33,7 +34,7 @@ def browser() -> Iterator[Any]:
 def run(fmus: Path, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("line5") / "run"
     bad = {"network.loss": "0.3", "network.range": "35", "drone4.vehicle.mass": "1000"}
-    result = simulate(ROOT / "master" / "systems" / "line5", out=folder, until=14.0, overrides=bad)
+    result = simulate(ROOT / "master" / "systems" / "line5", RunOptions(out=folder, until=14.0, overrides=bad))
     assert result.outcome == "done"
     return folder
 
