@@ -120,6 +120,8 @@ def _network(network: Network) -> dict[str, Any]:
     found["channels"] = [_channel_in_json(channel) for channel in network.channels]
     found["dialect"] = [message.name for message in network.dialect]
     found["links"] = sorted(map(list, network.links))
+    for name in ("partitions", "jamming"):
+        found[name] = [{key: _in_json(value) for key, value in asdict(one).items()} for one in getattr(network, name)]
     found["outages"] = [[n, a, b if math.isfinite(b) else "INF"] for n, a, b in network.outages]
     return found
 
@@ -152,7 +154,7 @@ def _fmus(checked: CheckedSystem) -> dict[str, Any]:
 
 
 def _channel_in_json(channel: Channel) -> dict[str, Any]:
-    numbers = {name: getattr(channel, name) for name in ("latency", "jitter", "loss")}
+    numbers = {f.name: getattr(channel, f.name) for f in fields(channel) if f.default is None}
     given = {name: value for name, value in numbers.items() if value is not None}
     return {"from": channel.source, "to": channel.target, **given}
 

@@ -52,7 +52,19 @@ _STRUCTURED = {
         "events": radio.EVENT,
     },
 }
-_OF_ROWS = {"mirrors", "mapped", "text", "scratch", "tx", "real_block", "int_block", "outages", "data"}
+_OF_ROWS = {
+    "mirrors",
+    "mapped",
+    "text",
+    "scratch",
+    "tx",
+    "real_block",
+    "int_block",
+    "outages",
+    "partitions",
+    "jamming",
+    "data",
+}
 
 
 def _empty(kind: type[Any]) -> Any:

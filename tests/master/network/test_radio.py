@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.fmi.description.read import Variable
 from cosim_master.network.radio.build import _hash, grown, make_radio
-from cosim_master.network.radio.channel import _mix, chance
+from cosim_master.network.radio.chances import _mix, chance
 from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import send
 from cosim_master.network.radio.tables import (

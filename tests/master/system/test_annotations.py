@@ -26,6 +26,8 @@ ELEMENTS = {
     "network": "<network {}/>",
     "link": '<network><link from="drone1" to="*" {}/></network>',
     "outage": '<network><outage node="drone1" {}/></network>',
+    "partition": '<network><partition nodes="drone1" {}/></network>',
+    "jamming": '<network><jamming radius="1" {}/></network>',
     "recording": "<recording {}/>",
     "stepping": '<stepping stepSize="0.01" {}/>',
     "solver": '<solver name="rk4" {}/>',
@@ -97,8 +99,10 @@ def test_attributes_are_those_that_are_read(prepared: Any, element: str) -> None
 def test_defaults() -> None:
     network = Network()
     for name, default in tables()["network"].items():
-        value: Any = getattr(network, name, "")  # position and dialect are files and paths
-        shown = {math.inf: "INF", None: "", (): ""}.get(value, value)
+        field = re.sub("[A-Z]", lambda capital: f"_{capital[0].lower()}", name)
+        value: Any = getattr(network, field, "")  # position and dialect are files and paths
+        value = str(value).lower() if isinstance(value, bool) else value
+        shown = {math.inf: "INF", -math.inf: "-INF", None: "", (): ""}.get(value, value)
         assert name in ("position", "dialect") or (f"{shown:g}" if isinstance(shown, float) else str(shown)) == default
     assert tables()["recording"]["packets"] == str(Recording().packets).lower()
     settings = MasterSettings()
@@ -113,7 +117,7 @@ def test_examples_are_valid(prepared: Any) -> None:
     examples = [
         content.strip() for content in re.findall(r"```xml\n(.*?)```", TEXT, re.S) if not content.startswith("<ssd:")
     ]
-    assert len(examples) == 6
+    assert len(examples) == 9
     for content in examples:
         prepared(content)
     (inside,) = re.findall(r"<ssc:Annotation .*?>\n(.*?)</ssc:Annotation>", TEXT, re.S)

@@ -12,7 +12,7 @@ import pytest
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
-from cosim_master.system.settings.network import Network, network_of
+from cosim_master.system.settings.network import Jamming, Network, Partition, network_of
 
 NAMESPACE = "https://uav-cosim.org/ns/1"
 TYPE = "org.uav-cosim.network"
@@ -126,6 +126,25 @@ def test_everything_written_out(swarm: Any) -> None:
     assert swarm(network('seed="7"'), seed=9).seed == 9
 
 
+def test_effects_written_out(swarm: Any) -> None:
+    found = swarm(
+        network(
+            'burstStart="0.1" burstEnd="0.4" burstLoss="0.5" sensitivity="-95" power="10" pathLoss="40" exponent="3" '
+            'shadowing="6" rayleigh="true" bitErrors="1e-5" duplicates="0.01" medium="aloha" slot="0.02" window="4" '
+            'queue="0.5"',
+            '<link from="d1" to="*" burstStart="0.2"/><partition nodes="d1 d2" start="3" stop="4"/>'
+            '<jamming north="1" east="2" radius="3"/>',
+        )
+    )
+    assert (found.burst_start, found.burst_end, found.burst_loss) == (0.1, 0.4, 0.5)
+    assert (found.sensitivity, found.power, found.path_loss, found.exponent) == (-95.0, 10.0, 40.0, 3.0)
+    assert (found.shadowing, found.rayleigh, found.bit_errors, found.duplicates) == (6.0, True, 1e-5, 0.01)
+    assert (found.medium, found.slot, found.window, found.queue, found.rate) == ("aloha", 0.02, 4, 0.5, math.inf)
+    assert [(one.burst_start, one.burst_end, one.loss) for one in found.channels] == [(0.2, None, None)]
+    assert found.partitions == (Partition(("d1", "d2"), 3.0, 4.0),)
+    assert found.jamming == (Jamming(1.0, 2.0, 3.0, 0.0, math.inf),)
+
+
 def test_links_go_both_ways(swarm: Any) -> None:
     found = swarm(
         network('topology="listed" range="INF"', '<link between="d1 d2"/><!-- and --><link between="d3 d2"/>')
@@ -153,16 +172,50 @@ def test_links_go_both_ways(swarm: Any) -> None:
         (
             'delay="1"',
             "",
-            "attribute delay: valid are axis, dialect, jitter, latency, loss, neighbours, position, range, s",
+            "attribute delay: valid are axis, bitErrors, burstEnd, burstLoss, burstStart, dialect, duplicates, exp",
         ),
         ("", '<link between="d1 d2"/>', 'a <link> without latency, jitter or loss is for topology="listed", this'),
         ('topology="listed"', '<link between="d1 d9"/>', 'there is no radio node "d9"; valid: "d1", "d2", "d3"'),
         ('topology="listed"', '<link between="d1 d1"/>', 'a link from "d1" to itself; name two nodes'),
-        ('topology="listed"', '<link at="d1"/>', "attribute at: valid are between, from, jitter, latency, loss, to"),
+        (
+            'topology="listed"',
+            '<link at="d1"/>',
+            "attribute at: valid are between, burstEnd, burstLoss, burstStart, from",
+        ),
         ("", '<outage node="d9"/>', 'outage of node "d9": there is no such radio node; valid: "d1", "d2", "d3"'),
         ("", '<outage node="d1" start="5" stop="5"/>', "outage from 5 s to 5 s: stop must lie behind start"),
         ("", '<outage node="d1" until="5"/>', "attribute until: valid are node, start, stop"),
         ("", "<burst/>", "<burst> is unknown here: valid are link, outage"),
+        (
+            'burstStart="0.1"',
+            "",
+            "bursts begin with burstStart=0.1 and end with burstEnd=1: burstEnd must be more than",
+        ),
+        (
+            'burstStart="0.1" burstEnd="0"',
+            "",
+            "bursts begin with burstStart=0.1 and end with burstEnd=0: burstEnd must",
+        ),
+        (
+            'burstStart="0.00001" burstEnd="0.00001"',
+            "",
+            "both together from 0.0001 to 1: a burst of 1/burstEnd packets",
+        ),
+        ("", '<link between="d1 d2" burstStart="0.5"/>', "bursts begin with burstStart=0.5 and end with burstEnd=1"),
+        ('bitErrors="0.6"', "", 'bitErrors="0.6" must be a number from 0 to 0.5'),
+        ('rayleigh="yes"', "", 'rayleigh="yes": valid are true, false'),
+        ('shadowing="6"', "", "shadowing is for signals that can be too weak: give sensitivity, in dBm"),
+        ('sensitivity="-90" position="vehicle.speed"', "", "sensitivity and jamming need positions; "),
+        ('medium="ether"', "", 'medium="ether": valid are none, own, shared, aloha'),
+        ('medium="shared"', "", 'medium="shared" needs a rate, in baud'),
+        ('medium="aloha"', "", 'medium="aloha" needs a slot, in s'),
+        ('rate="57600"', "", 'rate is for medium="own" or "shared", this is "none"'),
+        ('medium="own" rate="9600" window="2"', "", 'window is for medium="aloha", this is "own"'),
+        ("", '<partition nodes="d9"/>', 'partition of "d9": there is no such radio node; valid: "d1", "d2", "d3"'),
+        ("", '<partition nodes="d*"/>', "a partition names some of the nodes, and not all of them"),
+        ("", '<partition start="1"/>', "a partition names some of the nodes, and not all of them"),
+        ("", '<partition nodes="d1" start="5" stop="4"/>', "partition from 5 s to 4 s: stop must lie behind start"),
+        ("", "<jamming/>", "jamming needs a radius, in m"),
         ('range="10" position="vehicle.speed"', "", "topology nearest and range need positions; "),
         ('topology="nearest" position="pilot.position"', "", "topology nearest and range need positions; "),
     ],
@@ -300,7 +353,7 @@ def test_names_make_links_and_patterns_describe_them(swarm: Any) -> None:
         ("", '<link from="d1" to="d1" loss="1"/>', 'a link from "d1" to itself; name two nodes'),
         ("", '<link from="d1" to="?1" loss="1"/>', 'a link from "d1" to itself; name two nodes'),
         ("", '<link from="d1" to="d2" loss="2"/>', 'loss="2" must be a number from 0 to 1'),
-        ("", '<link from="d1" to="d2" range="2"/>', "attribute range: valid are between, from, jitter, latency, loss"),
+        ("", '<link from="d1" to="d2" range="2"/>', "attribute range: valid are between, burstEnd, burstLoss"),
         ('topology="listed"', '<link between="d1 *"/>', "patterns make no links, they describe them"),
         (
             'topology="listed"',

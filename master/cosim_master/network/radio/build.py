@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ from cosim_master.network.radio.tables import (
     DEFERRED,
     DEFINITION,
     DELIVERED,
+    DUPLICATE,
     ENDPOINT,
     EVENT,
     FREE_PLACE,
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
 __all__ = ["GATEWAY_BYTES", "grown", "make_radio", "packet_counts"]
 
 _NANO = 1_000_000_000
+_MEDIA = {"none": 0, "own": tables.OWN, "shared": tables.SHARED, "aloha": tables.ALOHA}
 GATEWAY_BYTES = 1 << 16
 """What can be taken out of a gateway at a time."""
 
@@ -135,9 +138,34 @@ def _settings(network: Network, *, keep: bool) -> np.ndarray[Any, Any]:
     row["per_side"] = min(network.neighbours, max(len(network.nodes) - 1, 1))
     row["axis"] = network.axis or (0.0, 0.0, 0.0)
     row["keep"] = keep
-    for name in {*(SETTINGS.names or ())} - {"topology", "per_side", "axis", "keep"}:
+    row["effects"] = bool(
+        network.partitions
+        or network.jamming
+        or network.sensitivity > -math.inf
+        or network.burst_start > 0.0
+        or any(channel.burst_start for channel in network.channels)
+    )
+    row["medium"] = _MEDIA[network.medium]
+    for name in {*(SETTINGS.names or ())} - {"topology", "per_side", "axis", "keep", "effects", "medium"}:
         row[name] = _number(name, getattr(network, name))
     return row
+
+
+def _partitions(network: Network) -> np.ndarray[Any, Any]:
+    """Rows (from, until, side of each node)."""
+    rows = [
+        (_nanoseconds(one.start), _nanoseconds(one.stop), *(node.name in one.nodes for node in network.nodes))
+        for one in network.partitions
+    ]
+    return np.array(rows, dtype=np.int64).reshape(-1, 2 + len(network.nodes))
+
+
+def _jamming(network: Network) -> np.ndarray[Any, Any]:
+    """Rows (north, east, radius, from, until)."""
+    rows = [
+        (one.north, one.east, one.radius, _nanoseconds(one.start), _nanoseconds(one.stop)) for one in network.jamming
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 
 def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: bool) -> Radio:
@@ -161,7 +189,10 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         own = np.searchsorted(channels["sender"], (senders[n], senders[n] + 1))
         spans = (members[n], members[n + 1], listed[n], listed[n + 1])
         node_table[n] = (place, _hash(node.name), *spans, kinds[n], *own)
-    endpoints = np.zeros(int(members[-1]) + len(network.gateways), dtype=ENDPOINT)
+    slotted = network.medium == "aloha"
+    endpoints = np.zeros(int(members[-1]) + len(network.gateways) + slotted, dtype=ENDPOINT)
+    if slotted:
+        endpoints[-1] = (-1, 0, 0, 0, 0, -1, -1, tables.CABLE)  # the medium: packets wait in its queue
     for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
         capacity = e.rx.packet_capacity if e.rx else 0
         endpoints[i] = (n, _hash(e.name), 0, capacity, 0, -1, -1, _reach(e, nodes[n]))
@@ -177,6 +208,9 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         links=np.array([b for row in hearers for b in row], dtype=np.int64),
         channels=table(channels["row"].copy()),
         outages=np.array(outages, dtype=np.int64).reshape(-1, 3),
+        partitions=_partitions(network),
+        jamming=_jamming(network),
+        media=np.full(0 if network.medium == "none" else 2 * len(nodes), -1, dtype=np.int64),
         places=table(np.zeros(0, dtype=PLACE)),
         data=np.zeros((0, MAX_PACKET), dtype=np.uint8),
         order=np.arange(len(nodes), dtype=np.int64),
@@ -208,16 +242,22 @@ def grown(radio: Radio, need: int) -> Radio:
 
 
 def packet_counts(radio: Radio) -> dict[str, int]:
-    """Packets by radio, one for each node a packet was for: sent = delivered + lost + in flight. On board apart."""
+    """Packets by radio, one for each node a packet was for: sent = delivered + lost + in flight. On board apart.
+
+    Causes of effects that are off in most systems, and duplicates, are there only if there were some.
+    """
     count = radio.counters
-    lost = {OUTCOMES[i].removeprefix("lost: "): int(count[i]) for i in range(LOST_CHANNEL, NO_ROUTE + 1)}
-    by_radio, delivered = int(count[BY_RADIO]), int(count[DELIVERED])
+    always = range(LOST_CHANNEL, NO_ROUTE + 1)
+    seldom = [i for i, outcome in enumerate(OUTCOMES) if outcome.startswith("lost: ") and i not in always and count[i]]
+    lost = {OUTCOMES[i].removeprefix("lost: "): int(count[i]) for i in (*always, *seldom)}
+    by_radio, delivered, duplicates = int(count[BY_RADIO]), int(count[DELIVERED]), int(count[DUPLICATE])
     return {
         "sent": by_radio + sum(lost.values()),
         "delivered": delivered,
         "lost": sum(lost.values()),
         "in flight": by_radio - delivered,
         **{f"lost: {cause}": n for cause, n in lost.items()},
+        **({"duplicates": duplicates} if duplicates else {}),
         "malformed": int(count[MALFORMED]),
         "on board": int(count[ON_BOARD]),
         "deferred": int(count[DEFERRED]),

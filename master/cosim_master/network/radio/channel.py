@@ -6,47 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
+from cosim_master.network.radio.chances import JITTER, LOSS, chance
+from cosim_master.network.radio.effects import distance2, effect
 from cosim_master.network.radio.tables import BY_RADIO, LOST_CHANNEL, LOST_OUTAGE, LOST_RANGE, ON_BOARD, Radio
 
-__all__ = ["distance2", "over_link", "over_radio"]
-
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-
-
-_MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+__all__ = ["over_link", "over_radio"]
 
 
 @kernel
-def _mix(x: np.uint64) -> np.uint64:
-    """The finaliser of splitmix64 (Steele, Lea, Flood 2014): a bijection that spreads every bit."""
-    x = (x ^ (x >> np.uint64(30))) * _MIX1
-    x = (x ^ (x >> np.uint64(27))) * _MIX2
-    return x ^ (x >> np.uint64(31))
-
-
-@kernel
-def chance(seed: np.uint64, source: np.uint64, sink: np.uint64, number: int, which: int) -> float:
-    """A number in [0, 1) that depends on its arguments only."""
-    x = _mix(seed + _GOLDEN)
-    x = _mix(x ^ source)
-    x = _mix((x + _GOLDEN) ^ sink)
-    x = _mix((x + _GOLDEN) ^ np.uint64(number))
-    x = _mix((x + _GOLDEN) ^ np.uint64(which))
-    return float(np.float64(np.int64(x >> np.uint64(11))) * 2.0**-53)
-
-
-@kernel
-def distance2(r: Radio, reals: NDArray[np.float64], a: int, b: int) -> float:
-    total = 0.0
-    for i in range(3):
-        d = reals[r.nodes[a].place[i]] - reals[r.nodes[b].place[i]]
-        total += d * d
-    return total
-
-
-@kernel
-def _channel(r: Radio, n: int, other: int) -> tuple[int, int, float]:
-    """Latency, jitter and loss of packets from node `n` to node `other`."""
+def _channel(r: Radio, n: int, other: int) -> int:
+    """The row of `channels` that describes the way from node `n` to node `other`; -1 if none does."""
     kind = r.nodes[other].kind
     first, last = r.nodes[n].channel, r.nodes[n].unchannelled
     while first < last:
@@ -55,11 +24,7 @@ def _channel(r: Radio, n: int, other: int) -> tuple[int, int, float]:
             first = middle + 1
         else:
             last = middle
-    if first < r.nodes[n].unchannelled and r.channels[first].kind == kind:
-        c = r.channels[first]
-        return c.latency, c.jitter, c.loss
-    s = r.settings[0]
-    return s.latency, s.jitter, s.loss
+    return int(first) if first < r.nodes[n].unchannelled and r.channels[first].kind == kind else -1
 
 
 @kernel
@@ -79,16 +44,21 @@ def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int,
     s, n = r.settings[0], r.endpoints[e].node
     identity, hearer = r.endpoints[e].identity, r.nodes[other].identity
     latency, jitter, loss = s.latency, s.jitter, s.loss
-    if r.channels.size > 0:
-        latency, jitter, loss = _channel(r, n, other)
+    channel = _channel(r, n, other) if r.channels.size > 0 else -1
+    if channel >= 0:
+        latency, jitter, loss = r.channels[channel].latency, r.channels[channel].jitter, r.channels[channel].loss
     arrival = t + latency
     if jitter > 0:
-        arrival += int(np.int64(jitter * chance(s.seed, identity, hearer, number, 1)))
+        arrival += int(np.int64(jitter * chance(s.seed, identity, hearer, number, JITTER)))
     if in_outage(r, n, t) or in_outage(r, other, arrival):
         return -1, LOST_OUTAGE
     if s.range < np.inf and distance2(r, reals, n, other) > s.range * s.range:
         return -1, LOST_RANGE
-    if loss > 0.0 and chance(s.seed, identity, hearer, number, 0) < loss:
+    if s.effects != 0:
+        cause = effect(r, reals, t, arrival, e, other, number, channel)
+        if cause != BY_RADIO:
+            return -1, cause
+    if loss > 0.0 and chance(s.seed, identity, hearer, number, LOSS) < loss:
         return -1, LOST_CHANNEL
     return arrival, BY_RADIO
 
@@ -105,9 +75,9 @@ def over_link(r: Radio, t: int, g: int, source: int, sink: int, n: int) -> tuple
     seed, identity, hearer = r.settings[0].seed, r.endpoints[source].identity, r.nodes[sink].identity
     arrival = t + w.latency
     if w.jitter > 0:
-        arrival += int(np.int64(w.jitter * chance(seed, identity, hearer, number, 1)))
+        arrival += int(np.int64(w.jitter * chance(seed, identity, hearer, number, JITTER)))
     if w.wired < 0 and in_outage(r, n, t if sink != n else arrival):
         return -1, LOST_OUTAGE
-    if w.loss > 0.0 and chance(seed, identity, hearer, number, 0) < w.loss:
+    if w.loss > 0.0 and chance(seed, identity, hearer, number, LOSS) < w.loss:
         return -1, LOST_CHANNEL
     return arrival, ON_BOARD if w.wired >= 0 else BY_RADIO

@@ -23,7 +23,7 @@ from cosim_master.network.radio.tables import (
     Radio,
 )
 
-__all__ = ["record_event", "log_packet", "put", "arrived", "deliver"]
+__all__ = ["arrived", "deliver", "log_packet", "put", "record_event", "take_out"]
 
 LOG_HEAD = 16
 """Bytes before a packet in the log block: time in ns (8), 2*node + 1 if the node sent it (4), length (4). What goes to
@@ -33,8 +33,8 @@ a gateway by a line of its own is in no vehicle's log: its node is one more than
 @kernel
 def put(
     r: Radio, endpoint: int, arrival: int, buf: NDArray[np.uint8], start: int, stop: int, logged: int, gateway: int
-) -> None:
-    """Into the queue of `endpoint`, behind everything that arrives no later."""
+) -> int:
+    """Into the queue of `endpoint`, behind everything that arrives no later; returns its place."""
     place = r.counters[FREE_PLACE]
     r.counters[FREE_PLACE] = r.places[place].following
     r.counters[FREE_PLACES] -= 1
@@ -50,7 +50,7 @@ def put(
         r.places[place].following = -1
         r.places[last].following = place
         r.endpoints[endpoint].last = place
-        return
+        return int(place)
     before, after = -1, r.endpoints[endpoint].first
     while after >= 0 and r.places[after].arrival <= arrival:
         before, after = after, r.places[after].following
@@ -61,6 +61,20 @@ def put(
         r.places[before].following = place
     if after < 0:
         r.endpoints[endpoint].last = place
+    return int(place)
+
+
+@kernel
+def take_out(r: Radio, endpoint: int) -> None:
+    """Free the first place in the queue of `endpoint`."""
+    place = r.endpoints[endpoint].first
+    r.endpoints[endpoint].first = r.places[place].following
+    if r.endpoints[endpoint].first < 0:
+        r.endpoints[endpoint].last = -1
+    r.places[place].following = r.counters[FREE_PLACE]
+    r.counters[FREE_PLACE] = place
+    r.counters[FREE_PLACES] += 1
+    r.counters[IN_FLIGHT] -= 1
 
 
 @kernel
@@ -120,13 +134,7 @@ def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
         if r.places[place].gateway >= 0:
             r.gateways[r.places[place].gateway].waiting -= 1
         n += length
-        r.endpoints[e].first = r.places[place].following
-        if r.endpoints[e].first < 0:
-            r.endpoints[e].last = -1
-        r.places[place].following = r.counters[FREE_PLACE]
-        r.counters[FREE_PLACE] = place
-        r.counters[FREE_PLACES] += 1
-        r.counters[IN_FLIGHT] -= 1
+        take_out(r, e)
     return n
 
 

@@ -37,23 +37,35 @@ from cosim.packets import (
     system,
     target,
 )
+from cosim_master.network.radio.chances import DUPLICATE as OF_DUPLICATE
+from cosim_master.network.radio.chances import DUPLICATE_JITTER, chance
 from cosim_master.network.radio.channel import over_link, over_radio
-from cosim_master.network.radio.queues import log_packet, put, record_event
+from cosim_master.network.radio.effects import damage, first_error
+from cosim_master.network.radio.medium import collided, departure, listen_to_slot, next_slot_over, put_into_slot
+from cosim_master.network.radio.queues import log_packet, put, record_event, take_out
 from cosim_master.network.radio.tables import (
+    ALOHA,
     BY_RADIO,
     COUNTED,
+    DUPLICATE,
     GROUND,
     LOGGED,
+    LOST_COLLISION,
+    LOST_ERRORS,
+    LOST_QUEUE,
     MALFORMED,
     NO_ROUTE,
     ON_AIR,
     ON_BOARD,
+    OWN,
+    SHARED,
     SWARM,
+    WAITING,
     Radio,
 )
 from cosim_master.network.radio.topology import find_hearers
 
-__all__ = ["admit", "send"]
+__all__ = ["admit", "end_slots", "send"]
 
 
 @kernel
@@ -89,6 +101,15 @@ def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], 
 
 
 @kernel
+def _wanted(r: Radio, other: int, to_system: int) -> bool:
+    """Whether an endpoint of a node takes what another node sends to `to_system`."""
+    wanted = False
+    for j in range(r.nodes[other].first, r.nodes[other].last):
+        wanted = wanted or _hears(r, j, to_system)
+    return wanted
+
+
+@kernel
 def _by_radio(
     r: Radio,
     reals: NDArray[np.float64],
@@ -99,29 +120,113 @@ def _by_radio(
     start: int,
     stop: int,
 ) -> bool:
-    """To the nodes of the topology, through the channel."""
+    """To the nodes of the topology, through medium and channel."""
     n = r.endpoints[e].node
-    hearers = find_hearers(r, reals, n)
     number = r.endpoints[e].number
     r.endpoints[e].number = number + 1
+    if r.settings[0].medium != ALOHA:
+        return _transmit(r, reals, t, t, e, number, to_system, buf, start, stop)
+    taken = False
+    waits = True
+    for i in range(find_hearers(r, reals, n)):
+        if _wanted(r, r.hearers[i], to_system):
+            if not taken:
+                waits = put_into_slot(r, t, e, number, to_system, buf, start, stop)
+            taken = True
+            if not waits:
+                record_event(r, t, -1, e, r.hearers[i], buf, start, stop, LOST_QUEUE)
+    return taken
+
+
+@kernel
+def _transmit(
+    r: Radio,
+    reals: NDArray[np.float64],
+    sent: int,
+    t: int,
+    e: int,
+    number: int,
+    to_system: int,
+    buf: NDArray[np.uint8],
+    start: int,
+    stop: int,
+) -> bool:
+    """To the nodes of the topology, through the channel: what endpoint `e` has `sent` and what is on the air at t."""
+    s, n = r.settings[0], r.endpoints[e].node
+    hearers = find_hearers(r, reals, n)
     taken = False
     for i in range(hearers):
         other = r.hearers[i]
-        wanted = False
-        for j in range(r.nodes[other].first, r.nodes[other].last):
-            wanted = wanted or _hears(r, j, to_system)
-        if not wanted:
+        if not _wanted(r, other, to_system):
             continue
+        if not taken and s.medium in (OWN, SHARED):
+            t = departure(r, t, n, stop - start)
         taken = True
+        if t < 0:
+            record_event(r, sent, -1, e, other, buf, start, stop, LOST_QUEUE)
+            continue
+        if s.medium == ALOHA and collided(r, other):
+            record_event(r, sent, -1, e, other, buf, start, stop, LOST_COLLISION)
+            continue
         arrival, outcome = over_radio(r, reals, t, e, other, number)
         if outcome == BY_RADIO:
-            logged = COUNTED
+            wrong = s.bit_errors > 0.0 and first_error(r, e, other, number, stop - start) >= 0
+            logged = 0 if wrong else COUNTED
             for j in range(r.nodes[other].first, r.nodes[other].last):
                 if _hears(r, j, to_system):
-                    put(r, j, arrival, buf, start, stop, logged, -1)
+                    place = put(r, j, arrival, buf, start, stop, logged, -1)
+                    if wrong:
+                        damage(r, place, e, other, number)
                     logged = 0
-        record_event(r, t, arrival, e, other, buf, start, stop, outcome)
+            if wrong:
+                arrival, outcome = -1, LOST_ERRORS
+        record_event(r, sent, arrival, e, other, buf, start, stop, outcome)
+        if outcome == BY_RADIO and s.duplicates > 0.0:
+            _duplicate(r, sent, arrival, e, other, number, to_system, buf, start, stop)
     return taken
+
+
+@kernel
+def _duplicate(
+    r: Radio,
+    sent: int,
+    arrival: int,
+    e: int,
+    other: int,
+    number: int,
+    to_system: int,
+    buf: NDArray[np.uint8],
+    start: int,
+    stop: int,
+) -> None:
+    """Perhaps a second copy of a packet that reaches node `other` at `arrival`, up to the jitter later."""
+    s, source, sink = r.settings[0], r.endpoints[e].identity, r.nodes[other].identity
+    if chance(s.seed, source, sink, number, OF_DUPLICATE) >= s.duplicates:
+        return
+    again = arrival + int(np.int64(s.jitter * chance(s.seed, source, sink, number, DUPLICATE_JITTER)))
+    logged = LOGGED
+    for j in range(r.nodes[other].first, r.nodes[other].last):
+        if _hears(r, j, to_system):
+            put(r, j, again, buf, start, stop, logged, -1)
+            logged = 0
+    record_event(r, sent, again, e, other, buf, start, stop, DUPLICATE)
+
+
+@kernel
+def end_slots(r: Radio, reals: NDArray[np.float64], t: int) -> None:
+    """Route the packets of slots that are over by time t [ns]."""
+    medium = r.endpoints.size - 1
+    end = next_slot_over(r, t)
+    while end >= 0:
+        listen_to_slot(r, reals, end)
+        place = r.endpoints[medium].first
+        while place >= 0 and r.places[place].arrival == end:
+            row = r.places[place]
+            _transmit(r, reals, row.sent, end, row.sender, row.number, row.logged, r.data[place], 0, row.length)
+            take_out(r, medium)
+            r.counters[WAITING] -= 1
+            place = r.endpoints[medium].first
+        end = next_slot_over(r, t)
 
 
 @kernel

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cosim_master.network.roles import declared
 
 __all__ = [
+    "ALOHA",
     "BROADCAST",
     "BY_RADIO",
     "CABLE",
@@ -19,6 +20,7 @@ __all__ = [
     "DEFERRED",
     "DEFINITION",
     "DELIVERED",
+    "DUPLICATE",
     "ENDPOINT",
     "EVENT",
     "FREE_PLACE",
@@ -28,9 +30,16 @@ __all__ = [
     "IN_FLIGHT",
     "LISTED",
     "LOGGED",
+    "LOST_BURST",
     "LOST_CHANNEL",
+    "LOST_COLLISION",
+    "LOST_ERRORS",
+    "LOST_JAMMED",
     "LOST_OUTAGE",
+    "LOST_PARTITION",
+    "LOST_QUEUE",
     "LOST_RANGE",
+    "LOST_SIGNAL",
     "MALFORMED",
     "NEAREST",
     "NEAREST_ON_AXIS",
@@ -39,23 +48,47 @@ __all__ = [
     "ON_AIR",
     "ON_BOARD",
     "OUTCOMES",
+    "OWN",
     "PLACE",
     "ROLES",
     "Radio",
     "SETTINGS",
+    "SHARED",
     "SWARM",
     "USED_EVENTS",
     "USED_LOG",
+    "WAITING",
 ]
 
 BROADCAST, NEAREST, NEAREST_ON_AXIS, LISTED = 0, 1, 2, 3
 """Topologies."""
 
 
-OUTCOMES = ("on board", "radio", "lost: channel", "lost: range", "lost: outage", "lost: no route", "malformed")
+OWN, SHARED, ALOHA = 1, 2, 3
+"""Media; 0: packets take no time on the air."""
+
+
+OUTCOMES = (
+    "on board",
+    "radio",
+    "lost: channel",
+    "lost: range",
+    "lost: outage",
+    "lost: no route",
+    "malformed",
+    "lost: burst",
+    "lost: signal",
+    "lost: jammed",
+    "lost: partition",
+    "lost: errors",
+    "lost: queue",
+    "lost: collision",
+    "duplicate",
+)
 
 
 ON_BOARD, BY_RADIO, LOST_CHANNEL, LOST_RANGE, LOST_OUTAGE, NO_ROUTE, MALFORMED = range(7)
+LOST_BURST, LOST_SIGNAL, LOST_JAMMED, LOST_PARTITION, LOST_ERRORS, LOST_QUEUE, LOST_COLLISION, DUPLICATE = range(7, 15)
 
 
 EVENT = np.dtype(
@@ -118,6 +151,23 @@ SETTINGS = np.dtype(
         ("jitter", "i8"),
         ("loss", "f8"),
         ("range", "f8"),
+        ("effects", "u1"),  # 1: one of the effects up to bit_errors is on, for some way
+        ("burst_start", "f8"),
+        ("burst_end", "f8"),
+        ("burst_loss", "f8"),
+        ("power", "f8"),  # dBm
+        ("sensitivity", "f8"),  # dBm; -inf: signals have no strength
+        ("path_loss", "f8"),  # dB at 1 m
+        ("exponent", "f8"),
+        ("shadowing", "f8"),  # dB
+        ("rayleigh", "u1"),
+        ("bit_errors", "f8"),
+        ("duplicates", "f8"),
+        ("medium", "u1"),  # OWN, SHARED, ALOHA or 0
+        ("rate", "f8"),  # baud
+        ("queue", "i8"),
+        ("slot", "i8"),
+        ("window", "f8"),  # slots
         ("seed", "u8"),
         ("keep", "i8"),  # write events and logs
     ]
@@ -130,6 +180,9 @@ CHANNEL = np.dtype(
         ("latency", "i8"),  # as in SETTINGS
         ("jitter", "i8"),
         ("loss", "f8"),
+        ("burst_start", "f8"),
+        ("burst_end", "f8"),
+        ("burst_loss", "f8"),
     ]
 )
 """What happens to packets on their way from nodes of one kind to nodes of another, where it is not as in SETTINGS."""
@@ -142,9 +195,12 @@ PLACE = np.dtype(
         ("logged", "i8"),  # this copy goes into the receiving node's log; COUNTED: and is the one that is counted
         ("following", "i8"),  # linked lists: the next place
         ("gateway", "i8"),  # by which it came in, -1: by none
+        ("sender", "i8"),  # of a packet that waits for its slot: the endpoint,
+        ("number", "i8"),  # its number there,
+        ("sent", "i8"),  # and when; `logged` is then the system that it is for
     ]
 )
-"""One packet in flight; its bytes are the same row of `Radio.data`."""
+"""One packet in flight; its bytes are the same row of `Radio.data`. The last three columns are for the medium alone."""
 
 
 COUNTED, LOGGED = 1, 2
@@ -179,6 +235,9 @@ class Radio(NamedTuple):
     links: NDArray[np.int64]
     channels: NDArray[Any]  # CHANNEL, by kind of sender, then sorted by kind of hearer
     outages: NDArray[np.int64]  # rows (node, from, until)
+    partitions: NDArray[np.int64]  # rows (from, until, side of each node)
+    jamming: NDArray[np.float64]  # rows (north, east, radius [m], from, until)
+    media: NDArray[np.int64]  # free from [ns] or last slot, for each medium; with slots who sends and hears; else none
     places: NDArray[Any]  # PLACE
     data: NDArray[np.uint8]  # (places, MAX_PACKET)
     order: NDArray[np.int64]  # nodes along the axis, kept sorted
@@ -192,17 +251,18 @@ class Radio(NamedTuple):
 
 
 ROLES = declared(
-    CONSTANT="settings nodes links channels outages dialect",
-    STATE="endpoints places data order along counters",
+    CONSTANT="settings nodes links channels outages partitions jamming dialect",
+    STATE="endpoints places data order along counters media",
     PASSING="gateways",  # a run with gateways has no checkpoints
     BUFFER="hearers events log",
 )
 """Of each array of `Radio`, tables as a whole."""
 
 
-DELIVERED, DEFERRED, FREE_PLACE, FREE_PLACES, IN_FLIGHT, USED_EVENTS, USED_LOG = range(len(OUTCOMES), len(OUTCOMES) + 7)
+_FIRST = len(OUTCOMES)
+DELIVERED, DEFERRED, FREE_PLACE, FREE_PLACES, IN_FLIGHT, USED_EVENTS, USED_LOG, WAITING = range(_FIRST, _FIRST + 8)
 """Places in `Radio.counters`: packets delivered; put off since a port was full; first free place and how many there
-are; places in use; rows of events and bytes of log in use."""
+are; places in use; rows of events and bytes of log in use; packets that wait for their slot."""
 
 
-COUNTERS = len(OUTCOMES) + 7
+COUNTERS = _FIRST + 8

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
-from cosim_master.network.radio.channel import distance2
+from cosim_master.network.radio.effects import distance2
 from cosim_master.network.radio.tables import LISTED, NEAREST, NEAREST_ON_AXIS, Radio
 
 __all__ = ["find_hearers", "copies", "sort_along"]
@@ -93,4 +93,5 @@ def copies(r: Radio) -> int:
     widest = 1
     for n in range(r.nodes.size):
         widest = max(widest, r.nodes[n].last - r.nodes[n].first)
-    return int((max(reach, 1) + 1) * widest + r.gateways.size)
+    twice = 2 if r.settings[0].duplicates > 0.0 else 1
+    return int((max(reach, 1) + 1) * widest * twice + r.gateways.size)

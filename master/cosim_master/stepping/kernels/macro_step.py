@@ -2,6 +2,7 @@
 
     t_k = t0 + k*h, k an integer; t0 and h whole ticks, of which a whole number makes a nanosecond
     DELIVER   packets that have arrived by t_k         -> mavlink_rx of receivers that are due
+              (before that, those of slots of the medium that are over by t_k -> channel -> in flight)
     STEP      exchange: outputs(t_k) -> inputs, all read before any is written (Jacobi)
               step every instance that is due: t_k -> t_k + n*h
               collect outputs of the instances whose step ends at t_k + h
@@ -29,8 +30,16 @@ from numpy.typing import NDArray
 from cosim.kernel import kernel
 from cosim.packets import MAX_PACKET, encode_base64
 from cosim_master.network.radio.queues import arrived, deliver
-from cosim_master.network.radio.router import send
-from cosim_master.network.radio.tables import FREE_PLACES, IN_FLIGHT, NEAREST_ON_AXIS, USED_EVENTS, USED_LOG, Radio
+from cosim_master.network.radio.router import end_slots, send
+from cosim_master.network.radio.tables import (
+    FREE_PLACES,
+    IN_FLIGHT,
+    NEAREST_ON_AXIS,
+    USED_EVENTS,
+    USED_LOG,
+    WAITING,
+    Radio,
+)
 from cosim_master.network.radio.topology import copies, sort_along
 from cosim_master.stepping.kernels.exchange import delay, exchange, extrapolate, point_in_time
 from cosim_master.stepping.kernels.instances import _blame, _call, any_pending, step_in_order, step_some
@@ -143,7 +152,7 @@ def places_needed(p: Plan, r: Radio) -> int:
     for e in range(p.ports.size):
         if p.ports[e].sent > 0:
             packets += p.ports[e].sent // 8 + 2
-    return packets * copies(r)
+    return int((packets + r.counters[WAITING]) * copies(r))
 
 
 @kernel
@@ -165,6 +174,20 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
         if p.ports[e].sent > 0:
             send(r, p.real_out, t, e, p.tx[e], p.ports[e].sent)
             p.ports[e].sent = 0
+    return DONE
+
+
+@kernel
+def _end_slots(p: Plan, r: Radio, k: int) -> int:
+    """Packets of slots of the medium that are over: DONE, or what has to grow before they can be routed."""
+    need = places_needed(p, r)
+    if need > r.counters[FREE_PLACES]:
+        return NEED_PLACES
+    if r.settings[0].keep != 0 and r.counters[USED_EVENTS] + need > r.events.size:
+        return NEED_LOG
+    if r.settings[0].topology == NEAREST_ON_AXIS:
+        sort_along(r, p.real_out)
+    end_slots(r, p.real_out, point_in_time(p.clock, k))
     return DONE
 
 
@@ -217,6 +240,10 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 and r.counters[USED_LOG] + in_flight * (MAX_PACKET + 16) > r.log.size
             ):
                 return NEED_LOG
+            if r.counters[WAITING] > 0:
+                reason = _end_slots(p, r, k)
+                if reason != DONE:
+                    return reason
             if p.ports.size > 0:
                 _deliver_all(p, r, k)
             clock[PHASE] = STEP

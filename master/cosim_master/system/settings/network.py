@@ -5,6 +5,8 @@
                latency="0.02" jitter="0.005" loss="0.1" range="300" seed="1" position="vehicle.position">
         <link from="drone3" to="*" loss="0.3"/>
         <outage node="drone3" start="10" stop="20"/>
+        <partition nodes="drone1 drone2" start="30" stop="40"/>
+        <jamming north="0" east="50" radius="20"/>
       </network>
     </ssc:Annotation>
 
@@ -17,6 +19,18 @@ stays as it was, and of several links that say it of the same nodes the last one
 the links of all nodes that they match and make none. The links of gateways are their own.
 `outage`: the node neither sends nor hears by radio from start to stop (s, default for ever); a packet on its way is
 lost if its hearer is out when it arrives.
+`partition`: nodes by name or pattern that are cut off from all others from start to stop.
+`jamming`: a circle around a place (north, east, radius in m) in which no node hears from start to stop.
+`burstStart`, `burstEnd`: probabilities, per packet of a sender, that a burst of losses begins and ends on the way to a
+hearer; `burstLoss`: of a loss within one. A `link` may have them.
+`sensitivity`: in dBm; packets received with less are lost. They are sent with `power` (dBm), lose `pathLoss` (dB) in
+the first metre and 10 `exponent` dB per decade of distance behind it; `shadowing`: standard deviation in dB of the
+difference that a pair of nodes makes to it; `rayleigh`: whether packets fade.
+`bitErrors`: probability that a bit is wrong; the packet then arrives and its CRC is wrong. `duplicates`: probability
+that a packet arrives a second time, up to the jitter later.
+`medium`: "none" (packets take no time on the air), "own" (each node sends its packets one after the other), "shared"
+(all nodes do), "aloha" (all nodes in slots of length `slot`, in s, each packet in one of the next `window`; packets of
+one slot collide). `rate`: in baud, ten per byte; a packet that waits longer than `queue`, in s, is lost.
 `position`: where below a node its NED position is, in m. Without it, it is the output that the only FMU of the node
 declares as such, else the one that the convention of names has (`cosim.vehicle`).
 `dialect`: a MAVLink XML file, found from the system's document, with messages that ardupilotmega does not have: their
@@ -52,8 +66,10 @@ __all__ = [
     "Channel",
     "Endpoint",
     "Gateway",
+    "Jamming",
     "Network",
     "Node",
+    "Partition",
     "network_of",
     "with_gateways",
 ]
@@ -65,6 +81,36 @@ TELEMETRY, SERIAL = "telemetry", "serial"
 """Lines to gateways alone, for ground stations by radio and for the one that is wired. FMUs declare their ports, or
 name them by convention (`cosim.vehicle`)."""
 _LINES = {TELEMETRY: Role.TELEMETRY, SERIAL: Role.SERIAL}
+
+
+_OF_LINKS: Mapping[str, tuple[str, float]] = {
+    "latency": ("latency", 3600.0),
+    "jitter": ("jitter", 3600.0),
+    "loss": ("loss", 1.0),
+    "burst_start": ("burstStart", 1.0),
+    "burst_end": ("burstEnd", 1.0),
+    "burst_loss": ("burstLoss", 1.0),
+}
+"""Fields of `Channel` that the attributes of a link set: the attribute, from 0 to its greatest value."""
+_EFFECTS: Mapping[str, tuple[str, float, float]] = {
+    "burst_start": ("burstStart", 0.0, 1.0),
+    "burst_end": ("burstEnd", 0.0, 1.0),
+    "burst_loss": ("burstLoss", 0.0, 1.0),
+    "power": ("power", -200.0, 200.0),
+    "sensitivity": ("sensitivity", -math.inf, 200.0),
+    "path_loss": ("pathLoss", 0.0, 500.0),
+    "exponent": ("exponent", 0.0, 20.0),
+    "shadowing": ("shadowing", 0.0, 100.0),
+    "bit_errors": ("bitErrors", 0.0, 0.5),
+    "duplicates": ("duplicates", 0.0, 1.0),
+    "rate": ("rate", 1.0, math.inf),
+    "queue": ("queue", 0.0, 3600.0),
+    "slot": ("slot", 0.0, 3600.0),
+}
+"""Fields of `Network` that effects have: the attribute, its least and its greatest value."""
+_OF_MEDIA = {"rate": ("own", "shared"), "queue": ("own", "shared", "aloha"), "slot": ("aloha",), "window": ("aloha",)}
+"""Attributes of the media that have them."""
+_OF_SIGNALS = ("power", "pathLoss", "exponent", "shadowing", "rayleigh")
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +174,29 @@ class Channel:
     latency: float | None = None
     jitter: float | None = None
     loss: float | None = None
+    burst_start: float | None = None
+    burst_end: float | None = None
+    burst_loss: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Partition:
+    """From start to stop [s] the nodes of these names are cut off from all others."""
+
+    nodes: tuple[str, ...]
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True, slots=True)
+class Jamming:
+    """From start to stop [s] no node hears that is within `radius` of a place [m], at any height."""
+
+    north: float
+    east: float
+    radius: float
+    start: float
+    stop: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,10 +212,28 @@ class Network:
     jitter: float = 0.0
     loss: float = 0.0
     range: float = math.inf
+    burst_start: float = 0.0
+    burst_end: float = 1.0
+    burst_loss: float = 1.0
+    power: float = 20.0
+    sensitivity: float = -math.inf
+    path_loss: float = 31.7
+    exponent: float = 2.0
+    shadowing: float = 0.0
+    rayleigh: bool = False
+    bit_errors: float = 0.0
+    duplicates: float = 0.0
+    medium: str = "none"
+    rate: float = math.inf
+    queue: float = 1.0
+    slot: float = 0.0
+    window: int = 1
     seed: int = 0
     links: frozenset[tuple[str, str]] = frozenset()
     channels: tuple[Channel, ...] = ()
     outages: tuple[tuple[str, float, float], ...] = ()
+    partitions: tuple[Partition, ...] = ()
+    jamming: tuple[Jamming, ...] = ()
     dialect: tuple[Message, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
@@ -273,7 +360,7 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
     written_seed = reader.integer("seed", 0, 0, 2**53)
     if reader.overridden("seed") and seed not in (None, written_seed):
         reader.problem(f"the seed is given twice, as {seed} and by --set network.seed={written_seed}; give it once")
-    children = reader.children("link", "outage")
+    children = reader.children("link", "outage", "partition", "jamming")
     topology = reader.choice("topology", "broadcast", ("broadcast", "nearest", "listed"))
     axis = _axis(reader)
     made = [link for link in children["link"] if topology == "listed" or not _only_makes(reader, link)]
@@ -291,21 +378,98 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
         links=links,
         channels=channels,
         outages=tuple(_outage(child, nodes) for child in children["outage"]),
+        partitions=tuple(_partition(child, nodes) for child in children["partition"]),
+        jamming=tuple(map(_jamming, children["jamming"])),
+        rayleigh=reader.choice("rayleigh", "false", ("true", "false")) == "true",
+        medium=reader.choice("medium", "none", ("none", "own", "shared", "aloha")),
+        window=reader.integer("window", 1, 1, 1_000_000),
+        **_effects(reader),
         notes=_notes(reader, nodes),
     )
     reader.finish()
+    _check_effects(reader, settings)
     if settings.topology == "nearest" or settings.range < math.inf:
-        for node in nodes:
-            if not node.position:
-                path = reader.text("position", _BY_CONVENTION)
-                text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
-                reader.problem(f"topology nearest and range need positions; {text}")
+        _check_positions(reader, nodes, "topology nearest and range")
+    elif settings.sensitivity > -math.inf or settings.jamming:
+        _check_positions(reader, nodes, "sensitivity and jamming")
     for name in ("axis", "neighbours"):
         # Where the run has another topology than the file, what the file says of its own is left out.
         meant = reader.overridden(name) or not reader.overridden("topology")
         if settings.topology != "nearest" and meant and reader.text(name, ""):
             reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"')
     return settings
+
+
+def _check_positions(reader: Attributes, nodes: Sequence[Node], what: str) -> None:
+    for node in nodes:
+        if not node.position:
+            path = reader.text("position", _BY_CONVENTION)
+            text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
+            reader.problem(f"{what} need positions; {text}")
+
+
+def _effects(reader: Attributes) -> dict[str, Any]:
+    """Fields of `Network` that are numbers of effects."""
+    plain = Network()
+    return {name: reader.number(text, getattr(plain, name), low, high) for name, (text, low, high) in _EFFECTS.items()}
+
+
+def _check_effects(reader: Attributes, settings: Network) -> None:
+    """Complain about attributes that do not go together."""
+    ways = [(settings.burst_start, settings.burst_end)]
+    for one in settings.channels:
+        start = settings.burst_start if one.burst_start is None else one.burst_start
+        ways.append((start, settings.burst_end if one.burst_end is None else one.burst_end))
+    for start, end in dict.fromkeys(ways):
+        if start > 0.0 and not (end > 0.0 and 1e-4 <= start + end <= 1.0):
+            text = "burstEnd must be more than 0, and both together from 0.0001 to 1: a burst of 1/burstEnd packets"
+            reader.problem(f"bursts begin with burstStart={start:g} and end with burstEnd={end:g}: {text}")
+    if settings.sensitivity == -math.inf:
+        for name in _OF_SIGNALS:
+            if reader.text(name, ""):
+                reader.problem(f"{name} is for signals that can be too weak: give sensitivity, in dBm")
+    for name, media in _OF_MEDIA.items():
+        if reader.text(name, "") and settings.medium not in media:
+            names = " or ".join(f'"{one}"' for one in media)
+            reader.problem(f'{name} is for medium={names}, this is "{settings.medium}"')
+    if settings.medium in ("own", "shared") and settings.rate == math.inf:
+        reader.problem(f'medium="{settings.medium}" needs a rate, in baud')
+    if settings.medium == "aloha" and settings.slot <= 0.0:
+        reader.problem('medium="aloha" needs a slot, in s')
+
+
+def _partition(child: Attributes, nodes: Sequence[Node]) -> Partition:
+    names = {node.name: node for node in nodes}
+    ends = child.text("nodes", "").split()
+    start, stop = _span(child, "partition")
+    child.finish()
+    found = {name: None for end in ends for name in _matching(end, names)}
+    for end in ends:
+        if not _matching(end, names):
+            hint = near_pattern(end, names) if is_pattern(end) else near(end, names)
+            child.problem(f'partition of "{end}": there is no such radio node; {hint}')
+    if not ends or len(found) == len(names):
+        child.problem('a partition names some of the nodes, and not all of them: nodes="A B", or patterns')
+    return Partition(tuple(found), start, stop)
+
+
+def _jamming(child: Attributes) -> Jamming:
+    north, east = (child.number(name, 0.0, -1e9, 1e9) for name in ("north", "east"))
+    radius = child.number("radius", 0.0, 0.0, 1e9)
+    start, stop = _span(child, "jamming")
+    child.finish()
+    if radius <= 0.0:
+        child.problem("jamming needs a radius, in m")
+    return Jamming(north, east, radius, start, stop)
+
+
+def _span(child: Attributes, what: str) -> tuple[float, float]:
+    """Start and stop, s."""
+    start = child.number("start", 0.0, 0.0, 1e9)
+    stop = child.number("stop", math.inf, 0.0, math.inf)
+    if stop <= start:
+        child.problem(f"{what} from {start:g} s to {stop:g} s: stop must lie behind start")
+    return start, stop
 
 
 def _dialect(reader: Attributes, folder: Path) -> tuple[Message, ...]:
@@ -347,13 +511,9 @@ def _links(
     described: list[tuple[Attributes, Channel]] = []
     for child in children:
         ends = _ends(child)
-        numbers: dict[str, Any] = {
-            "latency": child.optional("latency", 0.0, 3600.0),
-            "jitter": child.optional("jitter", 0.0, 3600.0),
-            "loss": child.optional("loss", 0.0, 1.0),
-        }
+        numbers: dict[str, Any] = {name: child.optional(text, 0.0, most) for name, (text, most) in _OF_LINKS.items()}
         child.finish()
-        describes = any(child.text(name, "") for name in numbers)
+        describes = _describes(child)
         if ends is None or not _linkable(child, ends[0], nodes, topology, describes=describes):
             continue
         for source, target in ends:
@@ -371,7 +531,12 @@ def _links(
 
 def _only_makes(reader: Attributes, link: Attributes) -> bool:
     """Returns whether a link belongs to the topology of the file only, while the run has another one."""
-    return reader.overridden("topology") and not any(link.text(name, "") for name in ("latency", "jitter", "loss"))
+    return reader.overridden("topology") and not _describes(link)
+
+
+def _describes(link: Attributes) -> bool:
+    """Returns whether a link describes how packets travel there."""
+    return any(link.text(text, "") for text, _ in _OF_LINKS.values())
 
 
 def _ends(child: Attributes) -> tuple[tuple[str, str], ...] | None:
@@ -415,13 +580,10 @@ def _linkable(
 def _outage(child: Attributes, nodes: Sequence[Node]) -> tuple[str, float, float]:
     names = {node.name for node in nodes}
     name = child.text("node", "")
-    start = child.number("start", 0.0, 0.0, 1e9)
-    stop = child.number("stop", math.inf, 0.0, math.inf)
+    start, stop = _span(child, "outage")
     child.finish()
     if name not in names:
         child.problem(f'outage of node "{name}": there is no such radio node; {near(name, names)}')
-    if stop <= start:
-        child.problem(f"outage from {start:g} s to {stop:g} s: stop must lie behind start")
     return (name, start, stop)
 
 

@@ -1,0 +1,64 @@
+"""A swarm on a radio with all its effects: every run of it is the same, and too many drones fill the medium."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cosim_master import RunOptions, RunResult, simulate
+from cosim_master.system.authoring.new import new_system
+from tests.scenarios.flights import copy_of
+from tests.scenarios.test_radio_is_bad import with_radio
+
+RECORDED = ("signals.parquet", "packets.parquet", "packets.tlog", "packets/drone1.tlog", "packets/drone3.tlog")
+EVERYTHING = (
+    'loss="0.05" latency="0.01" jitter="0.1" burstStart="0.05" burstEnd="0.3" sensitivity="-55" exponent="2.5" '
+    'shadowing="4" rayleigh="true" bitErrors="0.0002" duplicates="0.1" queue="0.3"'
+)
+MEDIA = {"shared": 'medium="shared" rate="9600"', "aloha": 'medium="aloha" slot="0.02" window="6"'}
+SCHEDULE = '<partition nodes="drone1 drone2" start="5" stop="7"/><jamming east="50" radius="5" start="8" stop="9"/>'
+CAUSES = ("channel", "burst", "signal", "errors", "partition", "jammed")
+
+
+@pytest.fixture(scope="module", params=MEDIA)
+def everything(request: pytest.FixtureRequest, fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    attributes = f"{EVERYTHING} {MEDIA[request.param]}"
+    folder = tmp_path_factory.mktemp(request.param)
+    return copy_of("line5", folder, fmus, lambda text: with_radio(text, attributes, SCHEDULE))
+
+
+def test_with_all_effects_a_run_is_the_same_whatever_the_threads_and_when_it_is_resumed(
+    everything: Path, tmp_path: Path
+) -> None:
+    def ran(name: str, **options: object) -> RunResult:
+        result = simulate(everything, RunOptions(out=tmp_path / name, **options))  # type: ignore[arg-type]
+        assert result.outcome == "done"
+        return result
+
+    whole = ran("whole", until=12.0, threads=1, checkpoint_every=4.0)
+    ran("threads", until=12.0, threads=2, checkpoint_every=4.0)
+    ran("rest", origin=f"{tmp_path / 'whole'}@8", until=12.0, checkpoint_every=4.0)
+    for name in RECORDED:
+        expected = (tmp_path / "whole" / name).read_bytes()
+        assert (tmp_path / "threads" / name).read_bytes() == expected, name
+        assert (tmp_path / "rest" / name).read_bytes() == expected, name
+    counts = whole.packets
+    assert all(counts[f"lost: {cause}"] > 0 for cause in CAUSES), counts
+    assert counts["duplicates"] > 0
+    assert counts["lost: collision" if "aloha" in str(everything) else "lost: queue"] > 0, counts
+    assert counts["sent"] == counts["delivered"] + counts["lost"] + counts["in flight"]
+    assert counts["lost"] == sum(n for cause, n in counts.items() if cause.startswith("lost: "))
+
+
+@pytest.mark.slow
+def test_57600_baud_are_enough_for_ten_drones_and_not_for_fifty(fmus: Path, tmp_path: Path) -> None:
+    """Each sends about 260 byte/s, so that 22 fill a medium of 5760."""
+    lost = {}
+    for drones in (10, 50):
+        system = new_system("line", drones, tmp_path / str(drones), fmus=fmus)
+        medium = {"network.medium": "shared", "network.rate": "57600"}
+        result = simulate(system, RunOptions(overrides=medium, until=16.0))
+        lost[drones] = result.packets.get("lost: queue", 0) / result.packets["sent"]
+    assert lost[10] == 0.0
+    assert lost[50] > 0.4
