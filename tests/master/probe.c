@@ -3,7 +3,7 @@
    y = u + p, m = n + 1, c = not b, r = s and "!", f = e: in initialization mode at once, later at the end of a step.
    `mode` and `when` (s) say what goes wrong: 1 to 4: doStep returns that status; 5: y is NaN; 6: doStep raises SIGINT, once;
    10: fmi2ExitInitializationMode fails; 11: abort() in fmi2FreeInstance; 12: fmi2Terminate fails; 13: the String
-   output cannot be got after `when`; 14: abort(), 15: a write to nowhere, in a step from `when` on. A GUID "none" is refused, "mute" without a word, "global" gets one handle for all. */
+   output cannot be got after `when`; 14: abort(), 15: a write to nowhere, 16: hanging, in a step from `when` on. A GUID "none" is refused, "mute" without a word, "global" gets one handle for all. */
 
 #include <math.h>
 #include <signal.h>
@@ -11,6 +11,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#ifndef _WIN32
+#include <unistd.h>
+#endif
 
 typedef struct {
     void (*logger)(void *, const char *, int, const char *, const char *, ...);
@@ -117,6 +120,7 @@ EXPORT int fmi2DoStep(Probe *p, double t, double h, int no_return) {
     int mode = t >= p->real[WHEN] - 1e-9 ? p->integer[MODE] : 0;
     if (mode == 6 && t <= p->real[WHEN] + 1e-9) raise(SIGINT);
     if (mode == 14) abort();
+    if (mode == 16) for (;;) sleep(1); /* no return */
     if (mode == 15) *(volatile int *)(size_t)mode = 0;
     if (mode >= 1 && mode <= 4) {
         for (int i = 0; i < 50; i++)

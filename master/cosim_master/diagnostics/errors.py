@@ -5,6 +5,7 @@
     ├── FmuError                 an FMU refused or failed a call while it was alive
     ├── RunFailed                FMUs failed in one macro step: an FmuError for each
     ├── RunTerminated            an FMU wants the simulation to end
+    ├── RecordingFailed          results cannot be written any more: the disk is full, for example
     ├── LoopError                outputs depend on each other at the start, and no values fit
     ├── NotConverged             outputs depend on each other within a step, and do not settle
     └── StepTooSmall             the tolerance cannot be met by steps of the minimum size
@@ -28,6 +29,7 @@ __all__ = [
     "LoopError",
     "NotConverged",
     "Problem",
+    "RecordingFailed",
     "RunFailed",
     "RunTerminated",
     "StepTooSmall",
@@ -109,6 +111,13 @@ class SystemDescriptionError(CosimError):
         if not self.problems:
             raise ValueError("a SystemDescriptionError needs at least one problem")
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class RecordingFailed(CosimError):
+    """A file of the recording cannot be written; what has been recorded before stays readable."""
+
+    def __init__(self, file: str, reason: str) -> None:
+        super().__init__(f"{file}: cannot be written: {reason}; what was recorded until then stays readable")
 
 
 class FmuError(CosimError):

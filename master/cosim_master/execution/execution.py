@@ -11,12 +11,12 @@ completed before anything is freed, since some FMUs take the process with them w
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from cosim_master.diagnostics.errors import FmuError, Problem, RunFailed, SystemDescriptionError
+from cosim_master.diagnostics.errors import FmuError, Problem, RecordingFailed, RunFailed, SystemDescriptionError
 from cosim_master.diagnostics.limitations import CHECKPOINT
 from cosim_master.execution.algorithms.algorithm import Algorithm
 from cosim_master.execution.algorithms.choice import algorithm_for
@@ -28,6 +28,7 @@ from cosim_master.execution.run.workers import Workers
 from cosim_master.execution.run.writing import Writing
 from cosim_master.execution.startup.initialize import answers
 from cosim_master.execution.stimuli import Agenda, Stimuli
+from cosim_master.fmi.description.read import Start
 from cosim_master.network.radio.build import packet_counts
 from cosim_master.network.radio.tables import Radio
 from cosim_master.results.checkpoint_folder import Checkpoint
@@ -54,7 +55,8 @@ class Execution:
         clock: start, base step and periods.
         layout: where values live.
         network: nodes and radio.
-        recorder_for: makes the recorder, once everything has been loaded; None records nothing.
+        recorder_for: makes the recorder of a run that begins with these packet counts and parameters, once everything
+            has been loaded; None records nothing.
         every: rows every so many base steps.
         keep_packets: record packet events and logs.
         threads: how many step native instances; None chooses. Only FMUs built by this project are stepped by
@@ -82,7 +84,7 @@ class Execution:
         layout: Layout,
         network: Network,
         *,
-        recorder_for: Callable[[], Recorder] | None = None,
+        recorder_for: Callable[[Mapping[str, int], Mapping[str, Mapping[str, Start]]], Recorder] | None = None,
         every: int = 1,
         keep_packets: bool = True,
         threads: int | None = None,
@@ -125,13 +127,14 @@ class Execution:
             collect_all(self.plan)
             raise_failures(self.plan, layout, self.slaves)
             if recorder_for is not None:
-                self._writing.open(recorder_for())
+                self._writing.open(recorder_for(self.packet_counts(), self.parameters))
             self._state.event_mode.attach(self.plan, self._state.texts)
             self._begin(checkpoint)
+            self._start = self.time
         except BaseException as error:
             self._free()
             if self._writing is not None:
-                self._writing.close_files()
+                self._writing.abandon()
             if isinstance(error, FmuError):
                 raise RunFailed([error]) from None
             raise
@@ -225,10 +228,43 @@ class Execution:
         """Packets by radio, as `packet_counts`."""
         return packet_counts(self._state.radio)
 
-    def finish(self, manifest: Callable[[], Mapping[str, Any]]) -> None:
-        """Completes the recording; call once, before leaving the context."""
+    def keep(self, wall: float) -> None:
+        """Makes readable what has been recorded so far, whatever ends the process.
+
+        Args:
+            wall: wall-clock time since the first step, s, for the manifest.
+
+        Raises:
+            RecordingFailed: it cannot be written.
+        """
         assert self._writing is not None
-        self._writing.finish(manifest)
+        progress = self._progress()
+        factor = progress["simulated_s"] / wall if wall > 0 else 0.0
+        self._writing.keep({**progress, "wall_s": wall, "real_time_factor": factor})
+
+    def _progress(self) -> dict[str, Any]:
+        return {"simulated_s": self.time - self._start, "packets": self.packet_counts()}
+
+    def finish(self, manifest: Callable[[RecordingFailed | None], Mapping[str, Any]]) -> RecordingFailed | None:
+        """Completes the recording, with its manifest; call once, before leaving the context.
+
+        Args:
+            manifest: makes the manifest; its argument is the reason for which the recording cannot be completed.
+
+        Returns:
+            That reason; None if all is complete.
+        """
+        assert self._writing is not None
+        failure = None
+        try:
+            self._writing.finish()
+        except RecordingFailed as error:
+            failure = error
+        try:
+            self._writing.write_manifest(lambda: manifest(failure))
+        except RecordingFailed as error:
+            failure = failure or error
+        return failure
 
     def end(self, manifest: Callable[[Sequence[FmuError]], Mapping[str, Any]]) -> tuple[FmuError, ...]:
         """Terminates and frees all instances; returns how that failed. Call once, after `finish`.
@@ -238,7 +274,8 @@ class Execution:
         """
         failures = tuple(self._free())
         if failures and self._writing is not None:
-            self._writing.write_manifest(lambda: manifest(failures))
+            with suppress(RecordingFailed):  # the one that `finish` wrote is there
+                self._writing.write_manifest(lambda: manifest(failures))
         return failures
 
     def __enter__(self) -> Self:
@@ -247,6 +284,8 @@ class Execution:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is not None and self._writing is not None:
+            self._writing.break_off(self._progress())
         failures = self._free()
         if failures and kind is None:
             raise RunFailed(failures)

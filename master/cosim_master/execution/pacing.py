@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,6 +37,10 @@ _SLICE = 0.05
 """Wall-clock seconds between looks at progress and pacing."""
 _SHORT_SLICE = 0.02
 """The same where something has to be exchanged with real programs."""
+_KEEP = 0.5
+"""Wall-clock seconds after which new rows and packets are made readable."""
+_ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Signals that end a run."""
 
 
 class Checkpoints:
@@ -94,27 +100,44 @@ class Checkpoints:
 
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
-    """Yields a function that returns whether Ctrl-C has been pressed; pressed again, it interrupts at once.
+    """Yields a function that returns whether Ctrl-C, SIGTERM or SIGHUP has come; the second one interrupts at once.
 
     A KeyboardInterrupt anywhere in a step would strike the Python code of an FMU, which is then lost, or leave a
-    file half written.
+    file half written. While an FMU hangs, no Python code runs at all: the second signal then ends the process.
+    A signal that is ignored, as SIGHUP is by nohup, stays ignored.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
     pressed = threading.Event()
-    before = signal.getsignal(signal.SIGINT)
 
     def press(number: int, frame: FrameType | None) -> None:
+        _handle_once(number, press)
         if pressed.is_set():
             signal.default_int_handler(number, frame)
         pressed.set()
 
-    signal.signal(signal.SIGINT, press)
+    numbers = [signal.Signals[name] for name in _ENDING if name in signal.Signals.__members__]
+    found = {number: signal.getsignal(number) for number in numbers}
+    before = {n: was for n, was in found.items() if n == signal.SIGINT or was not in (signal.SIG_IGN, None)}
+    for number in before:
+        _handle_once(number, press)
     try:
         yield pressed.is_set
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, was in before.items():
+            signal.signal(number, was)
+
+
+def _handle_once(number: int, handler: Callable[[int, FrameType | None], None]) -> None:
+    """Sets a handler that the system forgets when the signal comes, whether Python gets to run it or not."""
+    signal.signal(number, handler)
+    libc = ctypes.CDLL(None) if sys.platform == "linux" else None
+    if libc is None or not hasattr(libc, "sysv_signal"):
+        return
+    for function in (libc.signal, libc.sysv_signal):
+        function.restype, function.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
+    libc.sysv_signal(number, libc.signal(number, None))  # with what Python has set there
 
 
 class _Pace:
@@ -137,14 +160,15 @@ class _Pace:
         """Wall-clock seconds since the run began."""
         return time.perf_counter() - self._began
 
-    def wait(self, simulated: float, interrupted: Callable[[], bool]) -> None:
-        """Sleeps until `simulated` seconds are due."""
+    def wait(self, simulated: float, interrupted: Callable[[], bool], meanwhile: Callable[[], None]) -> None:
+        """Sleeps until `simulated` seconds are due; calls `meanwhile` about twenty times a second."""
         if self._factor is None:
             return
         due = simulated / self._factor - self.wall
         if due < -0.05:
             self.overruns = Overruns(self.overruns.count + 1, max(self.overruns.worst_s, -due))
         while due > 1e-6 and not interrupted():
+            meanwhile()
             time.sleep(min(due, _SLICE))
             due = simulated / self._factor - self.wall
 
@@ -180,10 +204,18 @@ def run(
     outcome = Outcome.DONE
     failure: CosimError | None = None
     held = _Pace(pace, clock, _SHORT_SLICE if gateways else _SLICE)
+    kept = 0.0
+
+    def keep() -> None:
+        nonlocal kept
+        if held.wall - kept >= _KEEP:
+            execution.keep(held.wall)
+            kept = held.wall
+
     try:
         while execution.k < clock.steps:
             before = held.wall
-            held.wait(execution.time - start, interrupted)
+            held.wait(execution.time - start, interrupted, keep)
             if interrupted():
                 outcome = Outcome.INTERRUPTED
                 break
@@ -194,6 +226,7 @@ def run(
             else:
                 advance(checkpoints.before(execution.k, held.chunk))
                 checkpoints.save(execution)
+            keep()
             tell(Progress(execution.time, start, stop, held.wall, execution.packet_counts()["sent"]))
             held.spent(held.wall - before)
         if gateways:

@@ -10,24 +10,29 @@ from pathlib import Path
 from cosim_master.diagnostics.errors import (
     CosimError,
     FmuError,
+    RecordingFailed,
     RunFailed,
 )
 from cosim_master.stepping.profiling import Profile
 from cosim_master.verdict.findings import Judgement
 
-__all__ = ["Outcome", "Overruns", "Progress", "RunResult", "failing"]
+__all__ = ["Outcome", "Overruns", "Progress", "RunResult", "failing", "unrecorded"]
 
 
 class Outcome(StrEnum):
     """The outcome of a run."""
 
+    RUNNING = "running"
+    """It has not, says its manifest. If no process records it any more, the process was killed."""
     DONE = "done"
     INTERRUPTED = "interrupted"
-    """Ctrl-C."""
+    """Ctrl-C, SIGTERM or SIGHUP."""
     TERMINATED = "terminated"
     """An FMU wants the simulation to end."""
     FAILED = "failed"
-    """An FMU failed, perhaps only when it was to be terminated, after all had been simulated."""
+    """An FMU failed, perhaps only when it was to be terminated, after all had been simulated; or the recording did."""
+    KILLED = "killed"
+    """The process was killed, says a manifest that `uav-cosim repair` has completed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,3 +92,8 @@ def failing(result: RunResult, failures: Sequence[FmuError]) -> RunResult:
         return result
     before = result.error.failures if isinstance(result.error, RunFailed) else ()
     return replace(result, outcome=Outcome.FAILED, error=RunFailed([*before, *failures]))
+
+
+def unrecorded(result: RunResult, failure: RecordingFailed | None) -> RunResult:
+    """Returns the result of a run whose recording could not be completed: it has failed, if it had not before."""
+    return result if failure is None else replace(result, outcome=Outcome.FAILED, error=result.error or failure)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,10 @@ from cosim_master.execution.manifest import digest_of_system, manifest
 from cosim_master.execution.options import Listener, RunOptions, going_on
 from cosim_master.execution.pacing import Checkpoints, interrupts, run
 from cosim_master.execution.prepare import Prepared, prepare
-from cosim_master.execution.result import Outcome, RunResult, failing
+from cosim_master.execution.result import Outcome, RunResult, failing, unrecorded
 from cosim_master.execution.run.crashes import reported
 from cosim_master.execution.stimuli import read_stimuli
+from cosim_master.fmi.description.read import Start
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
 from cosim_master.results.checkpoint_folder import Checkpoint, find
@@ -76,7 +78,7 @@ def simulate(
         with Gateways(one.asked, listener.gateway, one.ready.network.dialect) as gateways:
             began = time.perf_counter()
             try:
-                execution = one.opened()
+                execution = one.opened(began)
             except SystemDescriptionError:
                 raise
             except CosimError as error:
@@ -102,15 +104,15 @@ class _Run:
     def view(self) -> View:
         return View(self.layout, self.ready.every, self.ready.clock.seconds(1))
 
-    def opened(self) -> Execution:
-        """Returns the run at its start, its FMUs initialized."""
+    def opened(self, began: float) -> Execution:
+        """Returns the run at its start, its FMUs initialized; `began`: when loading them did."""
         ready, options = self.ready, self.options
         return Execution(
             ready.checked,
             ready.clock,
             self.layout,
             ready.network,
-            recorder_for=None if self.out is None else self._recorder,
+            recorder_for=None if self.out is None else partial(self._recorder, began),
             every=ready.every,
             keep_packets=ready.recording.packets,
             threads=options.threads,
@@ -123,14 +125,18 @@ class _Run:
             on_stage=self.listener.stage,
         )
 
-    def _recorder(self) -> Recorder:
+    def _recorder(
+        self, began: float, packets: Mapping[str, int], parameters: Mapping[str, Mapping[str, Start]]
+    ) -> Recorder:
         assert self.out is not None
+        beginning = RunResult(Outcome.RUNNING, None, packets=packets, notes=self.ready.notes)
         return Recorder(
             self.out,
             self.ready.checked,
             self.layout,
             self.ready.network,
             keep=self.ready.recording.packets,
+            manifest=manifest(self.ready, beginning, time.perf_counter() - began, parameters, self.fingerprint),
             checkpoint=self.checkpoint,
             in_segments=self.options.checkpoint_every is not None,
         )
@@ -149,14 +155,15 @@ class _Run:
                 return
             simulated, counts = execution.time - ready.clock.time(0), execution.packet_counts()
             crashed = RunResult(Outcome.FAILED, error, simulated_s=simulated, packets=counts, notes=ready.notes)
-            execution.finish(lambda: document(crashed))
+            execution.finish(lambda _: document(crashed))
 
         with execution, reported(execution.slaves, lambda: execution.time, rescue), interrupts() as interrupted:
             result = self._stepped(execution, gateways, observers, interrupted)
             if self.out is not None:
                 self.listener.stage(f"writing {self.out}")
-            execution.finish(lambda: document(result))
+            incomplete = execution.finish(lambda failure: document(unrecorded(result, failure)))
             complete.set()
+            result = unrecorded(result, incomplete)
             # An FMU that takes the process with it when it ends leaves a complete recording, and its manifest.
             failures = execution.end(lambda errors: document(failing(result, errors)))
         return failing(result, failures)

@@ -5,29 +5,66 @@ A run's own file is Parquet (see `recorder`), which keeps units and types; CSV k
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Protocol, TextIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.journal import journal_of, read_journal
 
-__all__ = ["export_csv", "open_signals"]
+__all__ = ["Signals", "export_csv", "open_signals"]
 
 
-def open_signals(run: Path) -> Any:
-    """The recorded signals of a run folder, as a `pyarrow.parquet.ParquetFile`; the caller closes it.
+class Signals(AbstractContextManager["Signals"], Protocol):
+    """Recorded signals that are open: a `pyarrow.parquet.ParquetFile`, for example."""
+
+    @property
+    def schema_arrow(self) -> pa.Schema: ...
+    def read(self, columns: list[str] | None = None) -> pa.Table: ...
+    def iter_batches(self, batch_size: int, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]: ...
+    def close(self) -> None: ...
+
+
+class _Unfinished:
+    """The signals of a run that goes on, or whose process was killed."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self._table = table
+        self.schema_arrow = table.schema
+
+    def read(self, columns: Sequence[str] | None = None) -> pa.Table:
+        return self._table if columns is None else self._table.select(list(columns))
+
+    def iter_batches(self, batch_size: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
+        yield from self.read(columns).to_batches(max_chunksize=batch_size)
+
+    def close(self) -> None:
+        pass
+
+    def __enter__(self) -> _Unfinished:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def open_signals(run: Path) -> Signals:
+    """The recorded signals of a run folder, as far as they are; the caller closes them.
 
     Raises:
-        CosimError: the folder has no signals, or they are not complete.
+        CosimError: the folder has no signals, or they cannot be read.
     """
+    if (journal := journal_of(run, "signals")) is not None:
+        return _Unfinished(read_journal(journal))
     file = run / "signals.parquet"
     if not file.is_file():
         raise CosimError(f"{run}: not the folder of a run: it has no signals.parquet (`uav-cosim run -o` writes it)")
     try:
-        signals = pq.ParquetFile(file)
+        signals: Signals = pq.ParquetFile(file)
     except pa.ArrowInvalid as error:
         raise CosimError(
             f"{file}: not a complete Parquet file; the run that wrote it was cut short ({error})"

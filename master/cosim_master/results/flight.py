@@ -107,7 +107,7 @@ def read_flight(run: Path) -> Flight:
                 f"or {STEP} and {TARGET} (m); recorded are {len(numeric) - 1} other signals "
                 "(`uav-cosim run --record` chooses which)"
             )
-        n = signals.metadata.num_rows
+        n = signals.read(columns=["time"]).num_rows
         if n == 0:
             raise CosimError(f"{run / 'signals.parquet'}: nothing to draw: the run recorded no instant")
         rows = np.unique(np.linspace(0, n - 1, min(n, _ROWS)).round().astype(np.int64))

@@ -9,8 +9,9 @@ import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export import open_signals
+from cosim_master.results.journal import journal_of, read_journal
 
-__all__ = ["packets", "signals"]
+__all__ = ["has_packets", "packets", "signals"]
 
 
 def signals(run: Path | str, names: list[str] | None = None) -> pa.Table:
@@ -24,12 +25,17 @@ def signals(run: Path | str, names: list[str] | None = None) -> pa.Table:
         names: of the columns that are wanted; None reads all.
 
     Raises:
-        CosimError: the folder has no complete signals, or not these.
+        CosimError: the folder has no signals, or not these.
     """
     with open_signals(Path(run)) as file:
         if names is not None and (lacking := sorted({*names} - {*file.schema_arrow.names})):
             raise CosimError(f"{run}: nothing was recorded of {', '.join(lacking[:5])}")
         return file.read(columns=names)
+
+
+def has_packets(run: Path) -> bool:
+    """Whether the packets of a run were recorded."""
+    return journal_of(run, "packets") is not None or (run / "packets.parquet").is_file()
 
 
 def packets(run: Path | str) -> pa.Table:
@@ -38,6 +44,8 @@ def packets(run: Path | str) -> pa.Table:
     Raises:
         CosimError: the run has no record of packets, or not a complete one.
     """
+    if (journal := journal_of(Path(run), "packets")) is not None:
+        return read_journal(journal)
     file = Path(run) / "packets.parquet"
     if not file.is_file():
         raise CosimError(f"{run}: no packets were recorded (there is no packets.parquet)")

@@ -1,25 +1,28 @@
 """The files of a run: signals, packets, and a manifest of its inputs and outcome.
 
-    OUT/manifest.json     what was run, with what, and how it ended
+    OUT/manifest.json     what was run, with what, and how it ended; while it runs, how far it has come
     OUT/signals.parquet   column `time` [s], then `component.variable`; units and descriptions in the field metadata
     OUT/packets.parquet   every packet on its way to every node: sent, arrival, addresses, outcome
     OUT/packets.tlog      all packets sent, in the order of time, as ground stations replay them
     OUT/packets/NODE.tlog what one node sent and received over the radio, or a gateway by its link
+    OUT/unfinished/       while the run goes on, in place of the Parquet files: see `journal`
 
 A .tlog is a sequence of 8-byte big-endian microseconds and one packet. Its clock begins at `EPOCH`, since tools
 read it as a date.
 
-The recorder reads; it never touches what it observes. Files are complete up to the last flush at any time but for
-Parquet's footer, which `close` writes. For a run that may be killed before that, what is recorded between two
-checkpoints is written to files of its own as well (segments), which are complete at each of them.
+The recorder reads; it never touches what it observes. `keep` makes all that has been recorded so far readable, whatever
+ends the process; the loop's blocks are not emptied by that, so that it changes nothing in the finished files. What is
+recorded between two checkpoints is written to files of its own as well (segments), which are theirs.
 """
 
 from __future__ import annotations
 
-import json
+import errno
 import re
+import shutil
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,28 +30,41 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.errors import Problem, RecordingFailed, SystemDescriptionError, Where
 from cosim_master.network.radio.tables import EVENT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
 from cosim_master.results.checkpoint_folder import Checkpoint, Position, segments
+from cosim_master.results.columns import Block, columns_of
+from cosim_master.results.journal import FOLDER, Journal, goes_on
+from cosim_master.results.manifest_file import NAME, RunningManifest, write_manifest
+from cosim_master.results.parquet import ROW_GROUP, packets_schema, packets_writer, signals_writer
 from cosim_master.results.run_folder import clear
 from cosim_master.stepping.kernels.tables import PER_NS, ROWS, Plan
-from cosim_master.stepping.layout import KINDS, Layout
+from cosim_master.stepping.layout import Layout
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.network import Network
 
 __all__ = ["EPOCH", "Recorder"]
 
+_CHANGING = ("outcome", "simulated_s", "wall_s", "real_time_factor", "packets")
+"""Keys of the manifest that change while the run goes on."""
 EPOCH = 1_735_689_600_000_000
 """Microseconds from 1970 to 2025-01-01T00:00:00Z, where the clock of .tlog files begins."""
 
-_ROW_GROUP = 1024 * 1024
-"""Rows; pyarrow divides longer tables."""
-_ARROW = {"Real": pa.float64(), "Integer": pa.int32(), "Boolean": pa.bool_(), "String": pa.string()}
-_WIDE = {"UInt32": pa.uint32(), "Int64": pa.int64(), "UInt64": pa.uint64()}
-
 
 class Recorder:
-    """Writes the files of one run. Call `rows` and `packets` whenever the loop returns, `close` at the end."""
+    """Writes the files of one run.
+
+    Call `rows` and `packets` whenever the loop returns, `keep` about once a second, `finish` at the end.
+
+    Args:
+        keep: record packet events and logs.
+        manifest: as it is while the run goes on, with the outcome "running".
+        checkpoint: begin with the recording up to there.
+        in_segments: write segments for checkpoints.
+
+    Raises:
+        SystemDescriptionError: the folder cannot be written to, or another process records there.
+    """
 
     def __init__(
         self,
@@ -58,50 +74,58 @@ class Recorder:
         network: Network,
         *,
         keep: bool,
+        manifest: Mapping[str, Any],
         checkpoint: Checkpoint | None = None,
         in_segments: bool = False,
     ) -> None:
         self.folder = folder
         self._in_segments = in_segments
         self._open_segments: dict[str, Any] = {}
-        folder.mkdir(parents=True, exist_ok=True)
-        clear(folder)  # an old manifest would call the results complete while they are not
+        self._columns = columns_of(checked, layout)
         self._texts = layout.string_signals
         self._text_rows: list[list[str]] = []
-        self._columns = self._in_order(checked, layout)
-        fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
-        for name, kind, _, variable in self._columns:
-            metadata = {"unit": variable.unit.name if variable.unit else "", "description": variable.description}
-            if variable.items:
-                metadata["items"] = json.dumps(dict(variable.items))
-            arrow = _WIDE[variable.fmi_type] if variable.wide else _ARROW[kind]
-            fields.append(pa.field(name, arrow, metadata=metadata))
-        self._schema = pa.schema(fields)
-        # Floating-point time series hardly repeat, so dictionaries only cost; splitting bytes compresses them better.
-        floats = [f.name for f in self._schema if pa.types.is_floating(f.type)]
-        self._signals = pq.ParquetWriter(
-            folder / "signals.parquet",
-            self._schema,
-            compression="zstd",
-            use_dictionary=False,
-            column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
-        )
         self._keep = keep and bool(network.nodes)
         gateways = [gateway.name for gateway in network.gateways]
         self._nodes = [node.name for node in network.nodes] + gateways
         self._endpoints = [e.name for node in network.nodes for e in node.endpoints] + gateways
+        self._event_schema = packets_schema()
         self._events: Any = None
         self._tlogs: dict[int, Any] = {}
-        if self._keep:
-            (folder / "packets").mkdir(exist_ok=True)
-            self._event_schema = _event_schema()
-            self._events = pq.ParquetWriter(folder / "packets.parquet", self._event_schema, compression="zstd")
-            for n, name in enumerate(self._nodes):
-                self._tlogs[n] = (folder / "packets" / f"{_file_name(name)}.tlog").open("wb")
-            self._tlogs[-1] = (folder / "packets.tlog").open("wb")
         self._groups = {"signals": 0, "packets": 0}
+        self._in_journal = {"rows": 0, "events": 0, "log": 0}
+        self._journal_fails = self._files_fail = False
+        self._opened = ExitStack()
+        if goes_on(folder):
+            raise _refusal(folder, "another run is being recorded there; give another folder")
+        try:
+            self._open(manifest)
+        except OSError as error:
+            self._close_all()
+            shutil.rmtree(folder / FOLDER, ignore_errors=True)
+            many = "; raise the limit of open files (ulimit -n)" if error.errno in (errno.EMFILE, errno.ENFILE) else ""
+            raise _refusal(folder, f"cannot hold the results of a run: {error.strerror or error}{many}") from None
         if checkpoint is not None:
             self._take_over(checkpoint)
+
+    def _open(self, manifest: Mapping[str, Any]) -> None:
+        folder = self.folder
+        folder.mkdir(parents=True, exist_ok=True)
+        clear(folder)  # an old manifest would call the results complete while they are not
+        journal = Journal(folder, self._columns, self._event_schema if self._keep else None)
+        self._journal = self._opened.enter_context(closing(journal))
+        self._signals = self._opened.enter_context(
+            closing(signals_writer(self._unfinished("signals"), self._columns.schema))
+        )
+        if self._keep:
+            (folder / "packets").mkdir(exist_ok=True)
+            self._events = self._opened.enter_context(closing(packets_writer(self._unfinished("packets"))))
+            logs = [f"packets/{_file_name(name)}.tlog" for name in self._nodes]
+            for n, name in (*enumerate(logs), (-1, "packets.tlog")):
+                self._tlogs[n] = self._opened.enter_context((folder / name).open("wb"))
+        self._manifest = self._opened.enter_context(closing(RunningManifest(folder, manifest, *_CHANGING)))
+
+    def _unfinished(self, what: str) -> Path:
+        return self.folder / FOLDER / f"{what}.parquet"
 
     def position(self) -> Position:
         """Returns the position of the recording, after writing everything out."""
@@ -117,7 +141,7 @@ class Recorder:
                 (self.folder / "checkpoints").mkdir(exist_ok=True)
                 self._open_segments[what] = pq.ParquetWriter(self._segment(what), table.schema, compression="zstd")
             self._open_segments[what].write_table(table)
-        self._groups[what] += -(-table.num_rows // _ROW_GROUP) or 1
+        self._groups[what] += -(-table.num_rows // ROW_GROUP) or 1
 
     def _segment(self, what: str) -> Path:
         return self.folder / "checkpoints" / f"{what}.parquet"
@@ -133,7 +157,7 @@ class Recorder:
     def _take_over(self, checkpoint: Checkpoint) -> None:
         """Copies the recording of a checkpoint's run up to the checkpoint: the same row groups, the same bytes."""
         sources = (
-            ("signals", self._signals, self._schema, checkpoint.position.signals),
+            ("signals", self._signals, self._columns.schema, checkpoint.position.signals),
             *((("packets", self._events, self._event_schema, checkpoint.position.packets),) if self._keep else ()),
         )
         try:
@@ -144,7 +168,9 @@ class Recorder:
                         if not old.schema_arrow.equals(schema, check_metadata=False):
                             raise ValueError(f"{name}.parquet has other columns than this run records")
                         for group in range(min(old.num_row_groups, groups - self._groups[name])):
-                            self._write(name, writer, old.read_row_group(group).cast(schema))
+                            table = old.read_row_group(group).cast(schema)
+                            self._write(name, writer, table)
+                            self._into_journal(name, table)
                 if (found := self._groups[name] - before) != groups:
                     raise ValueError(f"of {groups} row groups of {name}.parquet there are {found}")
             for file in self._tlogs.values():
@@ -152,27 +178,17 @@ class Recorder:
                 with (checkpoint.run / name).open("rb") as old_log:
                     file.write(old_log.read((checkpoint.position.tlogs or {})[name]))
         except (OSError, ValueError, KeyError) as error:
-            self.close_files()
+            self.abandon()
             text = f"its recording up to {checkpoint.time:.9g} s cannot be taken over: {error}"
             raise SystemDescriptionError([Problem(Where(str(checkpoint.run)), text)]) from None
 
-    @staticmethod
-    def _in_order(checked: CheckedSystem, layout: Layout) -> list[tuple[str, str, int, Any]]:
-        """Columns in the order of instances and their variables: (name, kind, column of the block, variable)."""
-        known = {}
-        for kind in KINDS:
-            column = 0
-            for name, v in layout.signals[kind]:
-                known[name] = (kind, column, v)
-                column += 1 + v.wide
-        known |= {name: ("String", i, v) for i, (name, _, v) in enumerate(layout.string_signals)}
-        columns = []
-        for instance in checked.instances:
-            for variable in instance.fmu.variables:
-                name = f"{instance.name}.{variable}"
-                if name in known:
-                    columns.append((name, *known[name]))
-        return columns
+    def _into_journal(self, what: str, table: pa.Table) -> None:
+        """Appends a row group that was taken over."""
+        if what == "signals":
+            self._journal.rows(self._columns.block(table))
+        else:
+            self._journal.packets(table)
+        self._journal.end_group(what)
 
     def texts(self, values: list[str]) -> None:
         """The values of all recorded String variables for the row just recorded."""
@@ -186,41 +202,97 @@ class Recorder:
         """Discards the rows given to `texts` since rows were last written: the run has gone back to that time."""
         self._text_rows.clear()
 
+    # ---- rows and packets --------------------------------------------------------------------------------------------
+
     def rows(self, plan: Plan) -> None:
         """Writes the rows of the loop's block and empties it."""
-        n = int(plan.clock[ROWS])
-        if self._texts:
-            n = min(n, len(self._text_rows))  # interrupted in between, the last row has no strings yet
+        n = self._complete_rows(plan)
         if n == 0:
             return
-        integers = sum(1 + v.wide for _, kind, _, v in self._columns if kind == "Integer")
-        booleans = plan.int_block[:, integers:]
-        blocks: dict[str, Any] = {"Real": plan.real_block, "Integer": plan.int_block, "Boolean": booleans}
-        arrays = [pa.array(plan.ticks[:n] / (1e9 * plan.clock[PER_NS]))]
-        for _, kind, column, variable in self._columns:
-            if kind == "String":
-                arrays.append(pa.array([row[column] for row in self._text_rows[:n]], type=pa.string()))
-            elif variable.wide:
-                halves = np.ascontiguousarray(plan.int_block[:n, column : column + 2])
-                values = halves.view(np.uint64 if variable.fmi_type == "UInt64" else np.int64)[:, 0]
-                arrays.append(pa.array(values).cast(_WIDE[variable.fmi_type]))
-            else:
-                values = blocks[kind][:n, column]
-                arrays.append(pa.array(values.astype(bool) if kind == "Boolean" else values))
-        self._write("signals", self._signals, pa.Table.from_arrays(arrays, schema=self._schema))
+        self._keep_rows(plan, n)
+        with self._writing("signals.parquet"):
+            self._write("signals", self._signals, self._columns.table(self._block(plan, 0, n)))
         self._text_rows.clear()
-        plan.clock[ROWS] = 0
+        plan.clock[ROWS] = self._in_journal["rows"] = 0
+        self._end_group("signals")
 
     def packets(self, radio: Radio) -> None:
         """Writes packet events and logs and empties their blocks."""
-        events, used = radio.counters[USED_EVENTS], radio.counters[USED_LOG]
-        if self._keep and events:
-            self._write_events(radio.events[:events])
-        if self._keep and used:
-            self._write_tlogs(radio.log[:used].tobytes())
+        events = int(radio.counters[USED_EVENTS]) if self._keep else 0
+        self._keep_packets(radio)
+        if events:
+            with self._writing("packets.parquet"):
+                self._write("packets", self._events, self._event_table(radio.events[:events]))
         radio.counters[[USED_EVENTS, USED_LOG]] = 0
+        self._in_journal["events"] = self._in_journal["log"] = 0
+        if events:
+            self._end_group("packets")
 
-    def _write_events(self, events: np.ndarray[Any, Any]) -> None:
+    def keep(self, plan: Plan, radio: Radio, progress: Mapping[str, Any]) -> None:
+        """Makes readable what has been recorded so far, whatever ends the process; empties nothing.
+
+        Call it only when nothing of it will be taken back and go another way.
+
+        Args:
+            progress: by key of the manifest, how far the run has come.
+        """
+        self._keep_rows(plan, self._complete_rows(plan))
+        self._keep_packets(radio)
+        with self._writing("manifest.json"):
+            self._manifest.update(progress)
+
+    def _complete_rows(self, plan: Plan) -> int:
+        n = int(plan.clock[ROWS])
+        return min(n, len(self._text_rows)) if self._texts else n  # interrupted in between, the last one has no strings
+
+    def _block(self, plan: Plan, first: int, last: int) -> Block:
+        rows = slice(first, last)
+        time = plan.ticks[rows] / (1e9 * plan.clock[PER_NS])
+        return Block(time, plan.real_block[rows], plan.int_block[rows], self._text_rows[rows])
+
+    def _keep_rows(self, plan: Plan, n: int) -> None:
+        first = self._in_journal["rows"]
+        if n > first and not self._journal_fails:
+            with self._writing("signals.arrows"):
+                self._journal.rows(self._block(plan, first, n))
+            self._in_journal["rows"] = n
+
+    def _keep_packets(self, radio: Radio) -> None:
+        if not self._keep:
+            return
+        events, log = int(radio.counters[USED_EVENTS]), int(radio.counters[USED_LOG])
+        first = self._in_journal["events"]
+        if events > first and not self._journal_fails:
+            with self._writing("packets.arrows"):
+                self._journal.packets(self._event_table(radio.events[first:events]))
+            self._in_journal["events"] = events
+        first = self._in_journal["log"]
+        if log > first:
+            with self._writing("packets.tlog"):
+                self._in_journal["log"] = log
+                self._write_tlogs(radio.log[first:log].tobytes())
+                for file in self._tlogs.values():
+                    file.flush()
+
+    def _end_group(self, what: str) -> None:
+        if not self._journal_fails:
+            with self._writing(f"{what}.arrows"):
+                self._journal.end_group(what)
+
+    @contextmanager
+    def _writing(self, name: str) -> Iterator[None]:
+        """Raises RecordingFailed where a file cannot be written, and remembers that: it is not tried again."""
+        try:
+            yield
+        except OSError as error:
+            if name.endswith(".arrows"):
+                self._journal_fails = True
+            elif name != NAME:
+                self._files_fail = True
+            folder = self.folder if name.endswith((".tlog", ".json")) else self.folder / FOLDER
+            raise RecordingFailed(str(folder / name), error.strerror or str(error)) from None
+
+    def _event_table(self, events: np.ndarray[Any, Any]) -> pa.Table:
         arrival = events["arrival"] / 1e9
         names = np.array([*self._nodes, ""], dtype=object)
         columns: dict[str, Any] = {
@@ -228,14 +300,14 @@ class Recorder:
             "arrival": pa.array(arrival, mask=events["arrival"] < 0),
             "source": np.array(self._endpoints, dtype=object)[events["source"]],
             "target": names[events["target"]],
-            **{name: events[name] for name in EVENT.names or () if name in _PLAIN},
             "outcome": np.array(OUTCOMES, dtype=object)[events["outcome"]],
         }
+        columns |= {name: events[name] for name in EVENT.names or () if name not in (*columns, "arrival")}
         arrays = [
             column if isinstance(column := columns[f.name], pa.Array) else pa.array(column, type=f.type)
             for f in self._event_schema
         ]
-        self._write("packets", self._events, pa.Table.from_arrays(arrays, schema=self._event_schema))
+        return pa.Table.from_arrays(arrays, schema=self._event_schema)
 
     def _write_tlogs(self, block: bytes) -> None:
         position = 0
@@ -249,25 +321,81 @@ class Recorder:
                 self._tlogs[-1].write(stamped)
             position += 16 + length
 
-    def close(self, manifest: Mapping[str, Any]) -> None:
-        """Finishes all files. The manifest comes last: where it is, the rest is complete."""
-        self.close_files()
-        self.write_manifest(manifest)
+    # ---- the end -----------------------------------------------------------------------------------------------------
+
+    def finish(self, plan: Plan, radio: Radio) -> None:
+        """Completes all files but the manifest.
+
+        Raises:
+            RecordingFailed: that cannot be done; the journal stays, with all that could be written.
+        """
+        with suppress(RecordingFailed):  # what cannot be kept any more may still fit into the files themselves
+            self._keep_rows(plan, self._complete_rows(plan))
+            self._keep_packets(radio)
+        if self._files_fail:
+            raise RecordingFailed(str(self.folder), "its files cannot be completed")
+        self.rows(plan)
+        self.packets(radio)
+        self._complete()
+
+    def _complete(self) -> None:
+        with self._writing("signals.parquet"):
+            for segment in self.segments():
+                segment.unlink()
+            self._signals.close()
+        with self._writing("packets.parquet"):
+            if self._events is not None:
+                self._events.close()
+        with self._writing("packets.tlog"):
+            for file in self._tlogs.values():
+                file.close()
+        with self._writing("signals.parquet"):
+            for file in sorted((self.folder / FOLDER).glob("*.parquet")):
+                file.replace(self.folder / file.name)
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        """Writes the manifest, in place of an earlier one."""
-        text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False)
-        (self.folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
+        """Writes the manifest in place of an earlier one, once all other files are complete, or will not be.
 
-    def close_files(self) -> None:
-        """All but the manifest: for a run that never began."""
-        for segment in self.segments():
-            segment.unlink()
-        self._signals.close()
-        if self._events is not None:
-            self._events.close()
-        for file in self._tlogs.values():
-            file.close()
+        Raises:
+            RecordingFailed: there is no room for it; the one that is there then has the outcome.
+        """
+        try:
+            write_manifest(self.folder, manifest)
+        except OSError as error:
+            with suppress(OSError, ValueError):
+                self._manifest.update({name: manifest[name] for name in _CHANGING} | {"outcome": "failed"})
+            if not self._files_fail:
+                self._remove_journal()
+            raise RecordingFailed(str(self.folder / NAME), error.strerror or str(error)) from None
+        finally:
+            self._close_all()
+        if not self._files_fail:
+            self._remove_journal()
+
+    def break_off(self, plan: Plan, radio: Radio, progress: Mapping[str, Any]) -> None:
+        """Closes the files as they are, with all that has been recorded in the journal."""
+        with suppress(RecordingFailed):
+            self.keep(plan, radio, progress)
+        self._close_all()
+
+    def abandon(self) -> None:
+        """Ends the recording of a run that has not begun: it has no manifest."""
+        with suppress(RecordingFailed):
+            self._complete()
+        self._remove_journal()
+        (self.folder / NAME).unlink(missing_ok=True)
+
+    def _remove_journal(self) -> None:
+        self._close_all()
+        shutil.rmtree(self.folder / FOLDER, ignore_errors=True)
+
+    def _close_all(self) -> None:
+        with suppress(OSError):
+            self._opened.close()
+
+
+def _refusal(folder: Path, text: str) -> SystemDescriptionError:
+    return SystemDescriptionError([Problem(Where(str(folder)), text)])
 
 
 def _readable(checkpoint: Checkpoint, name: str) -> list[Path]:
@@ -283,20 +411,3 @@ def _readable(checkpoint: Checkpoint, name: str) -> list[Path]:
 def _file_name(node: str) -> str:
     """Returns a node's name as a file name: characters that are not allowed there are percent-encoded, as in a URI."""
     return re.sub(r'[%/\\:*?"<>|\x00-\x1f]|^\.+', lambda found: "".join(f"%{ord(c):02X}" for c in found[0]), node)
-
-
-_PLAIN = ("message", "system", "component", "sequence", "length")
-
-
-def _event_schema() -> pa.Schema:
-    seconds = {"unit": "s"}
-    return pa.schema(
-        [
-            pa.field("sent", pa.float64(), metadata=seconds),
-            pa.field("arrival", pa.float64(), metadata=seconds),
-            pa.field("source", pa.string(), metadata={"description": "instance that sent it"}),
-            pa.field("target", pa.string(), metadata={"description": "node it was for"}),
-            *(pa.field(name, pa.int32()) for name in _PLAIN),
-            pa.field("outcome", pa.string()),
-        ]
-    )

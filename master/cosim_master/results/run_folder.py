@@ -15,6 +15,7 @@ from itertools import count
 from pathlib import Path
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.results.journal import FOLDER, goes_on, journal_of
 
 __all__ = ["RunFolder", "clear", "differences", "held_fingerprint", "is_figure", "stamp"]
 
@@ -50,12 +51,15 @@ class RunFolder:
             SystemDescriptionError: it holds results that this run would not record again.
         """
         for path in self._candidates():
+            recorded = goes_on(path)
             held = None if self.force else held_fingerprint(path)
-            if held is None or (repeatable and held == dict(fingerprint)):
+            same = repeatable and held == dict(fingerprint) and not (path / FOLDER).is_dir()
+            if not recorded and (held is None or same):
                 return path
             if not self.numbered:
-                fix = "give another folder, or --force to overwrite it"
-                raise SystemDescriptionError([Problem(Where(str(path)), f"{_described(held, fingerprint)}; {fix}")])
+                fix = "give another folder" + ("" if recorded else ", or --force to overwrite it")
+                text = "holds a run that goes on" if recorded else _described(path, held or {}, fingerprint)
+                raise SystemDescriptionError([Problem(Where(str(path)), f"{text}; {fix}")])
         raise AssertionError("there are infinitely many candidates")
 
     def _candidates(self) -> Iterator[Path]:
@@ -66,7 +70,7 @@ class RunFolder:
 
 def held_fingerprint(folder: Path) -> dict[str, str] | None:
     """The fingerprint of the run that a folder holds: empty if it is not known, None if the folder holds none."""
-    if not any((folder / name).exists() for name in ("manifest.json", "signals.parquet", "checkpoints")):
+    if not any((folder / name).exists() for name in ("manifest.json", "signals.parquet", "checkpoints", FOLDER)):
         return None
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
@@ -80,7 +84,9 @@ def differences(held: Mapping[str, str], fingerprint: Mapping[str, str]) -> list
     return [name for name in dict.fromkeys([*fingerprint, *held]) if held.get(name) != fingerprint.get(name)]
 
 
-def _described(held: Mapping[str, str], fingerprint: Mapping[str, str]) -> str:
+def _described(folder: Path, held: Mapping[str, str], fingerprint: Mapping[str, str]) -> str:
+    if (folder / FOLDER).is_dir():
+        return "holds a run whose process was killed, which `uav-cosim repair` completes"
     if not held:
         return "holds the results of a run whose inputs are not known (it was cut short, or is of an older version)"
     other = differences(held, fingerprint)
@@ -94,7 +100,8 @@ def clear(folder: Path) -> None:
     for pattern in _RESULTS:
         for file in folder.glob(pattern):
             file.unlink()
-    shutil.rmtree(folder / "checkpoints", ignore_errors=True)
+    for name in ("checkpoints", FOLDER):
+        shutil.rmtree(folder / name, ignore_errors=True)
     for file in folder.iterdir():
         if is_figure(file):
             file.unlink()
@@ -103,7 +110,7 @@ def clear(folder: Path) -> None:
 def stamp(run: Path) -> str:
     """Returns the stamp of a figure: the SHA-256 of the signals that it shows."""
     digest = hashlib.sha256()
-    with (run / "signals.parquet").open("rb") as file:
+    with (journal_of(run, "signals") or run / "signals.parquet").open("rb") as file:
         while block := file.read(1 << 20):
             digest.update(block)
     return f"{_STAMP}{digest.hexdigest()}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import signal
 import subprocess
@@ -10,7 +11,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -18,6 +18,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.result import Progress
 from cosim_master.execution.simulate import simulate
+from cosim_master.results.repair import repair
 from tests.master.clocked import clocked
 from tests.master.linear import BALL_PORTS, ball
 from tests.master.strict3 import ABLE
@@ -122,9 +123,8 @@ def test_a_run_that_was_killed_goes_on(linears: Any, tmp_path: Path) -> None:
     system = oscillators(linears, "")
     assert simulate(system, RunOptions(out=tmp_path / "whole", checkpoint_every=0.5)).outcome == "done"
     killed(system, tmp_path / "killed", "1.5")
-    assert not (tmp_path / "killed" / "manifest.json").exists()
-    with pytest.raises(pa.ArrowInvalid):
-        pq.read_table(tmp_path / "killed" / "signals.parquet")
+    assert json.loads((tmp_path / "killed" / "manifest.json").read_text())["outcome"] == "running"
+    assert not (tmp_path / "killed" / "signals.parquet").exists()
     result = simulate(
         system, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'killed'}@1.5", checkpoint_every=0.5)
     )
@@ -137,6 +137,14 @@ def test_a_run_that_was_killed_goes_on(linears: Any, tmp_path: Path) -> None:
     )
     assert again.outcome == "done", again.error
     assert same(tmp_path / "whole", tmp_path / "again")
+    # it may be repaired before that
+    shutil.copytree(tmp_path / "killed", tmp_path / "repaired")
+    assert repair(tmp_path / "repaired")["outcome"] == "killed"
+    shutil.rmtree(tmp_path / "repaired" / "checkpoints" / "1")
+    origin = f"{tmp_path / 'repaired'}@1.5"
+    third = simulate(system, RunOptions(out=tmp_path / "third", origin=origin, checkpoint_every=0.5))
+    assert third.outcome == "done", third.error
+    assert same(tmp_path / "whole", tmp_path / "third")
     # a checkpoint in between that is lost, is said
     shutil.rmtree(tmp_path / "killed" / "checkpoints" / "1")
     with pytest.raises(SystemDescriptionError, match=r"of \d+ row groups of signals.parquet there are \d+"):

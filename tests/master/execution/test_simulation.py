@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -581,6 +582,7 @@ class Clock:
     def __init__(self, cost: float) -> None:
         self.now = 100.0
         self.slept: list[float] = []
+        self.kept: list[float] = []
         self.cost = cost
 
     def perf_counter(self) -> float:
@@ -610,6 +612,10 @@ def paced(monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None) -> t
             clock.now += (k - self.k) * clock.cost
             self.k = k
             reached.append(k)
+
+        def keep(self, wall: float) -> None:
+            assert wall == clock.now - 100.0
+            clock.kept.append(clock.now)
 
         def packet_counts(self) -> dict[str, int]:
             return {"sent": 0}
@@ -644,3 +650,15 @@ def test_without_a_pace_nothing_sleeps_and_python_looks_in_about_twenty_times_a_
     assert clock.slept == []
     assert result.wall_s == pytest.approx(1.0)
     assert 15 <= len(reached) <= 40
+
+
+@pytest.mark.parametrize(("cost", "pace"), [(0.001, None), (0.02, None), (0.3, None), (0.001, 0.05), (0.02, 1.0)])
+def test_what_is_recorded_is_kept_twice_a_second(
+    monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None
+) -> None:
+    """Whether it steps fast, slowly, or waits: half a second, and at most a step or the slice in which it ends."""
+    clock, _, _ = paced(monkeypatch, cost, pace)
+    gaps = np.diff([100.0, *clock.kept, clock.now])
+    assert len(clock.kept) >= 1
+    assert max(gaps) <= 0.5 + max(cost, 0.06)
+    assert min(gaps[:-1]) >= 0.5

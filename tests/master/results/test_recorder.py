@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
 import sys
 from collections import Counter
 from pathlib import Path
@@ -13,10 +15,15 @@ import pyarrow.parquet as pq
 import pytest
 from pymavlink import mavutil
 
+from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
+from cosim_master.results.journal import goes_on
+from cosim_master.results.read import packets, signals
 from cosim_master.results.recorder import EPOCH
+from cosim_master.results.repair import repair
 from tests.master.probe import model
+from tests.master.results.test_journal import broken_off
 
 CHATTER = '''
 from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter, kernel
@@ -303,7 +310,7 @@ def test_manifest(probes: Any, tmp_path: Path) -> None:
     assert manifest["notes"] == list(result.notes)
 
 
-def test_a_run_that_breaks_off_leaves_no_old_manifest(probes: Any, tmp_path: Path) -> None:
+def test_a_run_that_breaks_off_leaves_its_rows_and_no_old_manifest(probes: Any, tmp_path: Path) -> None:
     probes.fmu()
     out = tmp_path / "out"
     simulate(probes.ssd(probes.component("a")), RunOptions(out=out))
@@ -314,4 +321,45 @@ def test_a_run_that_breaks_off_leaves_no_old_manifest(probes: Any, tmp_path: Pat
 
     with pytest.raises(RuntimeError, match="power cut"):
         simulate(probes.ssd(probes.component("a")), RunOptions(out=out), listener=Listener(progress=break_off))
-    assert not (out / "manifest.json").exists()
+    assert json.loads((out / "manifest.json").read_text())["outcome"] == "running"
+    assert not goes_on(out)
+    assert signals(out)["time"].to_pylist()[0] == 0.0
+    assert repair(out)["outcome"] == "killed"
+    assert pq.read_table(out / "signals.parquet").equals(signals(out))
+
+
+def test_packets_of_a_killed_run(chatters: Any, tmp_path: Path) -> None:
+    system = chatters()
+    simulate(system, RunOptions(out=tmp_path / "whole"))
+    whole = pq.read_table(tmp_path / "whole" / "packets.parquet")
+    cut = broken_off(system, tmp_path / "cut", 0.2)
+    before = packets(cut)
+    assert 0 < before.num_rows < whole.num_rows
+    assert before.equals(whole.slice(0, before.num_rows), check_metadata=True)
+    repair(cut)
+    assert pq.read_table(cut / "packets.parquet").equals(before, check_metadata=True)
+    for log in (cut / "packets.tlog", *cut.glob("packets/*.tlog")):
+        assert (tmp_path / "whole" / log.relative_to(cut)).read_bytes().startswith(log.read_bytes())
+        assert log.stat().st_size > 100
+
+
+def test_too_few_descriptors(chatters: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The third log cannot be opened; the message says what to do, and nothing is left behind."""
+    opened = []
+    real = Path.open
+
+    def counting(self: Path, *of: Any, **options: Any) -> Any:
+        if self.suffix == ".tlog":
+            opened.append(self)
+            if len(opened) > 2:
+                raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+        return real(self, *of, **options)
+
+    system = chatters()
+    monkeypatch.setattr(Path, "open", counting)
+    with pytest.raises(SystemDescriptionError) as caught:
+        simulate(system, RunOptions(out=tmp_path / "out"))
+    text = "cannot hold the results of a run: Too many open files; raise the limit of open files (ulimit -n)"
+    assert str(caught.value) == f"{tmp_path / 'out'}: {text}"
+    assert not (tmp_path / "out" / "unfinished").exists()
+    assert not (tmp_path / "out" / "manifest.json").exists()

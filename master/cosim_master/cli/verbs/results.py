@@ -1,4 +1,4 @@
-"""Verbs that look at FMUs, systems and results of runs: `info`, `plot`, `view`, `export`."""
+"""Verbs that look at FMUs, systems and results of runs (`info`, `plot`, `view`, `export`), and `repair`."""
 
 from __future__ import annotations
 
@@ -154,3 +154,20 @@ def export(
             print_json({"files": [str(csv)], "left_out": list(texts) if numbers else []})
         elif not to_stdout:
             say(str(csv))
+
+
+@verb("repair out/line5")
+def repair(run: Run, as_json: Json = False) -> None:
+    """Complete the recording of a run that was killed."""
+    with errors(as_json=as_json), activity() as doing:
+        doing.starting()
+        from cosim_master.results.repair import repair as repaired
+
+        doing.stage(f"completing {run}")
+        manifest = repaired(run)
+        doing.end()
+        if as_json:
+            told = ("outcome", "error", "simulated_s", "wall_s", "packets")
+            print_json({"folder": str(run), **{name: manifest[name] for name in told}})
+        else:
+            say(f"{run}: {manifest['outcome']}, {manifest['simulated_s']:g} s simulated")

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 from rich.table import Table
 from rich.text import Text
 
-from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
+from cosim_master.results.export import open_signals
+from cosim_master.results.journal import goes_on
 from cosim_master.results.message_names import message_names
+from cosim_master.results.read import has_packets, packets
 
 __all__ = ["overview", "overview_tables", "signal_table"]
 
@@ -29,18 +31,17 @@ def overview(folder: Path) -> dict[str, Any]:
     """
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        signals = folder / "signals.parquet"
-        schema, times = pq.read_schema(signals), pq.read_table(signals, columns=["time"])["time"]
+        with open_signals(folder) as signals:
+            schema, times = signals.schema_arrow, signals.read(columns=["time"])["time"]
         seconds = times[-1].as_py() - manifest["start_time"] if len(times) else 0.0
-        packets = folder / "packets.parquet"
-        table = pq.read_table(packets, columns=_COLUMNS) if packets.is_file() else None
+        table = packets(folder).select(_COLUMNS) if has_packets(folder) else None
         instances = sorted({str(one["fmu"]) for one in manifest["instances"].values()})
         network = manifest["network"]
         return {
             "kind": "run",
             "system": manifest["system"]["name"],
             "outcome": manifest["outcome"],
-            "error": manifest["error"],
+            "error": _KILLED if manifest["outcome"] == "running" and not goes_on(folder) else manifest["error"],
             "simulated_s": manifest["simulated_s"],
             "wall_s": manifest["wall_s"],
             "real_time_factor": manifest["real_time_factor"],
@@ -60,11 +61,12 @@ def overview(folder: Path) -> dict[str, Any]:
                 for one in schema
             ],
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, CosimError) as error:
         text = f"is not the complete result of a run: {error}"
         raise SystemDescriptionError([Problem(Where(str(folder)), text)]) from None
 
 
+_KILLED = "the process was killed; `uav-cosim repair` completes the recording"
 _COLUMNS = ["sent", "source", "target", "message", "sequence", "outcome"]
 
 

@@ -42,6 +42,7 @@ class Writing:
     def __init__(self, state: RunState, phase: Callable[[str], AbstractContextManager[Any]]) -> None:
         self._state, self._phase = state, phase
         self._recorder: Recorder | None = None
+        self._finished = False
 
     def open(self, recorder: Recorder) -> None:
         """Takes the recorder, once nothing of the run's start can fail any more."""
@@ -151,19 +152,41 @@ class Writing:
         """Files with the recording since the last checkpoint."""
         return () if self._recorder is None else self._recorder.segments()
 
-    def finish(self, manifest: Callable[[], Mapping[str, Any]]) -> None:
-        """Completes the recording, with its manifest."""
-        if self._recorder is not None:
-            self._recorder.rows(self._state.plan)
-            self._recorder.packets(self._state.radio)
-            self._recorder.close(manifest())
+    def keep(self, progress: Mapping[str, Any]) -> None:
+        """Makes readable what has been recorded so far, whatever ends the process; only between macro steps.
 
-    def close_files(self) -> None:
-        """Closes the files of a run that never began."""
+        Raises:
+            RecordingFailed: it cannot be written.
+        """
         if self._recorder is not None:
-            self._recorder.close_files()
+            with self._phase("write results"):
+                self._recorder.keep(self._state.plan, self._state.radio, progress)
+
+    def finish(self) -> None:
+        """Completes the recording, but for its manifest.
+
+        Raises:
+            RecordingFailed: it cannot be completed.
+        """
+        self._finished = True
+        if self._recorder is not None:
+            self._recorder.finish(self._state.plan, self._state.radio)
+
+    def break_off(self, progress: Mapping[str, Any]) -> None:
+        """Leaves the recording as that of a process that was killed, without losing any of it."""
+        if self._recorder is not None and not self._finished:
+            self._recorder.break_off(self._state.plan, self._state.radio, progress)
+
+    def abandon(self) -> None:
+        """Ends the recording of a run that has not begun."""
+        if self._recorder is not None:
+            self._recorder.abandon()
 
     def write_manifest(self, manifest: Callable[[], Mapping[str, Any]]) -> None:
-        """Writes another manifest in place of the one that `finish` wrote."""
+        """Writes the manifest, in place of an earlier one.
+
+        Raises:
+            RecordingFailed: it cannot be written.
+        """
         if self._recorder is not None:
             self._recorder.write_manifest(manifest())

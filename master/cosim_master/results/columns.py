@@ -1,0 +1,118 @@
+"""The columns of recorded signals: which there are, and where their values lie in the loop's blocks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cosim_master.stepping.layout import KINDS, Layout
+from cosim_master.system.flatten.flat import CheckedSystem
+
+__all__ = ["Block", "Columns", "columns_of"]
+
+_ARROW = {"Real": pa.float64(), "Integer": pa.int32(), "Boolean": pa.bool_(), "String": pa.string()}
+_WIDE = {"UInt32": pa.uint32(), "Int64": pa.int64(), "UInt64": pa.uint64()}
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Rows as the loop keeps them: one array for each kind of value.
+
+    Attributes:
+        time: (n,) s.
+        reals, integers: (n, number of values); Booleans are integers behind all others, integers of 64 bits are two.
+        texts: n lists.
+    """
+
+    time: NDArray[np.float64]
+    reals: NDArray[np.float64]
+    integers: NDArray[np.int32]
+    texts: Sequence[Sequence[str]] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """The columns of a recording.
+
+    Attributes:
+        schema: column `time`, then one for each signal, with unit and description.
+        places: of each signal, where it is among the values of its kind.
+    """
+
+    schema: pa.Schema
+    places: tuple[int, ...]
+
+    def count(self, *types: pa.DataType) -> int:
+        """Returns how many signals have one of these types."""
+        return sum(field.type in types for field in list(self.schema)[1:])
+
+    @property
+    def widths(self) -> tuple[int, int, int]:
+        """Numbers of reals, integers (two for one of 64 bits) and texts in a row."""
+        wide = self.count(*_WIDE.values())
+        return self.count(pa.float64()), self.count(pa.int32(), pa.bool_()) + 2 * wide, self.count(pa.string())
+
+    def table(self, block: Block) -> pa.Table:
+        """Returns rows as a table."""
+        arrays = [pa.array(block.time)]
+        for field, place in zip(list(self.schema)[1:], self.places, strict=True):
+            if pa.types.is_string(field.type):
+                arrays.append(pa.array([row[place] for row in block.texts], type=pa.string()))
+            elif pa.types.is_floating(field.type):
+                arrays.append(pa.array(block.reals[:, place]))
+            elif field.type in _WIDE.values():
+                halves = np.ascontiguousarray(block.integers[:, place : place + 2])
+                values = halves.view(np.uint64 if pa.types.is_uint64(field.type) else np.int64)[:, 0]
+                arrays.append(pa.array(values).cast(field.type))
+            else:
+                integers = block.integers[:, place]
+                arrays.append(pa.array(integers.astype(bool) if pa.types.is_boolean(field.type) else integers))
+        return pa.Table.from_arrays(arrays, schema=self.schema)
+
+    def block(self, table: pa.Table) -> Block:
+        """Returns the rows of a table of these columns as the loop would have them."""
+        rows, (reals, integers, texts) = table.num_rows, self.widths
+        real, integer = np.zeros((rows, reals)), np.zeros((rows, integers), np.int32)
+        text: list[list[str]] = [[""] * texts for _ in range(rows)]
+        for n, (field, place) in enumerate(zip(list(self.schema)[1:], self.places, strict=True), 1):
+            column = table.column(n)
+            if pa.types.is_string(field.type):
+                for row, value in zip(text, column.to_pylist(), strict=True):
+                    row[place] = value
+            elif pa.types.is_floating(field.type):
+                real[:, place] = column.to_numpy()
+            elif field.type in _WIDE.values():
+                wide = np.uint64 if pa.types.is_uint64(field.type) else np.int64
+                integer[:, place : place + 2] = column.to_numpy().astype(wide).reshape(-1, 1).view(np.int32)
+            else:
+                integer[:, place] = column.to_numpy()
+        return Block(table.column(0).to_numpy(), real, integer, text)
+
+
+def columns_of(checked: CheckedSystem, layout: Layout) -> Columns:
+    """Returns the columns of a run, in the order of instances and their variables."""
+    known: dict[str, tuple[str, int, Any]] = {}
+    integers = sum(1 + v.wide for _, v in layout.signals["Integer"])
+    for kind in KINDS:
+        place = integers if kind == "Boolean" else 0
+        for name, v in layout.signals[kind]:
+            known[name] = (kind, place, v)
+            place += 1 + v.wide
+    known |= {name: ("String", i, v) for i, (name, _, v) in enumerate(layout.string_signals)}
+    fields, places = [pa.field("time", pa.float64(), metadata={"unit": "s"})], []
+    for name in (f"{one.name}.{variable}" for one in checked.instances for variable in one.fmu.variables):
+        if name not in known:
+            continue
+        kind, place, variable = known[name]
+        metadata = {"unit": variable.unit.name if variable.unit else "", "description": variable.description}
+        if variable.items:
+            metadata["items"] = json.dumps(dict(variable.items))
+        fields.append(pa.field(name, _WIDE[variable.fmi_type] if variable.wide else _ARROW[kind], metadata=metadata))
+        places.append(place)
+    return Columns(pa.schema(fields), tuple(places))

@@ -1,0 +1,78 @@
+"""manifest.json in a run's folder: written as a whole, and while the run goes on, kept up to date in place."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+__all__ = ["NAME", "RunningManifest", "write_manifest"]
+
+NAME = "manifest.json"
+_OUTCOME, _NUMBER, _COUNT = 16, 25, 20
+"""Characters that an outcome, a number and a count take at most."""
+
+
+def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
+    """Writes the manifest in place of an earlier one, which is there until the new one is complete."""
+    _replace(folder, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _replace(folder: Path, text: str) -> None:
+    part = folder / f"{NAME}.part"
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(folder / NAME)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+class RunningManifest:
+    """The manifest of a run that goes on.
+
+    The values that change have room for longer ones, in spaces, so that an update writes over some bytes of the file:
+    it needs no place on a full disk, and costs the same however long the manifest is.
+
+    Args:
+        content: the manifest as it is at the start; `changing` are those of its keys that change.
+    """
+
+    def __init__(self, folder: Path, content: Mapping[str, Any], *changing: str) -> None:
+        text = "{"
+        self._places: dict[str, tuple[int, int]] = {}
+        for name, value in content.items():
+            text += f"{',' if len(text) > 1 else ''}\n {json.dumps(name)}: "
+            if name in changing:
+                room = _room(value)
+                self._places[name] = (len(text.encode()), room)
+                text += f"{json.dumps(value):<{room}}"
+            else:
+                text += json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False).replace("\n", "\n ")
+        _replace(folder, text + "\n}\n")
+        self._file = (folder / NAME).open("r+b", buffering=0)
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Writes the present values.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        for name, value in values.items():
+            place, room = self._places[name]
+            text = f"{json.dumps(value):<{room}}"
+            assert len(text) == room, text
+            self._file.seek(place)
+            self._file.write(text.encode())
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
+
+
+def _room(value: Any) -> int:
+    """Characters for the longest value of this kind."""
+    if isinstance(value, Mapping):
+        return len(json.dumps(dict.fromkeys(value, 10**_COUNT)))
+    return _OUTCOME if isinstance(value, str) else _NUMBER
