@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cosim_master.diagnostics.errors import FmuError as FmuError
     from cosim_master.diagnostics.errors import LoopError as LoopError
     from cosim_master.diagnostics.errors import NotConverged as NotConverged
+    from cosim_master.diagnostics.errors import RecordingFailed as RecordingFailed
     from cosim_master.diagnostics.errors import RunFailed as RunFailed
     from cosim_master.diagnostics.errors import RunTerminated as RunTerminated
     from cosim_master.diagnostics.errors import StepTooSmall as StepTooSmall
@@ -58,6 +59,7 @@ _WHERE = {
     "Outcome": "execution.result",
     "Prepared": "execution.prepare",
     "Progress": "execution.result",
+    "RecordingFailed": "diagnostics.errors",
     "RunFailed": "diagnostics.errors",
     "RunOptions": "execution.options",
     "RunResult": "execution.result",
