@@ -26,6 +26,7 @@ def test_these_names_and_no_others() -> None:
         "Outcome",
         "Prepared",
         "Progress",
+        "RecordingFailed",
         "RunFailed",
         "RunOptions",
         "RunResult",
