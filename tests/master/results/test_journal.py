@@ -267,7 +267,7 @@ def test_a_limit_of_file_sizes(probes: Any, tmp_path: Path) -> None:
     probes.fmu(step=0.001)
     system = probes.ssd(probes.component("a", u=1.0), stop=1e6)
     environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
-    command = f"ulimit -f 100; exec {' '.join(COMMAND[:1])} -c '{COMMAND[2]}' run {system} -o out --pace 1e5"
+    command = f"ulimit -f 30; exec {' '.join(COMMAND[:1])} -c '{COMMAND[2]}' run {system} -o out --pace 1e5"
     done = subprocess.run(["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 1, done.stderr
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
