@@ -20,7 +20,7 @@ from cosim.kernel import kernel
 from cosim.messages import decode_global_position_int
 from cosim.verdict import Bound
 
-__all__ = ["locate", "neighbour_variables", "note", "select"]
+__all__ = ["locate", "neighbour_variables", "note", "row_for", "select"]
 
 
 def neighbour_variables(capacity: int) -> tuple[Variable, ...]:
@@ -91,7 +91,7 @@ def note(m: Any, sender: int, now: float) -> None:
     known, north, east, down, vn, ve, vd, height = locate(m)
     if not known:
         return
-    row = _row(m, sender, _distance(m, north, east, down), now)
+    row = row_for(m, sender, _distance(m, north, east, down), now)
     if row < 0:
         return
     if height < m.airborne_height:
@@ -121,7 +121,7 @@ def _distance(m: Any, north: float, east: float, down: float) -> float:
 
 
 @kernel
-def _row(m: Any, sender: int, distance: float, now: float) -> int:
+def row_for(m: Any, sender: int, distance: float, now: float) -> int:
     """The row of `sender`: its own, a free one, that of one no longer heard, or that of one farther away; else -1."""
     free, farthest, far = -1, -1, distance
     for row in range(m.heard_id.size):

@@ -30,6 +30,10 @@ def test_a_system_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert structure.name == "line5"
         assert structure.path == ROOT / "master" / "systems" / "line5"
     assert shipped.names() == (
+        "coverage",
+        "flocking",
+        "follower",
+        "formation",
         "line5",
         "line5-ardupilot",
         "line5-ends",
@@ -51,7 +55,7 @@ def test_a_folder_of_this_name_comes_first(tmp_path: Path, monkeypatch: pytest.M
     ("name", "said"),
     [
         ("lin5", r'lin5: no such file or folder; give .* a shipped system \(did you mean "line5"\?\)'),
-        ("tanks", r'shipped system \(valid: "line5", "line5-ardupilot", "line5-ends", '),
+        ("tanks", r'shipped system \(valid: "coverage", "flocking", "follower", '),
     ],
 )
 def test_a_name_that_is_not_there(name: str, said: str) -> None:

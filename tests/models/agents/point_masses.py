@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -17,34 +18,32 @@ from cosim import Model
 from cosim.kernel import kernel
 from cosim.model import record_layout
 from cosim_models.agents.kit import ACCELERATION, POSITION, VELOCITY, decision
+from cosim_models.agents.neighbours import row_for
 
 Array = NDArray[np.float64]
 
 
 @kernel
 def hear(swarm: Any, heard: Any, t: float) -> int:
-    """Enter who is heard into the tables; returns how many found no room."""
-    lost = 0
+    """Enter who is heard into the tables; returns how many found no row."""
+    left_out = 0
     for i in range(swarm.shape[0]):
         m = swarm[i]
         for j in range(swarm.shape[0]):
             if not heard[i, j]:
                 continue
-            other, row, free = swarm[j], -1, -1
-            for r in range(m.heard_id.size):
-                if m.heard_id[r] == other.sysid:
-                    row = r
-                elif free < 0 and (m.heard_id[r] == 0 or t - m.heard_at[r] > m.stale_time):
-                    free = r
-            row = free if row < 0 else row
+            other, squares = swarm[j], 0.0
+            for k in range(3):
+                squares += (other.position[k] - m.position[k]) ** 2
+            row = row_for(m, other.sysid, sqrt(squares), t)
             if row < 0:
-                lost += 1
+                left_out += 1
                 continue
             m.heard_id[row], m.heard_at[row] = other.sysid, t
             for k in range(3):
                 m.heard_position[row, k] = other.position[k]
                 m.heard_velocity[row, k] = other.velocity[k]
-    return lost
+    return left_out
 
 
 @cache
@@ -90,7 +89,6 @@ class PointMasses:
         self.random = np.random.default_rng(seed)
         dtype, _ = record_layout(model.variables)
         self.m: Any = np.frombuffer(bytearray(model.record().tobytes() * self.n), dtype=dtype).view(np.recarray)
-        self.capacity = self.m.heard_id.shape[1]
         self.m.sysid = 1 + np.arange(self.n)
         for name, value in parameters.items():
             self.m[name] = value
@@ -106,7 +104,6 @@ class PointMasses:
     def connect(self, graph: NDArray[np.bool_]) -> None:
         """Change who hears whom; of those that are not heard any more the table keeps what was heard last."""
         self.graph = graph
-        assert graph.sum(axis=1).max() <= self.capacity
 
     @property
     def plane(self) -> Array:
@@ -115,7 +112,7 @@ class PointMasses:
 
     def _hear(self) -> None:
         heard = self.graph & self.alive[None, :] & (self.random.random((self.n, self.n)) >= self.loss)
-        assert hear(self.m, heard & self.alive[:, None], self.t) == 0
+        hear(self.m, heard & self.alive[:, None], self.t)
 
     def turn(self) -> None:
         """One period: everybody is heard, decides and moves."""

@@ -69,7 +69,7 @@ def test_every_parameter_of_the_kit_is_in_the_table() -> None:
 
 def test_every_law_has_its_parameters_in_a_table() -> None:
     laws = [model for model in models_of_package("cosim_models") if {v.name for v in model.variables} >= COMMON]
-    assert {"Rendezvous"} <= {model.__name__ for model in laws}
+    assert len(laws) >= 5
     for model in laws:
         own = {v.name for v in model.variables if v.role == "parameter"} - COMMON
         names = {name.strip() for row in table(model.__name__) for name in row.replace("[]", "").split(",")}
