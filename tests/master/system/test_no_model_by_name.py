@@ -87,6 +87,7 @@ IN_FILES = {
         "cli/views/overview.py": "column of packets.parquet",
         "network/radio/queues.py": "field of packets in flight",
         "network/radio/tables.py": "field of packets in flight",
+        "results/parquet.py": "column of packets.parquet",
         "results/recorder.py": "column of packets.parquet",
         "system/authoring/ssp_text.py": "attribute of SSP",
         "system/reading/ssp/grammar.py": "attribute of SSP",
