@@ -21,7 +21,7 @@ from pathlib import Path
 
 from cosim.kernel import cache_folder
 
-__all__ = ["digest_of_models", "document", "find", "fmu", "fmus", "names", "stage"]
+__all__ = ["digest_of_models", "document", "find", "fmu", "fmus", "names", "stage", "templates"]
 
 _PACKAGE = Path(__file__).parents[1]
 _INSTALLED = _PACKAGE / "shipped"
@@ -69,6 +69,12 @@ def fmu(model: str) -> Path | None:
     """
     file = fmus() / f"{model}.fmu"
     return file if model.isidentifier() and file.is_file() else None
+
+
+def templates() -> dict[str, Path]:
+    """Returns the starting points for models of one's own, files with the text of a model, by kind."""
+    folder = Path(str(import_module(_MODELS).__file__)).parent / "templates"
+    return {file.stem: file for file in sorted(folder.glob("*.txt"))}
 
 
 def _ready() -> Path:

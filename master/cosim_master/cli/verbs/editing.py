@@ -24,15 +24,23 @@ _FLEET = "one FMU (a file or a model), or several in turn: 4xQuadrotor,1xHexarot
     "new line --drones 50 -o swarm",
     "new grid --drones 100 --spacing 20 --until 120 -o field",
     "new line5 --drones 12 --layout ring --vehicle 2xQuadrotor,1xHexarotor -o ring",
+    "new agent my_law.py",
 )
 def new(
     scenario: Annotated[
         str,
         typer.Argument(
-            metavar="line|grid|SYSTEM", help="line, grid, or a system whose first drone is the pattern of all drones."
+            metavar="line|grid|SYSTEM|agent|model",
+            help="line, grid, or a system whose first drone is the template of all drones. With FILE: agent or model.",
         ),
     ],
-    folder: NewFolder,
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="FILE", help="The Python file of an agent or a model that builds and flies as it is."),
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FOLDER", help="Folder of the new system; must not exist.")
+    ] = None,
     drones: Annotated[
         int | None,
         typer.Option(metavar="N", help="How many.", show_default="the rows of poses, else the FMUs of --vehicle"),
@@ -82,9 +90,14 @@ def new(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write a system of many drones."""
+    """Write a system of many drones, or a starting point for an agent or a model."""
     from cosim_master.system.authoring.new import SHAPES, fleet_of, new_system, number_of_drones
 
+    if file is not None:
+        _new_model(scenario, file, as_json=as_json)
+        return
+    if folder is None:
+        raise usage("new: give -o FOLDER for the new system, or the FILE of an agent or a model")
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"writing {folder}")
         given = {"vehicle": vehicle, "autopilot": autopilot, "agent": agent}
@@ -108,6 +121,19 @@ def new(
         else:
             shape = f"{scenario}, {layout}" if layout is not None else scenario
             say(f"{written}: {shape} of {number} drones; uav-cosim run {written}")
+
+
+def _new_model(kind: str, file: Path, *, as_json: bool) -> None:
+    from cosim_master.system.authoring.scaffold import commands_of, new_model
+
+    with errors(as_json=as_json):
+        name = new_model(kind, file)
+        if as_json:
+            print_json({"files": [str(file)]})
+            return
+        say(f"{file}: {name}")
+        for command in commands_of(file):
+            say(f"    {command}")
 
 
 def _own_fmus() -> Path | None:

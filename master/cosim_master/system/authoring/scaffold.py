@@ -1,0 +1,52 @@
+"""Starting points for models of one's own: a documented file that builds and flies as it is.
+
+The texts are templates that come with the models (`shipped.templates`); this module knows none of them.
+"""
+
+from __future__ import annotations
+
+import keyword
+from pathlib import Path
+from string import Template
+
+from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.system import shipped
+
+__all__ = ["commands_of", "new_model"]
+
+
+def new_model(kind: str, file: Path) -> str:
+    """Writes a starting point of a kind ("agent") for a model that has the name of the file: my_law.py has MyLaw.
+
+    Returns:
+        The name of the model.
+
+    Raises:
+        SystemDescriptionError: there is no such kind, the file exists or cannot be written, or its name is not that of
+            a Python module.
+    """
+    templates = shipped.templates()
+    if kind not in templates:
+        raise _refusal(kind, f"is not a kind of model; valid: {', '.join(templates)}")
+    if file.suffix != ".py" or not file.stem.isidentifier() or keyword.iskeyword(file.stem):
+        raise _refusal(str(file), "is not the name of a Python module: give one such as my_law.py")
+    if file.exists():
+        raise _refusal(str(file), "exists already")
+    name = "".join(word[:1].upper() + word[1:] for word in file.stem.split("_"))
+    text = Template(templates[kind].read_text(encoding="utf-8")).substitute(name=name, file=file.as_posix())
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise _refusal(str(file), f"cannot be written: {error.strerror or error}") from None
+    return name
+
+
+def commands_of(file: Path) -> tuple[str, ...]:
+    """Returns the commands in the docstring of a starting point: they build it and fly it."""
+    lines = (line.strip() for line in file.read_text(encoding="utf-8").splitlines())
+    return tuple(line for line in lines if line.startswith("uav-cosim "))
+
+
+def _refusal(about: str, text: str) -> SystemDescriptionError:
+    return SystemDescriptionError([Problem(Where(about), text)])
