@@ -167,7 +167,7 @@ def test_radio_that_loses_drones_leaves_stale_neighbours(line: Callable[..., Pat
         until=31.0,
     )
     assert run.of("cut off")["drone5"].text == (
-        'no <link> leads to drone5, and topology="listed": it hears nobody and nobody hears it'
+        'no <link> leads to drone5, and topology="listed": it can neither hear nor reach another node'
     )
     twice = run.of("system id used twice")["drone1"]
     assert twice.who == ("drone1", "drone3")

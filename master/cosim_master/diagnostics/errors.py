@@ -168,7 +168,7 @@ class RunTerminated(CosimError):
     def __init__(self, instance: str, time: float, *, said: str = "fmi2Terminated", hint: str = "") -> None:
         self.instance, self.time = instance, time
         more = f" {hint}" if hint else ""
-        super().__init__(f"{instance}: it wants the run to end at t = {time:.9g} s ({said}){more}")
+        super().__init__(f"{instance}: it requested the end of the run at t = {time:.9g} s ({said}){more}")
 
 
 class NotConverged(CosimError):

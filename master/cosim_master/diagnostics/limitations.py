@@ -67,13 +67,13 @@ SIZE_CONNECTOR = Limitation(
     "SSP 2.0, 4.5.3",
     "sizes given by a connector (sizeConnector) that is not a structural parameter or constant of an FMU",
     "error",
-    'the size of array connector "{}" is that of "{}", which is no structural parameter or constant of an FMU',
+    'the size of array connector "{}" is that of "{}", which is not a structural parameter or constant of an FMU',
 )
 DIRECTION = Limitation(
     "SSP 2.0, 5.3.2.1",
     "connections of two connectors of kind unspecified",
     "error",
-    "which of {} and {} drives the other is not said",
+    "the direction between {} and {} is ambiguous",
 )
 NARROWING = Limitation(
     "SSP 2.0, 5.3.2.1",
@@ -120,7 +120,7 @@ INNER_FILE = Limitation(
     "SSP 2.0, 5.4",
     "saving changes inside a component that is a separate .ssd or .ssp",
     "error",
-    'what is inside of "{}" is a file of its own: change it there',
+    '"{}" is defined in a file of its own: change it there',
 )
 META_DATA = Limitation("SSP 2.0, 4.5.4", "meta data and signatures (they are not verified)", "note", "<{}> is ignored")
 ANNOTATION = Limitation("SSP 2.0, 4.2", "annotations of other tools", "note", 'annotation "{}" is ignored')
@@ -336,7 +336,7 @@ ADDRESS = Limitation(
     "MAVLink",
     "gateways other than TCP servers and UDP sockets (such as serial ports and TCP clients)",
     "error",
-    "{} is no address: write KIND:[HOST:]PORT, its kind one of {}",
+    "{} is not an address: write KIND:[HOST:]PORT, its kind one of {}",
 )
 NO_AUTOPILOT = Limitation(
     "MAVLink",

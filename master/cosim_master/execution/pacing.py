@@ -47,7 +47,7 @@ class Checkpoints:
     """Checkpoints at equal intervals of simulated time; none if `every` is None.
 
     Raises:
-        SystemDescriptionError: the interval is not a multiple of the base step, or there is no folder for them.
+        SystemDescriptionError: the interval is not a multiple of the base step, or they need a folder for results (-o).
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Checkpoints:
         if every is None:
             return
         if out is None:
-            raise SystemDescriptionError([Problem(Where("checkpoints"), "there is no folder for them")])
+            raise SystemDescriptionError([Problem(Where("checkpoints"), "they need a folder for results (-o)")])
         self._folder = out / "checkpoints"
         steps = every * 1e9 * clock.per_ns / clock.base
         if not 1 <= steps < 2**62 or not math.isclose(steps, round(steps), rel_tol=1e-9):

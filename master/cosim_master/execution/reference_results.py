@@ -187,6 +187,8 @@ def _compared(
         differences.append(Difference(name, float(apart[worst]), float(times[worst]), allowed))
     if not differences:
         names = ", ".join(left_out[:5])
-        raise SystemDescriptionError([Problem(Where(source), f"nothing to compare: {names} are no outputs of the FMU")])
+        raise SystemDescriptionError(
+            [Problem(Where(source), f"nothing to compare: {names} are not outputs of the FMU")]
+        )
     differences.sort(key=lambda one: one.largest / one.allowed, reverse=True)
     return Verdict(source, int(common.sum()), tuple(differences), tuple(left_out))

@@ -223,7 +223,7 @@ class _Reading:
             full = name if name in self._inputs else head + name
             if full not in self._inputs:
                 known = [known.removeprefix(head) for known in self._inputs]
-                self._problem(line, f'column "{name}" is no open input; {near(name, known)}')
+                self._problem(line, f'column "{name}" is not an open input; {near(name, known)}')
                 continue
             if full in self._taken:
                 self._problem(line, f'column "{name}": the input is set by --set too; leave out one of them')

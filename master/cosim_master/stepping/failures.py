@@ -66,13 +66,13 @@ def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> No
             wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
             text, code = f"its packet output {wrong}", 0
         elif status == STATUS.index("fmi2Discard") and function in (1, 2, 3):
-            text = f"fmi2Discard: it takes one of these values for wrong: {_inputs(plan, slave, int(i), function - 1)}"
+            text = f"fmi2Discard: it rejected one of these values: {_inputs(plan, slave, int(i), function - 1)}"
         elif status == OUT_OF_RANGE:
             text, code = WIDE_INTEGER.text(), 0
         elif status == EARLY:
             text, code = "it has not simulated all of the step, though early return is not allowed", 0
         elif status == ENDED:
-            text, code = "it wants the run to end (terminateSimulation)", 0
+            text, code = "it requested the end of the run (terminateSimulation)", 0
         elif status == STATUS.index("fmi2Pending"):
             text = PENDING.text()
             slave.cancel_step()

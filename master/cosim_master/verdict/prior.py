@@ -208,9 +208,9 @@ def _cut_off(network: Network, span: tuple[float, float]) -> Iterator[Finding]:
     linked = {name for link in network.links for name in link}
     for node in network.nodes:
         if network.topology == "listed" and node.name not in linked:
-            text = f'no <link> leads to {node.name}, and topology="listed": it hears nobody and nobody hears it'
+            text = f'no <link> leads to {node.name}, and topology="listed": it can neither hear nor reach another node'
             yield Finding("cut off", "warning", (node.name,), text)
     for name, start, stop in network.outages:
         if start <= span[0] and stop >= span[1]:
-            text = f"the outage of {name} lasts all the run: it hears nobody and nobody hears it"
+            text = f"the outage of {name} lasts all the run: it can neither hear nor reach another node"
             yield Finding("cut off", "warning", (name,), text)

@@ -126,7 +126,7 @@ def test_json_of_systems(call: Any, system: Path, probes: Any) -> None:
     }
     assert call("explain", "explain", "s.ssd", "b.mode")["explanation"] == [
         "b.mode: parameter of probe.fmu, Integer",
-        "start value 0, of the FMU: nobody sets it",
+        "start value 0, of the FMU: not set elsewhere",
     ]
     found = call("info-system", "info", "s.ssd")
     assert found["connections"] == [{"from": "a", "to": "b", "count": 1}]

@@ -60,7 +60,7 @@ def test_who_wins_and_who_is_overridden(explained: Any) -> None:
 
 def test_what_drives_an_input(explained: Any) -> None:
     lines = explained("in.a.u")
-    assert lines[1] == "  start value 0.0 m, of the FMU: nobody sets it"
+    assert lines[1] == "  start value 0.0 m, of the FMU: not set elsewhere"
     assert lines[2].startswith("  driven from the start on by b.y, at s.ssd:")
     assert lines[3] == "    value = 2 * source + 1"
 

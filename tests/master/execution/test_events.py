@@ -122,7 +122,7 @@ def test_an_fmu_ends_the_run_in_event_mode(stricts3: Any, tmp_path: Path) -> Non
     result = simulate(stricts3.ssd(parts), RunOptions(out=tmp_path / "out"))
     assert stricts3.complaints == []
     assert result.outcome == "terminated"
-    assert "a: it wants the run to end at t = 1 s (terminateSimulation)" in str(result.error)
+    assert "a: it requested the end of the run at t = 1 s (terminateSimulation)" in str(result.error)
     assert result.simulated_s == 1.0
     assert pq.read_table(tmp_path / "out" / "signals.parquet")["time"].to_pylist() == [0.0, 0.5, 1.0]
 

@@ -173,7 +173,7 @@ def test_an_fmu_that_wants_to_end(stricts: Any, tmp_path: Path) -> None:
     parts = stricts.component("a", mode=3, when=1.25) + stricts.component("b")
     result = ran(stricts, stricts.ssd(parts), out=tmp_path / "out")
     assert (result.outcome, result.simulated_s) == ("terminated", 1.0)
-    assert str(result.error) == "a: it wants the run to end at t = 1.25 s (fmi2Terminated)"
+    assert str(result.error) == "a: it requested the end of the run at t = 1.25 s (fmi2Terminated)"
     assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0]
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "terminated"
     assert stricts.calls[-4:] == [
@@ -219,9 +219,7 @@ def test_a_value_that_is_rejected(stricts: Any, tmp_path: Path) -> None:
     stricts.fmu()
     parts = stricts.component("a", u=400.0) + stricts.component("b", mode=8)
     message = failed(stricts, stricts.ssd(parts, "a/y b/u"), out=tmp_path / "out")
-    assert message == (
-        "b: fmi2SetReal failed at t = 0.5 s: fmi2Discard: it takes one of these values for wrong: u = 200"
-    )
+    assert message == ("b: fmi2SetReal failed at t = 0.5 s: fmi2Discard: it rejected one of these values: u = 200")
 
 
 @pytest.mark.parametrize("mode", [0, 11])
@@ -300,4 +298,4 @@ def test_an_fmu_wants_to_end_while_another_discards(stricts: Any, tmp_path: Path
     parts = stricts.component("a", mode=3, when=1.25) + stricts.component("b", mode=1, when=1.0, longest=0.25)
     result = ran(stricts, stricts.ssd(parts), out=tmp_path / "out")
     assert (result.outcome, result.simulated_s) == ("terminated", 1.0)
-    assert str(result.error) == "a: it wants the run to end at t = 1.25 s (fmi2Terminated)"
+    assert str(result.error) == "a: it requested the end of the run at t = 1.25 s (fmi2Terminated)"

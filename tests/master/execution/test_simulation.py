@@ -449,7 +449,7 @@ def test_a_python_slave_that_forgets_to_return_true(tmp_path: Path, probes: Any)
     system = probes.ssd(probes.workshop.component("a", "Forgetful.fmu", "y:output"))
     message = failed(system, step=0.5)
     assert message.splitlines()[0] == (
-        "a: fmi2DoStep failed at t = 0 s: fmi2Discard: it wants the run to end in its first step "
+        "a: fmi2DoStep failed at t = 0 s: fmi2Discard: it requested the end of the run in its first step "
         "(a Python FMU says this when do_step forgets to return True)"
     )
 
@@ -494,7 +494,7 @@ def problems(call: Any) -> list[str]:
     ("options", "message"),
     [
         ({"until": 1.3}, "a run of 1.3 s is not a multiple of the base step 0.5 s; try --until 1.5"),
-        ({"until": 0.0}, "stop time 0 s does not lie behind start time 0 s"),
+        ({"until": 0.0}, "stop time 0 s is not after start time 0 s"),
         ({"until": float("nan")}, "start and stop time must be whole nanoseconds"),
         ({"until": float("inf")}, "start and stop time must be whole nanoseconds"),
         ({"until": 1e-10}, "start and stop time must be whole nanoseconds"),

@@ -154,10 +154,10 @@ def test_everything_wrong_with_a_file_of_inputs(dynamics: Any, tmp_path: Path) -
     at = f"{stimuli}:"
     assert problems("time,u,w,u,x\n0,1,1,1,1\n", overrides={"u": "1"}) == [
         f'{at}1: column "u": the input is set by --set too; leave out one of them',
-        f'{at}1: column "w" is no open input; valid: "m", "on", "s", "u"',
+        f'{at}1: column "w" is not an open input; valid: "m", "on", "s", "u"',
         f'{at}1: column "u": the input is set by --set too; leave out one of them',
         f'{at}1: column "u" is there twice',
-        f'{at}1: column "x" is no open input; valid: "m", "on", "s", "u"',
+        f'{at}1: column "x" is not an open input; valid: "m", "on", "s", "u"',
     ]
     assert problems("t,u\n0,1\n") == [f'{at}1: its first column is "t"; it must be "time"']
     assert problems("time,u,m\n0,1,1\n1,zwei,1.5\n\n0.5,1\n0.5,nan,1\nx,1,1\n") == [

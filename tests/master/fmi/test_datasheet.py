@@ -125,7 +125,7 @@ def test_references_that_cannot_be_used(dynamics: Any, tmp_path: Path) -> None:
     wrong = {
         "t,x\n0,1\n": 'r.csv:1: needs a row of names, "time" first',
         "time,x\n0,1,2\n": "r.csv:2: has 3 cells; the row of names has 2",
-        "time,q\n0,1\n": "r.csv: nothing to compare: q are no outputs of the FMU",
+        "time,q\n0,1\n": "r.csv: nothing to compare: q are not outputs of the FMU",
         "time,x\n0.3,1\n": "r.csv: has no time in common with the run",
     }
     for text, message in wrong.items():

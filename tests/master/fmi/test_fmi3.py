@@ -284,7 +284,7 @@ def test_an_fmu_ends_the_run(stricts3: Any) -> None:
     stricts3.fmu()
     result = ran(stricts3, stricts3.ssd(stricts3.component("a", mode=4, when=1.0)))
     assert result.outcome == "terminated"
-    assert "a: it wants the run to end at t = 1.5 s (terminateSimulation)" in str(result.error)
+    assert "a: it requested the end of the run at t = 1.5 s (terminateSimulation)" in str(result.error)
 
 
 def test_an_fmu_ends_the_run_while_another_discards(stricts3: Any) -> None:
@@ -293,7 +293,7 @@ def test_an_fmu_ends_the_run_while_another_discards(stricts3: Any) -> None:
     parts = stricts3.component("a", mode=4, when=1.0) + stricts3.component("b", mode=1, when=1.0, longest=0.25)
     result = ran(stricts3, stricts3.ssd(parts))
     assert (result.outcome, result.simulated_s) == ("terminated", 1.0)
-    assert "a: it wants the run to end at t = 1.5 s (terminateSimulation)" in str(result.error)
+    assert "a: it requested the end of the run at t = 1.5 s (terminateSimulation)" in str(result.error)
 
 
 def test_terminate_that_fails_leaves_a_complete_recording(stricts3: Any, tmp_path: Path) -> None:

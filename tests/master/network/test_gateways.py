@@ -86,9 +86,13 @@ def test_ports_are_numbered_as_the_vehicles_are_and_wired_to_their_autopilots() 
 @pytest.mark.parametrize(
     "gcs, ports, expected",
     [
-        (["14550"], None, ["--gcs: 14550 is no address: write KIND:[HOST:]PORT, its kind one of tcp, udpin, udpout"]),
-        (["serial:1"], None, ["--gcs: serial:1 is no address: write KIND:[HOST:]PORT, its kind one of"]),
-        (["tcp:65536"], None, ["--gcs: tcp:65536 is no address"]),
+        (
+            ["14550"],
+            None,
+            ["--gcs: 14550 is not an address: write KIND:[HOST:]PORT, its kind one of tcp, udpin, udpout"],
+        ),
+        (["serial:1"], None, ["--gcs: serial:1 is not an address: write KIND:[HOST:]PORT, its kind one of"]),
+        (["tcp:65536"], None, ["--gcs: tcp:65536 is not an address"]),
         (["tcp:5760+10"], None, ["--gcs: tcp:5760+10: +10 is for --ports"]),
         (["tcp:5760,loss=2"], None, ["--gcs: loss=2: must be a number from 0 to 1"]),
         (["tcp:5760,latency=x"], None, ["--gcs: latency=x: must be a number from 0 to 3600"]),
@@ -97,7 +101,7 @@ def test_ports_are_numbered_as_the_vehicles_are_and_wired_to_their_autopilots() 
         ([], "tcp:5760", ["--ports: tcp:5760: 3 vehicles need different ports, such as +10"]),
         ([], "tcp:65530+10", ["--ports: tcp:65530+10: the port of vehicle 3 would be 65550, above 65535"]),
         (["tcp:5770"], "tcp:5760+10", ["--gcs, --ports: 127.0.0.1:5770 is asked for 2 times"]),
-        (["x"], "y", ["--gcs: x is no address", "--ports: y is no address"]),
+        (["x"], "y", ["--gcs: x is not an address", "--ports: y is not an address"]),
     ],
 )
 def test_what_an_address_may_not_be(gcs: list[str], ports: str | None, expected: list[str]) -> None:

@@ -388,7 +388,7 @@ def test_fmi_3_has_no_derivatives_of_inputs(stricts3: Any) -> None:
     [
         ('algorithm="newton"/>', 'algorithm="newton": valid are jacobi, gauss-seidel, fixed-point'),
         ('order="a"/>', 'order is for algorithm="gauss-seidel or fixed-point or quasi-newton", this is "jacobi"'),
-        ('algorithm="gauss-seidel" order="a x"/>', 'order names "x", which is no instance'),
+        ('algorithm="gauss-seidel" order="a x"/>', 'order names "x", which is not an instance'),
         ('steps="2"/>', "attribute steps: valid are"),
         ("><link/></master>", "<link> is unknown here: valid are connection"),
         ('><connection to="a.u" delay="0.5"/></master>', 'to="a.u": no connection leads there; did you mean "b.u"'),

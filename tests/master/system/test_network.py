@@ -183,7 +183,7 @@ def test_links_go_both_ways(swarm: Any) -> None:
             "attribute at: valid are between, burstEnd, burstLoss, burstStart, from",
         ),
         ("", '<outage node="d9"/>', 'outage of node "d9": there is no such radio node; valid: "d1", "d2", "d3"'),
-        ("", '<outage node="d1" start="5" stop="5"/>', "outage from 5 s to 5 s: stop must lie behind start"),
+        ("", '<outage node="d1" start="5" stop="5"/>', "outage from 5 s to 5 s: stop must be after start"),
         ("", '<outage node="d1" until="5"/>', "attribute until: valid are node, start, stop"),
         ("", "<burst/>", "<burst> is unknown here: valid are link, outage"),
         (

@@ -151,7 +151,7 @@ def _report_reference(verdict: Verdict, *, as_json: bool) -> None:
             apart = f"{one.largest:.3g} at t = {one.time:.9g} s, allowed {one.allowed:.3g}"
             out.print(f"{one.name}: {word}, by {apart}", markup=False)
         if verdict.left_out:
-            notes([f"not compared, since they are no outputs: {_shortened(list(verdict.left_out))}"])
+            notes([f"not compared, since they are not outputs: {_shortened(list(verdict.left_out))}"])
         say(f"{verdict.rows} rows of {verdict.source}")
     if not verdict.agrees:
         raise typer.Exit(1)

@@ -49,7 +49,7 @@ def _lines(checked: CheckedSystem, instance: ComponentInstance, variable: Variab
     if given:
         yield f"  start value {_value(variable, given[-1].value)}, set by {_by(given[-1])}"
     elif variable.start is not None:
-        yield f"  start value {_value(variable, variable.start)}, of the FMU: nobody sets it"
+        yield f"  start value {_value(variable, variable.start)}, of the FMU: not set elsewhere"
     else:
         yield "  no start value: the FMU computes it"
     for one in reversed(given[:-1]):

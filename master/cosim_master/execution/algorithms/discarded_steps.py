@@ -119,7 +119,7 @@ def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_he
     first = slaves[ends[0][0]]
     python = any(slaves[i].library.python for i, _ in ends)
     if python and clock[K] == 0:
-        text = f"fmi2Discard: it wants the run to end in its first step {_FORGETFUL}"
+        text = f"fmi2Discard: it requested the end of the run in its first step {_FORGETFUL}"
         raise RunFailed([first.failure("fmi2DoStep", STATUS.index("fmi2Discard"), text)])
     end = (clock[START] + (clock[K] + 1) * clock[BASE]) / (1e9 * clock[PER_NS])
     stepped = all(rows[i]["length"] == 1 and time >= end - 1e-9 for i, time in ends)

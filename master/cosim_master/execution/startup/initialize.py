@@ -154,7 +154,7 @@ def _first_events(events: Events, slaves: Sequence[Slave], start: int) -> None:
     try:
         events.settle(start, events.numbers, reached=range(len(slaves)))
     except EndedByEvent as end:
-        text = "it wants the run to end before its first step (terminateSimulation)"
+        text = "it requested the end of the run before its first step (terminateSimulation)"
         raise FmuError(slaves[end.number].name, "fmi3UpdateDiscreteStates", text, end.time) from None
 
 

@@ -116,7 +116,7 @@ def _terminals(path: Path, shown: str, reading: _Reading) -> dict[str, tuple[str
             name = prefix + terminal.get("name", "")
             found[name] = tuple(one.get("variableName", "") for one in terminal.iterfind("TerminalMemberVariable"))
             for unknown in sorted({*found[name]} - {*reading.variables, *reading.shapes}):
-                reading.notes.append(f'its terminal "{name}" has the member "{unknown}", which is no variable')
+                reading.notes.append(f'its terminal "{name}" has the member "{unknown}", which is not a variable')
             visit(terminal, f"{name}.")
 
     if data is not None:

@@ -167,7 +167,7 @@ class _Exchanged:
         try:
             self._iterate()
         except _Terminated:
-            text = "it wants the run to end before its first step (terminateSimulation)"
+            text = "it requested the end of the run before its first step (terminateSimulation)"
             raise FmuError(self.name, self._update_function, text, self.time, self.lines) from None
         self._equations = _Equations(self, self.fmu.model_exchange)
         self._told = -math.inf if self.time is None else self.time

@@ -90,17 +90,17 @@ def mapping_entries(
         if table.type == "Enumeration":
             lost = [(str(name), items) for name, items in ((key, given), (value, taken)) if name not in items]
             for name, items in lost:
-                problem(f'"{name}" is no item of the enumeration; {near(name, items)}')
+                problem(f'"{name}" is not an item of the enumeration; {near(name, items)}')
             if not lost:
                 entries[given[str(key)]] = taken[str(value)]
             continue
         if table.type == "Integer" and given and key not in given.values():
-            problem(f"{key} is no value of the enumeration of {source.name}; valid: {listed(given)}")
+            problem(f"{key} is not a value of the enumeration of {source.name}; valid: {listed(given)}")
         low, high = INTEGER_RANGES.get(target.type or "", (-(2**63), 2**64 - 1))
         if not low <= int(value) <= high:
             problem(f"the target {value} does not fit into {target.name}; valid: {low} to {high}")
         entries[int(key)] = int(value)
     results = {entries.get(number, number) for number in given.values()} if given else set(entries.values())
     for value in sorted(results - set(taken.values())) if taken else ():
-        problem(f"{value} is no value of the enumeration of {target.name}; valid: {listed(taken)}")
+        problem(f"{value} is not a value of the enumeration of {target.name}; valid: {listed(taken)}")
     return entries

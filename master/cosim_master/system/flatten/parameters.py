@@ -551,7 +551,7 @@ def _out_of_range(variable: Variable, value: Value) -> str | None:
     if isinstance(value, bool | str) or variable.type == "Enumeration":
         return None
     if isinstance(value, float) and math.isnan(value):
-        return "is set to NaN, which is no start value"
+        return "is set to NaN, which is not a start value"
     kind = SAME_TYPE.get(variable.fmi_type or variable.type, variable.fmi_type or variable.type)
     kind = "Real" if kind == "Clock" else kind
     smallest, largest = INTEGER_RANGES.get(kind, (-math.inf, math.inf))

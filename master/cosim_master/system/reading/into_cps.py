@@ -118,7 +118,7 @@ def read_multimodel(path: str | Path) -> SystemStructure:
         reading.keys(model)
         reading.configuration(file)
     else:
-        text = 'is no multi-model: it needs "fmus", or "multimodel_path" in the configuration of a run'
+        text = 'is not a multi-model: it needs "fmus", or "multimodel_path" in the configuration of a run'
         raise SystemDescriptionError([Problem(file.where(), text)])
     return reading.structure(model)
 
@@ -146,14 +146,14 @@ class _Json:
         except (ValueError, RecursionError) as error:
             self._refuse(f"is not JSON that can be read: {error}")
         if not isinstance(content, dict):
-            self._refuse("is no multi-model: its root must be an object")
+            self._refuse("is not a multi-model: its root must be an object")
         self.content: Mapping[str, Any] = content
 
     def _refuse(self, text: str) -> NoReturn:
         raise SystemDescriptionError([Problem(Where(str(self.path)), text)])
 
     def _refuse_constant(self, text: str) -> NoReturn:
-        raise ValueError(f"{text} is no number of JSON")
+        raise ValueError(f"{text} is not a JSON number")
 
     def _object(self, pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
@@ -306,7 +306,7 @@ class _Reading:
         if value is None:
             return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not finite(value):
-            self._problem(file, key, f"{key}: {shown(value)} is no finite number")
+            self._problem(file, key, f"{key}: {shown(value)} is not a finite number")
             return None
         return float(value)
 
@@ -353,7 +353,7 @@ class _Reading:
             if not re.fullmatch(r"\{[^{}]+\}", key) or not speakable(key):
                 self._problem(model, key, f'{shown(key)}: the key of an FMU is written "{{name}}"')
             elif not isinstance(source, str) or not speakable(source) or "\0" in source:
-                self._problem(model, key, f"{key}: {shown(source)} is no path of an FMU")
+                self._problem(model, key, f"{key}: {shown(source)} is not the path of an FMU")
             else:
                 found[key] = self._located(model, key, source)
         return found
@@ -394,7 +394,7 @@ class _Reading:
             parameter = _parameter(end[1], value, where)
             if parameter is None:
                 self._problem(
-                    model, text, f"{text}: {shown(value)} is no value; valid: a number, true, false or a text"
+                    model, text, f"{text}: {shown(value)} is not a value; valid: a number, true, false or a text"
                 )
             else:
                 self._values.setdefault(end[0], []).append(parameter)

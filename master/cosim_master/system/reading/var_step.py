@@ -94,7 +94,7 @@ class VarStep:
             if key == "skipDiscrete" and not isinstance(setting, bool):
                 self._problem(name, f"{of}: {key}: {shown(setting)} is not true or false")
             elif key != "skipDiscrete" and not _number(setting):
-                self._problem(name, f"{of}: {key}: {shown(setting)} is no finite number")
+                self._problem(name, f"{of}: {key}: {shown(setting)} is not a finite number")
             else:
                 settings[key] = json.dumps(setting)
         return _Constraint(settings, ports, self._where(name))

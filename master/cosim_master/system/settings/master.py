@@ -376,7 +376,7 @@ def _ranks(checked: CheckedSystem, reader: Attributes, order: Sequence[str]) -> 
     names = [one.name for one in checked.instances]
     for name in order:
         if name not in names:
-            reader.problem(f'order names "{name}", which is no instance; {near(name, names)}')
+            reader.problem(f'order names "{name}", which is not an instance; {near(name, names)}')
     place = {name: n for n, name in reversed(list(enumerate(order)))}
     return [place.get(name, len(order)) for name in names]
 

@@ -112,7 +112,7 @@ def time_grid(
     if stop is None:
         problems.append(Problem(where, "no stop time: give one with --until, or a DefaultExperiment in the system"))
     elif stop <= checked.start_time:
-        problems.append(Problem(where, f"stop time {stop:g} s does not lie behind start time {checked.start_time:g} s"))
+        problems.append(Problem(where, f"stop time {stop:g} s is not after start time {checked.start_time:g} s"))
     if start_ticks is None or (stop is not None and stop_ticks is None):
         problems.append(Problem(where, WHOLE_TIMES.text()))
     sizes: list[Fraction] = []
