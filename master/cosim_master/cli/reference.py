@@ -1,6 +1,6 @@
 """The tables of docs/command-line.md: every verb with its arguments, options, defaults and examples.
 
-`python -m cosim_master.cli.reference docs/command-line.md` writes them behind the heading that they have there.
+`python -m cosim_master.cli.reference docs/command-line.md` writes them below their heading there.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Problems and how they are said: errors, limitations, near names."""
+"""Problems and their messages: errors, limitations, near names."""

@@ -52,7 +52,7 @@ class Where:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong with a description: where, what, and what would be valid."""
+    """One problem of a description: its place, its text, and the valid alternatives."""
 
     where: Where
     message: str
@@ -126,7 +126,7 @@ class FmuError(CosimError):
     Attributes:
         instance: hierarchical name of the instance, as in the system structure.
         function: the FMI function that was called.
-        status: what it answered, in the standard's words ("fmi2Error"), or what was wrong with the answer.
+        status: the status in the standard's words ("fmi2Error"), or the error in the answer.
         time: simulation time of the call in s, None before initialization.
         log: the last lines the FMU logged; in the message equal ones that follow each other are one.
     """
@@ -208,7 +208,7 @@ class StepTooSmall(CosimError):
 
 
 class LoopError(CosimError):
-    """A loop of connections whose values do not settle.
+    """A loop of connections whose values do not converge.
 
     Attributes:
         residuals: name of each output in the loop -> how much its value still changes.
@@ -239,7 +239,7 @@ def _shown(value: Any) -> str:
 
 
 _WRAPPER = ("Fatal py exception encountered: ", "unknown error")
-"""Lines with which pythonfmu's wrapper reports that Python raised begin so; the FMU itself has said what and why."""
+"""Prefix of the lines with which pythonfmu's wrapper reports an exception; the FMU itself has logged its cause."""
 
 
 def _together(log: Iterable[str]) -> Iterator[str]:

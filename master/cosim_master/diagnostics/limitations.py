@@ -1,6 +1,6 @@
 """The features of the standards that are not supported, each with its message to the user, in one table.
 
-Code that refuses or ignores something takes its words from here, so that the table is what happens:
+Code that refuses or ignores a feature takes its message from here, so that the table agrees with the behaviour:
 
     python -m cosim_master.diagnostics.limitations > docs/limitations.md
 
@@ -22,10 +22,10 @@ class Limitation:
 
     Attributes:
         standard: standard and, after a comma, its section; the standard is the heading under which it is listed.
-        feature: what it is about.
+        feature: the subject.
         outcome: "error" (nothing is run), "failure" (the run ends there as failed), "note" (ignored, and said),
             "silent" (ignored).
-        words: what is said, with {} for names and values; empty for "silent".
+        words: the message, with {} for names and values; empty for "silent".
     """
 
     standard: str

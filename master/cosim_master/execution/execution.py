@@ -4,7 +4,7 @@
         execution.advance(k)                        macro steps up to base step k, as often as wanted
     ...                                             recordings completed, instances terminated and freed
 
-The order of calls is that of FMI 2.0.5, section 4.2.4. If an FMU fails, what was recorded stays: files are
+The order of calls is that of FMI 2.0.5, section 4.2.4. If an FMU fails, the recording stays: files are
 completed before anything is freed, since some FMUs take the process with them when they go.
 """
 
@@ -67,7 +67,7 @@ class Execution:
         checkpoint: go on from there.
         master: the master; None is Jacobi.
         grid: rows at every base step, also where no step of an instance ends.
-        on_stage: is told, in words, what is done next, until the first step.
+        on_stage: called with the next stage in words, until the first step.
 
     Attributes:
         parameters: of each instance, as its FMU answered after initialization.

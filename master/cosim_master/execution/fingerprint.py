@@ -39,9 +39,9 @@ def fingerprint_of(
     Args:
         checked, clock, network, master: as they are run; `network` without gateways.
         system: the digest of the system's documents.
-        changes: what is set while it runs.
+        changes: the values set during the run.
         stimuli: the digest of the file that inputs come from.
-        recording: what is recorded, and how often.
+        recording: the signals recorded, and the interval.
         gateways: addresses of real programs.
         checkpoint: where it goes on from.
     """

@@ -32,7 +32,7 @@ class RunOptions:
         until: stop time in s; None takes the system's DefaultExperiment.
         step: step size in s of all FMUs; None takes those that the system and the FMUs name.
         seed: of the radio's random numbers; None takes the system's.
-        out: folder for the results, overwritten whatever it holds, or a `RunFolder`, which says what may be
+        out: folder for the results, overwritten in any case, or a `RunFolder`, which says what may be
             overwritten; None records nothing.
         record: patterns of signals to record; if empty, the system's, else all outputs.
         checkpoint_every: simulated time in s between checkpoints in `out`; None makes none.
@@ -76,7 +76,7 @@ class Listener:
         prepared: called when everything is checked and no FMU is loaded yet.
         stage: called with the next stage in words ("loading 15 FMU instances"), until the first step.
         progress: called about twenty times a second of wall-clock time, with gateways fifty times.
-        gateway: called with what happens to sockets, in words.
+        gateway: called with messages about sockets.
     """
 
     prepared: Callable[[Prepared], None] = _ignore

@@ -74,7 +74,7 @@ class Checkpoints:
         self._every = self._next = 0
         self._last = clock.steps
         self.watch: Watch | None = None
-        """Who watches the run, once it begins."""
+        """The watch of the run, once it begins."""
         if every is None:
             return
         if out is None:

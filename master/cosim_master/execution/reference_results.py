@@ -1,7 +1,7 @@
 """An FMU against results that others have computed: those that it brings along (FMI-LS-REF), or a CSV file.
 
 FMI-LS-REF, a layered standard in the making, puts CSV files into extra/org.fmi-standard.fmi-ls-ref of an FMU: the file
-with the role "result" is what its default experiment gives, that with the role "input" what goes in.
+with the role "result" holds the results of its default experiment, the one with the role "input" its inputs.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Verdict:
     """A comparison with a reference.
 
     Attributes:
-        source: what it was compared with.
+        source: the description of the reference.
         rows: times that both have.
         differences: of the variables that were compared, the worst first.
         left_out: columns that are not outputs, with nothing to compare them with.
@@ -79,12 +79,12 @@ def against_reference(
 
     Args:
         path: the FMU.
-        reference: a CSV file as FMPy writes them; None takes what the FMU brings along.
+        reference: a CSV file as FMPy writes it; None takes the reference that the FMU contains.
         tolerance: allowed difference, in parts of the largest absolute value of a column.
         until, step, overrides: of the run.
 
     Raises:
-        SystemDescriptionError: there is no reference, or nothing in it can be compared.
+        SystemDescriptionError: the reference is missing, or has no column that can be compared.
         CosimError: the run failed.
     """
     folder = Path(tempfile.mkdtemp(prefix="uav-cosim-"))
@@ -110,7 +110,7 @@ def against_reference(
 
 
 def _own(path: Path, folder: Path) -> tuple[Path, Path | None, str]:
-    """The files an FMU brings along, unpacked: results, inputs if any, and what to call them."""
+    """Returns the unpacked files that an FMU contains: results, inputs if any, and their description."""
     shown = f"{path}/{_FOLDER}"
     manifest = archive.read_member(path, f"{_FOLDER}/fmi-ls-manifest.xml", str(path), limit=_LIMIT)
     related = [] if manifest is None else [*parse(manifest, f"{shown}/fmi-ls-manifest.xml").iterfind("Related")]

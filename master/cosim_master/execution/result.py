@@ -60,10 +60,10 @@ class RunResult:
 
     Attributes:
         outcome: equal to its word ("done").
-        error: what failed, or who ended the run; None otherwise.
+        error: the failure, or the request that ended the run; None otherwise.
         simulated_s, wall_s, real_time_factor: of the stepping alone.
         packets: see `Execution.packet_counts`.
-        notes: what was assumed.
+        notes: assumptions made.
         overruns: how often, and by how much, a paced run missed its pace.
         gateways: see `Gateways.counts`.
         profile: where the time went, if that was asked for.

@@ -60,7 +60,7 @@ def simulate(
         listener: is told how the run goes.
 
     Returns:
-        How it ended; a failing FMU is an outcome, and what was recorded until then is kept.
+        The outcome; a failing FMU is one, and the recording until then is kept.
 
     Raises:
         SystemDescriptionError: the description is wrong, the folder cannot be written to, or a socket not be opened.
@@ -264,7 +264,7 @@ def _with_solver(checked: CheckedSystem, text: str) -> CheckedSystem:
     """Returns the system with this solver for all its instances of Model Exchange.
 
     Raises:
-        SystemDescriptionError: there is no such solver, or no such instance.
+        SystemDescriptionError: the solver does not exist, or the system has no instance for it.
     """
     try:
         choice = Choice.parsed(text)

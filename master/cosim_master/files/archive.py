@@ -2,7 +2,7 @@
 
 Refused, each with its own message: names that lead out of the folder (zip slip), absolute names, backslashes, links,
 encrypted entries, one name for several files, compression other than stored and deflated (SSP 2.0, section 3), and
-archives that unpack to more than `MAX_BYTES` or `MAX_ENTRIES`. It knows nothing of what the members mean.
+archives that unpack to more than `MAX_BYTES` or `MAX_ENTRIES`. The meaning of the members is unknown here.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
     """Writes every file of the archive into `directory`, which may exist.
 
     Args:
-        limit: bytes that it may unpack to; `MAX_BYTES` if there is no other.
+        limit: bytes that it may unpack to; `MAX_BYTES` by default.
 
     Raises:
         SystemDescriptionError: not a ZIP archive, or one that is refused; nothing useful is left in `directory`.
@@ -136,7 +136,7 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
 
 
 def pack(files: Mapping[str, Path], path: Path) -> None:
-    """Writes an archive whose bytes depend on nothing but names and contents: member name -> file."""
+    """Writes an archive whose bytes depend only on names and contents: member name -> file."""
     part = path.with_name(path.name + ".part")
     with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(files):

@@ -77,7 +77,7 @@ class Form:
         unordered: all children come in any order.
         choices: sets of `children` of which at most one element may be there.
         later: attributes and children that only version 2 of the standard has.
-        opaque: the children belong to somebody else and are not looked at.
+        opaque: the children belong to another tool and are ignored.
         free: the attributes neither.
     """
 
@@ -102,7 +102,7 @@ class Reader:
     """Reads attributes and children of one document and collects its problems instead of raising them.
 
     Every accessor returns something usable after a problem, so that all problems of a document are found in one
-    pass; what it returns is then never used for anything but finding more of them.
+    pass; the value it returns is then used only to find more of them.
     """
 
     def __init__(self, shown: str, problems: list[Problem], version: int = 2) -> None:
@@ -224,7 +224,7 @@ class Reader:
     def integer(
         self, element: etree._Element, attribute: str, default: int = 0, *, low: int = -(2**31), high: int = 2**31 - 1
     ) -> int:
-        """An integer from low to high, of 32 bits if nothing else is said."""
+        """An integer from low to high, by default of 32 bits."""
         value = element.get(attribute)
         if value is None:
             return default

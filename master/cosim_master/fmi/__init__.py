@@ -1,1 +1,1 @@
-"""FMUs: what they say about themselves, and instances of them."""
+"""FMUs: descriptions and instances."""

@@ -1,8 +1,8 @@
 """Roles of the arrays of a run, declared beside the arrays: they decide what snapshots and checkpoints hold.
 
-CONSTANT   the same from the first step to the last (or made anew from the same system)
+CONSTANT   the same from the first step to the last (or the same again in a new run of the system)
 STATE      the future depends on it: in snapshots, and in the files of checkpoints
-PASSING    changes, but is made anew where a run goes on from files: in snapshots only
+PASSING    changes, but is made again when a run goes on from files: in snapshots only
 BUFFER     empty, or of no meaning, whenever a snapshot is made
 """
 

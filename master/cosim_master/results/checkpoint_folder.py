@@ -98,7 +98,7 @@ def find(wanted: str) -> Checkpoint:
     """The checkpoint RUN@TIME, of a folder with results and a time in s.
 
     Raises:
-        SystemDescriptionError: there is none, or it cannot be read; says which there are.
+        SystemDescriptionError: it does not exist or cannot be read; names the existing ones.
     """
     where = Where(f"--from {wanted}")
 

@@ -1,4 +1,4 @@
-"""Compares two runs signal by signal: recorded numbers within tolerances, packets by outcome, and what they came from.
+"""Compares two runs signal by signal: recorded numbers within tolerances, packets by outcome, and their inputs.
 
 Either may be a CSV file as FMPy and `export` write them. Values are compared at the times that
 both have; a coarser recording of the same run is equal to a finer one. Two runs are equal if they have the same
@@ -40,7 +40,7 @@ _CAUSES = (
     "recording",
     "versions",
 )
-"""What of a manifest a run came from, besides its instances."""
+"""Entries of a manifest on the inputs of a run, besides its instances."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class SignalComparison:
         differing: at how many of the common times the values are not equal within the tolerances.
         absolute: largest difference, in the signal's unit; NaN for text, infinite where one of the two is NaN.
         relative: `absolute` in parts of the signal's largest absolute value.
-        time: s, when the difference is largest; None if there is none.
+        time: time of the largest difference, s; None without a difference.
         first: s, when the values differ for the first time by more than the tolerances; None if they never do.
         units: of both runs, if they differ; empty otherwise.
     """
@@ -81,8 +81,8 @@ class Comparison:
         times: how many times each has.
         spans: first and last time of each, s.
         packets: by outcome: how many in each, where the numbers differ; None: not counted.
-        causes: by path in the manifest: what each says, where they differ.
-        notes: what could not be compared.
+        causes: by path in the manifest: the values of both, if they differ.
+        notes: parts that could not be compared.
     """
 
     signals: tuple[SignalComparison, ...]
@@ -183,7 +183,7 @@ def compare(
         first, second: folder of a run, or CSV file whose first column is `time` in s.
         atol: absolute tolerance, in each signal's own unit.
         rtol: relative tolerance.
-        signals: patterns of the signals to compare; all if there is none.
+        signals: patterns of the signals to compare; all if empty.
 
     Raises:
         SystemDescriptionError: one of the two is neither, they have no time in common, or a pattern matches no signal.
@@ -283,7 +283,7 @@ def _chosen(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
 
 
 def _keys(times: Sequence[float] | _Values) -> list[int]:
-    """Times in whole nanoseconds: what one writes as 0.3 another has computed as 3 * 0.1."""
+    """Times in whole nanoseconds: 0.3 in one file may be 3 * 0.1 in another."""
     return [int(key) for key in np.rint(np.asarray(times, dtype=np.float64) * 1e9)]
 
 

@@ -74,7 +74,7 @@ class Flight:
 
     @cached_property
     def law(self) -> tuple[Mapping[str, float], float] | None:
-        """Fixed point of the mobile drones [m east], and by what factor a step shrinks the error's 2-norm at least.
+        """Fixed point of the mobile drones [m east], and the least factor by which a step shrinks the error's 2-norm.
 
         The desired positions at the end of drones that stay are the boundary values. None if the law of an agent is not
         known, a drone's neighbours or parameters are not recorded, or no drone that stays fixes the solution.

@@ -1,4 +1,4 @@
-"""The folder of a run's results: which one a new run gets, what may be replaced there, and what belongs to a run.
+"""The folder of a run's results: its choice for a new run, and the removal of an earlier run.
 
 A run may replace an earlier one of the same inputs, since it records the same again. Results of other inputs are
 overwritten only on demand. The manifest has the fingerprint of the inputs (see `fingerprint`).
@@ -23,7 +23,7 @@ _RESULTS = ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog
 _DRAWN = (".png", ".svg", ".pdf", ".html")
 _STAMP = "uav-cosim, signals.parquet sha256 "
 _HEAD = 65536
-"""Bytes of a figure within which its stamp lies."""
+"""The number of bytes within which a figure's stamp lies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class RunFolder:
         """The folder for a run of this fingerprint.
 
         Args:
-            fingerprint: digests of what the run depends on, by what it is.
+            fingerprint: digests of the inputs of the run, by their names.
             repeatable: whether a run of the same inputs records the same; with real programs it does not.
 
         Raises:

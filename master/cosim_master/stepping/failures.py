@@ -47,7 +47,7 @@ def reached(plan: Plan) -> float:
 
 
 def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> None:
-    """Raises RunFailed if instances have failed in this macro step, with what each of them has said."""
+    """Raises RunFailed if instances have failed in this macro step, with the messages of each of them."""
     if plan.clock[FAILURES] == 0:
         return
     time, failed = reached(plan), plan.instances["failed"]
@@ -88,7 +88,7 @@ def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> No
 
 
 def discard_failure(plan: Plan, slave: Slave, i: int, last: float | None, reason: str) -> FmuError:
-    """The error of instance `i` that has discarded its step; `last` is how far it got, s."""
+    """Returns the error of instance `i` that has discarded its step; `last` is the time it reached, s."""
     time, h = reached(plan), float(plan.instances["h"][i])
     got = "" if last is None else f", only to {last:.9g} s"
     text = DISCARDED.text(slave.fmi, f"{time:.9g}", f"{time + h:.9g}", got, reason)

@@ -52,7 +52,7 @@ class Layout:
     mapped: tuple[tuple[int, int, int, int], ...]
     """Rows of `Plan.mapped`."""
     signals: Mapping[str, tuple[tuple[str, Variable], ...]]
-    """Per kind what is recorded (name, variable), sorted as the instances are; `wide` ones have two columns."""
+    """Per kind the recorded signals (name, variable), in the order of instances; `wide` ones have two columns."""
     constants: tuple[tuple[float, ...], tuple[int, ...]]
     """Reals and integers, behind all outputs: values of the elements of an array that nothing is connected to, while
     others are; source -1 of an input is the first of them."""
@@ -167,7 +167,7 @@ def shows_error(variable: Variable) -> bool:
 
 
 def _by_type(fmu: FmuDescription) -> _InOrder:
-    """The variables of an FMU, those of one FMI 3 type together: they are got and set in one call.
+    """Returns the variables of an FMU, those of one FMI 3 type together: they are got and set in one call.
 
     Variables that belong to Clocks come after the others: the loop has their values, but does not set and get them.
     """
@@ -188,7 +188,7 @@ def _fetched(instance: ComponentInstance, wanted: Container[tuple[str, str]], in
     """The variables of an instance that are in `wanted`, and all elements of an array of which one is.
 
     Args:
-        in_order: what `_by_type` gives of its FMU; sorted once per FMU, for there are thousands of instances.
+        in_order: the result of `_by_type` for its FMU; sorted once per FMU, since there may be thousands of instances.
     """
     found = [(name, v) for name, v in in_order if (instance.name, name) in wanted]
     arrays = {_array(v) for _, v in found} - {None}

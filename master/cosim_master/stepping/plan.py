@@ -404,7 +404,7 @@ def _packet_call(
 def _typed(
     verb: str, one: Slave, variables: Sequence[Variable], plain: int, size: int, native: _Native
 ) -> list[tuple[int, ...]]:
-    """FMI 3 calls for variables whose values lie at `plain`, `size` bytes each: one for each type."""
+    """Returns FMI 3 calls for variables whose values are at `plain`, `size` bytes each: one for each type."""
     rows: list[tuple[int, ...]] = []
     first = 0
     while first < len(variables):

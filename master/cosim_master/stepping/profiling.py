@@ -72,7 +72,7 @@ class Profiler:
     """Measures one run. `attach` it to the plan before the first step.
 
     Raises:
-        RuntimeError: kernels are not compiled, so that there are no addresses to put in place of others.
+        RuntimeError: kernels are not compiled, so that there are no addresses to replace.
     """
 
     def __init__(self) -> None:

@@ -54,7 +54,7 @@ class Texts:
         return bool(self.outputs)
 
     def set_inputs(self, plan: Plan) -> None:
-        """Inputs of the instances that are due, from the outputs that `get_outputs` got."""
+        """Sets the inputs of the instances that are due, from the outputs that `get_outputs` fetched."""
         k, periods = plan.clock[K], plan.instances["period"]
         for source, target, variable, link in self._links:
             if k >= 0 and k % periods[target] == 0:
@@ -65,7 +65,7 @@ class Texts:
         """Gets the outputs of the instances whose step has just ended; the others are in the middle of a step.
 
         Args:
-            kept: outputs that belong to Clocks, which nobody may ask for.
+            kept: outputs that belong to Clocks, which must not be fetched.
         """
         k, periods = plan.clock[K], plan.instances["period"]
         for i, name in self.outputs:

@@ -48,7 +48,7 @@ def find(name: str) -> Path | None:
 
 
 def document(system: str, name: str) -> Path:
-    """The document `name` of a shipped system, whose FMUs need not be there."""
+    """Returns the document `name` of a shipped system, whose FMUs need not exist."""
     return _root() / "master" / "systems" / system / name
 
 
@@ -108,7 +108,7 @@ def _has_own_fmus() -> bool:
 
 
 def stage(folder: Path) -> None:
-    """Builds into `folder` what `setup.py` puts into a wheel of this platform: fmus/ and what they were built from.
+    """Builds into `folder` the files that `setup.py` puts into a wheel of this platform: fmus/ and their sources.
 
     Raises:
         RuntimeError, ValueError, ImportError: as `cosim.build.build_all`.

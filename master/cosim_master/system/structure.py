@@ -178,7 +178,7 @@ class Parameter:
     Attributes:
         shape: of an array, empty for a scalar.
         elements: the values of an array, last index fastest; `value` is its first then.
-        transformation: what a parameter mapping does with the value, after unit conversion.
+        transformation: applied by a parameter mapping to the value, after unit conversion.
         suppress_unit_conversion: the value is taken as it is, whatever the units say.
         first: where the same set has this name before; an error as soon as the name matches something.
     """
@@ -212,7 +212,7 @@ class ParameterBinding:
 
     Attributes:
         prefix: goes before every name in the set, before anything else is done with it.
-        mapping: if not None, only what it names is applied, under the names it gives.
+        mapping: if not None, only the named parameters are applied, under their new names.
     """
 
     parameters: tuple[Parameter, ...]
@@ -230,7 +230,7 @@ class Component:
         source: the file, resolved; None if it could not be resolved (which is a problem of the structure).
         content: the system inside, if the source is an .ssd, an .ssp or a system of the same file; one object,
             however often it is used. A component without a source (SSP 2.0) has an empty system inside.
-        fragment: what comes after "#" in the source: the id of a system in the same file, or the variant of an .ssp.
+        fragment: the part after "#" in the source: the id of a system in the same file, or the variant of an .ssp.
     """
 
     name: str
@@ -309,17 +309,17 @@ class SystemStructure:
     Attributes:
         name: the description's name.
         version: of SSP, as the file says.
-        path: what was read (.ssd, .ssp or folder).
+        path: the file or folder read (.ssd, .ssp or folder).
         document: the root .ssd file (inside the unpacked archive for an .ssp).
         system: the root system.
         start_time, stop_time: of the DefaultExperiment in s; None where the file is silent.
         units, enumerations: those of the root .ssd, by name.
         annotations: of the description itself (those of the root system are in `system`).
-        problems: what is wrong with the files. A structure with problems is only good for finding more of them:
+        problems: errors in the files. A structure with problems is only good for finding more of them:
             `check` raises these together with its own.
-        notes: what was assumed or left out, for the user.
+        notes: assumptions and ignored contents, for the user.
         archives: unpacked archives that must live as long as the structure is used.
-        generation_tool: what wrote it, as it says.
+        generation_tool: the tool that wrote it, as stated.
     """
 
     name: str

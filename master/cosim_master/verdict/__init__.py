@@ -5,5 +5,5 @@ prior       known before: open inputs, system ids used twice, angles in degrees
 approach    how near vehicles came to each other
 spells      how long something was not as it should be
 watch       the observer of a run
-memory      what it remembers in a checkpoint
+memory      its memory in a checkpoint
 """

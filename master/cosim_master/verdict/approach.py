@@ -124,7 +124,7 @@ def _some_distance(points: Array) -> float:
 
 
 def _near(first: Array, second: Array, middle: Array, half: Array, reach: float) -> tuple[Array, Array]:
-    """Those pairs whose boxes come within `reach` of each other."""
+    """Returns those pairs whose boxes come within `reach` of each other."""
     gap = np.abs(middle[first] - middle[second]).max(axis=1) - half[first] - half[second]
     near = gap <= reach
     return first[near], second[near]
@@ -135,7 +135,7 @@ def _in_order(first: Array, second: Array) -> tuple[Array, Array]:
 
 
 def _in_cells(points: Array, width: float) -> Iterator[tuple[Array, Array]]:
-    """Pairs of points that lie in one cell of that width, or in two that touch."""
+    """Returns pairs of points in one cell of that width, or in two adjacent ones."""
     if len(points) < 2:
         return
     scaled = (points - np.median(points, axis=0)) / max(width, 1e-9)

@@ -78,7 +78,7 @@ def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None 
 
 
 def _heard(network: Network, places: Array | None) -> Array:
-    """Row a, column b: whether node b is in reach of what node a sends."""
+    """Row a, column b: whether node b is in reach of node a's transmissions."""
     count = len(network.nodes)
     heard = np.ones((count, count), dtype=bool)
     if network.topology == "listed":

@@ -21,12 +21,12 @@ class Finding:
     """One thing to say about a swarm.
 
     Attributes:
-        kind: what it is, a word of docs/verdict.md ("agent failed", "contact", ...).
+        kind: a word of docs/verdict.md ("agent failed", "contact", ...).
         severity: how bad it is.
-        who: hierarchical names of the instances, nodes or variables it is about.
-        text: what is wrong, and what may help, for people.
+        who: hierarchical names of the instances, nodes or variables concerned.
+        text: the problem and possible remedies, for people.
         time: when it was first seen, s; None if it was known before the run.
-        numbers: what was measured, by name; SI.
+        numbers: measured values, by name; SI.
     """
 
     kind: str

@@ -22,7 +22,7 @@ def judgement(
     """The judgement of a run that has ended.
 
     Args:
-        before: what was known before it.
+        before: the findings known before it.
         watch: closed.
         packets: see `Execution.packet_counts`.
         crossed: see `Gateways.counts`.

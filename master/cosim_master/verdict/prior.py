@@ -1,6 +1,6 @@
 """Findings about a swarm before it flies.
 
-Nothing here is an error: the system can be run, and each finding says what will probably come of it.
+Findings are not errors: the system can be run, and each finding names the probable consequence.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def known_before(
     """All that is known.
 
     Args:
-        changed: what will be set while it runs: instance, variable and value.
+        changed: the values set during the run: instance, variable and value.
         span: s, begin and end of the run.
     """
     set_later = {(instance, variable.name) for instance, variable, _ in changed}
@@ -141,7 +141,7 @@ def same_id(system_id: int, nodes: tuple[str, ...], listener: str, time: float |
 
 
 def _misspelt(checked: CheckedSystem) -> Iterator[Finding]:
-    """Values that set nothing, and whose name is nearly that of a variable."""
+    """Yields values without effect whose name resembles that of a variable."""
     for item in checked.unmatched:
         if item.hint.startswith("did you mean"):
             text = f'{item.where}: parameter "{item.name}" sets nothing; {item.hint}'

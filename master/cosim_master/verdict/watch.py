@@ -153,7 +153,7 @@ class Watch:
 
     Args:
         checked, network, clock: the system; `places` has all that `watched` names.
-        limits: what is too near and too far.
+        limits: the distances that are too near and too far.
     """
 
     def __init__(

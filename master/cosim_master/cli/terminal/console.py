@@ -1,8 +1,8 @@
 """The two consoles of the command and the ways in which its verbs speak: data, words, notes, errors.
 
-    data    what a verb was asked for: standard output, always; with --json one JSON document
-    words   what a verb did: standard output; -q leaves them out
-    notes   what was assumed or is worth knowing: standard error, dim; -q leaves them out
+    data    the requested data: standard output, always; with --json one JSON document
+    words   the results of a verb in words: standard output; -q leaves them out
+    notes   assumptions and other remarks: standard error, dim; -q leaves them out
     errors  standard error, always; with --json also `{"errors": [...]}` on standard output
 
 Colours follow NO_COLOR (none, whatever else is set) and FORCE_COLOR (also into a pipe).
@@ -82,7 +82,7 @@ class _Log(logging.Handler):
 
 
 def set_verbosity(*, quiet: bool | None = None, verbose: bool | None = None) -> None:
-    """Sets what -q and -v say; None leaves it. With `verbose`, the messages that FMUs log are shown."""
+    """Sets the verbosity that -q and -v ask for; None leaves it. With `verbose`, messages logged by FMUs are shown."""
     if quiet is not None:
         _verbosity.quiet = quiet
     if verbose is not None:

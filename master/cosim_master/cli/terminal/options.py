@@ -14,11 +14,11 @@ __all__ = ["Json", "Settings", "Step", "Strict", "System", "Until", "Variant", "
 
 
 def positive(option: str, meaning: str) -> Callable[[float | None], float | None]:
-    """The callback of an option whose number must be positive and finite.
+    """Returns the callback of an option whose number must be positive and finite.
 
     Args:
         option: its name.
-        meaning: what to give, as in "give a step size in s".
+        meaning: the value asked for, as in "give a step size in s".
     """
 
     def check(value: float | None) -> float | None:

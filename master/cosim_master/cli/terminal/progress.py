@@ -1,6 +1,6 @@
 """Progress messages of a verb on standard error.
 
-In a terminal: one line that is drawn anew, with the time it has taken; of a run a bar. Elsewhere (a pipe, a file,
+In a terminal: one line that is redrawn, with the time spent; for a run, a bar. Elsewhere (a pipe, a file,
 TERM=dumb): a line for each stage that takes longer than a second, none for the others. With -q: nothing.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["Activity", "activity"]
 
 LONG = 1.0
-"""Seconds from which on a stage is worth a line of its own where nothing can be drawn anew."""
+"""Seconds after which a stage gets a line of its own where lines cannot be redrawn."""
 
 
 class Activity:
@@ -37,7 +37,7 @@ class Activity:
         """Begins a stage, which ends the one before.
 
         Args:
-            text: what is done, as "loading 15 FMU instances".
+            text: the activity, as "loading 15 FMU instances".
             long: it is known to take longer than a second.
         """
 
@@ -84,7 +84,7 @@ class _Lines(Activity):
 
 
 class _Drawn(Activity):
-    """One line of a terminal, drawn anew ten times a second by a thread of its own."""
+    """One line of a terminal, redrawn ten times a second by its own thread."""
 
     def __init__(self) -> None:
         self._live = Live(self, console=err, transient=True, redirect_stdout=False, refresh_per_second=10)

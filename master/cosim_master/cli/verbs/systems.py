@@ -15,7 +15,7 @@ from cosim_master.cli.terminal.registry import verb
 from cosim_master.cli.terminal.verdict import show_findings, summary
 
 BROUGHT_ALONG = "brought along"
-"""What --reference without a file stands for."""
+"""The value of --reference without a file."""
 
 if TYPE_CHECKING:
     from cosim_master.execution.prepare import Prepared

@@ -21,7 +21,7 @@ def explain(checked: CheckedSystem, name: str) -> list[str]:
         name: hierarchical name ("drone3.agent.epsilon"), or that of a system's connector.
 
     Raises:
-        SystemDescriptionError: there is no such variable.
+        SystemDescriptionError: the variable does not exist.
     """
     found = [
         (instance, variable)

@@ -45,7 +45,7 @@ def _number(value: Any) -> str:
 def fmu_document(path: Path) -> dict[str, Any]:
     """Identity, capabilities and variables of an FMU, as docs/command-line.md describes it.
 
-    Of an FMU that cannot be run here there is what `datasheet` reads, and why it is refused.
+    An FMU that cannot be run here is described by `datasheet`, with the reason for its refusal.
     """
     sheet = datasheet(path)
     if sheet["refused"]:

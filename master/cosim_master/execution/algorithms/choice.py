@@ -27,7 +27,7 @@ _STEPS: Mapping[str, Callable[[RunState, MasterSettings], Steps]] = {
     "fixed-point": _iteration,
     "quasi-newton": _iteration,
 }
-"""What makes the steps in place of the compiled loop (`MasterSettings.in_python`)."""
+"""The makers of steps that replace the compiled loop (`MasterSettings.in_python`)."""
 
 
 def algorithm_for(

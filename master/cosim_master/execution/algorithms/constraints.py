@@ -9,7 +9,7 @@
 nanoseconds for the step. All that the future depends on is in `memory`, which belongs to the caller: whoever copies it
 can go back. A call of `proposed` takes the step before as accepted.
 
-docs/masters.md says what each constraint does. Sums of differences, factors and bounds are those of Maestro, including
+docs/masters.md describes each constraint. Sums of differences, factors and bounds are those of Maestro, including
 the order in which they are computed.
 """
 
@@ -27,13 +27,13 @@ from cosim_master.system.settings.constraints import DIFFERENCE, SAMPLING, ZEROC
 __all__ = ["StepSizes"]
 
 _RELAX_STRONGLY, _RELAX, _TIGHTEN, _TIGHTEN_STRONGLY, _REPEAT = 3.0, 1.2, 0.5, 0.01, 0.25
-"""What steps are multiplied by."""
+"""Factors of step sizes."""
 _WELL_WITHIN = 0.5
 """Part of the tolerance of a zero crossing."""
 _CLOSE, _NEAR, _FAR = 1.8, 3.0, 30.0
 """Steps to a zero crossing: up to the first, steps are tightened; beyond the others, relaxed and strongly relaxed."""
 _BINS = ((0.2, _RELAX_STRONGLY), (0.4, _RELAX), (0.6, 1.0))
-"""Parts of the tolerance of a difference, divided by 1 + safety, and what steps are multiplied by up to there."""
+"""Parts of the tolerance of a difference, divided by 1 + safety, and the step factors up to each."""
 _PAST_WEIGHT = 0.7
 """Of the error of extrapolation, while it falls."""
 _LEAST = 5e-324
@@ -43,7 +43,7 @@ _SIZE, _CONTINUOUS, _CUT, _POINTS = range(4)
 how many points there have been, up to 3."""
 _HEAD = 4
 _BY_NOTHING, _BY_SAMPLING, _BY_RUN = 0.0, 1.0, 2.0
-"""What has cut a step short: nothing, a sampling instant, or the run (a row, a change, an event, its end, an FMU)."""
+"""Causes that cut a step short: none, a sampling instant, or the run (a row, a change, an event, its end, an FMU)."""
 _X, _X1, _X2, _D1, _D2, _ERROR, _H1 = range(7)
 """Of a port: its value now, one and two steps ago, its derivatives, the error of extrapolating it, the step before."""
 _PORT = 7
@@ -130,7 +130,7 @@ class StepSizes:
         return h
 
     def violated(self, values: Sequence[float]) -> list[str]:
-        """The names of constraints that a step violates at whose end the ports have these values."""
+        """Returns the names of the constraints that a step violates if the ports have these values at its end."""
         return [rule.constraint.name for rule, own in self._with_values(values) if not rule.valid(own)]
 
     def tightened(self) -> int:

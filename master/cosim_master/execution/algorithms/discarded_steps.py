@@ -1,4 +1,4 @@
-"""Steps that an FMU discards are repeated as several shorter ones: what failures mean, and the finer grid of time.
+"""Steps that FMUs discard are repeated as several shorter ones, on a finer grid of time.
 
 fmi2Discard from fmi2DoStep says: not this step, maybe a shorter one (FMI 2.0.5, section 4.2.2). All instances then go
 back to the communication point where the step began, and take shorter steps with exchange between them until all are

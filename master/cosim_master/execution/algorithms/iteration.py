@@ -1,4 +1,4 @@
-"""Iterates what depends on itself within a step, by going back: fixed point, and interface quasi-Newton.
+"""Iterates the instances that depend on each other within a step, by going back: fixed point or quasi-Newton.
 
     iteration = Iteration(plan, layout, slaves, master)
     iteration.step(t)      one macro step of all instances; failures are in the plan, as the compiled loop leaves them

@@ -41,7 +41,7 @@ class Rejected(Exception):
 
 
 class Trial:
-    """A run whose steps can be tried: `save`, then `step` and `restore` until one counts."""
+    """A run whose steps can be tried: `save`, then `step` and `restore` until one is accepted."""
 
     def __init__(self, state: RunState, writing: Writing) -> None:
         self._state, self._writing = state, writing

@@ -3,10 +3,10 @@
     schedule = Schedule(one, start, intervals)
     schedule.begin()                     in initialization mode: ask for intervals, or say them
     schedule.due(now), schedule.next     Clocks that tick at a time; the time of the next tick
-    schedule.update(now, ticked)         in Event Mode, after fmi3UpdateDiscreteStates: ask for what may have changed
+    schedule.update(now, ticked)         in Event Mode, after fmi3UpdateDiscreteStates: get values that may have changed
 
 Times are whole nanoseconds. Tick n of a periodic Clock is at the nanosecond next to start + shift + n*interval, which
-is computed with fractions and never accumulated. Who sets Clocks, and what else happens then, is in `super_dense`.
+is computed with fractions and never accumulated. `super_dense` sets Clocks and handles the consequences.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Schedule:
         """Gets intervals and shifts from the system, the description or the FMU, in initialization mode.
 
         Raises:
-            FmuError: the FMU refused, or says something that is no interval.
+            FmuError: the FMU refused, or its answer is not an interval.
         """
         for v in self._clocks:
             kind, ticks, described = _kind(v), self._ticks[v.name], v.clock
@@ -115,7 +115,7 @@ class Schedule:
             ticked: names of the Clocks that were active.
 
         Raises:
-            FmuError: the FMU refused, or says something that is no interval.
+            FmuError: the FMU refused, or its answer is not an interval.
         """
         for v in self._clocks:
             kind = _kind(v)

@@ -1,6 +1,6 @@
 """Event Mode within a run: steps that the loop has left to Python because there are events in them.
 
-`super_dense` knows what FMUs and Clocks do at an event; here is where the plan keeps what they exchange.
+`super_dense` knows the behaviour of FMUs and Clocks at an event; this module connects it with the plan's values.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class EventMode:
         delayed: delays of connections, by target.
 
     Attributes:
-        events: what goes on in the FMUs; `attach` before there are any steps.
+        events: the events of the FMUs; `attach` before the first step.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class EventMode:
         return min((last for _, ends, is_early, last in early if is_early and not ends), default=math.inf)
 
     def change(self, change: Change) -> None:
-        """Sets a variable, or the interval of a Clock, with the events that come of it.
+        """Sets a variable, or the interval of a Clock, with the events that follow.
 
         Raises:
             FmuError: the instance refuses the value.

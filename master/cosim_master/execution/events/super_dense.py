@@ -39,7 +39,7 @@ _MOST_ITERATIONS = 100
 _MOST_STEPS = 10_000
 """In one communication step."""
 _KEPT = object()
-"""In place of a value: the input keeps what it has."""
+"""In place of a value: the input keeps its value."""
 
 
 class EndedByEvent(CosimError):
@@ -62,10 +62,10 @@ class _Instant:
         now: ns.
         active: instances in Event Mode.
         waiting: instances in Step Mode that may come in.
-        reached: all whose outputs are those of this time.
-        again: those in Event Mode whose discrete states are to be updated.
+        reached: the instances whose outputs are of this time.
+        again: the instances in Event Mode whose discrete states must be updated.
         ticking: the Clocks of each that are active.
-        given: what each input of an instance was last set to at this time.
+        given: the last values of each input of an instance at this time.
         held: the values of inputs whose source has not reached this time.
     """
 
@@ -86,7 +86,7 @@ class Events:
         checked: the system.
         slaves: its instances.
         start: of the run, ns.
-        delayed: inputs (instance, name) that get what their source had some time ago; events do not hurry that.
+        delayed: inputs (instance, name) of delayed connections; events do not change their delay.
 
     Attributes:
         numbers: of the instances that use Event Mode.
@@ -236,7 +236,7 @@ class Events:
             All that have been in Event Mode.
 
         Raises:
-            FmuError: an FMU refused, or they do not come to an end.
+            FmuError: an FMU refused, or their events do not end.
             EndedByEvent: an FMU wants the simulation to end.
         """
         at = _Instant(now, numbers, others, reached)
@@ -283,7 +283,7 @@ class Events:
                 self._activate(target, [end], at)
 
     def _spread(self, at: _Instant) -> None:
-        """Pass on Clocks and values until nothing new comes of it."""
+        """Passes on Clocks and values until nothing changes."""
         for given in at.given.items():
             # Inputs that belong to a Clock are set anew each time it ticks.
             self._forget_clocked(*given)
@@ -422,9 +422,9 @@ class Events:
 
         Args:
             members: instances that step together.
-            begun: fmi3DoStep has been called for this step already, and `EventSlave.answers` has what it answered.
+            begun: fmi3DoStep has been called for this step already, and `EventSlave.answers` has its answers.
             held: as for `settle`.
-            near: s; what is that near to `end` is at `end`. Events have whole nanoseconds, steps need not.
+            near: s; times within this distance of `end` are at `end`. Events have whole nanoseconds, steps need not.
 
         Returns:
             Those that have an event at `end`.

@@ -3,7 +3,7 @@
     RUN/checkpoints/T/state.npz         FMU states (serialised), values, packets in flight and their counters
     RUN/checkpoints/T/checkpoint.json   and the files beside it: see `checkpoint_folder`
 
-A run that goes on from a checkpoint makes the same FMU instances anew, puts their states back, takes over the
+A run that goes on from a checkpoint makes new instances of the same FMUs, restores their states, copies the
 recording up to there, and then has the same future, bit for bit.
 
 Nothing is written for sockets: a system with gateways cannot be taken back to an earlier time.
@@ -57,7 +57,7 @@ def save(
 
     Args:
         k: the base step that has been reached, of the system's own grid.
-        segments: files with what was recorded since the last checkpoint; they become part of this one.
+        segments: files with the recording since the last checkpoint; they become part of this one.
 
     Raises:
         FmuError: an FMU cannot save its state after all.

@@ -42,12 +42,12 @@ class _Symbol(ctypes.Structure):
 
 @contextmanager
 def reported(slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable[[FmuError], None]) -> Iterator[None]:
-    """Reports crashes of FMUs in the main thread and completes what they would leave incomplete.
+    """Reports crashes of FMUs in the main thread and completes the files that they would leave incomplete.
 
     Args:
         slaves: the instances; looked at when one crashes.
         now: the time that all have reached, s.
-        rescue: called with the error; the process ends behind it.
+        rescue: called with the error; the process ends after it.
     """
     if sys.platform == "win32" or threading.current_thread() is not threading.main_thread():
         yield

@@ -36,7 +36,7 @@ class GatewayPort:
         deliver(radio, now, e, self._crossing)
 
     def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
-        """Brings packets into the network by a gateway, at the present time: complete ones whose CRC is not wrong."""
+        """Brings packets into the network by a gateway, at the present time: complete ones without CRC errors."""
         state = self._state
         for first in range(0, len(packets), _AT_ONCE):
             some = packets[first : first + _AT_ONCE]

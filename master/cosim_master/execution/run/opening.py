@@ -44,7 +44,7 @@ def open_run(
         instances: takes the instances, and ends them whatever happens here.
         every, keep_packets, grid, threads: as for `Execution`.
         phase: measures where the time goes.
-        tell: is told, in words, what is done next.
+        tell: called with the next stage in words.
 
     Raises:
         SystemDescriptionError: interpreted FMUs that do not fit together.

@@ -31,7 +31,7 @@ class RunState:
     """A run between two steps.
 
     Attributes:
-        checked, clock, layout, network: what is run; they do not change.
+        checked, clock, layout, network: the system that is run; they do not change.
         slaves: the FMU instances, in the order of `layout.instances`.
         plan: arrays of the compiled loop.
         radio: arrays of the radio; replaced by larger ones where they are too small.
@@ -68,7 +68,7 @@ def changing(
     """Returns views of the arrays, and of the columns of tables ("ports.filled"), that have one of the wanted roles.
 
     Raises:
-        KeyError: an array, or a column of a table, whose role is not declared.
+        KeyError: an array, or a column of a table, has no declared role.
     """
     found: dict[str, np.ndarray[Any, Any]] = {}
     for name in arrays._fields:

@@ -69,7 +69,7 @@ def initialize(
     Args:
         slaves: in the order of `checked.instances`.
         start, stop: of the run, s.
-        events: those of `slaves`; made anew where None.
+        events: those of `slaves`; None makes new ones.
 
     Returns:
         The loops of connections that had to be solved.

@@ -40,7 +40,7 @@ def settle(go_round: Callable[[_Values], _Values], first: Sequence[Any], names: 
         How often it took.
 
     Raises:
-        LoopError: there are none, or they were not found.
+        LoopError: they do not exist, or were not found.
     """
     return _Loop(go_round, list(first), names).settle()
 

@@ -24,10 +24,10 @@ def self_test(slaves: Sequence[Slave], time: float, sizes: Sequence[Sequence[flo
     Args:
         slaves: initialized, at `time` [s].
         sizes: of the steps that each is to try, s.
-        why: what needs it, for the errors.
+        why: the feature that needs it, for the errors.
 
     Returns:
-        What is wrong, of every instance.
+        The problem of every instance.
     """
     failures = []
     for one, steps in zip(slaves, sizes, strict=True):

@@ -128,7 +128,7 @@ def _terminals(path: Path, shown: str) -> dict[str, list[str]]:
 
 
 def findings(path: Path) -> list[Problem]:
-    """All that is wrong with an FMU: what `fmpy validate` finds, what keeps it from running here, and more.
+    """Returns all problems of an FMU: those that `fmpy validate` finds, those that keep it from running here, and more.
 
     Raises:
         SystemDescriptionError: it is not an archive, or has no readable modelDescription.xml.

@@ -61,7 +61,7 @@ def elements_of(name: str, variables: Mapping[str, Variable]) -> tuple[str, ...]
 
 
 def read_verdicts(root: etree._Element, variables: Mapping[str, Variable], notes: list[str]) -> dict[str, Verdict]:
-    """Verdicts by the name of their variable or array; what cannot be understood goes into `notes`."""
+    """Returns verdicts by the name of their variable or array; `notes` receives the invalid ones."""
     found: dict[str, Verdict] = {}
     for element in _annotated(root):
         name = element.get("variable", "")

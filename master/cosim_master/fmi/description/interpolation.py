@@ -31,11 +31,11 @@ def interpolated(rows: Any, values: Any, at: Any, *, held: bool, before: bool = 
     """The values of a column at times.
 
     Args:
-        rows: times of its rows, rising; of equal ones the last row counts from then on, at the first time behind it.
+        rows: times of its rows, rising; of equal ones the last row counts after that time, the first row at it.
         values: of the rows, numbers or (if `held`) any objects.
         at: the times.
         held: the last row's value holds until the next row; else linear between rows.
-        before: at a row's time take what is held there before it.
+        before: at a row's time, take the value held until then.
     """
     last = len(rows) - 1
     i = np.clip(np.searchsorted(rows, at, side="left" if before else "right") - 1, 0, last)

@@ -1,6 +1,6 @@
 """modelDescription.xml of FMI 3.0 for Co-Simulation, as FMPy has parsed it, in the terms of `variables`.
 
-Arrays become one variable per element. What the master cannot carry is a problem or a note, never left out in silence.
+Arrays become one variable per element. Features that the master cannot carry are problems or notes, never ignored.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FMI3_TYPES = {
     "Enumeration": "Enumeration",
     "Binary": "Binary",
 }
-"""Types of FMI 3, and what they are to the master."""
+"""Types of FMI 3, and the types of the master for them."""
 _MAX_ELEMENTS = 1 << 20
 _PERIODIC = ("constant", "fixed", "tunable")
 _CLOCKS = (*_PERIODIC, "changing", "countdown", "triggered")
@@ -48,8 +48,8 @@ class Reading3:
     Args:
         model: FMPy's ModelDescription.
         units: by name.
-        elements: the XML element of every variable, by name, for what FMPy does not keep.
-        problem: called with what is fatal.
+        elements: the XML element of every variable, by name, for data that FMPy does not keep.
+        problem: called with fatal problems.
         sizes: values of structural parameters in place of the FMU's own.
     """
 
@@ -237,7 +237,7 @@ class Reading3:
     def _starts(self, read: Any, count: int, *, is_array: bool, resized: bool) -> list[Start | None]:
         """Returns start values, one for each element; a single one is for all of them (FMI 3.0.2, section 2.4.7.6).
 
-        Those of an array that has got another size say nothing any more.
+        Dependencies of an array whose size has changed are no longer valid.
         """
         if read.start is None:
             return [None] * count

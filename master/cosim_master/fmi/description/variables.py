@@ -23,7 +23,7 @@ INTEGER_RANGES: Mapping[str, tuple[int, int]] = {
     **{f"Int{width}": (-(2 ** (width - 1)), 2 ** (width - 1) - 1) for width in (8, 16, 32, 64)},
     **{f"UInt{width}": (0, 2**width - 1) for width in (8, 16, 32, 64)},
 }
-"""Types of whole numbers (SSP 2.0, section 4.5.1) and what goes into them; Int32 is Integer."""
+"""Types of whole numbers (SSP 2.0, section 4.5.1) and their ranges; Int32 is Integer."""
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -61,7 +61,7 @@ class Variable:
             the array's value reference.
         mime_type: of a Binary.
         clock: of a Clock.
-        clocks: the Clocks it belongs to: only while one of them ticks, it may be set and got.
+        clocks: the Clocks it belongs to: it may be set and got only while one of them ticks.
     """
 
     name: str
@@ -101,7 +101,7 @@ class Variable:
         """A value written as text; of an enumeration the item's name or number.
 
         Raises:
-            ValueError: it is none of this variable's; says what is valid.
+            ValueError: it is not a value of this variable; names the valid ones.
         """
         value: Start
         if self.type == "String":
@@ -189,15 +189,15 @@ class FmuDescription:
         units: its unit definitions, by name.
         step_size: stepSize of the DefaultExperiment in s.
         outputs: direct feed-through: output -> the inputs it depends on; None means on all of them.
-        initial_unknowns: what each unknown depends on in initialization mode; None means on all knowns.
+        initial_unknowns: dependencies of each unknown in Initialization Mode; None means on all knowns.
             A variable that is an unknown but is missing here is one of an FMU that does not say (see `notes`).
-        notes: what is not as the standard wants it but does not stop us.
-        generation_tool: what wrote it, as it says.
+        notes: violations of the standard that do not prevent a run.
+        generation_tool: the tool that wrote it, as stated.
         shapes: arrays of FMI 3 and their sizes; their elements are variables, "position[1]", "matrix[2,3]".
         terminals: of FMI 3, with the names of their member variables.
         start_time, stop_time, tolerance: of the DefaultExperiment; None where it is silent.
         model_exchange: of an FMU that is to be integrated by us; None for co-simulation.
-        verdicts: what variables and arrays mean, by name; of FMUs with our annotation.
+        verdicts: meanings of variables and arrays, by name; of FMUs with our annotation.
         source_files: of an FMU that is compiled from its sources; None for those with a library.
         table: of a component that is a CSV or Parquet file, whose columns are described as outputs; None for FMUs.
     """
@@ -229,7 +229,7 @@ class FmuDescription:
     table: Table | None = None
 
     def remedy(self, flag: str) -> str:
-        """The end of a sentence that says that a capability is false: what to do where only the solver lacks it."""
+        """The end of a message about a missing capability: the alternative if only the solver lacks it."""
         exchange = self.model_exchange
         if exchange is None or getattr(self.capabilities, flag):
             return ""

@@ -220,7 +220,7 @@ class Instance2:
         """The step of FMI 2 answers by its status alone."""
 
     def try_step(self, t: float, h: float) -> bool:
-        """A step from t; returns that all of it has been made. Times in s."""
+        """Makes a step from t; returns True. Times in s."""
         self.call("fmi2DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_int(0))
         return True
 
@@ -291,7 +291,7 @@ class Instance2:
         return self._answers("fmi2GetBooleanStatus", _TERMINATED, answer) and answer.value != 0
 
     def last_successful_time(self) -> float | None:
-        """After a discarded step: how far it got in s, None if the FMU does not say."""
+        """Returns the time reached by a discarded step, s; None if the FMU does not tell."""
         answer = ctypes.c_double(0.0)
         return answer.value if self._answers("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, answer) else None
 
@@ -312,7 +312,7 @@ class Instance2:
         return True
 
     def save_state(self, state: ctypes.c_void_p) -> None:
-        """fmi2GetFMUstate into `state`, whose memory is used again if it has some."""
+        """Calls fmi2GetFMUstate; reuses the memory of `state`, if it has some."""
         self.call("fmi2GetFMUstate", ctypes.byref(state))
 
     def restore_state(self, state: ctypes.c_void_p) -> None:

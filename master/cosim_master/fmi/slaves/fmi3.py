@@ -1,4 +1,4 @@
-"""Slave FMI 3.0 instances: what `fmi2` is for FMI 2, with the same interface.
+"""FMI 3.0 instances, with the same interface as those of FMI 2 in `fmi2`.
 
     instance = Instance(library, "drone1.vehicle")
     instance.set(...), setup_experiment, enter_initialization_mode, set, get, exit_initialization_mode
@@ -343,7 +343,7 @@ class Instance3:
         self.call("fmi3DoStep", ctypes.c_double(t), ctypes.c_double(h), ctypes.c_bool(self.final), *places)
 
     def try_step(self, t: float, h: float) -> bool:
-        """A step from t, or up to the next event; returns whether all of it has been made. Times in s."""
+        """Makes a step from t, or up to the next event; returns whether it is complete. Times in s."""
         until = min(t + h, self.next_event)
         if until <= t:
             return False
@@ -379,7 +379,7 @@ class Instance3:
         return False
 
     def last_successful_time(self) -> float | None:
-        """After a discarded step: nothing has changed, and how far it got is not said (FMI 3.0.2, section 4.2.1)."""
+        """Returns None: FMI 3 does not tell how far a discarded step got (FMI 3.0.2, section 4.2.1)."""
         return None
 
     def longest_step(self) -> float | None:
@@ -387,7 +387,7 @@ class Instance3:
         return None
 
     def save_state(self, state: ctypes.c_void_p) -> None:
-        """fmi3GetFMUState into `state`, whose memory is used again if it has some."""
+        """Calls fmi3GetFMUState; reuses the memory of `state`, if it has some."""
         self.call("fmi3GetFMUState", ctypes.byref(state))
 
     def restore_state(self, state: ctypes.c_void_p) -> None:

@@ -37,7 +37,7 @@ _Made = TypeVar("_Made")
 def _sources(fmu: FmuDescription) -> dict[str, str]:
     """Module name -> digest of the modules that a Python FMU brings along; empty for all others.
 
-    Ours say themselves what they were built from; of other pythonfmu FMUs it is every source file among the resources.
+    Our FMUs name the files they were built from; of other pythonfmu FMUs every source file among the resources counts.
     """
     if fmu.table is not None:
         return {}

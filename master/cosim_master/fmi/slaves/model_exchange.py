@@ -1,4 +1,4 @@
-"""Slave FMUs for Model Exchange: instances like those of `fmi2` and `fmi3`, whose steps a solver of ours makes.
+"""FMUs for Model Exchange: instances like those of `fmi2` and `fmi3`, whose steps a solver of ours makes.
 
     doStep(t, h)    events at t (inputs may have changed), then the solver from event to event up to t + h
 

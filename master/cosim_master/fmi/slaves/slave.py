@@ -40,7 +40,7 @@ class Slave(Protocol):
         final: whether no state of before a step will be restored after it (an argument of fmi3DoStep).
         initializes_anew: parameters are to be set once more in initialization mode, since the FMU loses them.
         state_functions: those that save and restore its state.
-        end_word: how it says that the simulation is to end.
+        end_word: its word for the end of the simulation.
         has_answers: whether its step answers more than a status: `use_answers` says where.
     """
 
@@ -86,13 +86,13 @@ class Slave(Protocol):
         """Takes the address at which the loop keeps the answers of a step beyond its status (`tables.ANSWERS`)."""
 
     def try_step(self, t: float, h: float) -> bool:
-        """A step from t, or up to the next event; returns whether all of it has been made. Times in s."""
+        """Makes a step from t, or up to the next event; returns whether it is complete. Times in s."""
 
     def ended(self) -> bool:
         """After a discarded step: whether the FMU wants the simulation to end."""
 
     def last_successful_time(self) -> float | None:
-        """After a discarded step: how far it got in s, None if the FMU does not say."""
+        """Returns the time reached by a discarded step, s; None if the FMU does not tell."""
 
     def longest_step(self) -> float | None:
         """The longest step that it would make from here, s; None if it does not say."""
@@ -101,7 +101,7 @@ class Slave(Protocol):
         """Stops a step that is pending; only `free` may follow."""
 
     def save_state(self, state: ctypes.c_void_p) -> None:
-        """Saves the state into `state`, whose memory is used again if it has some."""
+        """Saves the state into `state`, and reuses its memory, if it has some."""
 
     def restore_state(self, state: ctypes.c_void_p) -> None: ...
     def free_state(self, state: ctypes.c_void_p) -> None: ...

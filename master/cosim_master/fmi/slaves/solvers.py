@@ -1,4 +1,4 @@
-"""Solvers of ordinary differential equations with state events: what integrates FMUs for Model Exchange.
+"""Solvers of ordinary differential equations with state events, for FMUs for Model Exchange.
 
     solver = make(Choice("cvode"), equations)
     solver.reset(t, h)               a communication step of h s begins, and states, inputs or time have been changed
@@ -53,7 +53,7 @@ class Choice:
         name: one of NAMES.
         step: of a fixed-step solver, s; None takes the FMU's, or the communication step.
         tolerance: relative, of CVODE; None takes the FMU's, or 1e-6. The absolute one is it times the nominal value.
-        restart: CVODE begins anew at every communication point, so that a saved state of the FMU says all.
+        restart: CVODE restarts at every communication point, so that a saved state of the FMU is complete.
     """
 
     name: str = "cvode"
@@ -71,7 +71,7 @@ class Choice:
         """The choice written as NAME or NAME:NUMBER, the number being cvode's tolerance or the step of the others.
 
         Raises:
-            ValueError: it is not; says what is valid.
+            ValueError: it is invalid; names the valid ones.
         """
         name, colon, number = text.partition(":")
         if name not in NAMES:

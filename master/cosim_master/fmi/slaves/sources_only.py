@@ -1,6 +1,6 @@
 """FMUs that bring sources and no binary for this platform: compiled by the ziglang wheel, and kept by their digest.
 
-`source_files` says what is compiled, and has refused all that leads out of the FMU. The headers of FMI come from FMPy.
+`source_files` lists the files and has refused those outside of the FMU. The headers of FMI come from FMPy.
 Compiling executes nothing of the FMU; running it does.
 """
 
@@ -30,14 +30,14 @@ _MICROSOFT = {
     "_snprintf": "snprintf",
     "_vsnprintf": "vsnprintf",
 }
-"""Functions that Microsoft's C library alone calls so, and what others call them: sources are often written there."""
+"""Functions that only Microsoft's C library has under these names, and their names elsewhere."""
 
 
 def compiled(fmu: FmuDescription, folder: Path) -> Path:
     """The library of an FMU that is unpacked in a folder, compiled now if it is not kept yet.
 
     Raises:
-        FmuError: the sources do not compile; has what the compiler says.
+        FmuError: the sources do not compile; contains the compiler's messages.
     """
     kept = cache_folder() / "sources" / f"{fmu.digest[:24]}-{fmu.model_identifier}.so"
     if kept.is_file():

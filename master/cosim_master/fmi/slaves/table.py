@@ -1,4 +1,4 @@
-"""Slave tables: a file of rows over time as an instance of FMI 2.0, whose functions are ours.
+"""Tables: files of rows over time as instances of FMI 2.0, whose functions are implemented here.
 
 Its outputs are the values of the columns at the time that it has reached; its state is that time.
 """
@@ -22,7 +22,7 @@ __all__ = ["TableInstance", "TableLibrary"]
 
 _OK, _ERROR = 0, 3
 _SLACK = 1e-12
-"""Of a time, relative: what steps add up to is not quite the time that a row names."""
+"""Relative tolerance of times: the sum of steps differs slightly from the time of a row."""
 _ACCESS = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
 _STEP = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int)
 _GOT: dict[str, type[Any]] = {

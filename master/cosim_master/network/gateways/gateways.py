@@ -82,7 +82,7 @@ def gateways_of(
     """The gateways that the options `--gcs` and `--ports` ask for.
 
     Raises:
-        SystemDescriptionError: an address is none, or there is nothing to wire a port to; all problems at once.
+        SystemDescriptionError: an address is invalid, or there is nothing to wire a port to; all problems at once.
     """
     problems: list[Problem] = []
     made: list[tuple[Gateway, Address]] = []
@@ -263,8 +263,8 @@ class Gateways:
     """The open gateways of a run; a context manager that closes them.
 
     Args:
-        asked: what `gateways_of` gave.
-        report: is told, in words, what happens to sockets.
+        asked: the result of `gateways_of`.
+        report: called with messages about sockets.
         dialect: messages that only this system knows.
 
     Raises:

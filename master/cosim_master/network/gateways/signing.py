@@ -1,6 +1,6 @@
 """MAVLink 2 signing at a gateway: packets that leave are signed, packets that come must be, with one key.
 
-Inside the simulated network nobody signs; a signature that has been accepted stays on its packet.
+Inside the simulated network packets are not signed; an accepted signature stays on its packet.
 
 Source: the MAVLink guide, "Message Signing".
 """

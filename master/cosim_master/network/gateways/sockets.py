@@ -17,7 +17,7 @@ __all__ = ["KINDS", "Report", "Socket", "TcpServer", "Udp", "open_socket"]
 KINDS = ("tcp", "udpin", "udpout")
 
 Report: TypeAlias = Callable[[str], None]
-"""Is told what happens to a socket, in words."""
+"""Is called with messages about a socket."""
 
 _PIECE = 65536
 _BACKLOG = 1 << 20
@@ -25,7 +25,7 @@ _BACKLOG = 1 << 20
 _SILENCE = 60.0
 """Seconds after which a UDP peer that has said nothing is forgotten."""
 _FAREWELL = 0.5
-"""Seconds for which closing waits for a TCP client to take what is left."""
+"""Seconds for which closing waits for a TCP client to take the remaining bytes."""
 
 
 class Socket(Protocol):
@@ -165,7 +165,7 @@ class Udp:
         host, port: of the peer if `outward`, else to bind to.
 
     Raises:
-        OSError: the address cannot be bound, or is no address.
+        OSError: the address is invalid or cannot be bound.
     """
 
     stream = False
@@ -252,7 +252,7 @@ def open_socket(kind: str, host: str, port: int, report: Report) -> Socket:
     """A socket of one of `KINDS`.
 
     Raises:
-        OSError: the address cannot be bound, or is no address.
+        OSError: the address is invalid or cannot be bound.
     """
     if kind == "tcp":
         return TcpServer(host, port, report)

@@ -166,7 +166,7 @@ class _Writing:
     """A checked system on its way into a file.
 
     Attributes:
-        notes: what is not as it was, and what the engine must be told.
+        notes: differences from the original, and settings for the engine.
     """
 
     def __init__(self, checked: CheckedSystem, engine: str | None) -> None:

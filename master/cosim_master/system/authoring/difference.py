@@ -19,7 +19,7 @@ def difference(wanted: Any, found: Any, what: str) -> str | None:
     """Returns where two descriptions differ, leaving aside where they were read; None if they say the same.
 
     Args:
-        what: what they describe, for the answer.
+        what: the kind of items, for the answer.
     """
     if is_dataclass(wanted) and type(wanted) is type(found):
         for one in fields(wanted):

@@ -66,7 +66,7 @@ class Declared:
 
 
 def declared(fmus: Mapping[str, FmuDescription]) -> Declared:
-    """Returns what parts declare, by name of part."""
+    """Returns the declarations of parts, by name of part."""
     start: list[str] = []
     ids: list[str] = []
     laws: list[tuple[str, Formation]] = []
@@ -94,7 +94,7 @@ def found_fmu(given: str | Path, folder: Path | None = None) -> Path:
         folder: where FMUs of models are looked for before those that come with this project.
 
     Raises:
-        SystemDescriptionError: there is none.
+        SystemDescriptionError: the file does not exist.
     """
     path = Path(given)
     if path.is_file():
@@ -223,7 +223,7 @@ def exposed(drone: Drone, ports: Sequence[tuple[str, str]]) -> Drone:
 
 
 def _with_connectors(system: System, fmus: Mapping[str, FmuDescription], ends: Iterable[tuple[str, str]]) -> System:
-    """The system whose components have connectors for these ends (part, port) as well."""
+    """Returns the system whose components have connectors for these ends (part, port) as well."""
     wanted: dict[str, dict[str, None]] = {}
     for part, port in ends:
         wanted.setdefault(part, {})[port] = None
@@ -243,7 +243,7 @@ def parameters_of(fmus: Mapping[str, FmuDescription], path: str, value: Any) -> 
     """Returns the parameters, one for each element of an array, that set PART.VARIABLE to a value.
 
     Raises:
-        SystemDescriptionError: there is no such variable, or the value is not of its type.
+        SystemDescriptionError: the variable does not exist, or the value is not of its type.
     """
     part, _, name = path.rpartition(".")
     if part not in fmus:

@@ -97,7 +97,7 @@ def poses_of_file(file: Path) -> tuple[Pose, ...]:
     """Returns the rows of a CSV file with the columns north, east and, where wanted, down and name.
 
     Raises:
-        SystemDescriptionError: it cannot be read, or is not such a file; all problems at once.
+        SystemDescriptionError: it cannot be read, or has another form; all problems at once.
     """
     try:
         text = file.read_text(encoding="utf-8-sig")

@@ -12,7 +12,7 @@ consist of sections with at most five gaps. In lines and grids drones start `spa
 twice as far from their western neighbour; the others spread evenly between them.
 
 A system id of MAVLink has one byte, so ids repeat every 250 drones. The topologies written for laws on a line are
-local: nobody hears two drones of one id.
+local: drones with equal ids are never in reach of one node.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from cosim_master.system.formation import Member, rate
 __all__ = ["SHAPES", "Fleet", "fleet_of", "new_system", "number_of_drones", "parts"]
 
 SHAPES = ("line", "grid")
-"""Scenarios that are no systems: layouts of drones with the parts of `_DRONE`."""
+"""Scenarios that are not systems: layouts of drones with the parts of `_DRONE`."""
 _SECTION = 5
 """Gaps between two drones that stay, at most."""
 _SETTLED = 0.05
@@ -119,7 +119,7 @@ def new_system(
         seed: of the layout "random".
         until: stop time of the DefaultExperiment, s; None: when the errors of a law on a line have come down to 5 %,
             else the scenario's.
-        note: is told, in words, how fast the law converges, and what of the scenario is left out.
+        note: called with the convergence of the law, and with the parts of the scenario left out.
 
     Returns:
         The folder.

@@ -5,7 +5,7 @@
 
 Sources are rewritten to lead to the files in the archive; nothing else in a document changes, so that a run of the
 archive records what a run of the system does, bit for bit. The bytes of the archive follow from names and contents of
-its files alone. Files that nothing refers to stay behind. An .ssp that a component refers to is taken as it is.
+its files alone. Files without references to them are left out. An .ssp that a component refers to is taken unchanged.
 """
 
 from __future__ import annotations

@@ -73,19 +73,19 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
     """Writes a changed system.
 
     Args:
-        structure: what `read_system` returned, without problems, still open.
-        system: what its root system is to be, made from `structure.system` with `dataclasses.replace`.
-        out: where to; what is there must not exist yet. A folder for a folder, an .ssp for an .ssp, and for an .ssd
+        structure: the result of `read_system`, without problems, still open.
+        system: its new root system, made from `structure.system` with `dataclasses.replace`.
+        out: the target, which must not exist yet. A folder for a folder, an .ssp for an .ssp, and for an .ssd
             another one in the same folder. None: `structure.path` itself. Sources that lead out of a folder are
             rewritten to lead to the same files from the new one.
 
     Raises:
         SystemDescriptionError: `check` refuses the new system, or it holds something that cannot be written;
             everything is as it was then.
-        ValueError: `out` is no place for it.
+        ValueError: `out` is not suitable.
 
     Returns:
-        What was written.
+        The file or folder written.
     """
     if structure.problems:
         raise SystemDescriptionError(structure.problems)
@@ -211,7 +211,7 @@ class _Changes:
         """Changes the children of a list such as <Connections> from `old` to `new`.
 
         Returns:
-            The list itself as (tag, text), if there is none yet.
+            The list itself as (tag, text), if it does not exist yet.
         """
         node = parent.first(holder)
         nodes = [] if node is None else [child for child in node.children if child.tag in tags]
@@ -431,7 +431,7 @@ class _Changes:
 
 
 def _Lenient() -> etree.XMLParser:
-    """A parser for a start tag whose prefixes are declared further out."""
+    """Returns a parser for a start tag whose prefixes are declared in outer elements."""
     return etree.XMLParser(recover=True, no_network=True, resolve_entities=False)
 
 

@@ -37,7 +37,7 @@ class Scenario:
         stop_time: s; None if the system names none.
         numbered: paths below a drone of parameters that hold its system id in every drone, though they are declared as
             nothing: whatever tells drones apart.
-        notes: what is left out, for the user.
+        notes: parts left out, for the user.
     """
 
     drone: Drone

@@ -1,6 +1,6 @@
 """The references of a system's documents to other files: attributes, and the bytes of their values.
 
-What a reference is changed to replaces these bytes and leaves every other one as it is.
+The new value of a reference replaces these bytes and leaves every other one unchanged.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Reference:
         elements: names from the root system (excluded) to the component; empty for other references.
         start, stop: where its value is in the bytes of the file.
         target: the file it leads to, absolute; None if its value is not a relative path.
-        fragment: what comes after "#" in it.
+        fragment: the part after "#".
         type: of a component, as it is written.
         dialect: whether it leads to a MAVLink dialect; its value is then a path and not a URI.
     """

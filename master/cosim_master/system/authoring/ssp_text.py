@@ -1,4 +1,4 @@
-"""Parts of a system as the XML text of an .ssd, for `save`. What they are in the standard, `ssd` and `ssv` say."""
+"""Parts of a system as the XML text of an .ssd, for `save`. See `ssd` and `ssv` for their meaning in the standard."""
 
 from __future__ import annotations
 

@@ -40,10 +40,10 @@ def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | 
         out: the new system: an .ssp or a folder, which must not exist. None changes `system` itself.
 
     Returns:
-        What was written: `out`, or `system`.
+        The path written: `out`, or `system`.
 
     Raises:
-        SystemDescriptionError: the system is wrong, there is no such component, or the FMU does not fit its
+        SystemDescriptionError: the system is wrong, the component does not exist, or the FMU does not fit its
             connectors and parameters; every mismatch at once. Nothing has been written then.
     """
     with read_system(system) as structure:
@@ -157,7 +157,7 @@ def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], 
 
 
 def _exchanged(system: System, path: tuple[str, ...], targets: set[tuple[str, ...]], fmu: Path) -> System:
-    """A system whose components at these paths have another FMU."""
+    """Returns the system, with another FMU in the components at these paths."""
     heads = {target[: len(path) + 1] for target in targets}
     elements: list[Element] = []
     for element in system.elements:
@@ -199,7 +199,7 @@ def rebased(data: bytes, old: Path, new: Path, base: Path) -> bytes:
 
 
 _Change: TypeAlias = tuple[tuple[tuple[str, ...], Path | None, Any], ...]
-"""What changes in a document: names that lead to a component, and the document and its change behind that component,
+"""The changes of a document: names that lead to a component, and the document and its change behind that component,
 or None and nothing for one that gets the FMU. Components whose documents change alike share one."""
 
 
@@ -232,7 +232,7 @@ class _Edition:
         """The components whose source has been written, by document and names."""
         self.targets = {tuple(element.name for element in chain) for chain in chains}
         self.uses: dict[Path, dict[_Change, str]] = {}
-        """How each document changes for the components that refer to it, and who asks for each change first."""
+        """The changes of each document for the components that refer to it, and the first component for each change."""
         self._take_over()
         self._rewrite()
 
@@ -375,7 +375,7 @@ class _Edition:
         self.places.setdefault(document, place)
 
     def write(self) -> None:
-        """Writes the new system: all of it beside its place first, so that a failure leaves nothing half done."""
+        """Writes the new system: all of it beside its place first, so that a failure leaves no half-written files."""
         if self.in_place and not self.packing:
             self._write_changed()
             return

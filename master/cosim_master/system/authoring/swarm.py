@@ -10,7 +10,7 @@
     simulate(swarm)
 
 What is written is an ordinary system folder: one .ssd for each kind of drone, to which the drones of the root SSD
-refer, and one .ssv with what differs between them. Nothing remembers that it was generated.
+refer, and one .ssv with the differences between them. The result has no trace of being generated.
 
 Drones are made of the parts of a scenario, which other FMUs may replace. Where a drone starts, its system id and its
 neighbours are set by the parameters that the FMUs declare for it.
@@ -96,7 +96,7 @@ class Swarm:
         fmus: folder in which FMUs of models are looked for before those that come with this project.
 
     Attributes:
-        notes: what was left out of `like`, for the user.
+        notes: the parts of `like` left out, for the user.
 
     Raises:
         SystemDescriptionError: `like` is not the pattern of a swarm.
@@ -165,7 +165,7 @@ class Swarm:
             The name.
 
         Raises:
-            SystemDescriptionError: the name is taken, or there is no such FMU or variable, or no place for a value.
+            SystemDescriptionError: the name is taken, the FMU or variable does not exist, or a value has no place.
         """
         given = name or f"drone{self._drones + 1}"
         if given in self._members:
@@ -203,7 +203,7 @@ class Swarm:
         other an input.
 
         Raises:
-            SystemDescriptionError: there is no such drone or port, the ports do not fit, or there is a neighbour.
+            SystemDescriptionError: the drone or port does not exist, the ports do not fit, or there is a neighbour.
         """
         ends = [self._end(one) for one in (first, second)]
         if all(not port for _, port in ends):
@@ -224,7 +224,7 @@ class Swarm:
     def save(self, folder: str | Path) -> Path:
         """Writes the swarm as a system folder, which must not exist.
 
-        What is written is read back, compared and checked; a system that `check` refuses is not left behind.
+        The files are read back, compared and checked; a system that `check` refuses is removed.
 
         Raises:
             SystemDescriptionError: the folder exists, the swarm is empty, or `check` refuses it.

@@ -1,6 +1,6 @@
 """Compares a described system with its FMUs and flattens it: everything a run needs, with all names resolved.
 
-`check` raises every problem of every file, FMU, connection and parameter at once. What it returns is plain data;
+`check` raises every problem of every file, FMU, connection and parameter at once. Its result is plain data;
 no FMU has been loaded.
 """
 
@@ -59,7 +59,7 @@ def check(structure: SystemStructure, overrides: Mapping[str, str] | None = None
     """Compares a system with its FMUs and flattens it.
 
     Args:
-        structure: what `read_system` returned.
+        structure: the result of `read_system`.
         overrides: start values by hierarchical name ("drone1.autopilot.WPNAV_SPEED") or pattern
             ("drone*.vehicle.mass"), and settings of radio and recording ("network.loss"), as text. They win over
             everything in the files, and of two for the same variable the later one wins.
@@ -215,7 +215,7 @@ class _Check:
             return None
 
     def _sized(self, fmus: Mapping[Path, FmuDescription | None]) -> dict[str, FmuDescription]:
-        """Descriptions of the parts whose arrays the system gives other sizes than their FMU (structural parameters),
+        """Returns descriptions of parts whose arrays the system resizes (structural parameters),
         and of those for which it names one of two interfaces.
 
         Arrays are ports, one for each element, so that everything depends on their sizes; what sets those is found by

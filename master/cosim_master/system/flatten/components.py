@@ -40,7 +40,7 @@ class Port:
     Attributes:
         variable: the FMU's variable, for a connector of an FMU.
         entry: the signal it stands for, for a connector of a reference to a signal dictionary.
-        interval_variability: of a Clock, None where nobody says it.
+        interval_variability: of a Clock; None if neither file declares it.
     """
 
     part: Part
@@ -71,9 +71,9 @@ class Part:
 
     Attributes:
         name: hierarchical name ("drone1.vehicle"); empty for the root system.
-        system: what is inside, for a system or a component that is one; None for an FMU.
+        system: the contents of a system, or of a component that is one; None for an FMU.
         fmu: None for systems, and for a component whose FMU could not be described.
-        broken: its file could not be read; nothing more is said about it.
+        broken: its file could not be read; it causes no further problems.
         ports: by name; the elements of an array connector "A" are "A[1]", "A[1,2]".
         shapes: of its array connectors.
         open: array connectors of a system whose sizes its file does not say, until what they are connected to does.

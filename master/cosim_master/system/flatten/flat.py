@@ -28,10 +28,10 @@ class ComponentInstance:
 
     Attributes:
         name: hierarchical name ("drone1.vehicle"), unique.
-        start_values: what the system sets, in the FMU's units and types (enumerations as integers).
+        start_values: the values set by the system, in the FMU's units and types (enumerations as integers).
         step_size: communication step in s: the system's, else the FMU's own, else None.
         solver: of an FMU for Model Exchange, None for all others.
-        step_source: "system" or "FMU", whose it is; empty for none.
+        step_source: the origin of the step size, "system" or "FMU"; empty without one.
     """
 
     name: str
@@ -142,7 +142,7 @@ class CheckedSystem:
     """A system without known problems.
 
     Attributes:
-        structure: what was checked; keep it open as long as files of an .ssp are needed.
+        structure: the structure checked; keep it open as long as files of an .ssp are needed.
         instances: sorted by name, drone2 before drone10.
         links: sorted by target.
         start_time, stop_time: s; stop_time None if the system names none.
@@ -151,7 +151,7 @@ class CheckedSystem:
         aliases: connectors of systems that are driven, sorted by name.
         annotations: all of them, outer before inner.
         unmatched: parameters of bindings that match nothing and are ignored.
-        notes: what was assumed or ignored, for the user.
+        notes: assumptions and ignored contents, for the user.
         assignments: start values given to each variable (instance, name), in rising precedence.
         settings: attributes of our annotations that the run overrides, as text, by tag and name.
     """

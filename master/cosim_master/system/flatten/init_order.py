@@ -68,7 +68,7 @@ def exchange_order(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription], n
 
 
 def _graph(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]) -> tuple[dict[_Node, list[_Node]], set[_Node]]:
-    """Edges from each node to those that need it, and the outputs whose dependencies are assumed."""
+    """Returns edges from each node to those that need it, and the outputs whose dependencies are assumed."""
     edges: dict[_Node, list[_Node]] = {}
     assumed: set[_Node] = set()
     for source, target in links:

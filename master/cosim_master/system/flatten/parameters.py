@@ -1,10 +1,10 @@
-"""Applies parameter bindings: which start value each variable of each FMU gets, and from whom.
+"""Applies parameter bindings: the start value of each variable of each FMU, and its origin.
 
 Precedence (SSP 2.0, section 5.2.3): a higher level of the hierarchy wins over a lower one, at one level the later
 binding wins; a component that is an .ssd counts as its root system with its own bindings after the system's. A name
 applies to everything it matches, and is ignored, with a note, if it matches nothing. In one set of parameters, where
 the standard is silent, a connector of a system wins over what it leads to, as the connection itself does. Under a
-parameter mapping only what it names is applied, by the names it gives.
+parameter mapping only the named parameters are applied, under their new names.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _NAMED = 5
 
 @dataclass(frozen=True, slots=True)
 class Unmatched:
-    """A parameter that matches nothing: its hierarchical name, and what may have been meant."""
+    """A parameter that matches nothing: its hierarchical name, and a suggestion."""
 
     name: str
     where: Where
@@ -59,7 +59,7 @@ class Assignment:
         owner: hierarchical name of the system or component that has the binding; empty for the root.
         name: the name it was applied by, there.
         text: the value as written, with its unit.
-        value: what the variable gets, in its own unit and type.
+        value: the value for the variable, in its own unit and type.
     """
 
     where: Where

@@ -24,7 +24,7 @@ def check_sizes(wiring: Wiring, values: Mapping[str, Mapping[str, Value]], probl
 
     Args:
         wiring: all connections.
-        values: what is set, by instance and variable.
+        values: the values set, by instance and variable.
         problems: appended to.
     """
     for part in wiring.root.walk():

@@ -59,7 +59,7 @@ _REFUSED = {
     "faultInjectConfigurationPath": FAULTS,
     "faultInjectInstances": FAULTS,
 }
-"""What would change the numbers, and is not supported."""
+"""Contents that would change the numbers, and are not supported."""
 _READ = {
     "fmus": (),
     "connections": (),
@@ -96,7 +96,7 @@ def read_multimodel(path: str | Path) -> SystemStructure:
     """Reads a multi-model or the configuration of a run of one.
 
     Returns:
-        The structure; what is wrong with it is in its `problems`, as with every system.
+        The structure; its `problems` hold its errors, as with every system.
 
     Raises:
         SystemDescriptionError: the file, or the multi-model it names, is not JSON or not of this kind at all.
@@ -175,7 +175,7 @@ class _Json:
 def _multimodel_of(configuration: _Json, notes: list[str]) -> Path:
     """The multi-model that a run's configuration names: its path is relative to the project's folder.
 
-    Where there is no such file, since the project was moved or renamed, it is the only multi-model in the folder of
+    If that file does not exist, since the project was moved or renamed, it is the only multi-model in the folder of
     the configuration or in the one above, where the application keeps it.
     """
     named = str(configuration.content["multimodel_path"])

@@ -58,7 +58,7 @@ class Settings:
         uses: the name of a component's solver.
         step: of the master, s; None if it names none of one size.
         solver: "cvode" or "euler", with its `solver_step` (s) or `tolerance` (relative); None if it names none.
-        notes: what is taken over, and what is not.
+        notes: the settings adopted, and those not adopted.
     """
 
     step: float | None

@@ -124,7 +124,7 @@ def read_osp(path: Path) -> SystemStructure:
     """Reads an OspSystemStructure.xml.
 
     Returns:
-        The structure; what is wrong with it is in its `problems`, as with every system.
+        The structure; its `problems` hold its errors, as with every system.
 
     Raises:
         SystemDescriptionError: the file cannot be read, or is not of this kind at all.

@@ -1,7 +1,7 @@
 """Reads a system: an .ssd file, an .ssp archive or a folder, and everything it refers to, into a `SystemStructure`.
 
 SSP 1.0 and 2.0. Whatever cannot be run is a problem with file and line, whatever the standard has not is reported
-with what would be valid; geometry is drawing only and passed over.
+with the valid alternatives; geometry is for drawing only and is skipped.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def read_system(path: str | PathLike[str], variant: str | None = None) -> System
         what is wrong with the FMUs and connections; close it to remove an unpacked archive.
 
     Raises:
-        SystemDescriptionError: there is no readable root document at all, or no such variant.
+        SystemDescriptionError: the root document cannot be read, or the variant does not exist.
     """
     given = Path(path)
     if not given.exists():
@@ -86,7 +86,7 @@ def _shipped(name: str) -> Path:
     """The folder of a shipped system.
 
     Raises:
-        SystemDescriptionError: there is none of this name, or its FMUs cannot be built.
+        SystemDescriptionError: the system does not exist, or its FMUs cannot be built.
     """
     try:
         found = shipped.find(name)
@@ -134,7 +134,7 @@ def _names(named: dict[str, list[str]], documents: dict[str, File]) -> Sequence[
 
 
 def _name_of(file: File) -> str:
-    """The name of the description in an .ssd; empty if it cannot be read, which is said when it is chosen."""
+    """Returns the name of the description in an .ssd; empty if unreadable, which is reported when it is chosen."""
     try:
         return parsed(file).get("name", "")
     except SystemDescriptionError:

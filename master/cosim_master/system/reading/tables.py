@@ -42,7 +42,7 @@ def describe_table(path: Path, components: Sequence[Component]) -> FmuDescriptio
 
     Args:
         path: .csv text or Parquet, as the type of the components says.
-        components: those whose source it is; their connectors say of what types the columns are.
+        components: those whose source it is; their connectors declare the types of the columns.
 
     Raises:
         SystemDescriptionError: all that is wrong with the file, and components that disagree about it.

@@ -48,11 +48,11 @@ class VarStep:
     Args:
         algorithm: the object.
         where: the line of a key.
-        problem: is told of a key what is wrong with it.
+        problem: called with a key and its problem.
 
     Attributes:
         first: the first step, s.
-        notes: what is not taken as it is written.
+        notes: settings that are not taken literally.
     """
 
     def __init__(self, algorithm: Mapping[str, Any], where: Callable[[str], Where], problem: _Note) -> None:

@@ -27,7 +27,7 @@ class Attributes:
 
     Args:
         given: attributes that a run overrides, by name, as text.
-        tag: of the element; what the overridden attributes are called by: "network" for "network.loss".
+        tag: of the element, and prefix of overridden attributes: "network" for "network.loss".
     """
 
     def __init__(

@@ -71,7 +71,7 @@ def _targets(name: str, variables: Mapping[str, tuple[int, Variable]], driven: C
     """The variables that a name or pattern stands for, all of which can be changed.
 
     Raises:
-        ValueError: there is none, or one of them cannot be changed.
+        ValueError: it does not exist, or one of them cannot be changed.
     """
     if name in variables:
         _check_changeable(variables[name][1], driven=name in driven)

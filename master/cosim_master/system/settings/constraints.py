@@ -8,7 +8,7 @@
     </master>
 
 `type`: "zerocrossing", "boundeddifference", "samplingrate" or "fmumaxstepsize". The other attributes are Maestro's own
-words; docs/masters.md says what each constraint does. Reads settings; steps nothing.
+words; docs/masters.md describes each constraint. Reads settings; steps nothing.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@
     </ssc:Annotation>
 
 `algorithm`: "jacobi" (the default), "gauss-seidel", "fixed-point", "quasi-newton", "richardson" or "var-step";
-docs/masters.md says what each guarantees, and when it refuses.
+docs/masters.md describes the guarantees of each, and its limits.
 `order`: of instances that depend on each other, as far as it is to be a certain one.
 `tolerance`, `iterations`, `relaxation`: of the two that iterate. `tolerance`, `minimumStep`, `maximumStep` (s): of
 Richardson. `minimumStep`, `maximumStep` and `constraint`, see `constraints`: of var-step.
@@ -294,7 +294,7 @@ def connected(checked: CheckedSystem, master: MasterSettings) -> CheckedSystem:
 def _connections(
     checked: CheckedSystem, children: Sequence[Attributes], every: int
 ) -> tuple[dict[Target, Delay], dict[Target, tuple[int, Where]]]:
-    """Delays, and which inputs are said to be extrapolated or not."""
+    """Returns delays, and the inputs that are declared as extrapolated or as not extrapolated."""
     links = {".".join(link.target): link for link in checked.links}
     instances = {one.name: one for one in checked.instances}
     delays: dict[Target, Delay] = {}
@@ -337,7 +337,7 @@ def _extrapolated(
     algorithm: str,
     problems: list[Problem],
 ) -> frozenset[Target]:
-    """The inputs that are extrapolated: those of which it is said, with `every` all Real ones of which it is not."""
+    """Returns the extrapolated inputs: those declared so; with `every`, all Reals not declared otherwise."""
     fmus = {one.name: one for one in checked.instances}
     found: dict[Target, Where] = {target: where for target, (order, where) in said.items() if order}
     for link in checked.links if every else ():
@@ -384,7 +384,7 @@ def _ranks(checked: CheckedSystem, reader: Attributes, order: Sequence[str]) -> 
 def _groups(
     checked: CheckedSystem, delays: Mapping[Target, Delay], ranks: Sequence[int]
 ) -> tuple[tuple[int, ...], ...]:
-    """Groups of instances that depend on each other, each after those whose outputs it needs.
+    """Returns groups of instances that depend on each other, each after the groups whose outputs it needs.
 
     Among groups that do not need each other, and inside a group, the declared order decides, then that of the names.
     """

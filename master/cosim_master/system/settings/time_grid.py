@@ -34,7 +34,7 @@ class TimeGrid:
 
     Attributes:
         per_ns: ticks of a nanosecond.
-        sources: of each instance, whose step size acts: "--step", "system" or "FMU".
+        sources: of each instance, the origin of its step size: "--step", "system" or "FMU".
     """
 
     start: int
@@ -159,7 +159,7 @@ def _with_tables(instances: Sequence[ComponentInstance], sizes: Sequence[Fractio
 
 
 def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Fraction], step: float | None) -> TimeGrid:
-    """The clock of a run of `length` ns whose instances step by `sizes`, ns."""
+    """Returns the time grid of a run of `length` ns whose instances step by `sizes`, ns."""
     where, problems = checked.structure.where, []
     per_ns = math.lcm(*(size.denominator for size in sizes))
     if (abs(start) + length) * per_ns >= _LARGEST_TICK:
@@ -193,7 +193,7 @@ def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Frac
 
 
 def _step_notes(instances: Sequence[ComponentInstance], sources: Sequence[str], step: float | None) -> list[str]:
-    """Whose step sizes act, where that may surprise: --step over the system, and proposals of FMUs of others."""
+    """Returns notes on surprising sources of step sizes: --step over the system, and proposals of other tools' FMUs."""
     if step is not None:
         over = [one.name for one in instances if one.step_source == "system" and one.step_size != step]
         listed = ", ".join(over[:3]) + (f" and {len(over) - 3} more" if len(over) > 3 else "")

@@ -1,7 +1,7 @@
 """Files that SSP files refer to: resolves URIs, unpacks archives, and caches the contents.
 
 A relative URI is resolved against the file it is in (RFC 3986) and must not lead out of the archive that file came
-from. What is inside the files is not known here.
+from. The contents of the files are not interpreted here.
 """
 
 from __future__ import annotations

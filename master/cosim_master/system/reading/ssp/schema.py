@@ -1,7 +1,7 @@
 """Validates SSP files against the official XML schemas of SSP 1.0 and 2.0.1, with line numbers.
 
 The schemas are data files of the package pyssp-standard (which is not imported); nothing is fetched. What our own
-grammar has found is said in its words; this adds what only the schemas know.
+grammar reports comes first; the schemas add the rest.
 """
 
 from __future__ import annotations

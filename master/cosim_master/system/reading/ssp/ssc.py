@@ -1,4 +1,4 @@
-"""Reads what all of SSP's files share (SSP 2.0, section 4): versions, units, enumerations, types, transformations.
+"""Reads the common parts of SSP's files (SSP 2.0, section 4): versions, units, enumerations, types, transformations.
 
 It knows nothing of systems or parameter sets; those are in `ssd` and `ssv`.
 """

@@ -63,11 +63,11 @@ class Document:
 
     Args:
         file: the file.
-        files: what has been read so far.
+        files: the files read so far.
         stack: the systems that are being read around it (document and id), against recursion.
 
     Raises:
-        SystemDescriptionError: the file is no .ssd at all; everything else goes to `files.problems`.
+        SystemDescriptionError: the file is not an .ssd; all other errors go to `files.problems`.
     """
 
     def __init__(self, file: File, files: Files, stack: tuple[tuple[Path, str], ...]) -> None:
