@@ -87,15 +87,15 @@ def make_plan(
     ports, text, capacity = _packet_ports(layout, network)
     constants = _first_constants(layout, kinds)
     values = _values(layout, kinds, constants)
-    delays, kept = _delay_table(layout, clock, constants, len(kinds[1].outputs))
-    slopes = _slope_table(layout, master, kept.size)
-    kept = np.concatenate([kept, np.zeros(slopes.size + master.memory)])
+    delays, delay_line = _delay_table(layout, clock, constants, len(kinds[1].outputs))
+    slopes = _slope_table(layout, master, delay_line.size)
+    delay_line = np.concatenate([delay_line, np.zeros(slopes.size + master.memory)])
     native = _Native(len(slaves), kinds)
     instances = _instance_table(clock, network, slaves, native)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     return Plan(
         instances=table(instances),
-        calls=table(_calls(instances, feeds, values, ports, slaves, kinds, native, slopes, kept)),
+        calls=table(_calls(instances, feeds, values, ports, slaves, kinds, native, slopes, delay_line)),
         feeds=table(feeds),
         runs=table(_runs(feeds, clock.periods)),
         sources=_sources(kinds, constants),
@@ -121,7 +121,7 @@ def make_plan(
         grids=np.array([] if grid else clock.grids, dtype=np.int64),
         delays=table(delays),
         slopes=table(slopes),
-        kept=kept,
+        delay_line=delay_line,
         confined=np.array(master.sequence or sorted(set(range(len(slaves))) - set(free)), dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
         shared=np.zeros(40, dtype=np.int64),
@@ -187,20 +187,20 @@ def _delay_table(
         integers: number of integer outputs, which come before the booleans.
     """
     table = np.zeros(len(layout.delays), dtype=DELAY)
-    kept: list[float] = []
+    delay_line: list[float] = []
     for row, one in zip(table, layout.delays, strict=True):
         whole = min(one.kind, 1)
         row["whole"], row["source"] = whole, one.source + (integers if one.kind == 2 else 0)
         row["place"] = constants[whole] + one.constant
         row["factor"], row["offset"] = one.link.factor, one.link.offset
         steps = -1 if one.ns == TERM else round(one.ns * clock.per_ns / clock.base)
-        row["first"], row["length"] = len(kept), steps
-        kept += [float(one.start)] * max(steps, 0)
-    return table, np.array(kept)
+        row["first"], row["length"] = len(delay_line), steps
+        delay_line += [float(one.start)] * max(steps, 0)
+    return table, np.array(delay_line)
 
 
 def _slope_table(layout: Layout, master: MasterSettings, first: int) -> np.ndarray[Any, Any]:
-    """The SLOPE table; derivatives are in `Plan.kept` from `first` on."""
+    """The SLOPE table; derivatives are in `Plan.delay_line` from `first` on."""
     real, wanted = layout.ports["Real"], master.extrapolated
     found = [
         (j, i)
@@ -323,7 +323,7 @@ def _calls(
     kinds: Sequence[Ports],
     native: _Native,
     slopes: np.ndarray[Any, Any],
-    kept: np.ndarray[Any, Any],
+    delay_line: np.ndarray[Any, Any],
 ) -> np.ndarray[Any, Any]:
     """The CALL table; notes in `instances` which calls are whose."""
     rows: list[tuple[int, ...]] = []
@@ -356,7 +356,7 @@ def _calls(
             if verb == "Get":
                 rows += _packet_call(verb, one, ports, first_endpoint, native)
             elif (own := slopes[slopes["instance"] == i]).size:
-                rows.append(_slope_call(one, own, values.in_reference, kept, native))
+                rows.append(_slope_call(one, own, values.in_reference, delay_line, native))
         row["last_get"] = len(rows)
         for e in range(first_endpoint + 1, last_endpoint):
             ports[e]["get"] = len(rows)
@@ -368,12 +368,12 @@ def _slope_call(
     one: Slave,
     slopes: np.ndarray[Any, Any],
     references: np.ndarray[Any, Any],
-    kept: np.ndarray[Any, Any],
+    delay_line: np.ndarray[Any, Any],
     native: _Native,
 ) -> tuple[int, ...]:
     """fmi2SetRealInputDerivatives: as FMI 3 calls it has five arguments; the last two are orders and derivatives."""
     name = "fmi2SetRealInputDerivatives"
-    derivatives = kept.ctypes.data + kept.itemsize * int(slopes["place"][0])
+    derivatives = delay_line.ctypes.data + delay_line.itemsize * int(slopes["place"][0])
     typed = native.typed(values=native.put([1] * slopes.size), n_values=derivatives, sizes=0, plain=0, sets=1)
     numbers = native.put([int(references[j]) for j in slopes["input"]])
     address, n, width = one.library.address(name), slopes.size, WIDTHS["Float64"]

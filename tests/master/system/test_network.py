@@ -214,7 +214,7 @@ def test_links_go_both_ways(swarm: Any) -> None:
         ("", '<partition nodes="d9"/>', 'partition of "d9": there is no such radio node; valid: "d1", "d2", "d3"'),
         ("", '<partition nodes="d*"/>', "a partition names some of the nodes, and not all of them"),
         ("", '<partition start="1"/>', "a partition names some of the nodes, and not all of them"),
-        ("", '<partition nodes="d1" start="5" stop="4"/>', "partition from 5 s to 4 s: stop must lie behind start"),
+        ("", '<partition nodes="d1" start="5" stop="4"/>', "partition from 5 s to 4 s: stop must be after start"),
         ("", "<jamming/>", "jamming needs a radius, in m"),
         ('range="10" position="vehicle.speed"', "", "topology nearest and range need positions; "),
         ('topology="nearest" position="pilot.position"', "", "topology nearest and range need positions; "),

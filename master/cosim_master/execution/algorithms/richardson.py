@@ -8,7 +8,7 @@ whole one. A step is accepted if that is no more than the tolerance times its du
 no more than the tolerance in a second. Times are whole nanoseconds.
 
 The control steps and copies nothing itself: the world does. `Richardson` is the algorithm, with the run as the world.
-The next step size is in `Plan.kept`, where checkpoints find it.
+The next step size is in `Plan.delay_line`, where checkpoints find it.
 """
 
 from __future__ import annotations
@@ -75,11 +75,11 @@ class StepControl:
     @property
     def h(self) -> int:
         """The size of the next step, ns."""
-        return int(self._plan.kept[0])
+        return int(self._plan.delay_line[0])
 
     @h.setter
     def h(self, h: int) -> None:
-        self._plan.kept[0] = h
+        self._plan.delay_line[0] = h
 
     def to(self, t: int, target: int, world: World) -> None:
         """Steps from `t` to `target`, ns.

@@ -5,7 +5,7 @@ again from the same state, a quarter as long, where all FMUs can go back. See `c
 
 Times are whole nanoseconds, and so is the base step of the run. There is a row for every step that counts, or one every
 `interval` of the recording, at which a step then ends, as at changes, at events and at the end of the run. What the
-next size depends on is in `Plan.kept`, where snapshots and checkpoints find it.
+next size depends on is in `Plan.delay_line`, where snapshots and checkpoints find it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class VariableStep:
         self._longest = master.maximum_step or max(_LONGEST, self._shortest)
         self._sizes = StepSizes(
             master.constraints,
-            state.plan.kept[state.plan.kept.size - master.memory :],
+            state.plan.delay_line[state.plan.delay_line.size - master.memory :],
             first=min(state.clock.periods),
             shortest=self._shortest,
             longest=self._longest,

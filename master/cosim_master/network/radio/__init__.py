@@ -1,1 +1,1 @@
-"""The radio: who hears whom, when, and what is lost."""
+"""The radio: topology, channel, queues and routing of packets."""

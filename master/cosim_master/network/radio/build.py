@@ -1,4 +1,4 @@
-"""From a checked network to the radio's memory: tables of nodes, endpoints, links, gateways and places in flight."""
+"""The radio's tables of nodes, endpoints, links, gateways and packets in flight, made from a checked network."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ __all__ = ["GATEWAY_BYTES", "grown", "make_radio", "packet_counts"]
 _NANO = 1_000_000_000
 _MEDIA = {"none": 0, "own": tables.OWN, "shared": tables.SHARED, "aloha": tables.ALOHA}
 GATEWAY_BYTES = 1 << 16
-"""What can be taken out of a gateway at a time."""
+"""Bytes that can be taken out of a gateway at a time."""
 
 
 def _hash(name: str) -> int:
@@ -72,7 +72,7 @@ def _number(name: str, value: float) -> float:
 
 
 def _reach(endpoint: Endpoint, node: Node) -> int:
-    """Whom an endpoint hears and reaches."""
+    """Returns the reach of an endpoint: the ports that it hears and can send to."""
     if endpoint.line:
         return tables.GROUND if endpoint.line == TELEMETRY else tables.CABLE
     apart = any(e.instance == endpoint.instance and e.line == TELEMETRY for e in node.endpoints)
@@ -227,7 +227,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
 
 
 def grown(radio: Radio, need: int) -> Radio:
-    """The same radio with at least `need` more free places in flight."""
+    """Returns the same radio with at least `need` more free places in flight."""
     old = radio.places.size
     new = max(2 * old, old + need)
     places = np.zeros(new, dtype=PLACE)

@@ -1,4 +1,4 @@
-"""What a link does to a packet: latency, jitter, loss, range and outages, with random numbers of its own."""
+"""The effects of a link on a packet: latency, jitter, loss, range and outages, with random numbers of its own."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def in_outage(r: Radio, n: int, t: int) -> bool:
 
 @kernel
 def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int, number: int) -> tuple[int, int]:
-    """When a packet that endpoint `e` sends by radio at t reaches the node `other`, -1 if never, and the outcome.
+    """Returns the arrival of a packet sent by endpoint `e` by radio at t to the node `other`, or -1; and the outcome.
 
     `number` is that of the packet at its sender: with the identities of both it keys the random numbers.
     """
@@ -65,9 +65,9 @@ def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int,
 
 @kernel
 def over_link(r: Radio, t: int, g: int, source: int, sink: int, n: int) -> tuple[int, int]:
-    """When a packet that leaves endpoint `source` at t reaches node `sink` by the link of gateway g, and the outcome.
+    """Returns the arrival of a packet sent by endpoint `source` at t to node `sink` via gateway g's link, and outcome.
 
-    `n` is the node at the far end of the link, whose outages count unless a wire leads to it.
+    `n` is the node at the far end of the link; its outages count unless it is wired.
     """
     w = r.gateways[g]
     number = w.number

@@ -34,7 +34,7 @@ a gateway by a line of its own is in no vehicle's log: its node is one more than
 def put(
     r: Radio, endpoint: int, arrival: int, buf: NDArray[np.uint8], start: int, stop: int, logged: int, gateway: int
 ) -> int:
-    """Into the queue of `endpoint`, behind everything that arrives no later; returns its place."""
+    """Inserts a packet into the queue of `endpoint`, after all that arrive no later; returns its place."""
     place = r.counters[FREE_PLACE]
     r.counters[FREE_PLACE] = r.places[place].following
     r.counters[FREE_PLACES] -= 1
@@ -116,7 +116,7 @@ def record_event(
 
 @kernel
 def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
-    """Take what has reached endpoint `e` by time t [ns] into `buf`; returns the bytes. What does not fit waits."""
+    """Copies packets that have reached endpoint `e` by time t [ns] into `buf`; returns the bytes. The excess waits."""
     n = 0
     while r.endpoints[e].first >= 0 and r.places[r.endpoints[e].first].arrival <= t:
         place = r.endpoints[e].first
@@ -140,6 +140,6 @@ def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
 
 @kernel
 def arrived(endpoints: NDArray[Any], places: NDArray[Any], t: int, e: int) -> bool:
-    """Whether something has reached endpoint `e` by time t [ns]. Asked of every endpoint in every step."""
+    """Returns whether a packet has reached endpoint `e` by time t [ns]. Called for every endpoint in every step."""
     first = endpoints[e].first
     return bool(first >= 0 and places[first].arrival <= t)

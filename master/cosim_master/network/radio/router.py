@@ -1,4 +1,4 @@
-"""The radio: who hears a packet (router), and if and when (channel). Kernels over arrays, called by the stepping loop.
+"""Routing of packets to their receivers: kernels over arrays, called by the stepping loop.
 
 An *endpoint* is a pair of packet ports of one instance (an autopilot, an agent, a ground station); a *node* is what
 shares an antenna: the endpoints of one vehicle. Endpoints of a node are wired on board, without loss or delay. Over
@@ -12,7 +12,7 @@ alone, for those on the air or for the one that is wired to it; they are on no b
 Every chance is a function of (seed, sending endpoint, receiving node, number of the packet at its sender) and of
 nothing else, so results depend neither on the step size nor on the order in which instances step.
 
-This module knows packets only as bytes with a header; what they mean is not its business.
+This module knows packets only as bytes with a header, not their meaning.
 """
 
 from __future__ import annotations
@@ -76,14 +76,14 @@ def _addressed(r: Radio, endpoint: int, to_system: int) -> bool:
 
 @kernel
 def _hears(r: Radio, endpoint: int, to_system: int) -> bool:
-    """Whether an endpoint takes what another node sends to `to_system`."""
+    """Returns whether an endpoint accepts packets that another node sends to `to_system`."""
     e = r.endpoints[endpoint]
     return bool(e.capacity > 0 and e.reach <= SWARM and _addressed(r, endpoint, to_system))
 
 
 @kernel
 def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int) -> bool:
-    """To the other endpoints of the node. An endpoint not heard yet gets what is addressed: the bus is shared."""
+    """Sends a packet to the node's other endpoints, addressed or not: the bus is shared until they are known."""
     n = r.endpoints[e].node
     taken = False
     for other in range(r.nodes[n].first, r.nodes[n].last):
@@ -120,7 +120,7 @@ def _by_radio(
     start: int,
     stop: int,
 ) -> bool:
-    """To the nodes of the topology, through medium and channel."""
+    """Sends a packet to the nodes of the topology, through medium and channel."""
     n = r.endpoints[e].node
     number = r.endpoints[e].number
     r.endpoints[e].number = number + 1
@@ -151,7 +151,7 @@ def _transmit(
     start: int,
     stop: int,
 ) -> bool:
-    """To the nodes of the topology, through the channel: what endpoint `e` has `sent` and what is on the air at t."""
+    """Sends a packet of endpoint `e`, on the air at t, through the channel to the nodes of the topology."""
     s, n = r.settings[0], r.endpoints[e].node
     hearers = find_hearers(r, reals, n)
     taken = False
@@ -199,7 +199,7 @@ def _duplicate(
     start: int,
     stop: int,
 ) -> None:
-    """Perhaps a second copy of a packet that reaches node `other` at `arrival`, up to the jitter later."""
+    """Sends, at random, a second copy of a packet that reaches node `other` at `arrival`, up to the jitter later."""
     s, source, sink = r.settings[0], r.endpoints[e].identity, r.nodes[other].identity
     if chance(s.seed, source, sink, number, OF_DUPLICATE) >= s.duplicates:
         return
@@ -214,7 +214,7 @@ def _duplicate(
 
 @kernel
 def end_slots(r: Radio, reals: NDArray[np.float64], t: int) -> None:
-    """Route the packets of slots that are over by time t [ns]."""
+    """Routes the packets of slots that are over by time t [ns]."""
     medium = r.endpoints.size - 1
     end = next_slot_over(r, t)
     while end >= 0:
@@ -231,7 +231,7 @@ def end_slots(r: Radio, reals: NDArray[np.float64], t: int) -> None:
 
 @kernel
 def _to_gateways(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int) -> bool:
-    """From endpoint e to the gateways that hear it, of an addressed packet to those behind which its system is."""
+    """Sends a packet to the gateways that hear endpoint e; an addressed one to those that have heard its system."""
     taken = False
     reach = r.endpoints[e].reach
     for g in range(r.gateways.size):
@@ -252,7 +252,7 @@ def _to_gateways(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8
 def _from_gateway(
     r: Radio, t: int, g: int, n: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int
 ) -> bool:
-    """To the endpoints of node n that its address means, or to the one that gateway g is wired to."""
+    """Sends a packet of gateway g to the endpoints of node n that it addresses, or to the one that g is wired to."""
     w = r.gateways[g]
     wanted = False
     for j in range(r.nodes[n].first, r.nodes[n].last):
@@ -298,7 +298,7 @@ def _own_message(r: Radio, buf: NDArray[np.uint8], start: int) -> tuple[int, int
 
 @kernel
 def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
-    """Route what has come in by gateway g: the packets in buf[:n], complete and with a right CRC, at time t [ns]."""
+    """Routes the packets in buf[:n] that gateway g received by time t [ns]; they are complete and their CRCs right."""
     w = r.gateways[g]
     e = w.endpoint
     p = 0
@@ -323,7 +323,7 @@ def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
 
 @kernel
 def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.uint8], n: int) -> None:
-    """Route what endpoint `e` has sent: the packets in buf[:n], at time t [ns]."""
+    """Routes what endpoint `e` has sent: the packets in buf[:n], at time t [ns]."""
     p = 0
     while p < n:
         start, stop, status = find(buf, p, n)

@@ -185,7 +185,7 @@ CHANNEL = np.dtype(
         ("burst_loss", "f8"),
     ]
 )
-"""What happens to packets on their way from nodes of one kind to nodes of another, where it is not as in SETTINGS."""
+"""The channel from nodes of one kind to nodes of another, where it differs from SETTINGS."""
 
 
 PLACE = np.dtype(
@@ -208,7 +208,7 @@ COUNTED, LOGGED = 1, 2
 
 
 DEFINITION = np.dtype([("message", "i8"), ("crc_extra", "i8"), ("target_system", "i8")])
-"""What routing a message of the system's own dialect needs; offset of its target_system in the payload, -1."""
+"""A message of the system's own dialect, as routing needs it; offset of its target_system in the payload, or -1."""
 
 
 GATEWAY = np.dtype(
@@ -223,7 +223,7 @@ GATEWAY = np.dtype(
         ("systems", "u1", (256,)),  # 1: this system has been heard behind it
     ]
 )
-"""A node behind which real programs are."""
+"""A node that represents real programs."""
 
 
 class Radio(NamedTuple):

@@ -1,4 +1,4 @@
-"""Who hears whom by radio."""
+"""Topologies: the nodes that hear each other by radio."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["find_hearers", "copies", "sort_along"]
 
 @kernel
 def sort_along(r: Radio, reals: NDArray[np.float64]) -> None:
-    """Sort `order` by position along the axis; nearly sorted from the last time, ties by node number."""
+    """Sorts `order` by position along the axis; nearly sorted from the last time, ties by node number."""
     for n in range(r.along.size):
         s = 0.0
         for i in range(3):

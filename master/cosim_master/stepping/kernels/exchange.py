@@ -18,7 +18,7 @@ inlined = functools.partial(kernel, inline=True)
 
 @inlined
 def point_in_time(clock: NDArray[np.int64], k: int) -> int:
-    """Communication point t_k, ns: what lies between two is rounded."""
+    """Communication point t_k, rounded to ns."""
     ticks, per_ns = clock[START] + k * clock[BASE], clock[PER_NS]
     return int(ticks if per_ns == 1 else (ticks + per_ns // 2) // per_ns)
 
@@ -96,8 +96,8 @@ def delay(p: Plan, k: int) -> None:
         value = d.factor * p.real_out[d.source] + d.offset if d.whole == 0 else float(p.int_out[d.source])
         if d.length > 0:
             at = d.first + step % d.length
-            new, value = value, p.kept[at]
-            p.kept[at] = new
+            new, value = value, p.delay_line[at]
+            p.delay_line[at] = new
         elif d.length < 0:
             value += p.real_out[d.place]
         if d.whole == 0:
@@ -115,7 +115,7 @@ def extrapolate(p: Plan, k: int, first: int, last: int) -> None:
         if s.instance < first or s.instance >= last or k % p.instances[s.instance].period != 0:
             continue
         value = p.real_in[s.input]
-        p.kept[s.place] = (
+        p.delay_line[s.place] = (
             (value - s.before) / ((t - s.at) / (1e9 * p.clock[PER_NS])) if s.known != 0 and t > s.at else 0.0
         )
         s.before = value

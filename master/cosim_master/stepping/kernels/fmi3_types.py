@@ -68,7 +68,7 @@ TYPED = np.dtype(
         ("sets", "i8"),
     ]
 )
-"""What an FMI 3 call has besides an FMI 2 one; of FMI 2 calls it would be a burden, so it lies apart."""
+"""The arguments of an FMI 3 call that FMI 2 lacks; they are stored separately, to keep FMI 2 calls small."""
 _VALUES, _N_VALUES, _SIZES, _PLAINLY, _SETS = range(5)
 
 
@@ -79,7 +79,7 @@ def _at(base: int, size: int, i: int) -> int:
 
 @kernel
 def _to_fmu(width: int, plain: int, native: int, n: int) -> bool:
-    """Convert what is to be set; False if an integer does not fit."""
+    """Converts values to be set; False if an integer does not fit."""
     for i in range(n):
         if width == _FLOAT32:
             store_f4(_at(native, 4, i), load_f8(_at(plain, 8, i)))
@@ -113,7 +113,7 @@ def _to_fmu(width: int, plain: int, native: int, n: int) -> bool:
 
 @kernel
 def _from_fmu(width: int, native: int, plain: int, n: int) -> bool:
-    """Convert what was got; False if an integer has more than 32 bits."""
+    """Converts values received; False if an integer has more than 32 bits."""
     for i in range(n):
         if width == _FLOAT32:
             store_f8(_at(plain, 8, i), load_f4(_at(native, 4, i)))
@@ -153,7 +153,7 @@ def _field(typed: int, number: int) -> Any:
 
 @kernel
 def call3(call: Any) -> Any:
-    """Make an FMI 3 call with its conversions; a status, or OUT_OF_RANGE."""
+    """Makes an FMI 3 call with its conversions; a status, or OUT_OF_RANGE."""
     width = call.width
     function, handle, references, n = call.function, call.handle, call.references, np.uintp(call.n)
     values = _field(call.values, _VALUES)

@@ -181,7 +181,7 @@ _usleep: Any = types.ExternalFunction("usleep", types.int32(types.uint32))
 
 
 def _rest(spins: int) -> None:
-    """Wait a moment: not at all at first, then let others run, then sleep."""
+    """Waits a moment: not at all at first, then let others run, then sleep."""
     if spins > 20000:
         _usleep(np.uint32(50))
     elif spins > 200:

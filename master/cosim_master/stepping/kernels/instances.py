@@ -1,4 +1,4 @@
-"""Steps of instances: inputs set, doStep, outputs got, and who failed."""
+"""Steps of instances: inputs, doStep, outputs and failures."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def fail(instances: NDArray[Any], i: int, function: int, status: int, detail: in
 
 @inlined
 def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int) -> bool:
-    """Make calls of instance `i`, until one fails; returns whether none did."""
+    """Makes calls of instance `i`, until one fails; returns whether none did."""
     for c in range(np.uintp(first), np.uintp(last)):
         call = calls[c]
         if call.width == 0:
@@ -92,7 +92,7 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
 def _blame(
     instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64], clock: NDArray[np.int64]
 ) -> int:
-    """Fail every instance with an output that is NaN, unless that is allowed; returns how many.
+    """Fails every instance with an output that is NaN, unless that is allowed; returns how many.
 
     The first loop is all there is to do as long as there is none, and takes several outputs at a time.
     """
@@ -122,7 +122,7 @@ def _collect_packets(
     scratch: NDArray[np.uint8],
     tx: NDArray[np.uint8],
 ) -> None:
-    """Packets that instance `i` has sent by all its endpoints; those of the first have been got."""
+    """Collects the packets that instance `i` has sent by all its endpoints; those of the first have been fetched."""
     first = instances[i].endpoint
     collect(instances, ports, i, first, scratch, tx)
     for e in range(first + 1, first + 1 + np.int64(ports[first].further)):
@@ -166,7 +166,7 @@ def collect(
 
 @kernel
 def _corrupted(instances: NDArray[Any], library: int) -> bool:
-    """Whether an instance of this FMU has answered fmi2Fatal: no other may be called any more."""
+    """Returns whether an instance of this FMU has answered fmi2Fatal; then no other may be called."""
     for i in range(instances.size):
         m = instances[i]
         if m.library == library and m.failed[0] != 0 and m.failed[1] == FATAL:
@@ -292,14 +292,14 @@ def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
 
 @kernel
 def step_each(p: Plan, chosen: NDArray[np.int64]) -> None:
-    """Exchange and step the instances `chosen`, one after the other."""
+    """Exchanges and steps the instances `chosen`, one after the other."""
     p.clock[FAILURES] += step_in_order(p, p.clock[K], chosen)
     p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
 
 
 @kernel
 def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
-    """Exchange for all instances `chosen`, then step them."""
+    """Exchanges for all instances `chosen`, then step them."""
     for i in chosen:
         feed(p, p.clock[K], p.feeds[i : i + 1])
     p.clock[FAILURES] += step_chosen(p, chosen)

@@ -9,15 +9,15 @@
     SEND      their mavlink_tx -> router -> channel -> in flight
     RECORD    a row of values at t_k + h, when due; k := k + 1
 
-With Gauss-Seidel, instances step one after the other, and each takes its inputs from what the others have by then.
-Delayed connections and extrapolated inputs remember earlier values (`Plan.kept`).
+With Gauss-Seidel, instances step one after the other, and each takes its inputs from the latest outputs.
+Delayed connections and extrapolated inputs remember earlier values (`Plan.delay_line`).
 
 Base steps in which no instance begins or ends a step are passed over (`Plan.grids`).
 
 `run` returns to Python only where Python is needed, and goes on from the phase in which it left. If an instance
 fails, the others of the macro step still finish; `failed` then names every failure and k stays where it was.
 
-What a value means is not known here: only handles, addresses, references and indices.
+The meaning of values is unknown here: there are only handles, addresses, references and indices.
 
 Kernels that run in every step get the arrays they need, not the plan: to pass all of it takes longer than an FMI call.
 """
@@ -78,7 +78,7 @@ __all__ = ["end_here", "next_point", "places_needed", "record", "run", "sent_byt
 
 @kernel
 def _is_point(grids: NDArray[np.int64], k: int, finer: int) -> bool:
-    """Whether the step of an instance ends at base step k."""
+    """Returns whether the step of an instance ends at base step k."""
     ending = 0
     for j in range(grids.size):
         ending += k % (grids[j] * finer) == 0
@@ -100,7 +100,7 @@ def _following(grids: NDArray[np.int64], clock: NDArray[np.int64], k: int, stop:
 
 @kernel
 def next_point(p: Plan, stop: int) -> int:
-    """The base step behind the present one at which there is something to do, at most `stop`."""
+    """Returns the next base step after the present one at which something is due, at most `stop`."""
     k = p.clock[K] + 1
     if p.grids.size > 0 and p.delays.size == 0 and p.clock[FINER] == 1:
         return int(_following(p.grids, p.clock, k, stop))
@@ -109,7 +109,7 @@ def next_point(p: Plan, stop: int) -> int:
 
 @kernel
 def _deliver_all(p: Plan, r: Radio, k: int) -> None:
-    """What has arrived for instances that are due, as base64 text."""
+    """Delivers arrived packets to instances that are due, as base64 text."""
     instances, ports, text, endpoints, places = p.instances, p.ports, p.text, r.endpoints, r.places
     t = point_in_time(p.clock, k)
     for e in range(ports.size):
@@ -147,7 +147,7 @@ def sent_bytes(p: Plan) -> int:
 
 @kernel
 def places_needed(p: Plan, r: Radio) -> int:
-    """At least as many places in flight, and events, as routing what was collected can take."""
+    """Returns an upper bound of the places in flight, and of the events, that routing collected packets takes."""
     packets = 0
     for e in range(p.ports.size):
         if p.ports[e].sent > 0:
@@ -157,7 +157,7 @@ def places_needed(p: Plan, r: Radio) -> int:
 
 @kernel
 def _send_all(p: Plan, r: Radio, k: int) -> int:
-    """DONE, or what has to grow before anything can be sent."""
+    """Sends all collected packets; returns DONE, or the reason for which arrays must grow first."""
     total = sent_bytes(p)
     if total == 0:
         return DONE
@@ -193,7 +193,7 @@ def _end_slots(p: Plan, r: Radio, k: int) -> int:
 
 @kernel
 def _record(p: Plan, k: int) -> None:
-    """Add a row at time t_k to the block."""
+    """Adds a row at time t_k to the block."""
     row = p.clock[ROWS]
     p.ticks[row] = p.clock[START] + k * p.clock[BASE]
     real_block, real_out, real_recorded = p.real_block[row], p.real_out, p.real_recorded
@@ -213,7 +213,7 @@ def record(p: Plan) -> None:
 
 @kernel
 def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
-    """Complete a macro step that is the last one, since the instances `chosen` want to end with it: a row for it."""
+    """Completes a macro step that is the last one, since the instances `chosen` want to end with it: a row for it."""
     clock = p.clock
     for i in chosen:
         p.instances[i].failed[0] = 0

@@ -1,4 +1,4 @@
-"""What the stepping loop works on: a plan of flat arrays, their rows, and the numbers that have a meaning in them."""
+"""The data of the stepping loop: a plan of flat arrays, their rows, and the codes in them."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ FUNCTIONS = (
     *(f"fmi3{verb}{fmi_type}" for verb in ("Set", "Get") for fmi_type in WIDTHS),
     "fmi2SetRealInputDerivatives",
 )
-"""What `failed[0]` of an instance counts through."""
+"""FMI functions, indexed by `Instance.failed[0]`."""
 SET_STRING, DO_STEP, GET_REAL, GET_STRING = 4, 5, 6, 9
 NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
 """In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped since
@@ -135,7 +135,7 @@ INSTANCE = np.dtype(
     ],
     align=True,
 )
-"""Kept small: with thousands of instances, what the loop must read costs more than what it does."""
+"""Small, because with thousands of instances memory traffic costs more than computation."""
 FEED = np.dtype(
     [
         ("instance", "u4"),
@@ -146,7 +146,7 @@ FEED = np.dtype(
         ("last_out", "u4", (3,)),
     ]
 )
-"""The inputs and outputs of an instance; in `Plan.runs` of it and those behind it that have its period."""
+"""The inputs and outputs of an instance; in `Plan.runs`, of adjacent instances with one period."""
 CALL = np.dtype(
     [
         ("function", "u8"),
@@ -168,7 +168,7 @@ DELAY = np.dtype(
         ("place", "i8"),  # there, too: what the input takes
         ("factor", "f8"),
         ("offset", "f8"),
-        ("first", "i8"),  # in kept: the values on their way, one for each base step of the system's own grid
+        ("first", "i8"),  # in delay_line: the delayed values, one for each base step of the system's own grid
         ("length", "i8"),  # -1: no delay, a further term of the sum that is in `place`
     ]
 )
@@ -177,7 +177,7 @@ SLOPE = np.dtype(
     [
         ("input", "i8"),  # in real_in
         ("instance", "i8"),
-        ("place", "i8"),  # in kept: its derivative
+        ("place", "i8"),  # in delay_line: its derivative
         ("before", "f8"),  # its value in the step before,
         ("at", "i8"),  # which began then, ns,
         ("known", "i8"),  # if there was one
@@ -219,7 +219,7 @@ JACOBI, IN_ORDER, BY_PYTHON = 0, 1, 2
 TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
 """Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a
 flag that ends the workers, failures. Blocks are counted through from the first step on, so that a thread that comes
-late can never take one of an earlier step, and nobody waits for a thread that has nothing to do."""
+late can never take one of an earlier step, and no thread waits for an idle one."""
 
 COPY, SIGN = 2**40, 2**41
 """Keys in `Plan.mapped`, which no integer of 32 bits is. COPY: the row before the others of its mapping, that takes the
@@ -262,7 +262,7 @@ class Plan(NamedTuple):
     grids: NDArray[np.int64]  # where no instance steps by the base step: the periods that there are; else none
     delays: NDArray[Any]  # DELAY
     slopes: NDArray[Any]  # SLOPE, instance by instance
-    kept: NDArray[np.float64]  # values on their way through delays, derivatives of inputs
+    delay_line: NDArray[np.float64]  # values in delayed connections, derivatives of inputs, memory of step sizes
     confined: NDArray[np.int64]  # instances that only the main thread steps, in the order in which it does
     free: NDArray[np.int64]  # instances that any thread may step
     shared: NDArray[np.int64]
@@ -278,7 +278,7 @@ ROLES = declared(
         ports.instance ports.has_rx ports.has_tx ports.text ports.rx ports.tx ports.binary ports.get ports.further
     """,
     STATE="""
-        instances.h instances.length real_in int_in real_out int_out text tx kept
+        instances.h instances.length real_in int_in real_out int_out text tx delay_line
         slopes.before slopes.at slopes.known ports.filled ports.sent ports.rx_size
     """,
     # Of the clock, checkpoints hold K and PHASE in words; of `native`, the answers of FMI 3 instances, by instance.

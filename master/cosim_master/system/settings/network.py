@@ -468,7 +468,7 @@ def _span(child: Attributes, what: str) -> tuple[float, float]:
     start = child.number("start", 0.0, 0.0, 1e9)
     stop = child.number("stop", math.inf, 0.0, math.inf)
     if stop <= start:
-        child.problem(f"{what} from {start:g} s to {stop:g} s: stop must lie behind start")
+        child.problem(f"{what} from {start:g} s to {stop:g} s: stop must be after start")
     return start, stop
 
 
