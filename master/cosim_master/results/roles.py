@@ -1,4 +1,4 @@
-"""Who is who in a recording: which columns are a drone's position, its attitude, its agent's desired position.
+"""The drones of a recording: which columns are position and attitude, and the desired position of the agent.
 
 A drone is a component that outputs its position (m, NED), and the agent beside it in the same system, a component that
 outputs the number of its step and its desired position (m east of the origin); or either of them alone. Which outputs
@@ -26,13 +26,13 @@ __all__ = ["UNKNOWN", "Part", "Player", "parts", "players", "read_manifest"]
 
 @dataclass(frozen=True, slots=True)
 class Player:
-    """What the manifest tells of an instance: the values of its parameters, and the meanings that its FMU declares."""
+    """An instance in the manifest: the values of its parameters, and the meanings that its FMU declares."""
 
     parameters: Mapping[str, Any]
     verdicts: Mapping[str, Verdict]
 
     def named(self, role: Role) -> str:
-        """The variable that has a role; empty if none has."""
+        """Returns the variable that has a role; empty if none has."""
         return next((name for name, one in self.verdicts.items() if one is role), "")
 
     @property
@@ -82,7 +82,7 @@ def read_manifest(run: Path) -> dict[str, Any]:
 
 
 def players(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Player]:
-    """Returns what a manifest tells of each instance.
+    """Returns the instances of a manifest.
 
     Raises:
         CosimError: it is not the manifest of a complete run.

@@ -22,14 +22,14 @@ _TYPES = ("f4", "f8", "u1", "u2", "u4", "i2", "i4")
 
 
 class Block:
-    """Collects arrays. `add` each of them, then ask for the `text`."""
+    """Collects arrays: `add` each of them, then ask for the `text`."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []
         self._size = 0
 
     def add(self, values: Array, kind: str) -> Place:
-        """Returns the place of an array, whose values must fit into the type."""
+        """Adds an array, whose values must fit into the type, and returns its place."""
         if kind not in _TYPES:
             raise ValueError(f"{kind}: the page reads {', '.join(_TYPES)}")
         array = np.ascontiguousarray(values, dtype=f"<{kind}").reshape(-1)
@@ -40,6 +40,7 @@ class Block:
         return place
 
     def text(self) -> str:
+        """Returns all of them, compressed."""
         return compressed(b"".join(self._parts))
 
 

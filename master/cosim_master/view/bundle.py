@@ -1,7 +1,7 @@
-"""The page's bundle: what `npm ci` and `node build.mjs ../bundle` make of page/, as files of this package.
+"""The bundle of the page: output of `npm ci` and `node build.mjs ../bundle` in page/, as files of this package.
 
-The bundle is part of the repository, so that neither users nor a clone need Node. Its digest says of which sources it
-was built; `digest_of_sources` computes the same as page/build.mjs.
+The bundle is part of the repository, so that neither users nor a clone need Node. Its digest is that of the
+sources it was built from; `digest_of_sources` computes the same as page/build.mjs.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ _LEAST, _MOST = 40, 6000
 
 
 class Curves:
-    """Takes the recorded columns one after the other. `document` then has them for the page, in that order."""
+    """Collects the recorded columns: `take` them one after the other, then `document` has them for the page."""
 
     def __init__(self, fields: Sequence[pa.Field], block: Block) -> None:
         self._block = block
@@ -31,6 +31,7 @@ class Curves:
         self.all_kept = True
 
     def take(self, field: pa.Field, column: pa.ChunkedArray) -> None:
+        """Adds a column."""
         metadata = {key.decode(): value.decode("utf-8", "replace") for key, value in (field.metadata or {}).items()}
         told: dict[str, Any] = {"name": field.name, "unit": metadata.get("unit", "")}
         if metadata.get("description"):

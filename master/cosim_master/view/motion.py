@@ -1,4 +1,4 @@
-"""Where the vehicles of a run are, and where they ought to be, at instants close enough for the eye.
+"""Actual and desired positions of the vehicles of a run, at instants close enough for the eye.
 
 All vehicles share the instants: every n-th row of the recording, at most 50 in a second, and so few that all vehicles
 together have a million places. The page moves the vehicles straight on in between.
@@ -32,7 +32,7 @@ class _Vehicle:
 
 
 class Motion:
-    """Takes the columns that it has `wanted`, one after the other, and then tells the page of the vehicles.
+    """Collects the columns of the vehicles: `take` them one after the other, then ask for the `document`.
 
     Args:
         parts: the drones.
@@ -65,7 +65,7 @@ class Motion:
         return [vehicle.part for vehicle in self._vehicles]
 
     def take(self, name: str, values: Array) -> None:
-        """Keep what is needed of a recorded column."""
+        """Keeps the instants shown of a recorded column, if it belongs to a vehicle."""
         for vehicle, what, k in self._wanted.get(name, ()):
             vehicle.values[what][k] = values[self.rows].astype(np.float64)
         if name in self._step_columns:
@@ -74,7 +74,7 @@ class Motion:
             self._steps[mobile] = values.astype(np.int64) if so_far is None else np.maximum(so_far, values)
 
     def steps(self, time: Array) -> list[tuple[int, float]]:
-        """Number and begin of the steps of the agents' algorithm: where the first mobile agent begins them."""
+        """Returns number and begin of the steps of the agents' algorithm: the first mobile agent begins them."""
         begun = self._steps.get(True, self._steps.get(False))
         if begun is None or not len(begun):
             return []
@@ -82,12 +82,12 @@ class Motion:
         return [(int(n), float(time[i])) for n, i in zip(numbers, first, strict=True) if n > 0]
 
     def document(self, block: Block) -> list[dict[str, Any]]:
-        """The vehicles for the page, their numbers in the block."""
+        """Returns the vehicles for the page, with their numbers in the block."""
         return [_document(vehicle, block) for vehicle in self._vehicles]
 
 
 def _instants(time: Array, vehicles: int) -> Array:
-    """Rows at which the vehicles are shown; the last one is always among them."""
+    """Returns the rows at which the vehicles are shown; the last row is one of them."""
     n = len(time)
     if n == 0 or vehicles == 0:
         return np.empty(0, np.int64)
@@ -124,7 +124,7 @@ def _vehicle(
 
 
 def _hubs(declared: Rotors, parameters: Mapping[str, Any]) -> list[tuple[float, ...]] | None:
-    """(forward, right, down, direction) of each rotor; None if the manifest lacks one of them."""
+    """Returns (forward, right, down, direction) of each rotor; None if the manifest lacks one of them."""
     try:
         count = int(parameters[declared.count])
         return [tuple(float(parameters[f"{name}[{i + 1}]"]) for name in declared.arrays) for i in range(count)]
@@ -133,7 +133,7 @@ def _hubs(declared: Rotors, parameters: Mapping[str, Any]) -> list[tuple[float, 
 
 
 def _desired_beside(known: Mapping[str, Player]) -> dict[str, str]:
-    """The desired position of the vehicle of each system, if one instance there declares it."""
+    """Returns the desired position of the vehicle of each system in which exactly one instance declares it."""
     found: dict[str, list[str]] = {}
     for name, player in known.items():
         if variable := player.named(Role.DESIRED_POSITION):
@@ -142,7 +142,7 @@ def _desired_beside(known: Mapping[str, Player]) -> dict[str, str]:
 
 
 def _step_columns(parts: Sequence[Part], known: Mapping[str, Player], columns: Mapping[str, Any]) -> dict[str, bool]:
-    """Columns that have the number of an agent's step, and whether the agent moves."""
+    """Returns the columns with the number of an agent's step, and whether the agent moves."""
     found = {}
     for part in parts:
         if part.agent:

@@ -47,7 +47,7 @@ _RULES = (
 
 
 def write_page(run: Path, file: Path | None = None) -> Path:
-    """Write the page that shows a run.
+    """Writes the page that shows a run.
 
     Args:
         run: folder of the run.

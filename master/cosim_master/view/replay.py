@@ -1,4 +1,4 @@
-"""What the page has to know of a run, gathered in one pass over its signals.
+"""The document of a run for the page, gathered in one pass over its signals.
 
 The document is JSON for page/src/main.js; long arrays are places in the block beside it. Nothing in it is markup.
 """
@@ -85,7 +85,7 @@ def replay(run: Path) -> tuple[dict[str, Any], Block]:
 
 
 def _text(manifest: Mapping[str, Any], *path: str) -> str:
-    """A value of the manifest, as text; empty if it is not there."""
+    """Returns a value of the manifest as text; empty if it is missing."""
     at: Any = manifest
     for name in path:
         at = at.get(name) if isinstance(at, Mapping) else None
@@ -100,7 +100,7 @@ def _network(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _of_vehicle(parts_: Sequence[Part]) -> dict[str, int]:
-    """Which vehicle a name, of an instance or of a system, belongs to."""
+    """Returns the vehicle of each instance and system of a drone."""
     found: dict[str, int] = {}
     for i, part in enumerate(parts_):
         for name in (part.name, part.vehicle, part.agent):
@@ -110,7 +110,7 @@ def _of_vehicle(parts_: Sequence[Part]) -> dict[str, int]:
 
 
 def _vehicle_of(name: str, of: Mapping[str, int]) -> int:
-    """The vehicle that an instance or one of its variables belongs to, -1 if to none."""
+    """Returns the vehicle of an instance or of one of its variables; -1 if it has none."""
     at = name
     while at:
         if at in of:
@@ -127,7 +127,7 @@ def _belonging(signals: Sequence[dict[str, Any]], drones: Sequence[Part]) -> Non
 
 
 def _words(signals: Sequence[Mapping[str, Any]], vehicles: int) -> list[list[int]]:
-    """Of each vehicle the signals that say in words what it does: enumerations, texts and Booleans that change."""
+    """Returns the signals of each vehicle that are words: enumerations, texts and Booleans that change."""
     found: list[list[int]] = [[] for _ in range(vehicles)]
     for index, signal in enumerate(signals):
         said = "items" in signal or "boolean" in signal or "texts" in signal
@@ -139,7 +139,7 @@ def _words(signals: Sequence[Mapping[str, Any]], vehicles: int) -> list[list[int
 def _first_plots(
     signals: Sequence[Mapping[str, Any]], drones: Sequence[Part], known: Mapping[str, Any]
 ) -> list[list[int]]:
-    """Plots that the page begins with: how the vehicles move along each axis, or else whatever changes."""
+    """Returns the first plots: the axes along which the vehicles move, widest first; else signals that change."""
     index = {signal["name"]: i for i, signal in enumerate(signals)}
     some = [
         drones[i] for i in np.unique(np.linspace(0, len(drones) - 1, min(len(drones), _PLOTTED)).round().astype(int))
@@ -172,7 +172,7 @@ def _verdict(manifest: Mapping[str, Any], drones: Sequence[Part]) -> dict[str, A
 
 
 def _outcome(manifest: Mapping[str, Any]) -> tuple[str, str]:
-    """How it ended, in words, and the class of style of these."""
+    """Returns the outcome in words, and their class in the style sheet."""
     verdict = manifest.get("verdict") or {}
     counted = [(verdict.get("failures", 0), "failure"), (verdict.get("warnings", 0), "warning")]
     said = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in counted if n]
@@ -184,7 +184,7 @@ def _outcome(manifest: Mapping[str, Any]) -> tuple[str, str]:
 def _facts(
     run: Path, manifest: Mapping[str, Any], curves: Curves, motion: Motion, packets: Mapping[str, Any], rows: int
 ) -> list[tuple[str, str]]:
-    """The run in words, and how much of the recording the page has."""
+    """Returns the run in words, and how much of the recording the page has."""
     facts = [
         ("folder", str(run)),
         ("system", _text(manifest, "system", "path")),

@@ -1,7 +1,7 @@
-"""The packets of a run for the page: which fly when, how each link fares, and what was said.
+"""The packets of a run for the page: flights to draw, statistics of links, and a log of the messages.
 
-How links fare is counted over all packets. Of those that are drawn, and of those in the log, there are at most so many:
-the log keeps all messages of rare kinds, and every n-th of the others.
+Statistics count all packets. The numbers of packets drawn and logged are limited: the log keeps all messages of rare
+kinds, and every n-th of the others.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SAME = ("sent", "source", "sequence", "message", "system", "component")
 
 
 def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantum: float) -> dict[str, Any]:
-    """Returns what the page shows of a run's packets; empty lists if they were not recorded.
+    """Returns the packets of a run for the page; empty lists if they were not recorded.
 
     Args:
         run: folder of the run.
@@ -69,7 +69,7 @@ def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantu
 
 
 def _nodes_of(sources: Sequence[str], targets: Sequence[str]) -> dict[str, str]:
-    """The node that each sender belongs to: the one whose name its own begins with, else itself (a gateway)."""
+    """Returns the node of each sender: its own name begins with that of the node; a gateway is its own node."""
     known = {*targets}
     found = {}
     for source in sources:
@@ -81,7 +81,7 @@ def _nodes_of(sources: Sequence[str], targets: Sequence[str]) -> dict[str, str]:
 
 
 def _vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, int]:
-    """Which vehicle carries a node: the only one in it, or the one of its name."""
+    """Returns the vehicle of each node: the only one in it, or the one with its name."""
     carried: dict[str, list[int]] = defaultdict(list)
     for i, part in enumerate(parts):
         at = part.vehicle
@@ -93,7 +93,7 @@ def _vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, 
 
 
 def _sends(columns: Mapping[str, Array]) -> Array:
-    """The first row of each packet."""
+    """Returns the first row of each packet."""
     n = len(columns["sent"])
     new = np.zeros(n, bool)
     new[:1] = True
@@ -118,7 +118,7 @@ def _flights(
     block: Block,
     clock: tuple[float, float],
 ) -> None:
-    """The packets that went by radio, or were lost there; if there are too many, those of every n-th send."""
+    """Adds the packets that went by radio or were lost there; if there are too many, those of every n-th send."""
     on_air = radio | lost
     every = max(1, -(-int(on_air.sum()) // _DRAWN))
     number = np.zeros(len(on_air), np.int64)
@@ -149,7 +149,7 @@ def _links(
     lost: Array,
     by_node: Mapping[str, int],
 ) -> list[dict[str, Any]]:
-    """How each link fares, the worst first; of very many links, each sender's as one."""
+    """Returns the statistics of each link, the worst first; with very many links, one for each sender."""
     senders = list(dict.fromkeys(nodes.values()))
     of_source = np.array([senders.index(nodes[source]) for source in codes["source"]])
     rows = np.flatnonzero(radio | lost)
@@ -194,7 +194,7 @@ def _log(
     block: Block,
     clock: tuple[float, float],
 ) -> dict[str, Any]:
-    """The packets sent, in the order of time, with what is in them."""
+    """Returns the packets sent, in the order of time, with their contents."""
     chosen = _chosen(columns["message"][begins], [number == STATUSTEXT for number in codes["message"]])
     rows = begins[chosen]
     payloads = _payloads(run / "packets.tlog", columns, codes["message"], rows)
@@ -213,7 +213,7 @@ def _log(
 
 
 def _chosen(messages: Array, spoken: Sequence[bool]) -> Array:
-    """Which of the packets sent go into the log: kind by kind, rare ones and texts first, while there is room."""
+    """Returns the packets for the log: kind by kind, texts and rare kinds first, while there is room."""
     kinds, counts = np.unique(messages, return_counts=True)
     order = sorted(zip(counts, kinds, strict=True), key=lambda one: (not spoken[one[1]], one[0]))
     kept, room = [], _LOGGED
@@ -226,7 +226,7 @@ def _chosen(messages: Array, spoken: Sequence[bool]) -> Array:
 
 
 def _payloads(file: Path, columns: Mapping[str, Array], messages: Sequence[int], rows: Array) -> list[bytes]:
-    """The payloads of some packets, from the log of all packets sent."""
+    """Returns the payloads of some packets, from the log of all packets sent."""
     waiting: dict[tuple[int, ...], deque[int]] = defaultdict(deque)
     sent = np.rint(columns["sent"] * 1e9).astype(np.int64) // 1000
     for place, row in enumerate(rows):
@@ -255,7 +255,7 @@ def _payloads(file: Path, columns: Mapping[str, Array], messages: Sequence[int],
 
 
 def _said(number: int, payload: bytes) -> str:
-    """What is in a packet: the text of a STATUSTEXT; of others their fields, if pymavlink is installed."""
+    """Returns the contents of a packet: the text of a STATUSTEXT; of others the fields, if pymavlink is installed."""
     if number == STATUSTEXT:
         return payload[STATUSTEXT_TEXT : STATUSTEXT_TEXT + 50].split(b"\0")[0].decode("utf-8", "replace")
     try:
@@ -272,7 +272,7 @@ def _said(number: int, payload: bytes) -> str:
 
 
 def _fields(values: Sequence[Any], kind: Any) -> list[Any]:
-    """The values of a message in the order of the wire, arrays as one value."""
+    """Returns the values of a message in the order of the wire, arrays as one value."""
     found: list[Any] = []
     at = 0
     for length in kind.array_lengths:

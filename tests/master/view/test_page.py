@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,9 @@ def test_keys_choose_cameras_and_vehicles(tab: Tab, table: pa.Table) -> None:
     assert f"{-position(table, 'drone2', 13.0)[2]:.2f} m" in card and "ready" in card
     tab.page.keyboard.press("?")
     assert tab.page.locator("#keys").is_visible() and "play, pause" in tab.page.locator("#keys").inner_text()
+    told = tab.ask("[...document.querySelectorAll('#keys kbd')].map((key) => key.textContent)")
+    written = (ROOT / "docs" / "view.md").read_text(encoding="utf-8")
+    assert {key for key in told if len(key) == 1 and key.isascii()} <= {*re.findall(r"`(.)`", written)}
     tab.page.keyboard.press("?")
     assert not tab.page.locator("#keys").is_visible()
     tab.page.keyboard.press("1")

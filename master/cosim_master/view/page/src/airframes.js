@@ -2,15 +2,19 @@
 import { BoxGeometry, BufferAttribute, BufferGeometry, CircleGeometry, ConeGeometry, CylinderGeometry, Matrix4, Quaternion, SphereGeometry, Vector3 } from 'three';
 
 const FULL = [1, 1, 1]; // takes the vehicle's colour
-const DARK = [0.2, 0.23, 0.27];
+const DARK = [0.36, 0.39, 0.44];
 const PALE = [0.9, 0.93, 0.96];
+const SOFT = [0.55, 0.58, 0.62]; // of discs that are parts of a body
 
-/** Geometries of one airframe: body (with colours per vertex), one rotor's blades and disc, hubs and reach in m. */
-export function airframe(rotors, coarse) {
-  return rotors && rotors.length ? multirotor(rotors, coarse) : { ...dart(coarse), hubs: [], reach: 0.35 };
+/**
+ * Geometries of one airframe: body (with colours per vertex), one rotor's blades and disc, hubs and reach in m.
+ * `coarse` ones have few triangles; in `plain` ones the discs are parts of the body, so that there is one mesh only.
+ */
+export function airframe(rotors, coarse, plain) {
+  return rotors && rotors.length ? multirotor(rotors, coarse, plain) : { ...dart(coarse), hubs: [], reach: 0.35 };
 }
 
-function multirotor(rotors, coarse) {
+function multirotor(rotors, coarse, plain) {
   const hubs = rotors.map(([forward, right, down, direction]) => ({ place: new Vector3(right, -down, -forward), direction }));
   const apart = Math.min(...hubs.flatMap((a, i) => hubs.slice(i + 1).map((b) => a.place.distanceTo(b.place))), 0.6);
   const arm = Math.max(...hubs.map((hub) => Math.hypot(hub.place.x, hub.place.z)), 0.05);
@@ -35,6 +39,14 @@ function multirotor(rotors, coarse) {
   const nose = new ConeGeometry(0.13 * arm, 0.34 * arm, coarse ? 4 : 12).applyMatrix4(new Matrix4().makeRotationX(-Math.PI / 2).setPosition(0, 0, -0.68 * arm));
   parts.push([nose, PALE]);
   const blade = (turn) => new BoxGeometry(1.9 * disc, 0.02 * arm, 0.13 * disc).applyMatrix4(new Matrix4().makeRotationX(0.16).premultiply(new Matrix4().makeRotationY(turn)));
+  if (plain) {
+    for (const { place } of hubs) {
+      const above = new CircleGeometry(disc, 8).applyMatrix4(new Matrix4().makeRotationX(-Math.PI / 2).setPosition(place.x, place.y + 0.12 * arm, place.z));
+      const below = new CircleGeometry(disc, 8).applyMatrix4(new Matrix4().makeRotationX(Math.PI / 2).setPosition(place.x, place.y + 0.11 * arm, place.z));
+      parts.push([above, SOFT], [below, SOFT]);
+    }
+    return { body: merged(parts), blades: null, disc: null, hubs: [], reach: arm + disc };
+  }
   return {
     body: merged(parts),
     blades: merged([[blade(0), FULL]]),

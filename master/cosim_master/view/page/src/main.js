@@ -21,10 +21,10 @@ const SHOWN = [
   ['drops', 'height lines', 'h'], ['range', 'radio range', 'r'], ['grid', 'distances on the grid', 'm'],
 ];
 const KEYS = [
-  ['space', 'play, pause'], ['← →', 'one step of the pictures back, forward; with shift 1 s'], ['home end', 'begin, end'], ['[ ]', 'slower, faster'],
+  ['space', 'play, pause'], ['← →', 'one picture back, forward; with shift 1 s'], ['home end', 'begin, end'], ['[ ]', 'slower, faster'],
   ['1 2 3', 'camera: free, follow, top'], ['c', 'next camera'], ['f', 'all vehicles in sight'], ['tab', 'next vehicle (shift: the one before)'], ['esc', 'no vehicle'],
   ['n t p g h r m', 'names, trails, packets, desired positions, height lines, radio range, distances'], ['s', 'vehicles in their true size'], ['y', 'trails: short, long, all'], ['x', 'packets: to the next one sent'],
-  ['/', 'find a signal to plot'], ['l', 'message log, filter'], ['j k', 'finding before, after'], ['d', 'dark, light'], ['+ −', 'larger, smaller text'], ['b', 'side panel'], ['?', 'this help'],
+  ['/', 'find a signal to plot'], ['l', 'message log, filter'], ['j k', 'finding before, after'], ['d', 'dark, light'], ['+ −', 'larger, smaller text'], ['b', 'side panel'], ['v', 'what is drawn'], ['?', 'this help'],
 ];
 
 class Viewer {

@@ -35,7 +35,7 @@ export class Vehicles {
     });
     const coarse = this.n > MANY;
     return [...found.values()].map(({ rotors, members }) => {
-      const frame = airframe(rotors, coarse);
+      const frame = airframe(rotors, coarse, this.n > 300);
       const mesh = (geometry, material, count) => {
         const made = new InstancedMesh(geometry, material, count);
         made.frustumCulled = false;
@@ -87,7 +87,7 @@ export class Vehicles {
     const at = this.at(t);
     const count = this.run.motion.time.length;
     const ned = [0, 0, 0];
-    const smallest = this.trueSize ? 0 : this.n <= 12 ? 58 : this.n <= MANY ? 30 : this.n <= 300 ? 17 : 12;
+    const smallest = this.trueSize ? 0 : this.n <= 12 ? 68 : this.n <= MANY ? 30 : this.n <= 300 ? 17 : 12;
     const eye = camera.position;
     const metres = camera.isOrthographicCamera ? (camera.top - camera.bottom) / camera.zoom / pixels : (2 * Math.tan((camera.fov * Math.PI) / 360)) / pixels;
     const [matrix, turned, place, scale, q, q2, spin] = [new Matrix4(), new Matrix4(), new Vector3(), new Vector3(), new Quaternion(), new Quaternion(), new Quaternion()];
@@ -117,7 +117,7 @@ export class Vehicles {
           });
         }
         const height = Math.max(0, place.y);
-        const blob = this.scales[i] * 0.8 * (1 + Math.min(2, height / 60));
+        const blob = this.scales[i] * 0.6 * (1 + Math.min(2, height / 60));
         this.shadows.setMatrixAt(i, matrix.makeScale(blob, 1, blob).setPosition(place.x, 0.01, place.z));
       });
       body.instanceMatrix.needsUpdate = true;
