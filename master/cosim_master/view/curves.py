@@ -59,10 +59,12 @@ class Curves:
         self.all_kept &= len(rows) <= 1 or len(rows) == len(values) or "discrete" in told
         if kind == "f4":
             finite = kept[np.isfinite(kept)]
-            told["origin"] = float(finite[0]) if len(finite) else 0.0
-            told["spread"] = float(np.ptp(finite)) if len(finite) else 0.0
-            kept = kept - told["origin"]
-            if len(finite) and np.abs(finite - told["origin"]).max() > 3e38:
+            least, most = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+            told["spread"] = min(most - least, 1e300)
+            if told["spread"] < 1e38:
+                told["origin"] = float(finite[0]) if len(finite) else 0.0
+                kept = kept - told["origin"]
+            else:
                 kind = "f8"
         if len(rows) != 1 or rows[0] != 0:
             told["rows"] = self._block.add(steps_between(rows), "u4")

@@ -124,12 +124,13 @@ def _vehicle(
 
 
 def _hubs(declared: Rotors, parameters: Mapping[str, Any]) -> list[tuple[float, ...]] | None:
-    """Returns (forward, right, down, direction) of each rotor; None if the manifest lacks one of them."""
+    """Returns (forward, right, down, direction) of each rotor; None if the manifest lacks a finite number."""
     try:
         count = int(parameters[declared.count])
-        return [tuple(float(parameters[f"{name}[{i + 1}]"]) for name in declared.arrays) for i in range(count)]
+        hubs = [tuple(float(parameters[f"{name}[{i + 1}]"]) for name in declared.arrays) for i in range(count)]
     except (KeyError, TypeError, ValueError):
         return None
+    return hubs if np.isfinite(hubs).all() else None
 
 
 def _desired_beside(known: Mapping[str, Player]) -> dict[str, str]:

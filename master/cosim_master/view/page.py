@@ -68,7 +68,9 @@ def write_page(run: Path, file: Path | None = None) -> Path:
         title=html.escape("".join(c if c.isprintable() else " " for c in f"{document['name']} - uav-cosim")),
         style=bundle.style,
         body=bundle.body,
-        run=compressed(json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")),
+        run=compressed(
+            json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8", "replace")
+        ),
         data=block.text(),
         script=bundle.script,
     )

@@ -190,7 +190,7 @@ def _facts(
         ("system", _text(manifest, "system", "path")),
         ("outcome", _text(manifest, "outcome")),
         ("error", _text(manifest, "error")),
-        ("simulated", f"{manifest.get('simulated_s', 0):.9g} s in {manifest.get('wall_s', 0):.3g} s"),
+        ("simulated", f"{manifest.get('simulated_s') or 0:.9g} s in {manifest.get('wall_s') or 0:.3g} s"),
         ("seed", _text(manifest, "seed")),
         ("base step", f"{_text(manifest, 'base_step')} s"),
         ("master", _text(manifest, "master", "algorithm")),

@@ -116,6 +116,31 @@ def test_airframe_and_attitude_are_what_the_fmu_declares(tmp_path: Path) -> None
     assert shown.place(0, "position")[:, 0].tolist() == [3, 6, 9]
 
 
+@pytest.mark.parametrize("wrong", [{"n": 3}, {"n": "two"}, {"x[1]": "NaN"}, {"turns[2]": None}])
+def test_a_vehicle_whose_rotors_are_not_known_is_drawn_without(tmp_path: Path, wrong: dict[str, Any]) -> None:
+    columns: dict[str, Any] = {"time": (TIME, "s")}
+    columns |= {f"a.place[{i}]": (0 * TIME, "m") for i in (1, 2, 3)}
+    parameters = {"n": 2, **{f"{name}[{i}]": 1.0 for name in ("x", "y", "z", "turns") for i in (1, 2)}, **wrong}
+    instances = {"a": {"fmu": "A.fmu", "parameters": parameters}}
+    shown = page(write_run(tmp_path / "run", columns, instances=instances, fmus={"A.fmu": {"verdicts": ROTORS}}))
+    assert shown.run["vehicles"][0]["rotors"] is None
+
+
+def test_numbers_that_json_does_not_have(tmp_path: Path) -> None:
+    """Such numbers are recorded by failing models; the manifest of a run that was cut short lacks others."""
+    columns = flying(["d"], TIME)
+    columns["d.gap"] = (np.where(TIME < 3, np.nan, TIME), "m")
+    columns["d.far"] = (np.where(TIME < 3, -1e308, 1e308), "m")
+    columns["d.never"] = (np.full(len(TIME), np.inf), "m")
+    run = write_run(tmp_path / "run", columns, simulated_s=None, wall_s=None, verdict=None, outcome="failed")
+    shown = page(run)
+    assert shown.signal("d.far")[1].tolist() == [*[-1e308] * 240, *[1e308] * 560]
+    _, values = shown.signal("d.gap")
+    assert np.isnan(values[:240]).all() and values[240] == pytest.approx(3.0)
+    assert shown.signal("d.never")[1].tolist() == [np.inf]
+    assert shown.run["outcome"] == ["failed", "failure"]
+
+
 def test_desired_positions_and_steps(tmp_path: Path) -> None:
     columns = flying(["d1"], TIME)
     columns |= {f"d1.pilot.want[{i}]": (TIME + i, "m") for i in (1, 2, 3)}
