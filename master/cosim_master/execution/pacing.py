@@ -174,10 +174,10 @@ class _Pace:
 
     def spent(self, seconds: float) -> None:
         """Chooses the next chunk; the last one has taken `seconds` of wall-clock time."""
-        if self._factor is not None:
-            self.chunk = max(1, min(int(_SLICE * 0.4 * self._factor / self._base), self._steps))
-        else:
-            self.chunk = max(1, min(4 * self.chunk, int(self.chunk * self._slice / max(seconds, 1e-6)) or 1))
+        slice, most = self._slice, self._steps
+        if self._factor is not None:  # a chunk is shorter if the pace cannot be held
+            slice, most = _SLICE, int(_SLICE * 0.4 * self._factor / self._base)
+        self.chunk = max(1, min(4 * self.chunk, int(self.chunk * slice / max(seconds, 1e-6)), most))
 
 
 def run(

@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -62,7 +62,8 @@ class Journal:
         with ExitStack() as opened:
             lock = opened.enter_context((self.folder / "lock").open("wb"))
             if fcntl is not None:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                with suppress(OSError):  # a file system without locks
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             for what, schema in self._schemas.items():
                 file = opened.enter_context((self.folder / f"{what}.arrows").open("wb", buffering=0))
                 _write(file, schema.serialize())
@@ -135,6 +136,8 @@ def goes_on(run: Path) -> bool:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
+    except OSError:  # a file system without locks
+        return False
     finally:
         os.close(descriptor)
     return False

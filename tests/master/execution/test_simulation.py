@@ -652,7 +652,9 @@ def test_without_a_pace_nothing_sleeps_and_python_looks_in_about_twenty_times_a_
     assert 15 <= len(reached) <= 40
 
 
-@pytest.mark.parametrize(("cost", "pace"), [(0.001, None), (0.02, None), (0.3, None), (0.001, 0.05), (0.02, 1.0)])
+@pytest.mark.parametrize(
+    ("cost", "pace"), [(0.001, None), (0.02, None), (0.3, None), (0.001, 0.05), (0.02, 1.0), (0.002, 1e5)]
+)
 def test_what_is_recorded_is_kept_twice_a_second(
     monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None
 ) -> None:

@@ -263,22 +263,26 @@ COMMAND = [sys.executable, "-c", "from cosim_master.cli import main; main()", "r
 
 @pytest.mark.skipif(os.name == "nt", reason="limits of POSIX")
 def test_a_limit_of_file_sizes(probes: Any, tmp_path: Path) -> None:
-    """The journal, which is not compressed, comes to the limit first; the run ends, and its files are completed."""
+    """The journal, which is not compressed, reaches the limit first; the run ends, and its files are completed."""
+    import resource
+
     probes.fmu(step=0.001)
-    system = probes.ssd(probes.component("a", u=1.0), stop=1e6)
-    environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
-    command = f"ulimit -f 30; exec {' '.join(COMMAND[:1])} -c '{COMMAND[2]}' run {system} -o out --pace 1e5"
-    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert done.returncode == 1, done.stderr
-    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    name = "out/unfinished/signals.arrows"
-    assert errors == [f"error: {name}: cannot be written: File too large; what was recorded until then stays readable"]
-    assert "Traceback" not in done.stderr
-    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    times = pq.read_table(tmp_path / "out" / "signals.parquet")["time"].to_pylist()
+    system, out = probes.ssd(probes.component("a", u=1.0), stop=1e6), tmp_path / "out"
+    assert simulate(system, RunOptions(until=0.01)).outcome == "done"  # everything is compiled
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, hard))
+    try:
+        result = simulate(system, RunOptions(out=out, pace=1e5))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert result.outcome == "failed"
+    text = f"{out}/unfinished/signals.arrows: cannot be written: File too large; "
+    assert str(result.error) == text + "what was recorded until then stays readable"
+    manifest = json.loads((out / "manifest.json").read_text())
+    times = pq.read_table(out / "signals.parquet")["time"].to_pylist()
     assert (manifest["outcome"], manifest["simulated_s"]) == ("failed", times[-1])
     assert times == [k / 1000 for k in range(len(times))] and len(times) > 100
-    assert not (tmp_path / "out" / "unfinished").exists()
+    assert not (out / "unfinished").exists()
 
 
 class Full:
