@@ -25,10 +25,11 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
 from cosim import Model
-from cosim.build import build, models_of_package
+from cosim.build import build
 from cosim.model import record_layout
+from tests.cosim.shipped import models_with_kernels
 
-MODELS = {model.__name__: model for model in models_of_package("cosim_models") if model.kernels is not None}
+MODELS = models_with_kernels()
 every_model = pytest.mark.parametrize("name", sorted(MODELS))
 STEPS = 120
 FUNCTIONS = """CancelStep DeSerializeFMUstate DoStep EnterInitializationMode ExitInitializationMode FreeFMUstate

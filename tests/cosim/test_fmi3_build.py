@@ -19,11 +19,12 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from cosim import Input, Model, Output
-from cosim.build import CannotCompile, build, models_of_package
+from cosim.build import CannotCompile, build
 from cosim.build.description3 import PACKET_MIME_TYPE, exported
 from cosim.vehicle import MOTION_INPUTS
+from tests.cosim.shipped import models_with_kernels
 
-MODELS = {model.__name__: model for model in models_of_package("cosim_models") if model.kernels is not None}
+MODELS = models_with_kernels()
 every_model = pytest.mark.parametrize("name", sorted(MODELS))
 SEQUENCES = 500
 TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Int64", "Packets": "Binary"}
