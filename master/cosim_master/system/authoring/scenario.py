@@ -2,11 +2,13 @@
 
 A drone of a system is an element of the root that consists of FMUs. Its system id, place and neighbours are its own;
 start values that the drones share are the scenario's. The settings of the radio are kept, links and outages, which
-name drones, are not.
+name drones, are not; but links that are alike for all drones, as those of a ring, are made for any number of them, and
+a start value that rises evenly from drone to drone goes on rising.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,11 +21,32 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import FMU_TYPE, SSP_TYPE, read_system
 from cosim_master.system.structure import Annotation, Component, Element, System, Value
 
-__all__ = ["NAMESPACE", "NETWORK", "RECORDING", "Scenario", "scenario_of"]
+__all__ = ["NAMESPACE", "NETWORK", "RECORDING", "Scenario", "Ways", "scenario_of"]
 
 NAMESPACE = "https://uav-cosim.org/ns/1"
 NETWORK, RECORDING = "org.uav-cosim.network", "org.uav-cosim.recording"
 """Types of annotations that a new swarm writes itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ways:
+    """Links that are alike for all drones: each is linked to those so many places behind it.
+
+    `closed`: the first drone is behind the last.
+    """
+
+    steps: tuple[int, ...]
+    closed: bool
+
+    def between(self, drones: int) -> list[tuple[int, int]]:
+        """Returns the links of so many drones, as pairs of places from 0 on."""
+        found: dict[tuple[int, int], None] = {}
+        for i in range(drones):
+            for step in self.steps:
+                j = (i + step) % drones if self.closed else i + step
+                if j < drones and j != i and (j, i) not in found:
+                    found[i, j] = None
+        return list(found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +60,8 @@ class Scenario:
         stop_time: s; None if the system names none.
         numbered: paths below a drone of parameters that hold its system id in every drone, though they are declared as
             nothing: whatever tells drones apart.
+        rising: start values that rise evenly: path below a drone, value of the first one, rise from one to the next.
+        ways: the links of a listed topology; None if they are not alike for all drones.
         notes: parts left out, for the user.
     """
 
@@ -45,6 +70,8 @@ class Scenario:
     annotations: tuple[Annotation, ...]
     stop_time: float | None
     numbered: tuple[str, ...] = ()
+    rising: tuple[tuple[str, float, float], ...] = ()
+    ways: Ways | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -79,6 +106,8 @@ def scenario_of(system: str | Path) -> Scenario:
     values, own = _shared(checked, alike, fmus.keys(), _of_each(fmus))
     numbered = tuple(path for path in own if _holds_the_id(checked, alike, fmus, path))
     own = [path for path in own if path not in numbered]
+    rising = tuple(one for path in own if (one := _rising(checked, alike, path)) is not None)
+    own = [path for path in own if path not in [one[0] for one in rising]]
     bindings = bound(p for path, value in values.items() for p in parameters_of(fmus, path, value))
     bare = [replace(one, parameter_bindings=()) for one in inside.elements]
     drone = Drone(replace(inside, name="drone", elements=tuple(bare), parameter_bindings=bindings), fmus)
@@ -87,10 +116,11 @@ def scenario_of(system: str | Path) -> Scenario:
         if own
         else []
     )
-    network, dropped = _network(structure.system)
+    notes += [f"{system}: {path} goes on rising by {step:g} from drone to drone" for path, _, step in rising]
+    network, ways, dropped = _network(structure.system, [one.name for one in drones])
     notes += [f"{system}: {dropped} of its network are left out, since they name its drones"] if dropped else []
     kept = tuple(one for one in structure.system.annotations if one.type not in (NETWORK, RECORDING))
-    return Scenario(drone, network, kept, structure.stop_time, numbered, tuple(notes))
+    return Scenario(drone, network, kept, structure.stop_time, numbered, rising, ways, tuple(notes))
 
 
 def _inside(element: Element) -> System | None:
@@ -150,17 +180,53 @@ def _holds_the_id(checked: CheckedSystem, drones: Sequence[str], fmus: Mapping[s
     return bool(ids) and len(drones) > 1 and all(of(drone, path) == of(drone, ids[0]) for drone in drones)
 
 
-def _network(system: System) -> tuple[dict[str, str], str]:
-    """Returns the network's attributes, with the full path of a dialect, and its other contents in words."""
+def _rising(checked: CheckedSystem, drones: Sequence[str], path: str) -> tuple[str, float, float] | None:
+    """Returns path, first value and rise of a Real start value that rises evenly over three drones or more."""
+    part, _, name = path.rpartition(".")
+    instances = {one.name: one for one in checked.instances}
+    values = [instances[f"{drone}.{part}"].start_values.get(name) for drone in drones]
+    is_real = instances[f"{drones[0]}.{part}"].fmu.variables[name].type == "Real"
+    if len(values) < 3 or not is_real or any(value is None for value in values):
+        return None
+    numbers = [float(value) for value in values if value is not None]
+    rise = numbers[1] - numbers[0]
+    even = all(math.isclose(value, numbers[0] + i * rise, abs_tol=1e-9) for i, value in enumerate(numbers))
+    return (path, numbers[0], rise) if even else None
+
+
+def _network(system: System, drones: Sequence[str]) -> tuple[dict[str, str], Ways | None, str]:
+    """Returns the network's attributes, with the full path of a dialect, its links, and its other contents in words."""
     for one in system.annotations:
         if one.type == NETWORK:
             element = one.element.find(f"{{{NAMESPACE}}}network")
             assert element is not None
             children = [child for child in element if isinstance(child.tag, str)]
-            links = sum(child.tag == f"{{{NAMESPACE}}}link" for child in children)
-            kinds = [f"{n} {what}" for n, what in ((links, "links"), (len(children) - links, "other elements")) if n]
+            links = [child for child in children if child.tag == f"{{{NAMESPACE}}}link"]
+            others = len(children) - len(links)
+            ways = _ways([dict(link.attrib) for link in links], drones)  # type: ignore[arg-type]
+            left = 0 if ways is not None else len(links)
+            kinds = [f"{n} {what}" for n, what in ((left, "links"), (others, "other elements")) if n]
             attributes = {str(name): str(value) for name, value in element.attrib.items()}
             if "dialect" in attributes:
                 attributes["dialect"] = str((system.document.parent / attributes["dialect"]).resolve())
-            return attributes, " and ".join(kinds)
-    return {}, ""
+            return attributes, ways, " and ".join(kinds)
+    return {}, None, ""
+
+
+def _ways(links: Sequence[Mapping[str, str]], drones: Sequence[str]) -> Ways | None:
+    """Returns links if they go both ways, describe nothing, and are alike for all drones."""
+    place = {name: i for i, name in enumerate(drones)}
+    pairs: set[frozenset[int]] = set()
+    for link in links:
+        ends = link.get("between", "").split()
+        if {*link} != {"between"} or not {*ends} <= place.keys():
+            return None
+        pairs.add(frozenset(place[end] for end in ends))
+    found = []
+    for closed in (False, True):
+        apart = [max(pair) - min(pair) for pair in pairs]
+        steps = sorted({min(k, len(drones) - k) if closed else k for k in apart})
+        ways = Ways(tuple(steps), closed)
+        if pairs and {frozenset(pair) for pair in ways.between(len(drones))} == pairs:
+            found.append(ways)
+    return min(found, key=lambda ways: len(ways.steps), default=None)

@@ -120,6 +120,8 @@ class Swarm:
         self._topology = None if network is None else network.get("topology")
         self._annotations = scenario.annotations
         self._numbered = scenario.numbered
+        self._rising = scenario.rising
+        self._ways = scenario.ways
         self._stop_time = scenario.stop_time if stop_time is None else stop_time
         self._recorded_every = recorded_every
         self._fmus = fmus
@@ -185,7 +187,11 @@ class Swarm:
             id=self._next_id() if system_id is None else system_id,
             stays=stays,
             numbered={path: self._drones + 1 for path in self._numbered if drone is not None and _has(fmus, path)},
-            values=tuple(p for path, value in (values or {}).items() for p in parameters_of(fmus, path, value)),
+            values=tuple(
+                p
+                for path, value in ({**(self._risen(fmus) if drone is not None else {}), **(values or {})}).items()
+                for p in parameters_of(fmus, path, value)
+            ),
         )
         self._check_member(member)
         self._members[given] = member
@@ -296,6 +302,10 @@ class Swarm:
         if key not in self._kinds:
             self._kinds[key] = exchanged(self._drone, fmus)
         return self._kinds[key]
+
+    def _risen(self, fmus: Mapping[str, FmuDescription]) -> dict[str, float]:
+        """Returns the start values of the next drone that rise from drone to drone."""
+        return {path: first + self._drones * rise for path, first, rise in self._rising if _has(fmus, path)}
 
     def _check_member(self, member: _Member) -> None:
         if len(member.place) not in (0, 2, 3):
@@ -427,11 +437,14 @@ class Swarm:
         return system_document(replace(root, parameter_bindings=()), folder, parameters=source, times=times)
 
     def _written_annotations(self, folder: Path) -> Iterator[Annotation]:
-        attributes = dict(self._network)
-        if self._links and self._topology is None:
+        attributes, links = dict(self._network), list(self._links)
+        if links and self._topology is None:
             attributes = {"topology": "listed", **attributes} | {"topology": "listed"}
         topology = attributes.get("topology", "broadcast")
-        if topology == "listed" and not self._links:
+        if topology == "listed" and not links and self._ways is not None:
+            drones = [one.name for one in self._members.values() if one.drone is not None]
+            links = [(drones[i], drones[j]) for i, j in self._ways.between(len(drones))]
+        if topology == "listed" and not links:
             text = "its radio has the topology listed, and no two drones are connected: connect() them, or give another"
             raise self._wrong(self.name, text)
         if topology != "nearest":
@@ -439,7 +452,7 @@ class Swarm:
         if Path(attributes.get("dialect", "")).is_absolute():
             attributes["dialect"] = Path(os.path.relpath(attributes["dialect"], folder.resolve())).as_posix()
         network = _annotation(NETWORK, "network", attributes)
-        for first, second in self._links if topology == "listed" else ():
+        for first, second in links if topology == "listed" else ():
             etree.SubElement(network.element[0], f"{{{NAMESPACE}}}link", between=f"{first} {second}")
         yield network
         yield _annotation(RECORDING, "recording", {"interval": _text(self._recorded_every)})

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cosim_master import RunOptions, Swarm, check, read_system, signals, simulate
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system.authoring.difference import difference
-from cosim_master.system.authoring.scenario import scenario_of
+from cosim_master.system.authoring.scenario import _ways, scenario_of
 from cosim_master.system.settings.network import network_of
 from cosim_master.system.structure import Component, System
 
@@ -146,9 +146,11 @@ def test_a_swarm_is_the_pattern_of_another(tmp_path: Path) -> None:
     """What all drones have in common is kept, also what tells them apart by their ids; the rest is told."""
     first = Swarm("first", like="line5-estimated", network={"loss": 0.125}, stop_time=33.0)
     for n in (1, 2, 3):
-        first.add(position=(0.0, 9.0 * n), values={"agent.altitude": 20.0, "vehicle.mass": 1.0 + n})
+        own = {"vehicle.mass": 1.0 + n * n, "vehicle.linear_drag": 0.5 * n}
+        first.add(position=(0.0, 9.0 * n), values={"agent.altitude": 20.0, **own})
     assert first.notes == ()
     first.connect("drone1", "drone2")
+    first.connect("drone2", "drone3")
     first.save(tmp_path / "first")
     second = Swarm("second", like=tmp_path / "first")
     for n in range(5):
@@ -156,7 +158,7 @@ def test_a_swarm_is_the_pattern_of_another(tmp_path: Path) -> None:
     second.connect("d0", "d1")
     assert second.notes == (
         f"{tmp_path / 'first'}: its drones differ in vehicle.mass: the new ones have what their FMUs start with",
-        f"{tmp_path / 'first'}: 1 links of its network are left out, since they name its drones",
+        f"{tmp_path / 'first'}: vehicle.linear_drag goes on rising by 0.5 from drone to drone",
     )
     with read_system(second.save(tmp_path / "second")) as structure:
         assert structure.stop_time == 33.0
@@ -166,6 +168,7 @@ def test_a_swarm_is_the_pattern_of_another(tmp_path: Path) -> None:
     assert [starts[f"d{n}.agent"]["altitude"] for n in range(5)] == [20.0] * 5
     assert [starts[f"d{n}.estimator"]["identity"] for n in range(5)] == [1, 2, 3, 4, 5]
     assert "mass" not in starts["d0.vehicle"]
+    assert [starts[f"d{n}.vehicle"]["linear_drag"] for n in range(5)] == [0.5, 1.0, 1.5, 2.0, 2.5]
     assert network.loss == 0.125 and network.links == {("d0", "d1"), ("d1", "d0")}
     links = {(link.source, link.target) for link in checked.links}
     assert (("d4.estimator", "position[1]"), ("d4.autopilot", "position[1]")) in links
@@ -273,3 +276,46 @@ def test_a_listed_topology_needs_links(tmp_path: Path) -> None:
     swarm = Swarm("deaf", network={"topology": "listed"})
     swarm.add()
     assert "no two drones are connected: connect() them" in refused(swarm, "save", tmp_path / "deaf")
+
+
+@pytest.mark.parametrize(
+    ("links", "drones", "expected"),
+    [
+        ("ab bc cd", 5, "ab bc cd de"),  # a chain
+        ("ab bc cd da", 5, "ab bc cd de ea"),  # a ring
+        ("ab bc cd de ea", 3, "ab bc ca"),
+        ("ab ac bc bd cd", 5, "ab ac bc bd cd ce de"),  # the next two
+        ("ab ac ad", 5, None),  # a star: the drones are not alike
+        ("ab", 5, None),  # with four drones, of which two have no link
+    ],
+)
+def test_links_that_are_alike_for_all_drones_go_on(links: str, drones: int, expected: str | None) -> None:
+    few = "abcd" if "e" not in links else "abcde"
+    ways = _ways([{"between": " ".join(link)} for link in links.split()], few)
+    if expected is None:
+        assert ways is None
+        return
+    assert ways is not None
+    found = {frozenset("abcde"[i] for i in pair) for pair in ways.between(drones)}
+    assert found == {frozenset(pair) for pair in expected.split()}
+
+
+def test_links_that_describe_or_go_one_way_are_left_out(tmp_path: Path) -> None:
+    assert _ways([{"between": "a b", "loss": "0.5"}], "ab") is None
+    assert _ways([{"from": "a", "to": "b"}], "ab") is None
+    assert _ways([], "ab") is None
+
+
+def test_a_ring_of_any_size_meets(tmp_path: Path) -> None:
+    """The system `rendezvous`: heights that rise, and links of a ring."""
+    swarm = Swarm("meeting", like="rendezvous")
+    for n in range(7):
+        swarm.add(position=(10.0 * n, 3.0 * n * n))
+    assert any("agent.altitude goes on rising by 2" in note for note in swarm.notes)
+    with read_system(swarm.save(tmp_path / "meeting")) as structure:
+        checked = check(structure)
+        network = network_of(checked)
+    starts = {one.name: one.start_values for one in checked.instances}
+    assert [starts[f"drone{n}.agent"]["altitude"] for n in range(1, 8)] == [10.0 + 2.0 * n for n in range(7)]
+    ring = {(f"drone{n}", f"drone{n % 7 + 1}") for n in range(1, 8)}
+    assert network.links == ring | {(b, a) for a, b in ring}
