@@ -13,7 +13,8 @@ import numpy as np
 import pyarrow.parquet as parquet
 import pytest
 
-from cosim.build import models_of_package
+from cosim.build import load_models, models_of_package
+from cosim.build.sources import sources_of
 from cosim_models.agents.kit import agent_variables
 
 PAGE = (Path(__file__).parents[3] / "docs" / "agents.md").read_text(encoding="utf-8")
@@ -52,6 +53,17 @@ def test_the_law_flies_as_printed(fmus: Path, tmp_path: Path) -> None:
     bearings = np.unwrap(np.arctan2(centred[:, 1], centred[:, 0]), axis=1)
     seconds = int(np.searchsorted(signals["time"].to_numpy(), 50.0))
     assert (bearings[:, -1] - bearings[:, seconds] > np.radians(30.0)).all()  # clockwise
+
+
+def test_the_kit_is_among_the_sources_of_a_law_outside_of_the_package(tmp_path: Path) -> None:
+    """An FMU of the law is up to date only as long as the kit is the same, and an interpreted one brings it along."""
+    ((_, content),) = blocks("python")
+    file = tmp_path / "pursuit_sources.py"
+    file.write_text(content)
+    (model,) = load_models(str(file))
+    names = sources_of(model).files.keys()
+    assert {"pursuit_sources", "cosim_models", "cosim_models.agents.kit", "cosim.packets"} <= names
+    assert not any(name.partition(".")[0] in ("numpy", "math", "numba") for name in names)
 
 
 def test_the_law_has_as_many_lines_as_are_promised() -> None:

@@ -20,6 +20,7 @@ from cosim_models.agents.kit import (
     Trouble,
     agent_kernels,
     agent_variables,
+    decision,
 )
 from cosim_models.agents.script import AgentState, Failure
 
@@ -361,3 +362,19 @@ def test_parameters_that_make_no_sense(parameters: dict[str, Any], code: int) ->
         m[name] = value
     assert START(m) == code
     assert code in ERRORS
+
+
+@kernel
+def one(m: Any, t: float, h: float) -> int:
+    return 1
+
+
+@kernel
+def two(m: Any, t: float, h: float) -> int:
+    return 2
+
+
+def test_two_laws_over_one_record_do_not_share_machine_code() -> None:
+    """Code of kernels is kept in files by place and arguments, which are the same for both."""
+    m = Agent4.record()
+    assert [decision(law)(m, 0.0) for law in (one, two)] == [1, 2]
