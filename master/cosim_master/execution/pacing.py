@@ -237,6 +237,18 @@ def run(
         outcome, failure = Outcome.TERMINATED, error
     except CosimError as error:
         outcome, failure = Outcome.FAILED, error
+    return _result(execution, ready, gateways, held, start, outcome, failure)
+
+
+def _result(
+    execution: Execution,
+    ready: Prepared,
+    gateways: Gateways,
+    held: _Pace,
+    start: float,
+    outcome: Outcome,
+    failure: CosimError | None,
+) -> RunResult:
     wall, simulated = held.wall, execution.time - start
     return RunResult(
         outcome,
