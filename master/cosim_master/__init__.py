@@ -6,8 +6,8 @@
     result.outcome                                     # Outcome.DONE
     signals(result.folder)["drone3.vehicle.position[2]"]
 
-`__all__` is what other programs may rely on. Each name is imported when it is first used, so that a program, like
-each verb of the command, loads only the parts that it needs.
+Other programs may rely on the names in `__all__`. Each name is imported at its first use. A program, like each verb of
+the command, therefore loads only the parts that it needs.
 """
 
 from __future__ import annotations

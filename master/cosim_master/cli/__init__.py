@@ -21,12 +21,12 @@ __all__ = ["app", "err", "main", "out"]
 
 
 def main() -> None:
-    """Entry point of the command."""
+    """Runs the command."""
     app(_joined(sys.argv[1:]))
 
 
 def _joined(arguments: list[str]) -> list[str]:
-    """The two words after --at as one, and a word after --reference: Typer has no options like these."""
+    """Joins the two words after --at, and replaces the word after --reference; Typer does not support such options."""
     joined: list[str] = []
     for i, argument in enumerate(arguments):
         if argument == "--reference" and not (i + 1 < len(arguments) and arguments[i + 1].lower().endswith(".csv")):

@@ -1,6 +1,6 @@
-"""The tables of docs/command-line.md: every verb with its arguments, options, defaults and examples.
+"""Writes the tables of docs/command-line.md: every verb with its arguments, options, defaults and examples.
 
-`python -m cosim_master.cli.reference docs/command-line.md` writes them below their heading there.
+`python -m cosim_master.cli.reference docs/command-line.md` writes them below the heading of their section.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ HEADING = "## Verbs and options"
 
 
 def tables() -> str:
-    """The section of all verbs, in Markdown."""
+    """Returns the section on all verbs, in Markdown."""
     commands: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     lines = [
         HEADING,
@@ -74,7 +74,7 @@ def _default(p: Any) -> str:
 
 
 def _write(file: Path) -> None:
-    """Replaces the section of a document."""
+    """Replaces the section in a document."""
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.index(HEADING)] + tables(), encoding="utf-8")
 

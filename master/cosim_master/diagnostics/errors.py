@@ -10,7 +10,7 @@
     ├── NotConverged             outputs depend on each other within a step, and do not settle
     └── StepTooSmall             the tolerance cannot be met by steps of the minimum size
 
-How a run ended is a value, not an error; misuse of an API is a `ValueError` or `TypeError`.
+The outcome of a run is a value, not an error. Misuse of an API raises `ValueError` or `TypeError`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """A place in a description: a file as the user would name it, and a line of it where one is known."""
+    """A place in a description: a file as the user would name it, and its line if it is known."""
 
     path: str
     line: int | None = None
@@ -62,13 +62,13 @@ class Problem:
 
 
 class Finding(str):
-    """A note on something that does not stop a run but should be mended; `--strict` makes it an error.
+    """A note on a defect that does not prevent a run but should be corrected; `--strict` makes it an error.
 
-    A file that breaks a rule of its standard and is read all the same gives one; so may whatever else is tolerated.
+    A file that breaks a rule of its standard, but can still be read, produces one. So may other tolerated defects.
 
     Attributes:
         problem: the note as a problem.
-        kind: equal for findings of the same rule, so that a long list of them can be shown in short.
+        kind: equal for findings of the same rule, so that a long list of them can be shortened.
     """
 
     problem: Problem
@@ -82,7 +82,7 @@ class Finding(str):
 
 
 def within_bounds(notes: Iterable[str], most: int = 3) -> Iterator[str]:
-    """Notes to show: of findings of one kind the first ones, and how many more there are."""
+    """Returns the notes to show: the first few findings of each kind, and the number of further ones."""
     counts: dict[str, int] = {}
     for note in notes:
         if isinstance(note, Finding):
@@ -96,7 +96,7 @@ def within_bounds(notes: Iterable[str], most: int = 3) -> Iterator[str]:
 
 
 class CosimError(Exception):
-    """Whatever this package raises on purpose."""
+    """Base class of all exceptions that this package raises deliberately."""
 
 
 class SystemDescriptionError(CosimError):
@@ -114,7 +114,7 @@ class SystemDescriptionError(CosimError):
 
 
 class RecordingFailed(CosimError):
-    """A file of the recording cannot be written; what has been recorded before stays readable."""
+    """A file of the recording cannot be written. The values recorded before remain readable."""
 
     def __init__(self, file: str, reason: str) -> None:
         super().__init__(f"{file}: cannot be written: {reason}; what was recorded until then stays readable")
@@ -128,7 +128,7 @@ class FmuError(CosimError):
         function: the FMI function that was called.
         status: the status in the standard's words ("fmi2Error"), or the error in the answer.
         time: simulation time of the call in s, None before initialization.
-        log: the last lines the FMU logged; in the message equal ones that follow each other are one.
+        log: the last lines that the FMU logged; in the message, consecutive equal lines are shown once.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class RunFailed(CosimError):
     """One or more instances failed in the same macro step.
 
     Attributes:
-        failures: an FmuError for each of them.
+        failures: an FmuError for each failed instance.
     """
 
     def __init__(self, failures: Sequence[FmuError]) -> None:
@@ -161,8 +161,8 @@ class RunTerminated(CosimError):
     """An FMU requested the end of the simulation; this is not a failure.
 
     Attributes:
-        instance: which.
-        time: until when it has something to simulate, s.
+        instance: hierarchical name of the instance.
+        time: end of the time that the instance can simulate, s.
     """
 
     def __init__(self, instance: str, time: float, *, said: str = "fmi2Terminated", hint: str = "") -> None:
@@ -172,11 +172,11 @@ class RunTerminated(CosimError):
 
 
 class NotConverged(CosimError):
-    """Outputs that depend on each other within a step, and do not settle.
+    """Outputs depend on each other within a step and do not converge.
 
     Attributes:
-        residuals: name of each output -> by how much it still changes.
-        time: at which the step begins, s.
+        residuals: name of each output -> the remaining change of its value.
+        time: begin of the step, s.
     """
 
     def __init__(self, algorithm: str, time: float, iterations: int, rows: Sequence[tuple[str, float, float]]) -> None:
@@ -193,8 +193,8 @@ class StepTooSmall(CosimError):
     """The tolerance cannot be met by steps of the minimum size.
 
     Attributes:
-        time: s.
-        errors: name of each output that is off by too much -> by how much.
+        time: begin of the step, s.
+        errors: name of each output whose error exceeds the tolerance -> its error.
     """
 
     def __init__(self, time: float, h: float, errors: Sequence[tuple[str, float]], tolerance: float) -> None:
@@ -208,11 +208,11 @@ class StepTooSmall(CosimError):
 
 
 class LoopError(CosimError):
-    """A loop of connections whose values do not converge.
+    """The values in a loop of connections do not converge.
 
     Attributes:
-        residuals: name of each output in the loop -> how much its value still changes.
-        rounds: how often values were exchanged.
+        residuals: name of each output in the loop -> the remaining change of its value.
+        rounds: number of exchanges of values.
     """
 
     def __init__(self, names: Sequence[str], values: Sequence[Any], new: Sequence[Any], rounds: int) -> None:
@@ -243,7 +243,7 @@ _WRAPPER = ("Fatal py exception encountered: ", "unknown error")
 
 
 def _together(log: Iterable[str]) -> Iterator[str]:
-    """Lines, those that are repeated once and with their number."""
+    """Returns the lines without repetitions; a repeated line appears once, with the number of its repetitions."""
     for line, same in groupby(log):
         n = len([*same])
         yield line if n == 1 else f"{line} ({n} times)"

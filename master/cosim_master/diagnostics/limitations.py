@@ -4,8 +4,8 @@ Code that refuses or ignores a feature takes its message from here, so that the 
 
     python -m cosim_master.diagnostics.limitations > docs/limitations.md
 
-A row comes or goes with its constant here, the code that says its words, and the case in
-tests/master/diagnostics/test_limitations.py that provokes it; the tests there find what is missing.
+To add or remove a row, change three places together: its constant here, the code that uses its message, and the case in
+tests/master/diagnostics/test_limitations.py that provokes it. The tests there find a missing part.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ __all__ = ["LIMITATIONS", "Limitation", "table"]
 
 @dataclass(frozen=True, slots=True)
 class Limitation:
-    """Something that is not done.
+    """A feature that is not supported.
 
     Attributes:
-        standard: standard and, after a comma, its section; the standard is the heading under which it is listed.
-        feature: the subject.
+        standard: the standard and, after a comma, the section. The standard is also the heading in the table.
+        feature: name of the feature.
         outcome: "error" (nothing is run), "failure" (the run ends there as failed), "note" (ignored, and said),
             "silent" (ignored).
         words: the message, with {} for names and values; empty for "silent".
@@ -34,7 +34,7 @@ class Limitation:
     words: str
 
     def text(self, *values: object) -> str:
-        """The words with values in them."""
+        """Returns the message with the given values."""
         return self.words.format(*values)
 
 
@@ -544,7 +544,7 @@ _HAPPENS = {"error": "error", "failure": "the run fails", "note": "ignored, with
 
 
 def table() -> str:
-    """The tables of all limitations, one for each standard, in Markdown."""
+    """Returns the tables of all limitations, one for each standard, in Markdown."""
     lines = [
         "# Limitations",
         "",

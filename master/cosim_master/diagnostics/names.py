@@ -1,6 +1,7 @@
-"""Names by pattern: `*` is any run of characters, dots too, and `?` any one. Nothing else is special.
+"""Names by pattern: `*` matches any sequence of characters, including dots, and `?` matches any single character.
 
-`[2]` stays an index and braces stay braces, so that every name of a variable is a pattern for itself.
+No other character is special: `[2]` is an index and braces are braces. Every name of a variable is therefore a pattern
+that matches itself.
 """
 
 from __future__ import annotations
@@ -24,18 +25,19 @@ def is_pattern(text: str) -> bool:
 
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
-    """The names that a pattern matches, in their order."""
+    """Returns the names that match a pattern, in their original order."""
     match = re.compile(fnmatch.translate(pattern.replace("[", "[[]"))).match
     return [name for name in names if match(name)]
 
 
 def near(name: str, names: Iterable[str]) -> str:
-    """The names a user may have meant, as the end of a sentence: near matches first, at most twelve."""
+    """Returns names that a user may have meant, as the end of a sentence: at most twelve, the most similar first."""
     known = list(dict.fromkeys(names))
     if not known:
         return "there is none"
     if close := difflib.get_close_matches(name, known, n=3, cutoff=0.6):
-        # Long common prefixes make everything similar, so that only what is as near as the nearest is meant.
+        # Long common prefixes make all names similar, so only the names about as similar as the most similar one are
+        # kept.
         ratios = [difflib.SequenceMatcher(None, name, match).ratio() for match in close]
         close = [match for match, ratio in zip(close, ratios, strict=True) if ratio > ratios[0] - 0.05]
         return "did you mean " + " or ".join(f'"{match}"' for match in close) + "?"
@@ -45,9 +47,9 @@ def near(name: str, names: Iterable[str]) -> str:
 
 
 def near_pattern(pattern: str, names: Iterable[str]) -> str:
-    """The patterns a user may have meant by one that matches none of the names, as the end of a sentence.
+    """Returns patterns that a user may have meant by one that matches no name, as the end of a sentence.
 
-    Names that differ in numbers alone, as those of a swarm do, are taken together: "drone*.vehicle.mass".
+    Names that differ only in their numbers, as in a swarm, are combined: "drone*.vehicle.mass".
     """
     alike: dict[str, list[str]] = {}
     for name in names:

@@ -1,1 +1,1 @@
-"""Bytes from strangers: archives, XML with line numbers, XML edited byte for byte."""
+"""Files from untrusted sources: archives, XML with line numbers, and XML edited byte for byte."""

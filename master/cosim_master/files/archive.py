@@ -1,8 +1,9 @@
-"""ZIP archives from strangers (.ssp, .fmu): read a member, unpack all, pack a folder.
+"""ZIP archives from untrusted sources (.ssp, .fmu): read a member, unpack all members, pack a folder.
 
-Refused, each with its own message: names that lead out of the folder (zip slip), absolute names, backslashes, links,
-encrypted entries, one name for several files, compression other than stored and deflated (SSP 2.0, section 3), and
-archives that unpack to more than `MAX_BYTES` or `MAX_ENTRIES`. The meaning of the members is unknown here.
+Some archives are refused, each with its own message: names that lead out of the folder (zip slip), absolute names,
+backslashes, links, encrypted entries, one name for several files, compression other than stored and deflated (SSP 2.0,
+section 3), and archives that unpack to more than `MAX_BYTES` or `MAX_ENTRIES`. This module does not interpret the
+members.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def _entry_problem(entry: zipfile.ZipInfo) -> str | None:
 
 
 def _ambiguous(entries: Sequence[zipfile.ZipInfo]) -> list[str]:
-    """Returns names that stand for several files, of which different readers would take different ones."""
+    """Returns names that stand for several files, of which different readers would choose different ones."""
     first: dict[str, zipfile.ZipInfo] = {}
     for entry in entries:
         first.setdefault(entry.filename, entry)
@@ -77,10 +78,10 @@ def _opened(path: Path, shown: str) -> Iterator[zipfile.ZipFile]:
 
 
 def member_names(path: Path, shown: str) -> tuple[str, ...]:
-    """Names of all files in the archive at `path`.
+    """Returns the names of all files in the archive at `path`.
 
     Raises:
-        SystemDescriptionError: not a ZIP archive, or one that is refused (at `shown`).
+        SystemDescriptionError: the file is not a ZIP archive, or the archive is refused (reported at `shown`).
     """
     with _opened(path, shown) as archive:
         return tuple(entry.filename for entry in archive.infolist() if not entry.is_dir())
@@ -90,7 +91,8 @@ def read_member(path: Path, name: str, shown: str, *, limit: int) -> bytes | Non
     """Returns the content of the file `name` in the archive, or None if it does not exist.
 
     Raises:
-        SystemDescriptionError: not a ZIP archive, one that is refused, or the member is larger than `limit` bytes.
+        SystemDescriptionError: the file is not a ZIP archive, the archive is refused, or the member is larger than
+            `limit` bytes.
     """
     with _opened(path, shown) as archive:
         if name not in archive.NameToInfo:
@@ -106,13 +108,14 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
     """Writes every file of the archive into `directory`, which may exist.
 
     Args:
-        limit: bytes that it may unpack to; `MAX_BYTES` by default.
+        limit: largest total size of the unpacked files in bytes; `MAX_BYTES` by default.
 
     Raises:
-        SystemDescriptionError: not a ZIP archive, or one that is refused; nothing useful is left in `directory`.
+        SystemDescriptionError: the file is not a ZIP archive, or the archive is refused. The contents of `directory` are
+            then not usable.
 
     Returns:
-        How many bytes have been written.
+        The number of bytes written.
     """
     limit = MAX_BYTES if limit is None else limit
     with _opened(path, shown) as archive:
@@ -124,7 +127,7 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
                 continue
             target.parent.mkdir(parents=True, exist_ok=True)
             with archive.open(entry) as source, target.open("wb") as sink:
-                # The size in the directory of an archive is a claim, so what is written is counted.
+                # The size in the directory of an archive may be wrong, so the bytes written are counted.
                 while chunk := source.read(min(1 << 20, left + 1)):
                     left -= len(chunk)
                     if left < 0:
@@ -136,7 +139,7 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
 
 
 def pack(files: Mapping[str, Path], path: Path) -> None:
-    """Writes an archive whose bytes depend only on names and contents: member name -> file."""
+    """Writes an archive of files by member name. Its bytes depend only on the names and contents."""
     part = path.with_name(path.name + ".part")
     with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(files):

@@ -1,9 +1,10 @@
-"""XML documents with line numbers, and the grammar they are held against.
+"""XML documents with line numbers, and the grammar that they are checked against.
 
-`parse` reads bytes into an lxml tree without ever touching another file: no document types, no entities, no
-network, no depth or size that libxml2 calls huge. `Grammar` says per element which attributes and children are
-legal, which the standard knows but we do not support yet, and in what order they come, because a name that nobody
-reads is a setting that silently does nothing. It knows no SSP; the grammar of SSP is in `system.reading.ssp.grammar`.
+`parse` reads bytes into an lxml tree and never opens another file: document types, entities, network access, and a
+depth or size that libxml2 considers huge are refused. `Grammar` defines for each element the legal attributes and
+children, their order, and those that the standard defines but we do not support yet. Without this check, a misspelt
+setting would silently have no effect. This module does not depend on SSP, whose grammar is in
+`system.reading.ssp.grammar`.
 """
 
 from __future__ import annotations
@@ -33,19 +34,20 @@ def local_name(element: etree._Element) -> str:
 
 
 def line_of(element: etree._Element) -> int | None:
-    """Line of an element's start tag in its file."""
+    """Returns the line of an element's start tag in its file."""
     return cast("int | None", element.sourceline)
 
 
 def parse(data: bytes, shown: str) -> etree._Element:
-    """The root element of an XML document.
+    """Returns the root element of an XML document.
 
     Args:
         data: the document.
         shown: its file, as the user would name it.
 
     Raises:
-        SystemDescriptionError: not well-formed (with line), or with a document type declaration.
+        SystemDescriptionError: the document is not well-formed (reported with the line), or has a document type
+            declaration.
     """
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True, remove_pis=True, huge_tree=False
@@ -68,17 +70,17 @@ class Form:
     """The attributes and children that an element may have.
 
     Attributes:
-        required: attributes that must be there.
-        optional: attributes that may be there.
+        required: attributes that must be present.
+        optional: attributes that may be present.
         children: legal child elements, as "{namespace}name", in the standard's order.
-        repeated: those of `children` that may come more than once.
-        mandatory: those of `children` that must be there.
-        filled: at least one child must be there, and those that are repeated come in any order.
-        unordered: all children come in any order.
-        choices: sets of `children` of which at most one element may be there.
-        later: attributes and children that only version 2 of the standard has.
+        repeated: those of `children` that may occur more than once.
+        mandatory: those of `children` that must be present.
+        filled: at least one child must be present, and repeated children may be in any order.
+        unordered: all children may be in any order.
+        choices: sets of `children`, of which at most one element may be present.
+        later: attributes and children that only version 2 of the standard defines.
         opaque: the children belong to another tool and are ignored.
-        free: the attributes neither.
+        free: the attributes are not checked either.
     """
 
     required: tuple[str, ...] = ()
@@ -101,8 +103,8 @@ Grammar: TypeAlias = Mapping[str, Form]
 class Reader:
     """Reads attributes and children of one document and collects its problems instead of raising them.
 
-    Every accessor returns something usable after a problem, so that all problems of a document are found in one
-    pass; the value it returns is then used only to find more of them.
+    After a problem, every accessor returns a usable value, so that one pass finds all problems of a document. Such a
+    value only serves to find further problems.
     """
 
     def __init__(self, shown: str, problems: list[Problem], version: int = 2) -> None:
@@ -117,7 +119,8 @@ class Reader:
         self.problems.append(Problem(self.where(element), message))
 
     def children(self, element: etree._Element, form: Form) -> Sequence[etree._Element]:
-        """The legal and supported children of `element`; problems for everything in it that `form` does not allow."""
+        """Returns the legal and supported children of `element`, and reports everything in it that `form` does not
+        allow."""
         if not form.free:
             self._attributes(element, form)
         if form.opaque:
@@ -197,7 +200,7 @@ class Reader:
         return default if value is None else value
 
     def name(self, element: etree._Element, attribute: str = "name") -> str:
-        """A name: must not be empty. A missing one has been reported by the grammar."""
+        """Returns a name, which must not be empty. The grammar has already reported a missing name."""
         value = element.get(attribute)
         if value == "":
             self.problem(element, f'attribute "{attribute}" of <{local_name(element)}> is empty')
@@ -224,7 +227,7 @@ class Reader:
     def integer(
         self, element: etree._Element, attribute: str, default: int = 0, *, low: int = -(2**31), high: int = 2**31 - 1
     ) -> int:
-        """An integer from low to high, by default of 32 bits."""
+        """Returns an integer between `low` and `high`, by default a 32-bit integer."""
         value = element.get(attribute)
         if value is None:
             return default
@@ -251,7 +254,7 @@ class Reader:
 
 
 def whole(text: str, low: int, high: int) -> int | None:
-    """Returns the integer from low to high that `text` holds, or None if it holds none."""
+    """Returns the integer from `low` to `high` that `text` contains, or None if it does not contain one."""
     text = text.strip()
     if not _INTEGER.fullmatch(text) or len(text) > 22 or not low <= int(text) <= high:
         return None
@@ -259,7 +262,8 @@ def whole(text: str, low: int, high: int) -> int | None:
 
 
 def double(text: str) -> float | None:
-    """Returns the number that `text` holds in the form of XML Schema (xs:double), or None if it holds none."""
+    """Returns the number that `text` contains in the form of XML Schema (xs:double), or None if it does not contain
+    one."""
     text = text.strip()
     return float(text.replace("INF", "inf")) if _DOUBLE.fullmatch(text) else None
 

@@ -1,7 +1,7 @@
 """XML documents as bytes with positions: change one attribute or element and leave every other byte as it is.
 
-It knows no SSP. Text that is written is ASCII with character references, so that it fits every encoding that has ASCII
-in it; documents in other encodings (UTF-16) are refused.
+This module does not depend on SSP. It writes ASCII with character references, which is valid in every encoding that
+includes ASCII. Documents in other encodings (UTF-16) are refused.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SPACE_BEFORE = re.compile(rb"[ \t\r\n]*\Z")
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """Replace the bytes from start to stop."""
+    """A replacement of the bytes from start to stop."""
 
     start: int
     stop: int
@@ -37,8 +37,8 @@ class Node:
     Attributes:
         tag: "{namespace}name".
         scope: namespaces by prefix; "" is the default one.
-        start, head: of its start tag: "<", and the byte after ">".
-        foot, end: of its end tag: "</", and the byte after ">"; both `head` for <a/>.
+        start, head: positions of the start tag: its "<", and the byte after its ">".
+        foot, end: positions of the end tag: its "</", and the byte after its ">"; both are `head` for <a/>.
     """
 
     tag: str
@@ -50,11 +50,11 @@ class Node:
     children: list[Node] = field(default_factory=list)
 
     def all(self, tag: str) -> list[Node]:
-        """Its children of a tag."""
+        """Returns all children with a tag."""
         return [child for child in self.children if child.tag == tag]
 
     def first(self, tag: str) -> Node | None:
-        """Its first child of a tag."""
+        """Returns the first child with a tag."""
         return next(iter(self.all(tag)), None)
 
 
@@ -62,7 +62,7 @@ class Document:
     """A document and its elements.
 
     Raises:
-        ValueError: not well-formed, or in an encoding without ASCII.
+        ValueError: the document is not well-formed, or its encoding does not include ASCII.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -118,7 +118,7 @@ class Document:
             at = match.end()
 
     def attribute(self, node: Node, name: str, value: str | None) -> list[Edit]:
-        """Gives an attribute a value, or removes it (None)."""
+        """Returns the edit that sets an attribute of an element, or removes it (None)."""
         end = node.start
         for match in self._attributes(node):
             end = match.end()
@@ -134,18 +134,18 @@ class Document:
         return [Edit(end, end, b" " + name.encode() + b"=" + _quoted(value))]
 
     def removed(self, node: Node) -> list[Edit]:
-        """Removes an element with the space before it."""
+        """Returns the edit that removes an element and the whitespace before it."""
         space = _SPACE_BEFORE.search(self.data, 0, node.start)
         return [Edit(node.start if space is None else space.start(), node.end, b"")]
 
     def indent(self, node: Node) -> str:
-        """The line break and space before an element; empty if it does not begin a line."""
+        """Returns the line break and whitespace before an element; empty if the element does not begin a line."""
         space = _SPACE_BEFORE.search(self.data, 0, node.start)
         text = b"" if space is None else space.group()
         return "\n" + text.rpartition(b"\n")[2].decode() if b"\n" in text else ""
 
     def inserted(self, parent: Node, texts: Sequence[str], after: Node | None) -> list[Edit]:
-        """Inserts elements into `parent`, after one of its children, or before all of them."""
+        """Returns the edit that inserts elements into `parent`, after one of its children or before all of them."""
         indent = self.indent(after or (parent.children[0] if parent.children else parent))
         if after is None and not parent.children and indent:
             indent += "  "
@@ -171,7 +171,7 @@ def _quoted(value: str) -> bytes:
 def tag_text(
     scope: Mapping[str, str], tag: str, attributes: Mapping[str, str | None], children: Sequence[str] = ()
 ) -> str:
-    """An element as text; its namespace is declared on it where it has no prefix in `scope`."""
+    """Returns an element as text; its namespace is declared on it if the namespace has no prefix in `scope`."""
     space, _, local = tag[1:].partition("}")
     prefixes = [prefix for prefix, uri in scope.items() if uri == space]
     name = f"{prefixes[0]}:{local}" if prefixes and prefixes[0] else local
@@ -186,7 +186,7 @@ def tag_text(
 
 
 def applied(data: bytes, edits: Sequence[Edit]) -> bytes:
-    """The bytes with all edits made; those at one place in their order.
+    """Returns the bytes after all edits; edits at the same place are applied in their order.
 
     Raises:
         ValueError: two edits overlap.

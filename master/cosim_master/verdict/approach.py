@@ -1,11 +1,12 @@
 """Closest approaches of bodies: the nearest pair of a run, and all pairs nearer than a given distance.
 
-Bodies are seen at instants, and taken to move on a straight line at constant speed from one to the next. If these are
-dt apart, the distance is wrong by less than a dt^2 / 8 with the relative acceleration a: 1.3 cm for 10 m/s2 and 0.1 s.
+Positions are known at instants. Between two instants, a body is assumed to move on a straight line at constant speed.
+For instants dt apart and a relative acceleration a, the error of the distance is less than a dt^2 / 8: 1.3 cm for 10
+m/s2 and 0.1 s.
 
-Few bodies are compared each with each. Of many, only those are compared that can have come nearer to each other than
-the nearest two so far: all are sorted into cells as wide as that and their own motion, and compared with those in
-the cells around. The work grows with their number as sorting does.
+If there are few bodies, all pairs are compared. If there are many, only those pairs are compared that can have come
+closer than the closest pair so far: bodies are sorted into cells as wide as this distance plus their own motion, and
+are compared with the bodies in adjacent cells. The cost grows with the number of bodies as that of sorting does.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ _AROUND = [offset for offset in product((-1, 0, 1), repeat=3) if offset > (0, 0,
 
 @dataclass(slots=True)
 class Contact:
-    """Two bodies that came nearer than the distance of a contact: since when, how near, and when that was, s and m."""
+    """Two bodies that came closer than the contact distance: begin of the contact [s], least distance [m] and its time
+    [s]."""
 
     since: float
     distance: float
@@ -42,7 +44,7 @@ class Contact:
 
 @dataclass(slots=True)
 class Approach:
-    """The nearest two of `count` bodies, and all that come nearer than `contact` m to each other."""
+    """The closest pair of `count` bodies, and all pairs that come closer than `contact` [m]."""
 
     count: int
     contact: float
@@ -52,7 +54,7 @@ class Approach:
     contacts: dict[tuple[int, int], Contact] = field(default_factory=dict)
 
     def look(self, times: Array, points: Array) -> None:
-        """Follows the bodies.
+        """Follows the bodies over further instants.
 
         Args:
             times: (n,) s, rising.
@@ -98,7 +100,7 @@ class Approach:
     # ---- who can have come near whom -------------------------------------------------------------------------------
 
     def _candidates(self, points: Array) -> Iterator[tuple[Array, Array]]:
-        """Pairs, the lower number first, each at most once."""
+        """Returns pairs of bodies, the lower number first, each at most once."""
         if self.count <= FEW:
             yield np.triu_indices(self.count, 1)
             return
@@ -107,7 +109,7 @@ class Approach:
         reach = max(self.contact, min(self.distance, _some_distance(points[0])))
         slow = half <= max(4.0 * float(np.median(half)), reach)
         numbers = np.flatnonzero(slow)
-        for fast in map(int, np.flatnonzero(~slow)):  # few: they would make the cells of all wide
+        for fast in map(int, np.flatnonzero(~slow)):  # few bodies, which would make the cells of all bodies wide
             others = np.flatnonzero(slow | (np.arange(self.count) > fast))
             yield _in_order(*_near(np.full(len(others), fast), others, middle, half, reach))
         for first, second in _in_cells(middle[numbers], reach + 2.0 * float(half[numbers].max(initial=0.0))):
@@ -115,7 +117,7 @@ class Approach:
 
 
 def _some_distance(points: Array) -> float:
-    """The distance of two bodies that are near to each other, if not the nearest two."""
+    """Returns the distance of two bodies that are close to each other, but not necessarily the closest pair."""
     found = np.inf
     for axis in range(3):
         steps = np.diff(points[np.argsort(points[:, axis], kind="stable")], axis=0)
@@ -124,7 +126,7 @@ def _some_distance(points: Array) -> float:
 
 
 def _near(first: Array, second: Array, middle: Array, half: Array, reach: float) -> tuple[Array, Array]:
-    """Returns those pairs whose boxes come within `reach` of each other."""
+    """Returns the pairs whose boxes come within `reach` of each other."""
     gap = np.abs(middle[first] - middle[second]).max(axis=1) - half[first] - half[second]
     near = gap <= reach
     return first[near], second[near]
@@ -135,7 +137,7 @@ def _in_order(first: Array, second: Array) -> tuple[Array, Array]:
 
 
 def _in_cells(points: Array, width: float) -> Iterator[tuple[Array, Array]]:
-    """Returns pairs of points in one cell of that width, or in two adjacent ones."""
+    """Returns the pairs of points in one cell of this width, or in two adjacent cells."""
     if len(points) < 2:
         return
     scaled = (points - np.median(points, axis=0)) / max(width, 1e-9)
@@ -152,7 +154,7 @@ def _in_cells(points: Array, width: float) -> Iterator[tuple[Array, Array]]:
 
 
 def _pairs(order: Array, begins: Array, ends: Array) -> tuple[Array, Array]:
-    """Pairs point number n in `order` with those from begins[n] to ends[n] - 1."""
+    """Pairs point number n in `order` with the points from begins[n] to ends[n] - 1."""
     counts = ends - begins
     total = int(counts.sum())
     first = np.repeat(np.arange(len(order)), counts)

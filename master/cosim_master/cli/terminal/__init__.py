@@ -1,1 +1,1 @@
-"""Everything that verbs share on a terminal."""
+"""The parts that all verbs share: consoles, options, progress and the registry of verbs."""

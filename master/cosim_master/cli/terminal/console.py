@@ -1,4 +1,4 @@
-"""The two consoles of the command and the ways in which its verbs speak: data, words, notes, errors.
+"""The two consoles of the command and the four kinds of output of its verbs: data, words, notes, errors.
 
     data    the requested data: standard output, always; with --json one JSON document
     words   the results of a verb in words: standard output; -q leaves them out
@@ -47,7 +47,7 @@ __all__ = [
 
 
 def _console(*, stderr: bool) -> Console:
-    # NO_COLOR alone would leave Rich's bold and dim: with it, no style at all.
+    # NO_COLOR alone would keep Rich's bold and dim styles, so all styles are turned off.
     system = None if os.environ.get("NO_COLOR") else "auto"
     return Console(stderr=stderr, highlight=False, soft_wrap=True, color_system=system)  # type: ignore[arg-type]
 
@@ -64,7 +64,7 @@ class _Verbosity:
 
 @dataclass(slots=True)
 class _Spoken:
-    """The output of the present verb so far: its errors, and whether its JSON document has been printed."""
+    """The output of the current verb so far: its errors, and whether its JSON document has been printed."""
 
     errors: list[dict[str, Any]] = field(default_factory=list)
     document: bool = False
@@ -75,14 +75,15 @@ _spoken = _Spoken()
 
 
 class _Log(logging.Handler):
-    """Log records on standard error, by the console, so that a bar there makes room for them."""
+    """Writes log records to standard error through the console, so that they do not overwrite a progress bar there."""
 
     def emit(self, record: logging.LogRecord) -> None:
         err.print(self.format(record), markup=False)
 
 
 def set_verbosity(*, quiet: bool | None = None, verbose: bool | None = None) -> None:
-    """Sets the verbosity that -q and -v ask for; None leaves it. With `verbose`, messages logged by FMUs are shown."""
+    """Sets the verbosity that -q and -v request; None leaves it unchanged. With `verbose`, messages logged by FMUs are
+    shown."""
     if quiet is not None:
         _verbosity.quiet = quiet
     if verbose is not None:
@@ -106,25 +107,25 @@ def is_live() -> bool:
 
 
 def say(text: str) -> None:
-    """Prints the result of a verb; with -q, nothing."""
+    """Prints the result of a verb, unless -q is set."""
     if not _verbosity.quiet:
         out.print(text, markup=False)
 
 
 def note(text: str) -> None:
-    """Prints an assumption or other note; with -q, nothing."""
+    """Prints an assumption or another note, unless -q is set."""
     if not _verbosity.quiet:
         err.print(Text.assemble(("note:", "bold dim"), (f" {text}", "dim")))
 
 
 def notes(texts: Iterable[str]) -> None:
-    """Prints several notes: of findings of one kind the first ones."""
+    """Prints several notes. Of findings of the same kind, only the first few are printed."""
     for text in within_bounds(texts):
         note(text)
 
 
 def print_json(document: Any) -> None:
-    """Prints the one JSON document of a verb."""
+    """Prints the JSON document of a verb."""
     _spoken.document = True
     out.print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False), markup=False)
 
@@ -132,7 +133,7 @@ def print_json(document: Any) -> None:
 def print_tables(tables: Iterable[Table | str]) -> None:
     """Prints tables and lines; tables are not truncated if standard output is not a terminal."""
     if not out.is_terminal:
-        out.width = 10_000  # a file or a pipe has no width: one line per row
+        out.width = 10_000  # a file or a pipe has no width, so each row is one line
     for table in tables:
         out.print(table, markup=False) if isinstance(table, str) else out.print(table)
 
@@ -144,17 +145,18 @@ def report_error(text: str) -> None:
 
 
 def usage(message: str) -> typer.Exit:
-    """The exit of a verb that cannot be used like that, its message printed."""
+    """Prints a message about invalid usage and returns the exit of the verb."""
     report_error(message)
     return typer.Exit(2)
 
 
 @contextmanager
 def errors(*, as_json: bool = False) -> Iterator[None]:
-    """The project's own errors become messages and an exit code; everything else is a bug and keeps its traceback.
+    """Turns the project's own errors into messages and an exit code; any other exception is a bug and keeps its
+    traceback.
 
     Args:
-        as_json: print them as a JSON document, too.
+        as_json: also print the errors as a JSON document.
     """
     try:
         yield
@@ -181,13 +183,13 @@ _EXTRAS = {"matplotlib": "plot", "pymavlink": "build"}
 
 
 def begin_verb() -> None:
-    """Clears the record of an earlier verb of this process."""
+    """Clears the record of the previous verb of this process."""
     _spoken.errors.clear()
     _spoken.document = False
 
 
 def end_verb() -> None:
-    """Prints the errors of a verb as its JSON document, if it has ended without one."""
+    """Prints the errors of a verb as its JSON document, if it ended without printing one."""
     if _spoken.errors and not _spoken.document:
         print_json({"errors": list(_spoken.errors)})
 

@@ -18,7 +18,7 @@ def positive(option: str, meaning: str) -> Callable[[float | None], float | None
 
     Args:
         option: its name.
-        meaning: the value asked for, as in "give a step size in s".
+        meaning: the expected value, as in "give a step size in s".
     """
 
     def check(value: float | None) -> float | None:
@@ -81,19 +81,20 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document inst
 
 
 def overrides(settings: list[str] | None) -> dict[str, str]:
-    """Returns start values by hierarchical name or pattern, from COMPONENT.PARAMETER=VALUE; later ones win."""
+    """Returns start values by hierarchical name or pattern, parsed from COMPONENT.PARAMETER=VALUE; later texts take
+    precedence."""
     found: dict[str, str] = {}
     for setting in settings or []:
         name, equals, value = setting.partition("=")
         if not equals or not name.strip():
             raise usage(f"--set {setting}: write COMPONENT.PARAMETER=VALUE")
-        found.pop(name.strip(), None)  # so that it wins over patterns in between, too
+        found.pop(name.strip(), None)  # so that it also overrides the patterns in between
         found[name.strip()] = value.strip()
     return found
 
 
 def changes(settings: list[str] | None) -> list[tuple[float, str, str]]:
-    """(time in s, hierarchical name, value), from texts TIME COMPONENT.PARAMETER=VALUE."""
+    """Returns tuples (time in s, hierarchical name, value), parsed from texts TIME COMPONENT.PARAMETER=VALUE."""
     found = []
     for setting in settings or []:
         time, _, rest = setting.strip().partition(" ")

@@ -31,10 +31,10 @@ LONG = 1.0
 
 
 class Activity:
-    """The present activity of a verb. This base class shows nothing; -q uses it."""
+    """The current activity of a verb. This base class shows nothing and is used with -q."""
 
     def stage(self, text: str, *, long: bool = False) -> None:
-        """Begins a stage, which ends the one before.
+        """Begins a stage and ends the previous one.
 
         Args:
             text: the activity, as "loading 15 FMU instances".
@@ -42,22 +42,22 @@ class Activity:
         """
 
     def starting(self) -> None:
-        """Python modules are about to be imported, which takes a second: said in terminals only."""
+        """Reports that Python modules are being imported, which takes a second. Only terminals show it."""
 
     def run(self, progress: Progress) -> None:
-        """Shows how far a run is."""
+        """Shows the progress of a run."""
 
     def end(self) -> None:
-        """Ends the stage: the verb is about to print."""
+        """Ends the stage, because the verb is about to print."""
 
     @contextmanager
     def interrupted(self) -> Iterator[None]:
-        """Within, the verb prints, and the stage goes on afterwards."""
+        """Suspends the stage while the verb prints within this block."""
         yield
 
 
 class _Lines(Activity):
-    """A line for a stage that takes longer than `LONG`."""
+    """Prints a line for each stage that takes longer than `LONG`."""
 
     def __init__(self) -> None:
         self._timer: threading.Timer | None = None
@@ -84,12 +84,12 @@ class _Lines(Activity):
 
 
 class _Drawn(Activity):
-    """One line of a terminal, redrawn ten times a second by its own thread."""
+    """Redraws one line of a terminal ten times a second from its own thread."""
 
     def __init__(self) -> None:
         self._live = Live(self, console=err, transient=True, redirect_stdout=False, refresh_per_second=10)
         self._spinner = Spinner("dots" if "utf" in err.encoding else "line")
-        self._lock = threading.RLock()  # a stage may begin in any thread
+        self._lock = threading.RLock()  # any thread may begin a stage
         self._text: str | None = None
         self._progress: Progress | None = None
         self._since = 0.0
@@ -137,7 +137,7 @@ class _Drawn(Activity):
 
 
 def _bar(progress: Progress) -> Table:
-    """Simulated time, speed, time left, and packets sent."""
+    """Returns a bar with the simulated time, the speed, the remaining time, and the number of packets sent."""
     done, whole = progress.time - progress.start, progress.stop - progress.start
     speed = done / progress.wall if progress.wall > 0.0 else 0.0
     left = _clock((whole - done) / speed) if speed > 0.0 else "-:--"
@@ -169,7 +169,7 @@ def activity() -> Iterator[Activity]:
 def compiling(doing: Activity) -> Iterator[None]:
     """Announces compilation by numba within this block.
 
-    The compiler tells of functions that it compiles, not of those that it loads from its cache.
+    The compiler reports the functions that it compiles, not those that it loads from its cache.
     """
     event: Any = import_module("numba.core.event")
 

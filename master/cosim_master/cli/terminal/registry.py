@@ -48,12 +48,12 @@ def options(
 
 
 def verb(*examples: str) -> Callable[[F], F]:
-    """Makes a function a verb of the command, with -q and -v of its own and examples at the end of its help.
+    """Makes a function a verb of the command, with its own options -q and -v, and with examples at the end of its help.
 
-    Ctrl-C ends a verb with exit code 130, unless the verb itself does something better.
+    Ctrl-C ends a verb with exit code 130, unless the verb handles it itself.
 
     Args:
-        examples: how it is used, without the name of the command.
+        examples: examples of use, without the name of the command.
     """
 
     def decorate(function: F) -> F:

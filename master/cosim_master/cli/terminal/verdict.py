@@ -1,6 +1,6 @@
-"""The words of `run` and `check` about how a swarm did, or will do: a table on standard error, and a part of a line.
+"""Reports the verdict on a swarm for `run` and `check`: a table on standard error, and part of a line.
 
-Failures and warnings are shown with -q, too: a quiet run that went wrong must not look like one that went well.
+Failures and warnings are also shown with -q: a quiet run that failed must not look like one that succeeded.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _STYLES = {"failure": "bold red", "warning": "yellow", "note": "dim"}
 
 
 def show_findings(verdict: Judgement | None) -> None:
-    """Prints the findings, limited to the first few of each kind. With -q, notes are left out."""
+    """Prints the first few findings of each kind. With -q, notes are left out."""
     if verdict is None:
         return
     findings = [one for one in verdict.findings if one.severity != "note" or not is_quiet()]
@@ -46,13 +46,13 @@ def show_findings(verdict: Judgement | None) -> None:
             table.add_row(Text(severity, style=_STYLES[severity]), "", Text(kind), Text(more))
     width = err.width
     if not err.is_terminal:
-        err.width = 10_000  # a file or a pipe has no width: one line per row
+        err.width = 10_000  # a file or a pipe has no width, so each row is one line
     err.print(table, soft_wrap=False)
     err.width = width
 
 
 def summary(verdict: Judgement | None) -> str:
-    """ ", 2 findings (1 agent failed, 1 never flew)"; empty if all went well."""
+    """Returns text such as ", 2 findings (1 agent failed, 1 never flew)", which is empty if there are no findings."""
     findings = [] if verdict is None else [one for one in verdict.findings if one.severity != "note"]
     if not findings:
         return ""

@@ -101,7 +101,7 @@ def build(
 
 
 def _chosen(models: list[str] | None) -> list[type[Model]]:
-    """Returns the models of these names, modules and files; without any, all of cosim_models."""
+    """Returns the models with these names, modules or files; without any, all models of cosim_models."""
     from cosim.build import load_models, models_of_package
 
     known = models_of_package("cosim_models")
@@ -126,7 +126,7 @@ def _not_built(model: type[Model], *, as_json: bool) -> dict[str, Any]:
 
 @contextmanager
 def _loop_compiled(models: list[str] | None, tell: Callable[[str], None]) -> Iterator[None]:
-    """Compile the stepping loop, which the first run will need, in a process of its own while all FMUs are built."""
+    """Compiles the stepping loop, which the first run needs, in a separate process while all FMUs are built."""
     from cosim.kernel import has_code
 
     loop = Path(__file__).parents[2] / "stepping" / "kernels" / "macro_step.py"
@@ -134,7 +134,7 @@ def _loop_compiled(models: list[str] | None, tell: Callable[[str], None]) -> Ite
         yield
         return
     code = "from cosim_master.stepping.warming import EVERY_RUN, compile_loop; compile_loop(EVERY_RUN)"
-    # A session of its own: Ctrl-C is for this process, which ends the other.
+    # The process has its own session, so that Ctrl-C reaches only this process, which then ends the other.
     process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.DEVNULL, start_new_session=True)
     try:
         yield

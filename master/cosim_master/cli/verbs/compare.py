@@ -135,7 +135,7 @@ def _document(found: Comparison) -> dict[str, Any]:
 
 
 def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    """JSON has neither infinity nor NaN: they are text, as XML Schema writes them."""
+    """Returns a value for JSON. JSON has neither infinity nor NaN; they are written as text, as in XML Schema."""
     for name, value in values.items():
         if isinstance(value, float) and not math.isfinite(value):
             values[name] = "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"

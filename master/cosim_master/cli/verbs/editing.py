@@ -137,7 +137,7 @@ def _new_model(kind: str, file: Path, *, as_json: bool) -> None:
 
 
 def _own_fmus() -> Path | None:
-    """The folder fmus, where it holds all parts of a drone."""
+    """Returns the folder fmus, if it contains all parts of a drone."""
     from cosim_master.system.authoring.new import parts
 
     return Path("fmus") if all(Path("fmus", file).is_file() for file in parts().values()) else None

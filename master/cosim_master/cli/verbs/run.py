@@ -213,7 +213,7 @@ def _report(result: RunResult) -> None:
 
 
 def _document(result: RunResult) -> dict[str, Any]:
-    """The run as its JSON document."""
+    """Returns the JSON document of the run."""
     return {
         "outcome": result.outcome,
         "error": None if result.error is None else str(result.error),

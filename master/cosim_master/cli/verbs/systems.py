@@ -134,7 +134,7 @@ def _exit_if(failed: bool) -> None:
 
 
 def _check_fmu(path: Path) -> None:
-    """Raise all that is wrong with an FMU."""
+    """Raises an error that lists all problems of an FMU."""
     from cosim_master.diagnostics.errors import SystemDescriptionError
     from cosim_master.fmi.description.datasheet import findings
 

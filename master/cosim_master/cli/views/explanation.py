@@ -14,11 +14,11 @@ __all__ = ["explain"]
 
 
 def explain(checked: CheckedSystem, name: str) -> list[str]:
-    """Lines for people about one variable of one component.
+    """Returns lines of text about the origin of the value of one variable of a component.
 
     Args:
         checked: the system.
-        name: hierarchical name ("drone3.agent.epsilon"), or that of a system's connector.
+        name: hierarchical name of the variable ("drone3.agent.epsilon") or of a system's connector.
 
     Raises:
         SystemDescriptionError: the variable does not exist.

@@ -32,7 +32,7 @@ def _table(*columns: str) -> Table:
 
 
 def _row(table: Table, *cells: str) -> None:
-    """Adds a row of plain texts; brackets in names and descriptions are not interpreted as markup."""
+    """Adds a row of plain text; brackets in names and descriptions are not interpreted as markup."""
     table.add_row(*(Text(cell) for cell in cells))
 
 
@@ -43,7 +43,7 @@ def _number(value: Any) -> str:
 
 
 def fmu_document(path: Path) -> dict[str, Any]:
-    """Identity, capabilities and variables of an FMU, as docs/command-line.md describes it.
+    """Returns the identity, the capabilities and the variables of an FMU, as docs/command-line.md describes.
 
     An FMU that cannot be run here is described by `datasheet`, with the reason for its refusal.
     """
@@ -77,7 +77,7 @@ def fmu_document(path: Path) -> dict[str, Any]:
 
 
 def fmu_tables(path: Path, *, every: bool = True) -> Iterator[Table | str]:
-    """Returns the sheet of an FMU as tables; without `every`, long lists of variables become counts by causality."""
+    """Returns the data sheet of an FMU as tables; without `every`, long lists of variables become counts."""
     fmu = fmu_document(path)
     yield f"{fmu['model']}: {fmu['description']}" if fmu["description"] else fmu["model"]
     yield f"FMI {fmu['fmi_version']}, GUID {fmu['guid']}, {_step(fmu['step_size'])}"
@@ -132,7 +132,7 @@ def _by_causality(variables: Mapping[str, Sequence[str]]) -> Table:
 
 
 def system_document(path: str, variant: str | None = None) -> dict[str, Any]:
-    """Instances and connections of a system, as docs/command-line.md describes it."""
+    """Returns the instances and connections of a system, as docs/command-line.md describes."""
     with read_system(path, variant) as structure:
         checked = check(structure)
         wires = Counter((link.source[0], link.target[0]) for link in checked.links)
@@ -155,7 +155,7 @@ def system_document(path: str, variant: str | None = None) -> dict[str, Any]:
 
 
 def system_tables(path: str, variant: str | None = None) -> Iterator[Table | str]:
-    """Returns the sheet of a system as tables."""
+    """Returns the overview of a system as tables."""
     system = system_document(path, variant)
     yield f"{system['name']}: SSP {system['version']}, {len(system['instances'])} instances"
     table = _table("instance", "FMU", "step [s]", "set by the system")

@@ -71,7 +71,7 @@ _COLUMNS = ["sent", "source", "target", "message", "sequence", "outcome"]
 
 
 def _nodes(table: pa.Table | None) -> list[str]:
-    """The nodes that packets were for, drone2 before drone10."""
+    """Returns the nodes to which packets were addressed, in natural order (drone2 before drone10)."""
     if table is None:
         return []
     from cosim_master.system.flatten.flat import natural
@@ -80,9 +80,10 @@ def _nodes(table: pa.Table | None) -> list[str]:
 
 
 def _messages(table: pa.Table, seconds: float) -> list[dict[str, Any]]:
-    """Each kind of message: its senders, how often one of them sent it, and how its packets fared, frequent ones first.
+    """Returns each kind of message with its senders, its rate per sender and the fates of its packets, in order of
+    frequency.
 
-    A packet that goes to three nodes was sent once, and by radio three times.
+    A packet for three nodes counts as one sent message and as three radio transmissions.
     """
     sends = table.group_by(["message", "source", "sent", "sequence"]).aggregate([])
     sent = sends.group_by("message").aggregate([([], "count_all"), ("source", "count_distinct")]).to_pylist()
@@ -107,7 +108,7 @@ def _messages(table: pa.Table, seconds: float) -> list[dict[str, Any]]:
 
 
 def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:
-    """An overview for people, on one screen however many drones there are."""
+    """Returns an overview for people, which fits on one screen for any number of drones."""
     yield (
         f"{run['system']}: {run['outcome']}, {run['simulated_s']:g} s simulated in {run['wall_s']:.2f} s "
         f"({run['real_time_factor']:.1f} times real time), seed {run['seed']}"
@@ -168,7 +169,7 @@ def _message_table(messages: Sequence[Mapping[str, Any]]) -> Iterator[Table | st
 
 
 def _listed(names: Sequence[str]) -> str:
-    """All names if they are few; else the first two and the last."""
+    """Returns all names if they are few, otherwise the first two and the last."""
     return ", ".join(names if len(names) <= _NAMES else [*names[:2], "...", names[-1]])
 
 
@@ -177,7 +178,7 @@ def _range(value: float | str) -> str:
 
 
 def signal_table(run: Mapping[str, Any]) -> Iterator[Table | str]:
-    """All signals of a run."""
+    """Returns a table of all signals of a run."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in ("signal", "type", "unit"):
         table.add_column(column)
