@@ -111,8 +111,8 @@ def unpack(path: Path, directory: Path, shown: str, *, limit: int | None = None)
         limit: largest total size of the unpacked files in bytes; `MAX_BYTES` by default.
 
     Raises:
-        SystemDescriptionError: the file is not a ZIP archive, or the archive is refused. The contents of `directory` are
-            then not usable.
+        SystemDescriptionError: the file is not a ZIP archive, or the archive is refused. The contents of `directory`
+            are then not usable.
 
     Returns:
         The number of bytes written.

@@ -1,1 +1,1 @@
-"""Packets on their way: the radio inside of the loop, and gateways to the outside."""
+"""Transport of packets: the radio inside the loop, and gateways to external programs."""

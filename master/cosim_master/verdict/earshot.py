@@ -20,7 +20,8 @@ Array: TypeAlias = np.ndarray[Any, Any]
 
 @dataclass(frozen=True, slots=True)
 class Twice:
-    """Two or more nodes with one system id, and a node that hears them all, or one of them that hears the others."""
+    """Two or more nodes with the same system id. The listener hears all of them, or is one of them and hears the
+    others."""
 
     system_id: int
     nodes: tuple[str, ...]
@@ -28,7 +29,7 @@ class Twice:
 
 
 def system_ids(checked: CheckedSystem, network: Network) -> tuple[dict[str, int], ...]:
-    """For each node the system ids that its FMUs declare, by the hierarchical name of the parameter."""
+    """Returns, for each node, the system ids that its FMUs declare, by the hierarchical name of the parameter."""
     instances = {instance.name: instance for instance in checked.instances}
     found = []
     for node in network.nodes:
@@ -43,7 +44,7 @@ def system_ids(checked: CheckedSystem, network: Network) -> tuple[dict[str, int]
 
 
 def repeated(ids: Sequence[dict[str, int]]) -> dict[int, list[int]]:
-    """The system ids of more than one node, and the numbers of these nodes."""
+    """Returns the system ids that more than one node uses, with the numbers of these nodes."""
     by_id: dict[int, list[int]] = {}
     for n, own in enumerate(ids):
         for value in dict.fromkeys(own.values()):
@@ -57,11 +58,11 @@ def depends_on_places(network: Network) -> bool:
 
 
 def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None = None) -> list[Twice]:
-    """System ids that are used twice within earshot.
+    """Returns the system ids that are used twice within earshot.
 
     Args:
-        ids: of each node.
-        places: (nodes, 3) m, where they are; needed if `depends_on_places`.
+        ids: system ids of each node.
+        places: (nodes, 3), positions of the nodes [m]; needed if `depends_on_places`.
     """
     groups = repeated(ids)
     if not groups:
@@ -78,7 +79,7 @@ def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None 
 
 
 def _heard(network: Network, places: Array | None) -> Array:
-    """Row a, column b: whether node b is in reach of node a's transmissions."""
+    """Returns a matrix: row a, column b is True if node b is in reach of node a's transmissions."""
     count = len(network.nodes)
     heard = np.ones((count, count), dtype=bool)
     if network.topology == "listed":

@@ -1,4 +1,4 @@
-"""Findings about a swarm, and all that was found of one run."""
+"""Findings about a swarm, and the judgement that collects the findings about one run."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _ORDER: tuple[Severity, ...] = ("failure", "warning", "note")
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing to say about a swarm.
+    """One finding about a swarm.
 
     Attributes:
         kind: a word of docs/verdict.md ("agent failed", "contact", ...).
-        severity: how bad it is.
+        severity: failure, warning or note.
         who: hierarchical names of the instances, nodes or variables concerned.
         text: the problem and possible remedies, for people.
-        time: when it was first seen, s; None if it was known before the run.
+        time: time of its first occurrence, s; None if it was known before the run.
         numbers: measured values, by name; SI.
     """
 
@@ -52,10 +52,10 @@ class Judgement:
     """The findings about a run.
 
     Attributes:
-        findings: failures first, then warnings, then notes; each of them in the order of time and names.
-        begin, end: s, the part of the run that was seen.
-        nearest: how near two vehicles came to each other: "who", "distance" [m] and "time" [s]; empty if there are no
-            two of them.
+        findings: failures first, then warnings, then notes; each group in the order of time and names.
+        begin, end: the part of the run that was watched, s.
+        nearest: the closest approach of two vehicles: "who", "distance" [m] and "time" [s]; empty if there are fewer
+            than two vehicles.
     """
 
     findings: tuple[Finding, ...] = ()
@@ -67,7 +67,7 @@ class Judgement:
     def of(
         cls, found: Sequence[Finding], begin: float, end: float, nearest: Mapping[str, Any] | None = None
     ) -> Judgement:
-        """The judgement with its findings in order."""
+        """Returns the judgement with its findings in order."""
         key = {id(one): n for n, one in enumerate(found)}
         in_order = sorted(
             found, key=lambda f: (_ORDER.index(f.severity), -1.0 if f.time is None else f.time, key[id(f)])
@@ -80,7 +80,7 @@ class Judgement:
         return all(finding.severity == "note" for finding in self.findings)
 
     def as_json(self) -> dict[str, Any]:
-        """For manifest.json; described in docs/verdict.md."""
+        """Returns the judgement for manifest.json, as described in docs/verdict.md."""
         counts = Counter(finding.severity for finding in self.findings)
         return {
             "good": self.good,

@@ -19,11 +19,11 @@ def judgement(
     packets: Mapping[str, int],
     crossed: Mapping[str, Mapping[str, int | str]],
 ) -> Judgement:
-    """The judgement of a run that has ended.
+    """Returns the judgement of a run that has ended.
 
     Args:
-        before: the findings known before it.
-        watch: closed.
+        before: the findings known before the run.
+        watch: the observer, already closed.
         packets: see `Execution.packet_counts`.
         crossed: see `Gateways.counts`.
     """
@@ -43,7 +43,8 @@ def _of_radio(packets: Mapping[str, int]) -> Iterator[Finding]:
 
 
 def _of_gateways(counts: Mapping[str, Mapping[str, int | str]], on_air: Sequence[str]) -> Iterator[Finding]:
-    """Gateways that carried nothing; of the wired ones it takes all, since a program may want one vehicle alone."""
+    """Returns findings about gateways that carried no packets. For wired gateways, a finding requires that all of them
+    carried none, since a program may use a single vehicle."""
     silent = [name for name, crossed in counts.items() if not crossed.get("sent") and not crossed.get("received")]
     wired = [name for name in counts if name not in on_air]
     if not all(name in silent for name in wired):

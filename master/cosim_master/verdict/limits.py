@@ -24,9 +24,9 @@ class Limits:
     """Distances in m.
 
     Attributes:
-        contact: two vehicles nearer than this touch; 0: they never do.
-        deviation: a vehicle farther than this from where its autopilot wants it does not do what it is told; INF: it
-            always does.
+        contact: two vehicles closer than this are in contact; 0 turns the check off.
+        deviation: a vehicle farther than this from its desired position does not follow its autopilot; INF turns the
+            check off.
     """
 
     contact: float = 0.5
@@ -34,10 +34,10 @@ class Limits:
 
 
 def limits_of(checked: CheckedSystem) -> Limits:
-    """The limits that a system sets.
+    """Returns the limits that a system sets.
 
     Raises:
-        SystemDescriptionError: the annotation is wrong; all problems at once.
+        SystemDescriptionError: the annotation is invalid; all problems are reported at once.
     """
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "verdict", problems)

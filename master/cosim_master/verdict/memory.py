@@ -1,6 +1,6 @@
-"""The memory of a watch as plain values for a checkpoint, so that a resumed run is judged like an uninterrupted one.
+"""Converts the memory of a watch to plain values for a checkpoint; a resumed run is judged like an uninterrupted one.
 
-Everything is kept by name, since a branch may change which bounds hold, and what is recorded beside them.
+All values are stored by name, since a branch may change the bounds that apply and the signals that are recorded.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SPELL = ("first", "longest", "total", "open", "worst", "worst_time", "since")
 
 
 def remember(watch: Watch) -> dict[str, Any]:
-    """All that the watch has found so far; `recall` gives it to the watch of a run that goes on."""
+    """Returns all findings of the watch so far; `recall` restores them in the watch of a resumed run."""
     watch.settle()
     bodies = [body.instance for body in watch.bodies]
     places = [] if watch.start is None else watch.start.tolist()
@@ -45,7 +45,7 @@ def remember(watch: Watch) -> dict[str, Any]:
 
 
 def recall(watch: Watch, memory: Mapping[str, Any]) -> None:
-    """Makes a watch that has not looked yet go on from `memory`."""
+    """Restores `memory` in a watch that has not observed any instant yet."""
     watch.recalled, watch.begin = True, memory["begin"]
     for agent in watch.agents:
         _set(agent, memory["agents"].get(_of_agent(agent), {}))

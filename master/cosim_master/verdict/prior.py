@@ -1,6 +1,6 @@
 """Findings about a swarm before it flies.
 
-Findings are not errors: the system can be run, and each finding names the probable consequence.
+Findings are not errors: the system can still be run. Each finding names the probable consequence.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ def known_before(
     changed: Sequence[tuple[str, Variable, float | int | bool | str]] = (),
     span: tuple[float, float] = (0.0, math.inf),
 ) -> list[Finding]:
-    """All that is known.
+    """Returns all findings that are known before the run.
 
     Args:
         changed: the values set during the run: instance, variable and value.
-        span: s, begin and end of the run.
+        span: begin and end of the run, s.
     """
     set_later = {(instance, variable.name) for instance, variable, _ in changed}
     return [
@@ -51,9 +51,9 @@ def known_before(
 
 
 def _open_inputs(checked: CheckedSystem, set_later: Collection[tuple[str, str]]) -> Iterator[Finding]:
-    """Yields inputs without source and value; one finding for each input of an FMU, not of each instance.
+    """Yields inputs that have neither a source nor a value: one finding per input of an FMU, not per instance.
 
-    One FMU that runs alone has them, and is meant to.
+    The open inputs of an FMU that runs alone are intended.
     """
     if len(checked.instances) == 1 and not checked.links:
         return
@@ -131,7 +131,7 @@ def _double_ids(checked: CheckedSystem, network: Network) -> Iterator[Finding]:
 
 
 def same_id(system_id: int, nodes: tuple[str, ...], listener: str, time: float | None = None) -> Finding:
-    """The finding that a node hears two others with one system id, or one with its own."""
+    """Returns the finding that a node hears two other nodes with the same system id, or another node with its own."""
     others = tuple(node for node in nodes if node != listener)
     if listener in nodes:
         text = f"{listener} hears {_names(others)}, and all have system id {system_id}; give each an id of its own"
@@ -152,7 +152,7 @@ def _misspelt(checked: CheckedSystem) -> Iterator[Finding]:
 
 
 def _out_of_range(checked: CheckedSystem) -> Iterator[Finding]:
-    """Yields parameters whose own start value is out of range; values from the system are checked when read."""
+    """Yields parameters whose own start value is out of range. Values from the system are already checked when read."""
     told: set[tuple[str, str]] = set()
     for instance in checked.instances:
         values = instance.effective_values()
@@ -181,7 +181,7 @@ def _is_angle(variable: Variable) -> bool:
 def _degrees(
     checked: CheckedSystem, changed: Sequence[tuple[str, Variable, float | int | bool | str]]
 ) -> Iterator[Finding]:
-    """Angles in rad, set to more than a full turn: values that can only be degrees."""
+    """Yields angles in rad that are set to more than a full turn; such values can only be degrees."""
     given = [
         (instance.name, instance.fmu.variables[name], value)
         for instance in checked.instances

@@ -1,4 +1,4 @@
-"""Spells: how long, how often and how far values were out of bounds, for many at once."""
+"""Durations, counts and extents of violations ("spells") of many conditions at once."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Spells:
     Attributes:
         first: begin of the first spell, s; NaN without any.
         longest: length of the longest spell, s; a spell that was seen at one instant only is 0 s long.
-        total: of all spells, s.
-        open: whether it holds at the last instant.
-        worst, worst_time: the greatest value seen in a spell, and when; -inf without any.
+        total: total length of all spells, s.
+        open: whether the condition holds at the last instant.
+        worst, worst_time: the greatest value seen in a spell, and its time; -inf without any.
         since: begin of the last spell, s.
         last: the last instant, s.
     """
@@ -37,8 +37,8 @@ class Spells:
 
         Args:
             times: (n,) s, rising.
-            holds: (n, count) whether the condition holds.
-            values: (n, count) how much it does, for `worst`.
+            holds: (n, count) whether each condition holds.
+            values: (n, count) the extent of each violation, for `worst`.
         """
         if not holds.any() and not self.open.any():
             self.last = float(times[-1])

@@ -1,10 +1,10 @@
-"""The observer that watches how a swarm does: agents, vehicles, autopilots, bounds, distances, system ids.
+"""The observer that monitors a swarm: agents, vehicles, autopilots, bounds, distances, system ids.
 
-It looks ten times a second of simulated time at outputs that FMUs have declared (`cosim.verdict`) and only copies
-them; every few dozen looks it works through what it has copied. It knows no model by name.
+Ten times per second of simulated time, it copies the outputs that FMUs have declared (`cosim.verdict`). After every few
+dozen of these looks, it evaluates the copies. It does not depend on the names of models.
 
-A vehicle is an instance with a position. Its autopilot is the instance that drives it; where none does so directly, the
-vehicle is the only one beside autopilot and agent, in the same system.
+A vehicle is an instance with a position. Its autopilot is the instance that drives it. If no instance drives a vehicle
+directly, the autopilot and the agent belong to the only vehicle in the same system.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _LATE = 1.0
 
 
 def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
-    """All outputs that the watch wants to see: instance and variable."""
+    """Returns all outputs that the watch needs, as pairs of instance and variable."""
     return frozenset(
         (instance.name, element)
         for instance in checked.instances
@@ -81,7 +81,7 @@ class _Agent:
         return next((name for name, number in items.items() if number == value), str(value))
 
     def why(self) -> str:
-        """The reason in the words of the declaration, else in those of the enumeration."""
+        """Returns the reason in the words of the declaration, or otherwise the name of the enumeration item."""
         name = self.condition.reason
         if not name:
             return ""
@@ -106,7 +106,7 @@ class _Body:
 
 @dataclass(slots=True)
 class _Pilot:
-    """An instance that says whether it is armed, where its vehicle is to be, or both."""
+    """An instance that outputs whether it is armed, the desired position of its vehicle, or both."""
 
     instance: str
     body: int
@@ -116,7 +116,7 @@ class _Pilot:
 
 @dataclass(slots=True)
 class _Limit:
-    """A bound that holds in this system."""
+    """A bound that applies in this system."""
 
     instance: str
     variable: str
@@ -129,7 +129,7 @@ class _Limit:
 
 @dataclass(slots=True)
 class _Columns:
-    """Places of watched values within the outputs, by kind; a column of the copies for each."""
+    """Indices of the watched values among the outputs, by kind; the copies have one column for each of them."""
 
     reals: list[int] = field(default_factory=list)
     integers: list[int] = field(default_factory=list)
@@ -152,7 +152,7 @@ class Watch:
     """Watches one run.
 
     Args:
-        checked, network, clock: the system; `places` has all that `watched` names.
+        checked, network, clock: the system.
         limits: the distances that are too near and too far.
     """
 
@@ -192,10 +192,10 @@ class Watch:
         self._integers = np.zeros((self._rows, len(self._integer_places)), dtype=np.int32)
         self._used = 0
         self.start: Array | None = None
-        self.recalled = False  # whether it goes on with what was seen before a checkpoint
+        self.recalled = False  # whether it continues from the findings before a checkpoint
         self.begin = self.end = clock.time(0)
 
-    # ---- what there is to watch ------------------------------------------------------------------------------------
+    # ---- the outputs to watch ------------------------------------------------------------------------------------
 
     def _find(self, checked: CheckedSystem, places: Layout) -> None:
         for instance in checked.instances:
@@ -264,7 +264,7 @@ class Watch:
     # ---- looking ---------------------------------------------------------------------------------------------------
 
     def initialised(self, seen: Seen) -> None:
-        """The first look, or the first one of a run that goes on."""
+        """Handles the first look of a run, or of a resumed run."""
         if not self.recalled:
             self.begin = seen.time
         self.stepped(seen)
@@ -286,7 +286,7 @@ class Watch:
             self._used = 0
 
     def settle(self) -> None:
-        """Evaluates the copied values; the last look is kept, since motion continues from it."""
+        """Evaluates the copied values. The last look is kept, since the next motions begin there."""
         if self._used:
             self._look()
             for kept in (self._times, self._reals, self._integers):
@@ -314,7 +314,7 @@ class Watch:
             self._listen(float(times[0]), reals[0, self._nodes].reshape(-1, 3))
 
     def _look_at_agents(self, times: Array, integers: Array, wanted: Array) -> None:
-        """`wanted`: where it is to be noted which vehicles are wanted in the air, look by look."""
+        """Evaluates the agents. In `wanted`, it notes for each look which vehicles are expected to be in the air."""
         all_states = integers[:, self._states]
         for values in {agent.condition.commanding for agent in self.agents if agent.body >= 0} - {()}:
             of = [a for a, one in enumerate(self.agents) if one.body >= 0 and one.condition.commanding == values]
@@ -381,7 +381,7 @@ class Watch:
         self.outside.look(times, outside, np.maximum(values - most, least - values))
 
     def _working(self, integers: Array) -> Array:
-        """Returns whether each agent is active at each look; without a declaration it always is."""
+        """Returns whether each agent is active at each look; an agent without a declaration is always active."""
         working = np.ones((len(integers), len(self.agents)), dtype=bool)
         for values in {agent.condition.working for agent in self.agents} - {()}:
             of = [a for a, agent in enumerate(self.agents) if agent.condition.working == values]
@@ -393,15 +393,15 @@ class Watch:
             if one.system_id not in self.double:
                 self.double[one.system_id] = same_id(one.system_id, one.nodes, one.listener, time)
 
-    # ---- what was found --------------------------------------------------------------------------------------------
+    # ---- results --------------------------------------------------------------------------------------------
 
     @property
     def hears_by_place(self) -> bool:
-        """True if it has watched the reachability of nodes with the same system id."""
+        """True if the watch has checked the reachability of nodes with the same system id."""
         return bool(self._nodes)
 
     def findings(self) -> list[Finding]:
-        """All that was seen, of a run that has ended."""
+        """Returns all findings of a run that has ended."""
         return [
             *self._of_agents(),
             *self._of_bodies(),
@@ -413,7 +413,7 @@ class Watch:
         ]
 
     def nearest(self) -> Mapping[str, Any]:
-        """`Judgement.nearest`."""
+        """The closest approach of two vehicles, as `Judgement.nearest`."""
         if not math.isfinite(self.approach.distance):
             return {}
         who = [self.bodies[b].instance for b in self.approach.pair]
@@ -498,5 +498,5 @@ class Watch:
 
 
 def _group(name: str) -> str:
-    """The system that an instance is in; of one at the root its own name."""
+    """Returns the system that contains an instance; for an instance of the root system, its own name."""
     return name.rpartition(".")[0] or name

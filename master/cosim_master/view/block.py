@@ -1,7 +1,7 @@
-"""Typed arrays as one compressed block, which the page takes apart again (page/src/data.js).
+"""Packs typed arrays into one compressed block, which the page unpacks (page/src/data.js).
 
-The bytes of an array lie there as all first bytes, then all second bytes, ...: the high bytes of neighbouring numbers
-are alike, so that they compress better.
+An array is stored as the first bytes of all numbers, then their second bytes, and so on. The high bytes of neighbouring
+numbers are similar and therefore compress better together.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _TYPES = ("f4", "f8", "u1", "u2", "u4", "i2", "i4")
 
 
 class Block:
-    """Collects arrays: `add` each of them, then ask for the `text`."""
+    """Collects arrays: `add` each of them, then read `text`."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []
         self._size = 0
 
     def add(self, values: Array, kind: str) -> Place:
-        """Adds an array, whose values must fit into the type, and returns its place."""
+        """Adds an array, whose values must fit into the type, and returns its position in the block."""
         if kind not in _TYPES:
             raise ValueError(f"{kind}: the page reads {', '.join(_TYPES)}")
         array = np.ascontiguousarray(values, dtype=f"<{kind}").reshape(-1)
@@ -40,15 +40,15 @@ class Block:
         return place
 
     def text(self) -> str:
-        """Returns all of them, compressed."""
+        """Returns all arrays as one compressed text."""
         return compressed(b"".join(self._parts))
 
 
 def compressed(data: bytes) -> str:
-    """Returns bytes deflated (RFC 1950) and as base64."""
+    """Returns bytes that are deflated (RFC 1950) and encoded as base64."""
     return b64encode(zlib.compress(data, 6)).decode("ascii")
 
 
 def steps_between(ticks: Array) -> Array:
-    """Returns the first of ascending numbers, then the difference of each to the one before."""
+    """Returns the first of ascending numbers, then the difference of each number to the previous one."""
     return np.diff(ticks, prepend=0)

@@ -1,7 +1,7 @@
 """The bundle of the page: output of `npm ci` and `node build.mjs ../bundle` in page/, as files of this package.
 
-The bundle is part of the repository, so that neither users nor a clone need Node. Its digest is that of the
-sources it was built from; `digest_of_sources` computes the same as page/build.mjs.
+The bundle is part of the repository, so neither users nor developers of other parts need Node. It contains the digest
+of the sources that it was built from; `digest_of_sources` computes the same digest as page/build.mjs.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def read_bundle() -> Bundle:
 
 
 def digest_of_sources(page: Path) -> str:
-    """Returns the SHA-256 of all that the bundle is made from: build script, packages with their lock file, sources."""
+    """Returns the SHA-256 of the sources of the bundle: build script, packages with their lock file, source files."""
     digest = hashlib.sha256()
     sources = sorted(f"src/{file.name}" for file in (page / "src").iterdir())
     for name in ("build.mjs", "package.json", "package-lock.json", *sources):

@@ -1,7 +1,7 @@
-"""Every recorded signal for the page's plots, thinned out where it has more points than a plot can show.
+"""Prepares every recorded signal for the page's plots; signals with more points than a plot can show are thinned out.
 
-Of real numbers the least and the greatest of each of many short stretches are kept, so that no peak is lost; of
-discrete values the changes. Each point kept is one that was recorded.
+Real signals are divided into many short intervals, and the least and the greatest value of each interval are kept, so
+that no peak is lost. For discrete signals, the changes are kept. Every point kept is a recorded one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _LEAST, _MOST = 40, 6000
 
 
 class Curves:
-    """Collects the recorded columns: `take` them one after the other, then `document` has them for the page."""
+    """Collects the recorded columns: `take` them one after the other; `document` then returns them for the page."""
 
     def __init__(self, fields: Sequence[pa.Field], block: Block) -> None:
         self._block = block
@@ -73,7 +73,7 @@ class Curves:
 
 
 def thinned(values: Array, points: int, *, discrete: bool) -> Array:
-    """Returns the rows to keep of a column: about `points` at most, in ascending order; one of a constant."""
+    """Returns the rows of a column to keep, in ascending order: at most about `points`, and one for a constant."""
     n = len(values)
     if n == 0:
         return np.empty(0, np.int64)

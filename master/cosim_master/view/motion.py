@@ -1,7 +1,7 @@
-"""Actual and desired positions of the vehicles of a run, at instants close enough for the eye.
+"""Actual and desired positions of the vehicles of a run, at instants dense enough for smooth animation.
 
-All vehicles share the instants: every n-th row of the recording, at most 50 in a second, and so few that all vehicles
-together have a million places. The page moves the vehicles straight on in between.
+All vehicles share the instants: every n-th row of the recording, at most 50 per second, and at most a million positions
+for all vehicles together. The page interpolates linearly between them.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ class _Vehicle:
 
 
 class Motion:
-    """Collects the columns of the vehicles: `take` them one after the other, then ask for the `document`.
+    """Collects the columns of the vehicles: `take` them one after the other, then read the `document`.
 
     Args:
         parts: the drones.
-        known: what the manifest tells of the instances.
+        known: the instances in the manifest.
         columns: names of all recorded columns.
-        time: of the rows, s.
+        time: times of the rows, s.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Motion:
         return [vehicle.part for vehicle in self._vehicles]
 
     def take(self, name: str, values: Array) -> None:
-        """Keeps the instants shown of a recorded column, if it belongs to a vehicle."""
+        """Keeps the displayed instants of a recorded column, if it belongs to a vehicle."""
         for vehicle, what, k in self._wanted.get(name, ()):
             vehicle.values[what][k] = values[self.rows].astype(np.float64)
         if name in self._step_columns:
@@ -74,7 +74,7 @@ class Motion:
             self._steps[mobile] = values.astype(np.int64) if so_far is None else np.maximum(so_far, values)
 
     def steps(self, time: Array) -> list[tuple[int, float]]:
-        """Returns number and begin of the steps of the agents' algorithm: the first mobile agent begins them."""
+        """Returns number and begin of each step of the agents' algorithm; the first mobile agent begins them."""
         begun = self._steps.get(True, self._steps.get(False))
         if begun is None or not len(begun):
             return []
@@ -82,12 +82,12 @@ class Motion:
         return [(int(n), float(time[i])) for n, i in zip(numbers, first, strict=True) if n > 0]
 
     def document(self, block: Block) -> list[dict[str, Any]]:
-        """Returns the vehicles for the page, with their numbers in the block."""
+        """Returns the document of the vehicles for the page; the numbers are in the block."""
         return [_document(vehicle, block) for vehicle in self._vehicles]
 
 
 def _instants(time: Array, vehicles: int) -> Array:
-    """Returns the rows at which the vehicles are shown; the last row is one of them."""
+    """Returns the rows at which the vehicles are shown, including the last row."""
     n = len(time)
     if n == 0 or vehicles == 0:
         return np.empty(0, np.int64)
@@ -124,7 +124,8 @@ def _vehicle(
 
 
 def _hubs(declared: Rotors, parameters: Mapping[str, Any]) -> list[tuple[float, ...]] | None:
-    """Returns (forward, right, down, direction) of each rotor; None if the manifest lacks a finite number."""
+    """Returns (forward, right, down, direction) of each rotor; None if a number is missing in the manifest or not
+    finite."""
     try:
         count = int(parameters[declared.count])
         hubs = [tuple(float(parameters[f"{name}[{i + 1}]"]) for name in declared.arrays) for i in range(count)]

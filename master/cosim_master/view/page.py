@@ -1,7 +1,7 @@
-"""The HTML document that shows a run: one file that needs nothing else, and asks nobody for anything.
+"""The HTML document that shows a run: one self-contained file, which does not request any other resource.
 
-Its rules (Content-Security-Policy) allow exactly the script and the style sheet that it carries, by their digests, and
-no connection at all. The recording is base64 of compressed bytes: nothing in it can be taken for markup.
+Its Content-Security-Policy allows only the embedded script and style sheet, by their digests, and no network
+connection. The recording is base64 of compressed bytes, so no part of it can be interpreted as markup.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def write_page(run: Path, file: Path | None = None) -> Path:
 
     Args:
         run: folder of the run.
-        file: where to write; its folder is made if need be. None: view.html in the folder of the run.
+        file: the file to write; its folder is created if necessary. None: view.html in the folder of the run.
 
     Returns:
         The file written.

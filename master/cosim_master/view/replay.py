@@ -1,6 +1,7 @@
 """The document of a run for the page, gathered in one pass over its signals.
 
-The document is JSON for page/src/main.js; long arrays are places in the block beside it. Nothing in it is markup.
+The document is JSON for page/src/main.js. Long arrays are references to the block that accompanies it. It does not
+contain markup.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def _network(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _of_vehicle(parts_: Sequence[Part]) -> dict[str, int]:
-    """Returns the vehicle of each instance and system of a drone."""
+    """Returns the vehicle of each instance and of each system of a drone."""
     found: dict[str, int] = {}
     for i, part in enumerate(parts_):
         for name in (part.name, part.vehicle, part.agent):
@@ -127,7 +128,7 @@ def _belonging(signals: Sequence[dict[str, Any]], drones: Sequence[Part]) -> Non
 
 
 def _words(signals: Sequence[Mapping[str, Any]], vehicles: int) -> list[list[int]]:
-    """Returns the signals of each vehicle that are words: enumerations, texts and Booleans that change."""
+    """Returns the signals of each vehicle that have values in words: enumerations, texts and Booleans that change."""
     found: list[list[int]] = [[] for _ in range(vehicles)]
     for index, signal in enumerate(signals):
         said = "items" in signal or "boolean" in signal or "texts" in signal
@@ -139,7 +140,8 @@ def _words(signals: Sequence[Mapping[str, Any]], vehicles: int) -> list[list[int
 def _first_plots(
     signals: Sequence[Mapping[str, Any]], drones: Sequence[Part], known: Mapping[str, Any]
 ) -> list[list[int]]:
-    """Returns the first plots: the axes along which the vehicles move, widest first; else signals that change."""
+    """Returns the first plots: the axes along which the vehicles move, in descending order of range; otherwise signals
+    that change."""
     index = {signal["name"]: i for i, signal in enumerate(signals)}
     some = [
         drones[i] for i in np.unique(np.linspace(0, len(drones) - 1, min(len(drones), _PLOTTED)).round().astype(int))
@@ -172,7 +174,7 @@ def _verdict(manifest: Mapping[str, Any], drones: Sequence[Part]) -> dict[str, A
 
 
 def _outcome(manifest: Mapping[str, Any]) -> tuple[str, str]:
-    """Returns the outcome in words, and their class in the style sheet."""
+    """Returns the outcome in words, and its class in the style sheet."""
     verdict = manifest.get("verdict") or {}
     counted = [(verdict.get("failures", 0), "failure"), (verdict.get("warnings", 0), "warning")]
     said = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in counted if n]
@@ -184,7 +186,7 @@ def _outcome(manifest: Mapping[str, Any]) -> tuple[str, str]:
 def _facts(
     run: Path, manifest: Mapping[str, Any], curves: Curves, motion: Motion, packets: Mapping[str, Any], rows: int
 ) -> list[tuple[str, str]]:
-    """Returns the run in words, and how much of the recording the page has."""
+    """Returns a summary of the run in words, and the share of the recording that the page contains."""
     facts = [
         ("folder", str(run)),
         ("system", _text(manifest, "system", "path")),

@@ -1,7 +1,7 @@
 """The packets of a run for the page: flights to draw, statistics of links, and a log of the messages.
 
-Statistics count all packets. The numbers of packets drawn and logged are limited: the log keeps all messages of rare
-kinds, and every n-th of the others.
+Statistics count all packets. The number of packets drawn and logged is limited: the log keeps all messages of rare
+kinds, and every n-th message of other kinds.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantu
     Args:
         run: folder of the run.
         parts: the drones, in the order of the page.
-        block: takes the numbers.
-        start, quantum: s, of the page's times.
+        block: the block to which numbers are added.
+        start, quantum: origin and resolution of the page's times, s.
     """
     told: dict[str, Any] = {"messages": [], "sources": [], "vehicleOf": [], "spoken": [], "links": [], "longest": 0.0}
     if not (run / "packets.parquet").is_file():
@@ -69,7 +69,7 @@ def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantu
 
 
 def _nodes_of(sources: Sequence[str], targets: Sequence[str]) -> dict[str, str]:
-    """Returns the node of each sender: its own name begins with that of the node; a gateway is its own node."""
+    """Returns the node of each sender: the node whose name the sender's name begins with; a gateway is its own node."""
     known = {*targets}
     found = {}
     for source in sources:
@@ -81,7 +81,7 @@ def _nodes_of(sources: Sequence[str], targets: Sequence[str]) -> dict[str, str]:
 
 
 def _vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, int]:
-    """Returns the vehicle of each node: the only one in it, or the one with its name."""
+    """Returns the vehicle of each node: the only vehicle in the node, or the one with the node's name."""
     carried: dict[str, list[int]] = defaultdict(list)
     for i, part in enumerate(parts):
         at = part.vehicle
@@ -118,7 +118,8 @@ def _flights(
     block: Block,
     clock: tuple[float, float],
 ) -> None:
-    """Adds the packets that went by radio or were lost there; if there are too many, those of every n-th send."""
+    """Adds the packets that were sent by radio, including lost ones; if they are too many, only those of every n-th
+    send."""
     on_air = radio | lost
     every = max(1, -(-int(on_air.sum()) // _DRAWN))
     number = np.zeros(len(on_air), np.int64)
@@ -149,7 +150,7 @@ def _links(
     lost: Array,
     by_node: Mapping[str, int],
 ) -> list[dict[str, Any]]:
-    """Returns the statistics of each link, the worst first; with very many links, one for each sender."""
+    """Returns the statistics of each link, the worst first; if there are very many links, one entry for each sender."""
     senders = list(dict.fromkeys(nodes.values()))
     of_source = np.array([senders.index(nodes[source]) for source in codes["source"]])
     rows = np.flatnonzero(radio | lost)
@@ -213,7 +214,7 @@ def _log(
 
 
 def _chosen(messages: Array, spoken: Sequence[bool]) -> Array:
-    """Returns the packets for the log: kind by kind, texts and rare kinds first, while there is room."""
+    """Returns the packets for the log, kind by kind, texts and rare kinds first, up to the limit."""
     kinds, counts = np.unique(messages, return_counts=True)
     order = sorted(zip(counts, kinds, strict=True), key=lambda one: (not spoken[one[1]], one[0]))
     kept, room = [], _LOGGED
@@ -255,7 +256,8 @@ def _payloads(file: Path, columns: Mapping[str, Array], messages: Sequence[int],
 
 
 def _said(number: int, payload: bytes) -> str:
-    """Returns the contents of a packet: the text of a STATUSTEXT; of others the fields, if pymavlink is installed."""
+    """Returns the contents of a packet: the text of a STATUSTEXT, or the fields of another message if pymavlink is
+    installed."""
     if number == STATUSTEXT:
         return payload[STATUSTEXT_TEXT : STATUSTEXT_TEXT + 50].split(b"\0")[0].decode("utf-8", "replace")
     try:
@@ -272,7 +274,7 @@ def _said(number: int, payload: bytes) -> str:
 
 
 def _fields(values: Sequence[Any], kind: Any) -> list[Any]:
-    """Returns the values of a message in the order of the wire, arrays as one value."""
+    """Returns the fields of a message in wire order; an array is one value."""
     found: list[Any] = []
     at = 0
     for length in kind.array_lengths:

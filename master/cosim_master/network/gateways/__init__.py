@@ -1,1 +1,1 @@
-"""Sockets to real programs."""
+"""Gateways: sockets to external programs."""

@@ -1,19 +1,19 @@
-"""Gateways: where real programs take part in a run, through sockets on which packets cross to and from the network.
+"""Gateways connect real programs to a run: packets enter and leave the network through sockets.
 
-    --gcs udpout:127.0.0.1:14550            a node on the air that hears every vehicle, for a ground station
+    --gcs udpout:127.0.0.1:14550            a radio node that hears every vehicle, for a ground station
     --ports tcp:5760+10,sign=key.txt        the serial port of every autopilot: vehicle n listens on 5760 + 10 (n - 1)
 
-An autopilot with packet ports for ground stations alone, or for a cable alone, uses these; others use the ports that
-lead to the rest of the swarm. An FMU is an autopilot if it declares that its motors may turn (`cosim.verdict`), or if
-its component is called so by convention (`cosim.vehicle`).
+An autopilot may have packet ports that are reserved for ground stations or for a cable; it then uses these ports. Other
+autopilots use the ports that lead to the rest of the swarm. An FMU is an autopilot if it declares that its motors may
+turn (`cosim.verdict`), or if its component has the conventional name (`cosim.vehicle`).
 
-An address is `KIND:[HOST:]PORT`, its kind tcp (a server), udpin (listens) or udpout (sends first), its host 127.0.0.1
-unless told otherwise. Options follow: `latency=`, `jitter=` (s) and `loss=` (0 to 1) of its link, and `sign=`, a file
-with the key with which packets that leave are signed and those that come must be.
+An address is `KIND:[HOST:]PORT`. The kind is tcp (a server), udpin (listens) or udpout (sends first); the default host
+is 127.0.0.1. Options may follow: `latency=`, `jitter=` (s) and `loss=` (0 to 1) of the link, and `sign=`, a file with a
+key. With a key, outgoing packets are signed, and incoming packets must be signed.
 
-`exchange` moves what there is, and never waits. Nothing is lost silently: whatever does not cross is counted, and what
-happens to a socket is told. What comes in is checked here, so only packets with a right CRC enter the network (of
-messages nobody knows, which routers forward, it cannot be checked).
+`exchange` moves the available packets and never waits. No packet is lost silently: packets that do not cross are
+counted, and the events of sockets are reported. Incoming packets are checked here, so only packets with a correct CRC
+enter the network. The CRC of unknown messages, which routers forward, cannot be checked.
 """
 
 from __future__ import annotations
@@ -54,18 +54,18 @@ class Air(Protocol):
     def network(self) -> Network: ...
 
     def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
-        """Takes packets in, as sent by the gateway of that number at the present time."""
+        """Admits packets that the gateway with this number received, at the current time."""
 
     def take(self, gateway: int) -> bytes:
         """Returns the packets that have arrived at a gateway since the last call, concatenated."""
 
     def waiting(self, gateway: int) -> int:
-        """Returns how many packets from a gateway have not been read yet, one for each reader."""
+        """Returns the number of packets from a gateway that have not been read yet, counted once per reader."""
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """The address of a gateway's socket, and the key of its signatures."""
+    """The address of a gateway's socket, and the key for its signatures."""
 
     kind: str
     host: str
@@ -79,10 +79,11 @@ class Address:
 def gateways_of(
     network: Network, gcs: Sequence[str] = (), ports: str | None = None
 ) -> tuple[tuple[Gateway, Address], ...]:
-    """The gateways that the options `--gcs` and `--ports` ask for.
+    """Returns the gateways that the options `--gcs` and `--ports` request.
 
     Raises:
-        SystemDescriptionError: an address is invalid, or there is nothing to wire a port to; all problems at once.
+        SystemDescriptionError: an address is invalid, or no autopilot exists for a port; all problems are reported at
+            once.
     """
     problems: list[Problem] = []
     made: list[tuple[Gateway, Address]] = []
@@ -109,7 +110,8 @@ def gateways_of(
 def _ports(
     network: Network, text: str, link: Gateway, address: Address, step: int, problems: list[Problem]
 ) -> list[tuple[Gateway, Address]]:
-    """One for each autopilot, numbered in the order of the nodes, and called as its node if it is alone there."""
+    """Returns one gateway for each autopilot, in the order of the nodes; a node's only autopilot gives it the node's
+    name."""
     where = Where("--ports")
     wired = []
     for node in network.nodes:
@@ -133,14 +135,15 @@ def _ports(
 
 
 def _autopilots(node: Node) -> list[Endpoint]:
-    """The endpoints of the FMUs that declare to be autopilots; of a node without any, of those called so."""
+    """Returns the endpoints of the FMUs that declare to be autopilots; in a node without any, those with the
+    conventional name."""
     both = [e for e in node.endpoints if e.rx is not None and e.tx is not None]
     declared = [e for e in both if e.instance in node.autopilots]
     return declared or [e for e in both if e.instance.rpartition(".")[2] == AUTOPILOT]
 
 
 def _read(option: str, text: str, problems: list[Problem]) -> tuple[Gateway, Address, int] | None:
-    """The link, the address, and by how much the ports differ."""
+    """Returns the link, the address, and the difference between consecutive ports."""
     where = Where(option)
     head, *options = text.split(",")
     found = _ADDRESS.fullmatch(head)
@@ -178,11 +181,11 @@ def _number(text: str, high: float) -> float:
 
 
 class Parser:
-    """Splits a byte stream into packets, and counts the bytes that belong to none.
+    """Splits a byte stream into packets, and counts the bytes that do not belong to any packet.
 
     Args:
-        stream: a packet may be cut and joined; otherwise every piece is a datagram and ends its last packet.
-        dialect: messages that only this system knows.
+        stream: packets may span several pieces; otherwise every piece is a datagram, which ends with its last packet.
+        dialect: messages that only this system defines.
     """
 
     def __init__(self, stream: bool, dialect: Sequence[Message] = ()) -> None:
@@ -192,7 +195,7 @@ class Parser:
         self._rest = b""
 
     def feed(self, piece: bytes) -> list[bytes]:
-        """The complete packets with a CRC that is not wrong; b"" ends a stream."""
+        """Returns the complete packets without CRC errors; b"" ends a stream."""
         data = self._rest + piece
         over = not self._stream or not piece
         buffer = np.frombuffer(data, np.uint8)
@@ -265,10 +268,10 @@ class Gateways:
     Args:
         asked: the result of `gateways_of`.
         report: called with messages about sockets.
-        dialect: messages that only this system knows.
+        dialect: messages that only this system defines.
 
     Raises:
-        SystemDescriptionError: sockets cannot be opened; all of them at once.
+        SystemDescriptionError: sockets cannot be opened; all of them are reported at once.
     """
 
     def __init__(
@@ -293,7 +296,7 @@ class Gateways:
         return bool(self._open)
 
     def start(self) -> None:
-        """Lets real programs connect."""
+        """Accepts connections from real programs from now on."""
         for one in self._open:
             one.socket.start()
 
@@ -302,13 +305,14 @@ class Gateways:
         for g, crossing in enumerate(self._open):
             readers = 1 if crossing.gateway.wired else max(1, len(air.network.nodes))
             if air.waiting(g) > _WAITING * readers:
-                crossing.counts["held back"] += 1  # the socket keeps it: TCP clients will wait
+                crossing.counts["held back"] += 1  # they remain in the socket: TCP clients will wait
             else:
                 air.admit(g, crossing.incoming())
             crossing.outgoing(air.take(g))
 
     def counts(self) -> dict[str, dict[str, int | str]]:
-        """Returns packets carried and refused by gateway; also connections and times held back."""
+        """Returns, by gateway, the numbers of packets carried and refused, of connections, and of delays by full
+        queues."""
         return {
             one.gateway.name: {"address": str(one.address), **{name: n for name, n in one.counts.items() if n}}
             for one in self._open

@@ -1,4 +1,4 @@
-"""MAVLink 2 signing at a gateway: packets that leave are signed, packets that come must be, with one key.
+"""MAVLink 2 signing at a gateway: outgoing packets are signed, and incoming packets must be signed, with the same key.
 
 Inside the simulated network packets are not signed; an accepted signature stays on its packet.
 
@@ -31,11 +31,11 @@ _OLDEST = 6_000_000
 
 
 def read_key(path: Path) -> bytes:
-    """The secret key in a file: 32 bytes, or 64 hexadecimal digits.
+    """Returns the secret key in a file: 32 bytes, or 64 hexadecimal digits.
 
     Raises:
-        ValueError: the file holds neither.
-        OSError: it cannot be read.
+        ValueError: the file contains neither.
+        OSError: the file cannot be read.
     """
     content = path.read_bytes()
     if len(content) == 32:
@@ -54,7 +54,7 @@ class Signing:
 
     Args:
         key: 32 bytes, shared with the program at the other end.
-        clock: seconds from 1970.
+        clock: returns the seconds since 1970.
     """
 
     def __init__(self, key: bytes, clock: Callable[[], float] = time.time) -> None:
@@ -83,7 +83,7 @@ class Signing:
         return ""
 
     def sign(self, packet: bytes) -> bytes:
-        """A packet as MAVLink 2, with our signature instead of any that it had."""
+        """Returns a packet as MAVLink 2, with our signature in place of an existing one."""
         buffer = np.frombuffer(packet, np.uint8)
         first = payload_start(buffer, 0)
         payload = packet[first : first + payload_length(buffer, 0)]
@@ -111,7 +111,7 @@ def _step(crc: int, byte: int) -> int:
 
 
 def _crc_extra(packet: bytes, crc_at: int) -> int:
-    """CRC_EXTRA of a packet's message, from the CRC it has: so messages of any dialect can be signed."""
+    """Returns the CRC_EXTRA of a packet's message, derived from its CRC, so that messages of any dialect can be signed."""
     before = _crc(packet[1:crc_at])
     after = int.from_bytes(packet[crc_at : crc_at + 2], "little")
     return _table().index(after ^ before >> 8) ^ before & 0xFF

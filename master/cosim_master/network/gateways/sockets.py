@@ -1,8 +1,8 @@
-"""Sockets of gateways: bytes in and out without ever waiting, peers that come and go, and a word about each of that.
+"""Sockets of gateways: they send and receive without blocking, and report each peer that connects or disconnects.
 
-`TcpServer` serves one client at a time, as a serial port does; a stream has no borders. `Udp` exchanges datagrams
-with one given peer (udpout) or with whoever has sent some within the last minute (udpin). What a packet is, is not
-known here.
+`TcpServer` serves one client at a time, as a serial port does; a stream does not delimit packets. `Udp` exchanges
+datagrams with one given peer (udpout), or with all peers that have sent one within the last minute (udpin). This module
+does not interpret packets.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Socket(Protocol):
     """That it is bound to."""
 
     def start(self) -> None:
-        """Accepts connections from now on. Until then clients are refused, since they expect answers."""
+        """Accepts connections from now on. Earlier clients are refused, since they expect answers."""
 
     def receive(self) -> list[bytes]:
         """Returns the bytes received since the last call; b"" between the streams of two clients."""
@@ -50,7 +50,7 @@ class Socket(Protocol):
 
 
 class TcpServer:
-    """Listens; one client at a time. Further ones are turned away.
+    """A server for one client at a time. Further clients are rejected.
 
     Raises:
         OSError: the address cannot be bound.
@@ -155,14 +155,14 @@ class TcpServer:
                 self._client.sendall(self._unsent)
                 self._unsent.clear()
         except OSError:
-            pass  # what is left is reported by _hang_up
+            pass  # _hang_up reports the remaining bytes
 
 
 class Udp:
-    """Datagrams to and from one peer, or all peers that are heard.
+    """Exchanges datagrams with one peer, or with all peers that are heard.
 
     Args:
-        host, port: of the peer if `outward`, else to bind to.
+        host, port: the address of the peer if `outward`, otherwise the address to bind to.
 
     Raises:
         OSError: the address is invalid or cannot be bound.
@@ -249,7 +249,7 @@ class Udp:
 
 
 def open_socket(kind: str, host: str, port: int, report: Report) -> Socket:
-    """A socket of one of `KINDS`.
+    """Opens a socket of one of `KINDS`.
 
     Raises:
         OSError: the address is invalid or cannot be bound.
