@@ -119,8 +119,7 @@ class Reader:
         self.problems.append(Problem(self.where(element), message))
 
     def children(self, element: etree._Element, form: Form) -> Sequence[etree._Element]:
-        """Returns the legal and supported children of `element`, and reports everything in it that `form` does not
-        allow."""
+        """Returns the legal, supported children of `element`; reports everything in it that `form` does not allow."""
         if not form.free:
             self._attributes(element, form)
         if form.opaque:
@@ -262,8 +261,7 @@ def whole(text: str, low: int, high: int) -> int | None:
 
 
 def double(text: str) -> float | None:
-    """Returns the number that `text` contains in the form of XML Schema (xs:double), or None if it does not contain
-    one."""
+    """Returns the number that `text` contains in the form of XML Schema (xs:double), or None if it is not one."""
     text = text.strip()
     return float(text.replace("INF", "inf")) if _DOUBLE.fullmatch(text) else None
 

@@ -1,1 +1,1 @@
-"""The plan of a run and the compiled loop that steps it."""
+"""The plan of a run and the compiled loop that executes it."""

@@ -1,4 +1,4 @@
-"""The errors with which a run ends early, made from the statuses of instances and naming them."""
+"""The errors that end a run early; they are made from the statuses of instances and name these instances."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ _MOST_INPUTS = 8
 
 
 def reached(plan: Plan) -> float:
-    """Simulation time of the present communication point, s."""
+    """Returns the simulation time of the current communication point, s."""
     clock = plan.clock
     return float(clock[START] + max(clock[K], 0) * clock[BASE]) / (1e9 * float(clock[PER_NS]))
 
 
 def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> None:
-    """Raises RunFailed if instances have failed in this macro step, with the messages of each of them."""
+    """Raises RunFailed if instances have failed in this macro step, with the messages of each instance."""
     if plan.clock[FAILURES] == 0:
         return
     time, failed = reached(plan), plan.instances["failed"]
@@ -88,7 +88,7 @@ def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> No
 
 
 def discard_failure(plan: Plan, slave: Slave, i: int, last: float | None, reason: str) -> FmuError:
-    """Returns the error of instance `i` that has discarded its step; `last` is the time it reached, s."""
+    """Returns the error of instance `i`, which has discarded its step; `last` is the time that it reached, s."""
     time, h = reached(plan), float(plan.instances["h"][i])
     got = "" if last is None else f", only to {last:.9g} s"
     text = DISCARDED.text(slave.fmi, f"{time:.9g}", f"{time + h:.9g}", got, reason)
@@ -96,10 +96,10 @@ def discard_failure(plan: Plan, slave: Slave, i: int, last: float | None, reason
 
 
 def _beside(plan: Plan, instances: Sequence[Slave], i: int, others: Sequence[FmuError]) -> FmuError:
-    """The error of an instance that has discarded a step in which others have failed: it is not repeated.
+    """Returns the error of an instance that discarded a step in which others failed, so that the step is not repeated.
 
-    FMI leaves an instance after an error nothing but to be freed, or to be set back; in what it has failed at, it
-    would fail again, and shorter steps would hide that.
+    After an error, FMI only allows an instance to be freed or reset. A repetition would fail again, and shorter steps
+    would hide the failure.
     """
     slave, names = instances[i], ", ".join(error.instance for error in others[:3])
     slave.time = reached(plan)
@@ -108,8 +108,8 @@ def _beside(plan: Plan, instances: Sequence[Slave], i: int, others: Sequence[Fmu
 
 
 def _given(plan: Plan, layout: Layout, i: int) -> str:
-    """The inputs of an instance as it was given them for its last step: ``; its inputs: u = 0.5, w = 2``."""
-    if plan.clock[K] < 0:  # while initializing, the loop has given none
+    """Returns the inputs of an instance as set for its last step: ``; its inputs: u = 0.5, w = 2``."""
+    if plan.clock[K] < 0:  # during initialization, the loop sets no inputs
         return ""
     shown: list[str] = []
     for kind, values in (("Real", plan.real_in), ("Integer", plan.int_in), ("Boolean", plan.int_in)):
@@ -123,7 +123,7 @@ def _given(plan: Plan, layout: Layout, i: int) -> str:
 
 
 def _inputs(plan: Plan, slave: Slave, i: int, kind: int) -> str:
-    """The first values that an instance's inputs of one kind were just given."""
+    """Returns the first values of an instance's inputs of one kind, as last set."""
     first, last = (int(plan.feeds[i][side][kind]) for side in ("first_in", "last_in"))
     values = (
         plan.real_in[first:last] if kind == 0 else plan.int_in[first - plan.real_in.size : last - plan.real_in.size]

@@ -20,8 +20,7 @@ Array: TypeAlias = np.ndarray[Any, Any]
 
 @dataclass(frozen=True, slots=True)
 class Twice:
-    """Two or more nodes with the same system id. The listener hears all of them, or is one of them and hears the
-    others."""
+    """Nodes with the same system id, and a listener that hears all of them or, as one of them, the others."""
 
     system_id: int
     nodes: tuple[str, ...]

@@ -43,8 +43,10 @@ def _of_radio(packets: Mapping[str, int]) -> Iterator[Finding]:
 
 
 def _of_gateways(counts: Mapping[str, Mapping[str, int | str]], on_air: Sequence[str]) -> Iterator[Finding]:
-    """Returns findings about gateways that carried no packets. For wired gateways, a finding requires that all of them
-    carried none, since a program may use a single vehicle."""
+    """Yields findings about gateways that carried no packets.
+
+    For wired gateways, a finding requires that none of them carried packets, since a program may use a single vehicle.
+    """
     silent = [name for name, crossed in counts.items() if not crossed.get("sent") and not crossed.get("received")]
     wired = [name for name in counts if name not in on_air]
     if not all(name in silent for name in wired):

@@ -261,7 +261,7 @@ class Watch:
         found = [b for b, body in enumerate(self.bodies) if body.group == _group(name)]
         return found[0] if len(found) == 1 else -1
 
-    # ---- looking ---------------------------------------------------------------------------------------------------
+    # ---- looking -------------------------------------------------------------------------------------------------
 
     def initialised(self, seen: Seen) -> None:
         """Handles the first look of a run, or of a resumed run."""
@@ -393,7 +393,7 @@ class Watch:
             if one.system_id not in self.double:
                 self.double[one.system_id] = same_id(one.system_id, one.nodes, one.listener, time)
 
-    # ---- results --------------------------------------------------------------------------------------------
+    # ---- results -------------------------------------------------------------------------------------------------
 
     @property
     def hears_by_place(self) -> bool:

@@ -1,6 +1,6 @@
 """The bundle of the page: output of `npm ci` and `node build.mjs ../bundle` in page/, as files of this package.
 
-The bundle is part of the repository, so neither users nor developers of other parts need Node. It contains the digest
+The bundle is part of the repository, so users and developers can do without Node. It contains the digest
 of the sources that it was built from; `digest_of_sources` computes the same digest as page/build.mjs.
 """
 

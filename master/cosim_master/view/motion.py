@@ -124,8 +124,7 @@ def _vehicle(
 
 
 def _hubs(declared: Rotors, parameters: Mapping[str, Any]) -> list[tuple[float, ...]] | None:
-    """Returns (forward, right, down, direction) of each rotor; None if a number is missing in the manifest or not
-    finite."""
+    """Returns (forward, right, down, direction) of each rotor; None if the manifest lacks a finite number."""
     try:
         count = int(parameters[declared.count])
         hubs = [tuple(float(parameters[f"{name}[{i + 1}]"]) for name in declared.arrays) for i in range(count)]

@@ -140,8 +140,7 @@ def _words(signals: Sequence[Mapping[str, Any]], vehicles: int) -> list[list[int
 def _first_plots(
     signals: Sequence[Mapping[str, Any]], drones: Sequence[Part], known: Mapping[str, Any]
 ) -> list[list[int]]:
-    """Returns the first plots: the axes along which the vehicles move, in descending order of range; otherwise signals
-    that change."""
+    """Returns the first plots: the axes along which vehicles move, widest range first; otherwise changing signals."""
     index = {signal["name"]: i for i, signal in enumerate(signals)}
     some = [
         drones[i] for i in np.unique(np.linspace(0, len(drones) - 1, min(len(drones), _PLOTTED)).round().astype(int))

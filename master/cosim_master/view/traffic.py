@@ -118,8 +118,7 @@ def _flights(
     block: Block,
     clock: tuple[float, float],
 ) -> None:
-    """Adds the packets that were sent by radio, including lost ones; if they are too many, only those of every n-th
-    send."""
+    """Adds the packets sent by radio, including lost ones; if they are too many, only those of every n-th send."""
     on_air = radio | lost
     every = max(1, -(-int(on_air.sum()) // _DRAWN))
     number = np.zeros(len(on_air), np.int64)
@@ -256,8 +255,7 @@ def _payloads(file: Path, columns: Mapping[str, Array], messages: Sequence[int],
 
 
 def _said(number: int, payload: bytes) -> str:
-    """Returns the contents of a packet: the text of a STATUSTEXT, or the fields of another message if pymavlink is
-    installed."""
+    """Returns the text of a STATUSTEXT, or the fields of another message if pymavlink is installed."""
     if number == STATUSTEXT:
         return payload[STATUSTEXT_TEXT : STATUSTEXT_TEXT + 50].split(b"\0")[0].decode("utf-8", "replace")
     try:

@@ -82,8 +82,7 @@ class _Log(logging.Handler):
 
 
 def set_verbosity(*, quiet: bool | None = None, verbose: bool | None = None) -> None:
-    """Sets the verbosity that -q and -v request; None leaves it unchanged. With `verbose`, messages logged by FMUs are
-    shown."""
+    """Sets the verbosity of -q and -v; None leaves it unchanged. With `verbose`, messages logged by FMUs are shown."""
     if quiet is not None:
         _verbosity.quiet = quiet
     if verbose is not None:
@@ -152,8 +151,7 @@ def usage(message: str) -> typer.Exit:
 
 @contextmanager
 def errors(*, as_json: bool = False) -> Iterator[None]:
-    """Turns the project's own errors into messages and an exit code; any other exception is a bug and keeps its
-    traceback.
+    """Turns the project's own errors into messages and an exit code; other exceptions are bugs, with a traceback.
 
     Args:
         as_json: also print the errors as a JSON document.

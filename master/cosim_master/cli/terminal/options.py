@@ -81,8 +81,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document inst
 
 
 def overrides(settings: list[str] | None) -> dict[str, str]:
-    """Returns start values by hierarchical name or pattern, parsed from COMPONENT.PARAMETER=VALUE; later texts take
-    precedence."""
+    """Returns start values by name or pattern, from texts COMPONENT.PARAMETER=VALUE; later texts take precedence."""
     found: dict[str, str] = {}
     for setting in settings or []:
         name, equals, value = setting.partition("=")

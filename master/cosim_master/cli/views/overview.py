@@ -80,8 +80,7 @@ def _nodes(table: pa.Table | None) -> list[str]:
 
 
 def _messages(table: pa.Table, seconds: float) -> list[dict[str, Any]]:
-    """Returns each kind of message with its senders, its rate per sender and the fates of its packets, in order of
-    frequency.
+    """Returns each kind of message with its senders, its rate per sender and its packets' fates, most frequent first.
 
     A packet for three nodes counts as one sent message and as three radio transmissions.
     """

@@ -110,8 +110,7 @@ def gateways_of(
 def _ports(
     network: Network, text: str, link: Gateway, address: Address, step: int, problems: list[Problem]
 ) -> list[tuple[Gateway, Address]]:
-    """Returns one gateway for each autopilot, in the order of the nodes; a node's only autopilot gives it the node's
-    name."""
+    """Returns one gateway per autopilot, in the order of the nodes, named after its node if it is alone there."""
     where = Where("--ports")
     wired = []
     for node in network.nodes:
@@ -135,8 +134,7 @@ def _ports(
 
 
 def _autopilots(node: Node) -> list[Endpoint]:
-    """Returns the endpoints of the FMUs that declare to be autopilots; in a node without any, those with the
-    conventional name."""
+    """Returns the endpoints of the FMUs that declare to be autopilots, or else of those with the conventional name."""
     both = [e for e in node.endpoints if e.rx is not None and e.tx is not None]
     declared = [e for e in both if e.instance in node.autopilots]
     return declared or [e for e in both if e.instance.rpartition(".")[2] == AUTOPILOT]
@@ -311,8 +309,7 @@ class Gateways:
             crossing.outgoing(air.take(g))
 
     def counts(self) -> dict[str, dict[str, int | str]]:
-        """Returns, by gateway, the numbers of packets carried and refused, of connections, and of delays by full
-        queues."""
+        """Returns, by gateway, the numbers of packets carried and refused, of connections, and of times held back."""
         return {
             one.gateway.name: {"address": str(one.address), **{name: n for name, n in one.counts.items() if n}}
             for one in self._open

@@ -111,7 +111,7 @@ def _step(crc: int, byte: int) -> int:
 
 
 def _crc_extra(packet: bytes, crc_at: int) -> int:
-    """Returns the CRC_EXTRA of a packet's message, derived from its CRC, so that messages of any dialect can be signed."""
+    """Returns the CRC_EXTRA of a packet's message, derived from its CRC; messages of any dialect can thus be signed."""
     before = _crc(packet[1:crc_at])
     after = int.from_bytes(packet[crc_at : crc_at + 2], "little")
     return _table().index(after ^ before >> 8) ^ before & 0xFF

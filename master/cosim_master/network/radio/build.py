@@ -1,4 +1,4 @@
-"""The radio's tables of nodes, endpoints, links, gateways and packets in flight, made from a checked network."""
+"""The radio's tables of nodes, endpoints, links, gateways and packets in flight, built from a checked network."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ GATEWAY_BYTES = 1 << 16
 
 
 def _hash(name: str) -> int:
-    """FNV-1a, 64 bit: the identity of a node or an endpoint, for the random numbers of its links."""
+    """Returns the FNV-1a hash (64 bit): the identity of a node or an endpoint, for the random numbers of its links."""
     value = 0xCBF29CE484222325
     for byte in name.encode():
         value = (value ^ byte) * 0x100000001B3 % 2**64
@@ -67,7 +67,7 @@ def _nanoseconds(seconds: float) -> int:
 
 
 def _number(name: str, value: float) -> float:
-    """The value of a column of SETTINGS or CHANNEL: times [s] become whole ns, all else stays as it is."""
+    """Returns the value of a column of SETTINGS or CHANNEL: times [s] become whole ns, other values are unchanged."""
     return _nanoseconds(value) if SETTINGS[name].kind == "i" else value
 
 
@@ -80,7 +80,7 @@ def _reach(endpoint: Endpoint, node: Node) -> int:
 
 
 def _gateways(network: Network) -> np.ndarray[Any, Any]:
-    """The GATEWAY table; their endpoints are the last ones."""
+    """Returns the GATEWAY table. The endpoints of gateways are the last ones."""
     endpoints = [e.name for node in network.nodes for e in node.endpoints]
     table = np.zeros(len(network.gateways), dtype=GATEWAY)
     for g, gateway in enumerate(network.gateways):
@@ -92,10 +92,11 @@ def _gateways(network: Network) -> np.ndarray[Any, Any]:
 
 
 def _channels(network: Network) -> tuple[list[int], list[int], np.ndarray[Any, Any]]:
-    """Kind of each node as a sender and as a hearer, and the CHANNEL table of every kind of sender, put together.
+    """Returns each node's kind as a sender and as a receiver, and the CHANNEL tables of all kinds of senders in one.
 
-    Nodes are of one kind if the same channels are described by them: a pattern over a thousand nodes makes few kinds,
-    and a thousand channels between two nodes each make few rows. The rows of sender kind k are those with `sender` k.
+    Nodes are of the same kind if the same channels refer to them. A pattern over a thousand nodes thus yields few
+    kinds, and a thousand channels between two nodes each yield few rows. The rows of sender kind k are those with
+    `sender` k.
     """
     sending: dict[str, list[int]] = {node.name: [] for node in network.nodes}
     hearing: dict[str, list[int]] = {node.name: [] for node in network.nodes}
@@ -132,7 +133,7 @@ def _definition(message: Message) -> tuple[int, int, int]:
 
 
 def _settings(network: Network, *, keep: bool) -> np.ndarray[Any, Any]:
-    """The row of SETTINGS: a column has the value of the attribute of `network` with its name, if not said here."""
+    """Returns the row of SETTINGS. Unless set here, a column has the value of the network's attribute of that name."""
     row = np.zeros(1, dtype=SETTINGS)
     row["topology"] = _topology(network)
     row["per_side"] = min(network.neighbours, max(len(network.nodes) - 1, 1))
@@ -152,7 +153,7 @@ def _settings(network: Network, *, keep: bool) -> np.ndarray[Any, Any]:
 
 
 def _partitions(network: Network) -> np.ndarray[Any, Any]:
-    """Rows (from, until, side of each node)."""
+    """Returns rows (from, until, side of each node)."""
     rows = [
         (_nanoseconds(one.start), _nanoseconds(one.stop), *(node.name in one.nodes for node in network.nodes))
         for one in network.partitions
@@ -161,7 +162,7 @@ def _partitions(network: Network) -> np.ndarray[Any, Any]:
 
 
 def _jamming(network: Network) -> np.ndarray[Any, Any]:
-    """Rows (north, east, radius, from, until)."""
+    """Returns rows (north, east, radius, from, until)."""
     rows = [
         (one.north, one.east, one.radius, _nanoseconds(one.start), _nanoseconds(one.stop)) for one in network.jamming
     ]
@@ -172,7 +173,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
     """Returns the radio's memory.
 
     Args:
-        reals: index of every Real output that is fetched, by instance and variable (positions of nodes are among them).
+        reals: index of every Real output that is fetched, by instance and variable; these include the nodes' positions.
         keep: write packet events and logs.
     """
     nodes = network.nodes
@@ -192,7 +193,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
     slotted = network.medium == "aloha"
     endpoints = np.zeros(int(members[-1]) + len(network.gateways) + slotted, dtype=ENDPOINT)
     if slotted:
-        endpoints[-1] = (-1, 0, 0, 0, 0, -1, -1, tables.CABLE)  # the medium: packets wait in its queue
+        endpoints[-1] = (-1, 0, 0, 0, 0, -1, -1, tables.CABLE)  # the medium, in whose queue packets wait
     for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
         capacity = e.rx.packet_capacity if e.rx else 0
         endpoints[i] = (n, _hash(e.name), 0, capacity, 0, -1, -1, _reach(e, nodes[n]))
@@ -242,9 +243,10 @@ def grown(radio: Radio, need: int) -> Radio:
 
 
 def packet_counts(radio: Radio) -> dict[str, int]:
-    """Packets by radio, one for each node a packet was for: sent = delivered + lost + in flight. On board apart.
+    """Returns the numbers of packets by radio: sent = delivered + lost + in flight, each counted once per receiver.
 
-    Causes of effects that are off in most systems, and duplicates, are there only if there were some.
+    Packets on board are counted separately. Duplicates, and causes of loss that most systems do not use, are included
+    only if their number is not zero.
     """
     count = radio.counters
     always = range(LOST_CHANNEL, NO_ROUTE + 1)

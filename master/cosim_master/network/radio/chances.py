@@ -1,4 +1,4 @@
-"""Random numbers of the radio: each is a function of its key, so that nothing but the key changes it."""
+"""Random numbers of the radio: each is a function of its key and does not depend on anything else."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 @kernel
 def _mix(x: np.uint64) -> np.uint64:
-    """The finaliser of splitmix64 (Steele, Lea, Flood 2014): a bijection that spreads every bit."""
+    """Returns the finaliser of splitmix64 (Steele, Lea, Flood 2014), a bijection that spreads every bit."""
     x = (x ^ (x >> np.uint64(30))) * _MIX1
     x = (x ^ (x >> np.uint64(27))) * _MIX2
     return x ^ (x >> np.uint64(31))
@@ -40,7 +40,7 @@ def _mix(x: np.uint64) -> np.uint64:
 
 @kernel
 def chance(seed: np.uint64, source: np.uint64, sink: np.uint64, number: int, which: int) -> float:
-    """A number in [0, 1) that depends on its arguments only."""
+    """Returns a number in [0, 1) that depends only on its arguments."""
     x = _mix(seed + _GOLDEN)
     x = _mix(x ^ source)
     x = _mix((x + _GOLDEN) ^ sink)
@@ -51,12 +51,12 @@ def chance(seed: np.uint64, source: np.uint64, sink: np.uint64, number: int, whi
 
 @kernel
 def exponential(seed: np.uint64, source: np.uint64, sink: np.uint64, number: int, which: int) -> float:
-    """A number of the exponential distribution with mean 1."""
+    """Returns an exponentially distributed number with mean 1."""
     return float(-np.log(1.0 - chance(seed, source, sink, number, which)))
 
 
 @kernel
 def normal(seed: np.uint64, source: np.uint64, sink: np.uint64, number: int, which: int) -> float:
-    """A number of the standard normal distribution (Box, Muller 1958); it uses `which` and `which` + 1."""
+    """Returns a standard normally distributed number (Box, Muller 1958); uses `which` and `which` + 1."""
     radius = np.sqrt(2.0 * exponential(seed, source, sink, number, which))
     return float(radius * np.cos(2.0 * np.pi * chance(seed, source, sink, number, which + 1)))

@@ -1,4 +1,4 @@
-"""The effects of a link on a packet: latency, jitter, loss, range and outages, with random numbers of its own."""
+"""The effects of a link on a packet: latency, jitter, loss, range and outages, with the link's own random numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["over_link", "over_radio"]
 
 @kernel
 def _channel(r: Radio, n: int, other: int) -> int:
-    """The row of `channels` that describes the way from node `n` to node `other`; -1 if none does."""
+    """Returns the row of `channels` for the link from node `n` to node `other`; -1 if none exists."""
     kind = r.nodes[other].kind
     first, last = r.nodes[n].channel, r.nodes[n].unchannelled
     while first < last:
@@ -37,9 +37,10 @@ def in_outage(r: Radio, n: int, t: int) -> bool:
 
 @kernel
 def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int, number: int) -> tuple[int, int]:
-    """Returns the arrival of a packet sent by endpoint `e` by radio at t to the node `other`, or -1; and the outcome.
+    """Returns arrival time (-1 if lost) and outcome of a packet that endpoint `e` sends by radio at t to node `other`.
 
-    `number` is that of the packet at its sender: with the identities of both it keys the random numbers.
+    `number` is the number of the packet at its sender. With the identities of sender and receiver, it is the key of the
+    random numbers.
     """
     s, n = r.settings[0], r.endpoints[e].node
     identity, hearer = r.endpoints[e].identity, r.nodes[other].identity
@@ -65,9 +66,9 @@ def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int,
 
 @kernel
 def over_link(r: Radio, t: int, g: int, source: int, sink: int, n: int) -> tuple[int, int]:
-    """Returns the arrival of a packet sent by endpoint `source` at t to node `sink` via gateway g's link, and outcome.
+    """Returns arrival time (-1 if lost) and outcome of a packet from endpoint `source` to node `sink` by g's link.
 
-    `n` is the node at the far end of the link; its outages count unless it is wired.
+    The packet is sent at t. `n` is the node at the far end of the link; its outages apply unless the gateway is wired.
     """
     w = r.gateways[g]
     number = w.number

@@ -1,16 +1,18 @@
-"""Effects that a radio has only where its annotation asks for them: bursts, weak signals, jamming, partitions, errors.
+"""Optional effects of the radio, set by its annotation: bursts, weak signals, jamming, partitions, bit errors.
 
-**Bursts** (Gilbert 1960, Elliott 1963): the way from a sender to a hearer is good or bad for each packet of the sender;
-from good to bad with probability p, back with r. Only the packets' numbers are known here, so the chain is not carried
-along but looked up: a step of it forgets the state before with probability p + r, and then is bad with probability
-p / (p + r); otherwise it keeps the state. These are the same transitions, and the state of packet k follows from the
-last number up to k at which it was forgotten.
+**Bursts** (Gilbert 1960, Elliott 1963): the link from a sender to a receiver is good or bad for each packet of the
+sender. It changes from good to bad with probability p, and back with probability r. Only the packets' numbers are known
+here, so the state of the Markov chain is computed, not stored: each step discards the previous state with probability p
++ r, and is then bad with probability p / (p + r); otherwise it keeps the state. These transitions are equivalent, and
+the state of packet k follows from the last number up to k at which the state was discarded.
 
-**Signals**: the received power is the sent one less the loss at 1 m, less 10 n lg(d / 1 m), plus shadowing of the pair
-of nodes (normal in dB, the same both ways and at all times), plus Rayleigh fading of the packet (its power is
-exponentially distributed). A packet weaker than the hearer's sensitivity is lost (Rappaport 2002, chapters 4 and 5).
+**Signals**: the received power is the transmitted power minus the loss at 1 m, minus 10 n lg(d / 1 m), plus shadowing
+of the pair of nodes (normally distributed in dB, constant, and equal in both directions), plus Rayleigh fading of the
+packet (its power is exponentially distributed). A packet weaker than the receiver's sensitivity is lost (Rappaport
+2002, chapters 4 and 5).
 
-**Errors**: each bit is wrong with the same probability. The packet arrives as it is then, and its CRC is wrong.
+**Errors**: each bit is inverted with the same probability. The packet arrives with these errors, and its CRC does not
+match.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ def distance2(r: Radio, reals: NDArray[np.float64], a: int, b: int) -> float:
 
 @kernel
 def in_burst(seed: np.uint64, source: np.uint64, sink: np.uint64, number: int, start: float, end: float) -> bool:
-    """Whether the way of a packet is bad; `start`, `end`: probabilities that a burst begins and ends."""
+    """Returns whether the link of a packet is bad; `start`, `end`: probabilities that a burst begins and ends."""
     forgets = start + end
     for k in range(number, number - int(_FORGOTTEN / forgets), -1):
         u = chance(seed, source, sink, k, BURST)
@@ -66,7 +68,7 @@ def in_burst(seed: np.uint64, source: np.uint64, sink: np.uint64, number: int, s
 
 @kernel
 def too_weak(r: Radio, reals: NDArray[np.float64], e: int, other: int, number: int) -> bool:
-    """Whether a packet of endpoint `e` is weaker at node `other` than it can hear."""
+    """Returns whether the signal of a packet of endpoint `e` is below the sensitivity of node `other`."""
     s, n = r.settings[0], r.endpoints[e].node
     distance = max(np.sqrt(distance2(r, reals, n, other)), 1.0)
     power = s.power - s.path_loss - 10.0 * s.exponent * np.log10(distance)
@@ -83,7 +85,7 @@ def too_weak(r: Radio, reals: NDArray[np.float64], e: int, other: int, number: i
 
 @kernel
 def jammed(r: Radio, reals: NDArray[np.float64], n: int, t: int) -> bool:
-    """Whether node `n` is in an area that is jammed at t."""
+    """Returns whether node `n` is in an area that is jammed at t."""
     for j in range(r.jamming.shape[0]):
         north = reals[r.nodes[n].place[0]] - r.jamming[j, 0]
         east = reals[r.nodes[n].place[1]] - r.jamming[j, 1]
@@ -95,7 +97,7 @@ def jammed(r: Radio, reals: NDArray[np.float64], n: int, t: int) -> bool:
 
 @kernel
 def parted(r: Radio, n: int, other: int, t: int) -> bool:
-    """Whether two nodes are on different sides of a partition at t."""
+    """Returns whether two nodes are on different sides of a partition at t."""
     for j in range(r.partitions.shape[0]):
         if r.partitions[j, 0] <= t < r.partitions[j, 1] and r.partitions[j, 2 + n] != r.partitions[j, 2 + other]:
             return True
@@ -106,9 +108,9 @@ def parted(r: Radio, n: int, other: int, t: int) -> bool:
 def effect(
     r: Radio, reals: NDArray[np.float64], t: int, arrival: int, e: int, other: int, number: int, channel: int
 ) -> int:
-    """Why a packet of endpoint `e` does not reach node `other`; BY_RADIO if it does.
+    """Returns the reason why a packet of endpoint `e` does not reach node `other`; BY_RADIO if it does.
 
-    `channel`: the row of `channels` that describes the way, -1 if none does.
+    `channel`: the row of `channels` that describes the link, -1 if none does.
     """
     s, n = r.settings[0], r.endpoints[e].node
     if parted(r, n, other, t):
@@ -132,7 +134,7 @@ def effect(
 
 @kernel
 def _next_error(r: Radio, e: int, other: int, number: int, which: int) -> float:
-    """How many bits are right before the next wrong one: geometrically distributed."""
+    """Returns the number of correct bits before the next bit error, which is geometrically distributed."""
     s = r.settings[0]
     gap = exponential(s.seed, r.endpoints[e].identity, r.nodes[other].identity, number, ERROR + which)
     return float(np.floor(gap / -np.log1p(-s.bit_errors)))
@@ -140,14 +142,14 @@ def _next_error(r: Radio, e: int, other: int, number: int, which: int) -> float:
 
 @kernel
 def first_error(r: Radio, e: int, other: int, number: int, length: int) -> int:
-    """The first wrong bit of a packet of `length` bytes at node `other`; -1 if all are right."""
+    """Returns the index of the first wrong bit of a packet of `length` bytes at node `other`; -1 if all are correct."""
     gap = _next_error(r, e, other, number, 0)
     return int(gap) if gap < 8.0 * length else -1
 
 
 @kernel
 def damage(r: Radio, place: int, e: int, other: int, number: int) -> None:
-    """Make the bits wrong that are so at node `other`, in the copy of a packet that is in flight in `place`."""
+    """Inverts the bits that are wrong at node `other`, in the copy of the packet that is in flight in `place`."""
     bits = 8.0 * r.places[place].length
     at = _next_error(r, e, other, number, 0)
     errors = 1

@@ -1,14 +1,14 @@
-"""The medium that packets share: how long a packet is on the air, who waits for whom, and who talks over whom.
+"""The medium that packets share: the time on the air, the waiting for a free medium, and collisions.
 
 A byte takes ten bits, as on the serial line of a modem. Three media:
 
     own      each node has a medium of its own; its packets follow each other
-    shared   one medium for all; a packet waits until it is free, so that nobody talks over another
+    shared   one medium for all; a packet waits until it is free, so that packets never collide
     aloha    one medium for all in slots of equal length (Roberts 1975): a packet goes in one of the next `window`
              slots; packets of one slot that a node hears are lost there, and a node that sends hears nothing
 
-A packet that would wait longer than `queue` is lost. With slots it is decided at the end of a slot who hears what;
-until then its packets are in flight to the medium, which is an endpoint behind all others.
+A packet that would wait longer than `queue` is lost. With slots, the receivers of packets are determined at the end of
+the slot. Until then, the packets are in flight to the medium, which is the last endpoint.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SENDS = 1 << 32
 
 @kernel
 def departure(r: Radio, t: int, n: int, length: int) -> int:
-    """When a packet of node `n` has left, that is sent at t [ns]; -1 if it would wait too long. Not with slots."""
+    """Returns when a packet that node `n` sends at t [ns] has left; -1 if it would wait too long. Not for slots."""
     s = r.settings[0]
     medium = n if s.medium == OWN else 0
     begin = max(t, r.media[medium])
@@ -46,7 +46,7 @@ def departure(r: Radio, t: int, n: int, length: int) -> int:
 def put_into_slot(
     r: Radio, t: int, e: int, number: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int
 ) -> bool:
-    """Give a packet that endpoint `e` sends at t [ns] a slot; False if it would wait too long."""
+    """Assigns a slot to a packet that endpoint `e` sends at t [ns]; returns False if the packet would wait too long."""
     s, n = r.settings[0], r.endpoints[e].node
     slot = -(-t // s.slot)
     if s.window > 1:
@@ -63,14 +63,14 @@ def put_into_slot(
 
 @kernel
 def next_slot_over(r: Radio, t: int) -> int:
-    """When the next slot with packets ends, if that is at t [ns] or before; else -1."""
+    """Returns the end of the next slot with packets if it is at most t [ns], otherwise -1."""
     first = r.endpoints[r.endpoints.size - 1].first
     return int(r.places[first].arrival) if first >= 0 and r.places[first].arrival <= t else -1
 
 
 @kernel
 def listen_to_slot(r: Radio, reals: NDArray[np.float64], end: int) -> None:
-    """Count for every node who sends in the slot that ends at `end`, and whom it hears."""
+    """Counts, for each node, the packets that it sends and that it hears in the slot that ends at `end`."""
     nodes = r.along.size
     r.media[nodes:] = 0
     place = r.endpoints[r.endpoints.size - 1].first
@@ -87,5 +87,5 @@ def listen_to_slot(r: Radio, reals: NDArray[np.float64], end: int) -> None:
 
 @kernel
 def collided(r: Radio, other: int) -> bool:
-    """Whether node `other` understands nothing in the slot that was listened to."""
+    """Returns whether node `other` can receive nothing in the slot last evaluated."""
     return bool(r.media[r.along.size + other] > 1)

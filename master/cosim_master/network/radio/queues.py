@@ -1,4 +1,4 @@
-"""Packets in flight and their record: queued at their receivers, delivered, logged."""
+"""Packets in flight and their records: queued at their receivers, delivered, logged."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ a gateway by a line of its own is in no vehicle's log: its node is one more than
 def put(
     r: Radio, endpoint: int, arrival: int, buf: NDArray[np.uint8], start: int, stop: int, logged: int, gateway: int
 ) -> int:
-    """Inserts a packet into the queue of `endpoint`, after all that arrive no later; returns its place."""
+    """Inserts a packet into the queue of `endpoint`, after all packets that do not arrive later; returns its place."""
     place = r.counters[FREE_PLACE]
     r.counters[FREE_PLACE] = r.places[place].following
     r.counters[FREE_PLACES] -= 1
@@ -66,7 +66,7 @@ def put(
 
 @kernel
 def take_out(r: Radio, endpoint: int) -> None:
-    """Free the first place in the queue of `endpoint`."""
+    """Frees the first place in the queue of `endpoint`."""
     place = r.endpoints[endpoint].first
     r.endpoints[endpoint].first = r.places[place].following
     if r.endpoints[endpoint].first < 0:
@@ -116,7 +116,7 @@ def record_event(
 
 @kernel
 def deliver(r: Radio, t: int, e: int, buf: NDArray[np.uint8]) -> int:
-    """Copies packets that have reached endpoint `e` by time t [ns] into `buf`; returns the bytes. The excess waits."""
+    """Copies packets that reached endpoint `e` by time t [ns] into `buf`; returns the bytes. Excess packets wait."""
     n = 0
     while r.endpoints[e].first >= 0 and r.places[r.endpoints[e].first].arrival <= t:
         place = r.endpoints[e].first

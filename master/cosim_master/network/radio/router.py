@@ -1,18 +1,20 @@
 """Routing of packets to their receivers: kernels over arrays, called by the stepping loop.
 
-An *endpoint* is a pair of packet ports of one instance (an autopilot, an agent, a ground station); a *node* is what
-shares an antenna: the endpoints of one vehicle. Endpoints of a node are wired on board, without loss or delay. Over
-the radio a packet goes to the nodes the topology names; MAVLink addresses decide which endpoints there get it.
+An *endpoint* is a pair of packet ports of one instance (an autopilot, an agent, a ground station); a *node* is the set
+of endpoints that share an antenna: those of one vehicle. Endpoints of a node are wired on board, without loss or delay.
+By radio, a packet is sent to the nodes that the topology selects; MAVLink addresses determine the receiving endpoints
+there.
 
-A *gateway* is a node of its own behind all others: packets cross there between the simulated network and a socket.
-It is heard by, and hears, every node whatever the topology, or, wired, one endpoint alone; by a link of its own. The
-other nodes notice nothing of a gateway but the packets that come from it. An instance may have endpoints for gateways
-alone, for those on the air or for the one that is wired to it; they are on no bus, and other nodes do not hear them.
+A *gateway* is a separate node, numbered after all others, at which packets cross between the simulated network and a
+socket. It has its own link. By this link, it exchanges packets with every node whatever the topology, or, if wired,
+with a single endpoint. Apart from its packets, a gateway does not affect other nodes. An instance may have endpoints
+for gateways only, either for gateways on the air or for a wired one. Such endpoints are not on a bus, and other nodes
+do not hear them.
 
-Every chance is a function of (seed, sending endpoint, receiving node, number of the packet at its sender) and of
-nothing else, so results depend neither on the step size nor on the order in which instances step.
+Every random number is a function of (seed, sending endpoint, receiving node, number of the packet at its sender) only,
+so results depend neither on the step size nor on the order in which instances step.
 
-This module knows packets only as bytes with a header, not their meaning.
+This module interprets only the headers of packets.
 """
 
 from __future__ import annotations
@@ -70,7 +72,7 @@ __all__ = ["admit", "end_slots", "send"]
 
 @kernel
 def _addressed(r: Radio, endpoint: int, to_system: int) -> bool:
-    """MAVLink routing: broadcasts to everybody, the rest to where the system has been heard."""
+    """Returns whether a packet goes to an endpoint: it is a broadcast, or its target system was heard there."""
     return bool(to_system == 0 or r.endpoints[endpoint].heard == to_system)
 
 
@@ -83,7 +85,7 @@ def _hears(r: Radio, endpoint: int, to_system: int) -> bool:
 
 @kernel
 def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int) -> bool:
-    """Sends a packet to the node's other endpoints, addressed or not: the bus is shared until they are known."""
+    """Sends a packet to those of the node's other endpoints that it addresses or that have not been heard yet."""
     n = r.endpoints[e].node
     taken = False
     for other in range(r.nodes[n].first, r.nodes[n].last):
@@ -102,7 +104,7 @@ def _on_board(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], 
 
 @kernel
 def _wanted(r: Radio, other: int, to_system: int) -> bool:
-    """Whether an endpoint of a node takes what another node sends to `to_system`."""
+    """Returns whether an endpoint of a node accepts packets that another node sends to `to_system`."""
     wanted = False
     for j in range(r.nodes[other].first, r.nodes[other].last):
         wanted = wanted or _hears(r, j, to_system)
@@ -120,7 +122,7 @@ def _by_radio(
     start: int,
     stop: int,
 ) -> bool:
-    """Sends a packet to the nodes of the topology, through medium and channel."""
+    """Sends a packet by radio to the nodes of the topology, through medium and channel."""
     n = r.endpoints[e].node
     number = r.endpoints[e].number
     r.endpoints[e].number = number + 1
@@ -151,7 +153,7 @@ def _transmit(
     start: int,
     stop: int,
 ) -> bool:
-    """Sends a packet of endpoint `e`, on the air at t, through the channel to the nodes of the topology."""
+    """Sends a packet of endpoint `e`, which is on the air at t, through the channel to the nodes of the topology."""
     s, n = r.settings[0], r.endpoints[e].node
     hearers = find_hearers(r, reals, n)
     taken = False
@@ -214,7 +216,7 @@ def _duplicate(
 
 @kernel
 def end_slots(r: Radio, reals: NDArray[np.float64], t: int) -> None:
-    """Routes the packets of slots that are over by time t [ns]."""
+    """Routes the packets of slots that have ended by time t [ns]."""
     medium = r.endpoints.size - 1
     end = next_slot_over(r, t)
     while end >= 0:
@@ -231,7 +233,7 @@ def end_slots(r: Radio, reals: NDArray[np.float64], t: int) -> None:
 
 @kernel
 def _to_gateways(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int) -> bool:
-    """Sends a packet to the gateways that hear endpoint e; an addressed one to those that have heard its system."""
+    """Sends a packet to the gateways that hear endpoint e; an addressed one only where its target was heard."""
     taken = False
     reach = r.endpoints[e].reach
     for g in range(r.gateways.size):
@@ -252,7 +254,7 @@ def _to_gateways(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8
 def _from_gateway(
     r: Radio, t: int, g: int, n: int, to_system: int, buf: NDArray[np.uint8], start: int, stop: int
 ) -> bool:
-    """Sends a packet of gateway g to the endpoints of node n that it addresses, or to the one that g is wired to."""
+    """Sends a packet of gateway g to the addressed endpoints of node n, or to the endpoint that g is wired to."""
     w = r.gateways[g]
     wanted = False
     for j in range(r.nodes[n].first, r.nodes[n].last):
@@ -282,7 +284,7 @@ def _wants(r: Radio, g: int, endpoint: int, to_system: int) -> bool:
 
 @kernel
 def _own_message(r: Radio, buf: NDArray[np.uint8], start: int) -> tuple[int, int]:
-    """Status of a packet that `find` calls UNKNOWN, and whom it is for: known if it is of the system's own dialect."""
+    """Returns status and target system of a packet that `find` calls UNKNOWN but the system's dialect may define."""
     message = message_id(buf, start)
     for d in range(r.dialect.size):
         if r.dialect[d].message != message:
@@ -298,7 +300,7 @@ def _own_message(r: Radio, buf: NDArray[np.uint8], start: int) -> tuple[int, int
 
 @kernel
 def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
-    """Routes the packets in buf[:n] that gateway g received by time t [ns]; they are complete and their CRCs right."""
+    """Routes the packets in buf[:n] that gateway g received by time t [ns]. They are complete and have correct CRCs."""
     w = r.gateways[g]
     e = w.endpoint
     p = 0
@@ -323,7 +325,7 @@ def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
 
 @kernel
 def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.uint8], n: int) -> None:
-    """Routes what endpoint `e` has sent: the packets in buf[:n], at time t [ns]."""
+    """Routes the packets in buf[:n] that endpoint `e` has sent at time t [ns]."""
     p = 0
     while p < n:
         start, stop, status = find(buf, p, n)

@@ -1,4 +1,4 @@
-"""The radio's memory: a few flat arrays, their rows, and the numbers that have a meaning in them."""
+"""The radio's memory: a few flat arrays, the types of their rows, and the codes used in them."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ SETTINGS = np.dtype(
         ("jitter", "i8"),
         ("loss", "f8"),
         ("range", "f8"),
-        ("effects", "u1"),  # 1: one of the effects up to bit_errors is on, for some way
+        ("effects", "u1"),  # 1: one of the effects up to bit_errors is on for some link
         ("burst_start", "f8"),
         ("burst_end", "f8"),
         ("burst_loss", "f8"),
@@ -192,9 +192,9 @@ PLACE = np.dtype(
     [
         ("arrival", "i8"),
         ("length", "i8"),
-        ("logged", "i8"),  # this copy goes into the receiving node's log; COUNTED: and is the one that is counted
+        ("logged", "i8"),  # this copy is written to the receiving node's log; COUNTED: it is also counted
         ("following", "i8"),  # linked lists: the next place
-        ("gateway", "i8"),  # by which it came in, -1: by none
+        ("gateway", "i8"),  # by which it entered, -1: none
         ("sender", "i8"),  # of a packet that waits for its slot: the endpoint,
         ("number", "i8"),  # its number there,
         ("sent", "i8"),  # and when; `logged` is then the system that it is for
@@ -219,7 +219,7 @@ GATEWAY = np.dtype(
         ("jitter", "i8"),
         ("loss", "f8"),
         ("number", "i8"),  # packets that have gone by its link, either way
-        ("waiting", "i8"),  # places in flight that came in by it
+        ("waiting", "i8"),  # packets in flight that entered by it
         ("systems", "u1", (256,)),  # 1: this system has been heard behind it
     ]
 )
@@ -227,7 +227,7 @@ GATEWAY = np.dtype(
 
 
 class Radio(NamedTuple):
-    """All of the radio's memory, in few arrays: numba's time to compile grows with their number. Times in ns."""
+    """The radio's memory in a few arrays, since numba's compile time grows with their number. Times in ns."""
 
     settings: NDArray[Any]  # SETTINGS, one row
     endpoints: NDArray[Any]  # ENDPOINT, node by node
@@ -237,14 +237,14 @@ class Radio(NamedTuple):
     outages: NDArray[np.int64]  # rows (node, from, until)
     partitions: NDArray[np.int64]  # rows (from, until, side of each node)
     jamming: NDArray[np.float64]  # rows (north, east, radius [m], from, until)
-    media: NDArray[np.int64]  # free from [ns] or last slot, for each medium; with slots who sends and hears; else none
+    media: NDArray[np.int64]  # per medium: free from [ns], or last slot; with slots: numbers sent and heard; else none
     places: NDArray[Any]  # PLACE
     data: NDArray[np.uint8]  # (places, MAX_PACKET)
     order: NDArray[np.int64]  # nodes along the axis, kept sorted
     along: NDArray[np.float64]
     hearers: NDArray[np.int64]  # scratch
     gateways: NDArray[Any]  # GATEWAY
-    dialect: NDArray[Any]  # DEFINITION, of the messages that only this system knows
+    dialect: NDArray[Any]  # DEFINITION, of the messages that only this system defines
     counters: NDArray[np.int64]  # per outcome, then as named below
     events: NDArray[Any]  # EVENT
     log: NDArray[np.uint8]

@@ -14,7 +14,7 @@ __all__ = ["find_hearers", "copies", "sort_along"]
 
 @kernel
 def sort_along(r: Radio, reals: NDArray[np.float64]) -> None:
-    """Sorts `order` by position along the axis; nearly sorted from the last time, ties by node number."""
+    """Sorts `order` by position along the axis, ties by node number. The previous order is nearly sorted."""
     for n in range(r.along.size):
         s = 0.0
         for i in range(3):
@@ -31,7 +31,7 @@ def sort_along(r: Radio, reals: NDArray[np.float64]) -> None:
 
 @kernel
 def _nearest(r: Radio, reals: NDArray[np.float64], n: int) -> int:
-    """The nodes nearest to `n` into `hearers`, nearest first, ties by node number; returns how many."""
+    """Writes the nodes nearest to `n` into `hearers`, nearest first, ties by node number; returns their number."""
     per_side = r.settings[0].per_side
     found = 0
     for other in range(r.along.size):
@@ -52,7 +52,7 @@ def _nearest(r: Radio, reals: NDArray[np.float64], n: int) -> int:
 
 @kernel
 def find_hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
-    """Nodes that the topology lets hear node `n`, into `hearers`; returns how many."""
+    """Writes the nodes that hear node `n` by the topology into `hearers`; returns their number."""
     topology, per_side = r.settings[0].topology, r.settings[0].per_side
     found = 0
     if topology == LISTED:
@@ -79,7 +79,7 @@ def find_hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
 
 @kernel
 def copies(r: Radio) -> int:
-    """No packet takes more places in flight than this, or makes more events together with the garbage before it."""
+    """Returns an upper bound of a packet's places in flight, and of its events and those of the garbage before it."""
     topology, per_side = r.settings[0].topology, r.settings[0].per_side
     reach = r.along.size
     if topology == NEAREST:

@@ -1,4 +1,4 @@
-"""Values on their way from outputs to inputs: the only place where they move."""
+"""Transfers values from outputs to inputs. Values move only here."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ inlined = functools.partial(kernel, inline=True)
 
 @inlined
 def point_in_time(clock: NDArray[np.int64], k: int) -> int:
-    """Communication point t_k, rounded to ns."""
+    """Returns the communication point t_k, rounded to ns."""
     ticks, per_ns = clock[START] + k * clock[BASE], clock[PER_NS]
     return int(ticks if per_ns == 1 else (ticks + per_ns // 2) // per_ns)
 
@@ -37,7 +37,7 @@ def exchange(
     int_in: NDArray[np.int32],
     k: int,
 ) -> None:
-    """Inputs of the instances of `feeds` that are due from the outputs they are connected to: all data flows here."""
+    """Sets the inputs of the due instances of `feeds` from the connected outputs: all data flows here."""
     reals = np.uintp(real_in.size)
     for j in range(mapped.shape[0]):
         source, place, key = mapped[j, 0], mapped[j, 1], mapped[j, 2]
@@ -80,13 +80,13 @@ def exchange(
 
 @kernel
 def feed(p: Plan, k: int, feeds: NDArray[Any]) -> None:
-    """`exchange` for some instances; what all of them share is done for none, too."""
+    """Exchanges as `exchange` does, for some instances; the part common to all is also done if none are given."""
     exchange(p.instances, feeds, p.sources, p.wires, p.mirrors, p.mapped, p.real_out, p.int_out, p.real_in, p.int_in, k)
 
 
 @kernel
 def delay(p: Plan, k: int) -> None:
-    """Outputs of now into delayed connections, and earlier ones out of them."""
+    """Stores the current outputs in delayed connections, and takes earlier ones out of them."""
     if k % p.clock[FINER] != 0:
         return
     feed(p, k, p.feeds[:0])
@@ -108,7 +108,7 @@ def delay(p: Plan, k: int) -> None:
 
 @kernel
 def extrapolate(p: Plan, k: int, first: int, last: int) -> None:
-    """Derivatives of the extrapolated inputs of the instances first to last - 1, if they begin a step."""
+    """Computes the derivatives of the extrapolated inputs of the instances first to last - 1, if they begin a step."""
     t = p.clock[START] + k * p.clock[BASE]
     for j in range(p.slopes.size):
         s = p.slopes[j]

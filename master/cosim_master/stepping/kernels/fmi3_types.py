@@ -1,8 +1,8 @@
-"""FMI 3 get and set calls of the stepping loop: as many types as FMI 3 has, where the plan has floats and integers.
+"""FMI 3 get and set calls of the stepping loop: they convert between FMI 3's types and the plan's floats and integers.
 
-A CALL row (see `tables`) of an FMI 3 instance says in `width` how its values get from the plan to the FMU, and its
-`values` is the address of a TYPED record. Float64 and Int32 are the plan's own; others are converted in a buffer of
-the call. An integer that does not fit is an error. Those of 64 bits, and UInt32, are two integers of the plan.
+In a CALL row (see `tables`) of an FMI 3 instance, `width` selects the conversion of the values, and `values` is the
+address of a TYPED record. Float64 and Int32 are the plan's own types; others are converted in a buffer of the call. An
+integer that does not fit is an error. A 64-bit integer or a UInt32 occupies two integers of the plan.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ TYPED = np.dtype(
         ("values", "u8"),
         ("n_values", "u8"),
         ("sizes", "u8"),  # of a Binary
-        ("plain", "u8"),  # where the plan has the values, if `values` is a buffer of the call
+        ("plain", "u8"),  # place of the values in the plan, if `values` is a buffer of the call
         ("sets", "i8"),
     ]
 )
@@ -79,7 +79,7 @@ def _at(base: int, size: int, i: int) -> int:
 
 @kernel
 def _to_fmu(width: int, plain: int, native: int, n: int) -> bool:
-    """Converts values to be set; False if an integer does not fit."""
+    """Converts values to be set; returns False if an integer does not fit."""
     for i in range(n):
         if width == _FLOAT32:
             store_f4(_at(native, 4, i), load_f8(_at(plain, 8, i)))
@@ -113,7 +113,7 @@ def _to_fmu(width: int, plain: int, native: int, n: int) -> bool:
 
 @kernel
 def _from_fmu(width: int, native: int, plain: int, n: int) -> bool:
-    """Converts values received; False if an integer has more than 32 bits."""
+    """Converts values received; returns False if an integer has more than 32 bits."""
     for i in range(n):
         if width == _FLOAT32:
             store_f8(_at(plain, 8, i), load_f4(_at(native, 4, i)))
@@ -153,7 +153,7 @@ def _field(typed: int, number: int) -> Any:
 
 @kernel
 def call3(call: Any) -> Any:
-    """Makes an FMI 3 call with its conversions; a status, or OUT_OF_RANGE."""
+    """Makes an FMI 3 call with its conversions; returns a status, or OUT_OF_RANGE."""
     width = call.width
     function, handle, references, n = call.function, call.handle, call.references, np.uintp(call.n)
     values = _field(call.values, _VALUES)

@@ -1,9 +1,9 @@
-"""FMI functions called by their address, from compiled loops.
+"""Calls of FMI functions by their address, from compiled loops.
 
-Each is a numba intrinsic: an indirect call in the machine code of the loop, with no Python in between. Where
-kernels run as plain Python (NUMBA_DISABLE_JIT=1, for debugging) the same names call through ctypes, slowly.
+Each is a numba intrinsic: an indirect call in the machine code of the loop, with no Python in between. If kernels run
+as plain Python (NUMBA_DISABLE_JIT=1, for debugging), the same names call through ctypes, which is slow.
 
-An address is an unsigned pointer-sized integer, and so is everything that points.
+Addresses, handles and other pointers are unsigned pointer-sized integers.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _do_step3(typing: Any, function: Any, instance: Any, t: Any, h: Any, final: 
 
 
 def _load_number(stored: ir.Type, *, signed: bool = True) -> Any:
-    """An intrinsic that loads a number from an address, as a double or an int64."""
+    """Returns an intrinsic that loads a number from an address, as a double or an int64."""
 
     def load(typing: Any, address: Any) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -113,7 +113,7 @@ def _load_number(stored: ir.Type, *, signed: bool = True) -> Any:
 
 
 def _store_number(stored: ir.Type) -> Any:
-    """An intrinsic that stores a double or an int64 to an address; of an integer the low bits."""
+    """Returns an intrinsic that stores a double or an int64 to an address; of an integer, the low bits are stored."""
 
     def store(typing: Any, address: Any, value: Any) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -162,7 +162,7 @@ def _exchange_if(typing: Any, address: Any, expected: Any, value: Any) -> Any:
 
 
 def _nanoseconds(typing: Any) -> Any:
-    """The monotonic clock of POSIX."""
+    """Returns the time of the POSIX monotonic clock."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(_I32, [_I32, _I64.as_pointer()])
@@ -181,7 +181,7 @@ _usleep: Any = types.ExternalFunction("usleep", types.int32(types.uint32))
 
 
 def _rest(spins: int) -> None:
-    """Waits a moment: not at all at first, then let others run, then sleep."""
+    """Waits for a moment: first busily, then yielding to other threads, then sleeping."""
     if spins > 20000:
         _usleep(np.uint32(50))
     elif spins > 200:

@@ -72,7 +72,7 @@ def fail(instances: NDArray[Any], i: int, function: int, status: int, detail: in
 
 @inlined
 def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int) -> bool:
-    """Makes calls of instance `i`, until one fails; returns whether none did."""
+    """Makes calls of instance `i` until one fails; returns whether all succeeded."""
     for c in range(np.uintp(first), np.uintp(last)):
         call = calls[c]
         if call.width == 0:
@@ -92,9 +92,9 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
 def _blame(
     instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64], clock: NDArray[np.int64]
 ) -> int:
-    """Fails every instance with an output that is NaN, unless that is allowed; returns how many.
+    """Marks every instance with a NaN output as failed, unless NaN is allowed; returns the number of these instances.
 
-    The first loop is all there is to do as long as there is none, and takes several outputs at a time.
+    Without any NaN, only the first loop runs, which tests several outputs at a time.
     """
     if clock[NAN_ALLOWED] != 0:
         return 0
@@ -122,7 +122,7 @@ def _collect_packets(
     scratch: NDArray[np.uint8],
     tx: NDArray[np.uint8],
 ) -> None:
-    """Collects the packets that instance `i` has sent by all its endpoints; those of the first have been fetched."""
+    """Collects the packets sent by all endpoints of instance `i`; those of the first endpoint are already fetched."""
     first = instances[i].endpoint
     collect(instances, ports, i, first, scratch, tx)
     for e in range(first + 1, first + 1 + np.int64(ports[first].further)):
@@ -134,7 +134,7 @@ def _collect_packets(
 def collect(
     instances: NDArray[Any], ports: NDArray[Any], i: int, e: int, scratch: NDArray[np.uint8], tx: NDArray[np.uint8]
 ) -> None:
-    """Packets of endpoint `e` of instance `i`, from base64 into its row of `tx`; until they are read none."""
+    """Decodes packets of endpoint `e` of instance `i` from base64 into its row of `tx`, which is empty until then."""
     port = ports[e]
     port.sent = 0
     if port.has_tx == 0 or port.got == np.uintp(0):
@@ -166,7 +166,7 @@ def collect(
 
 @kernel
 def _corrupted(instances: NDArray[Any], library: int) -> bool:
-    """Returns whether an instance of this FMU has answered fmi2Fatal; then no other may be called."""
+    """Returns whether an instance of this FMU has answered fmi2Fatal; then no other instance may be called."""
     for i in range(instances.size):
         m = instances[i]
         if m.library == library and m.failed[0] != 0 and m.failed[1] == FATAL:
@@ -176,11 +176,12 @@ def _corrupted(instances: NDArray[Any], library: int) -> bool:
 
 @kernel
 def _do_step3(m: Any, t: float, h: float, final: int, near: float) -> Any:
-    """fmi3DoStep: a status, ENDED or EARLY; LEFT for a step with an event in it, `near` s before its end or earlier."""
+    """Calls fmi3DoStep; returns a status, ENDED, EARLY, or LEFT for a step with an event (`near`: at its end)."""
     has_events = load_u1(np.uintp(m.answers + np.uintp(24))) != 0
     if not has_events:
         status = do_step3(m.do_step, m.handle, t, h, final, m.answers)
-        # Where it has got to may lie a little before t + h all the same: that is its affair (FMI 3.0.2, section 4.2.1).
+        # The time reached may still be slightly less than t + h, which the standard leaves to the FMU (FMI 3.0.2,
+        # section 4.2.1).
         if status > 1 or load_i4(m.answers) & NO_EVENT == 0:
             return status
         return ENDED if load_u1(np.uintp(m.answers + np.uintp(1))) != 0 else EARLY
@@ -211,9 +212,9 @@ def step_some(
     clock: NDArray[np.int64],
     chosen: NDArray[np.int64],
 ) -> int:
-    """The present base step of the instances `chosen`: each begins a step, or ends one, or both, or neither.
+    """Makes the current base step of the instances `chosen`: each begins a step, ends one, does both, or does neither.
 
-    Returns how many have failed.
+    Returns the number of failed instances.
     """
     k, base = clock[K], clock[BASE]
     left = clock[LAST] - k
@@ -222,7 +223,7 @@ def step_some(
     t = (clock[START] + k * base) / per_second
     failed = 0
     for chosen_one in chosen:
-        i: Any = np.uintp(chosen_one)  # an index that can be negative costs a comparison each time it is used
+        i: Any = np.uintp(chosen_one)  # a possibly negative index costs a comparison at each use
         m = instances[i]
         well, later = True, False
         since = 0 if m.period == 1 else k % m.period
@@ -239,7 +240,7 @@ def step_some(
                 if m.answers == np.uintp(0):
                     status = do_step2(m.do_step, m.handle, t, m.h, final)
                 else:
-                    # Events have whole nanoseconds.
+                    # Times of events are whole nanoseconds.
                     status = _do_step3(m, t, m.h, final, 0.0 if clock[PER_NS] == 1 else 6e-10)
                 later = status == LEFT
                 if not later and (status > 1 or status < 0):
@@ -262,7 +263,7 @@ def step_chosen(p: Plan, chosen: NDArray[np.int64]) -> int:
 
 @kernel
 def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
-    """Gauss-Seidel: exchange and step, one instance after the other; returns how many have failed."""
+    """Steps by Gauss-Seidel: exchange and step, one instance after the other; returns the number of failures."""
     failed = 0
     for j in range(chosen.size):
         i = chosen[j]
@@ -270,7 +271,7 @@ def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
             fail(p.instances, i, DO_STEP, NOT_CALLED, 0)
             failed += 1
             continue
-        # Inlined: to pass the plan on takes longer than a step.
+        # Inlined, because passing the plan takes longer than a step.
         exchange(
             p.instances,
             p.feeds[i : i + 1],
@@ -299,7 +300,7 @@ def step_each(p: Plan, chosen: NDArray[np.int64]) -> None:
 
 @kernel
 def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
-    """Exchanges for all instances `chosen`, then step them."""
+    """Exchanges for all instances `chosen`, then steps them."""
     for i in chosen:
         feed(p, p.clock[K], p.feeds[i : i + 1])
     p.clock[FAILURES] += step_chosen(p, chosen)
@@ -308,7 +309,7 @@ def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
 
 @kernel
 def collect_all(p: Plan) -> None:
-    """Outputs of every instance, after initialization."""
+    """Collects the outputs of every instance after initialization."""
     for i in range(p.instances.size):
         m = p.instances[i]
         if p.clock[FAILURES] > 0 and _corrupted(p.instances, m.library):
@@ -332,7 +333,7 @@ def any_pending(instances: NDArray[Any]) -> bool:
 
 @kernel
 def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
-    """Outputs of the instances `chosen`, at the end of their steps, after their events."""
+    """Collects the outputs of the instances `chosen` at the end of their steps, after their events."""
     for i in chosen:
         m = p.instances[i]
         _call(p.instances, p.calls, i, m.first_get, m.last_get)

@@ -10,16 +10,17 @@
     RECORD    a row of values at t_k + h, when due; k := k + 1
 
 With Gauss-Seidel, instances step one after the other, and each takes its inputs from the latest outputs.
-Delayed connections and extrapolated inputs remember earlier values (`Plan.delay_line`).
+Delayed connections and extrapolated inputs store earlier values (`Plan.delay_line`).
 
-Base steps in which no instance begins or ends a step are passed over (`Plan.grids`).
+Base steps in which no instance begins or ends a step are skipped (`Plan.grids`).
 
-`run` returns to Python only where Python is needed, and goes on from the phase in which it left. If an instance
-fails, the others of the macro step still finish; `failed` then names every failure and k stays where it was.
+`run` returns to Python only if Python is needed, and resumes at the phase in which it returned. If an instance fails,
+the others still finish the macro step; `failed` then names every failure, and k is unchanged.
 
-The meaning of values is unknown here: there are only handles, addresses, references and indices.
+This module does not interpret values: it handles only handles, addresses, references and indices.
 
-Kernels that run in every step get the arrays they need, not the plan: to pass all of it takes longer than an FMI call.
+Kernels that run in every step receive the arrays that they need instead of the plan: passing all of it takes longer
+than an FMI call.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def _is_point(grids: NDArray[np.int64], k: int, finer: int) -> bool:
 
 @kernel
 def _following(grids: NDArray[np.int64], clock: NDArray[np.int64], k: int, stop: int) -> int:
-    """The first base step from k on, at most `stop`, in which an instance begins or ends a step or a row is due."""
+    """Returns the first base step in k to `stop` in which an instance begins or ends a step or a row is due."""
     found = stop if k >= clock[LAST] else min(stop, clock[LAST] - 1)
     for j in range(grids.size):
         begins = -(-k // grids[j]) * grids[j]
@@ -100,7 +101,7 @@ def _following(grids: NDArray[np.int64], clock: NDArray[np.int64], k: int, stop:
 
 @kernel
 def next_point(p: Plan, stop: int) -> int:
-    """Returns the next base step after the present one at which something is due, at most `stop`."""
+    """Returns the next base step after the current one at which an action is due, at most `stop`."""
     k = p.clock[K] + 1
     if p.grids.size > 0 and p.delays.size == 0 and p.clock[FINER] == 1:
         return int(_following(p.grids, p.clock, k, stop))
@@ -109,7 +110,7 @@ def next_point(p: Plan, stop: int) -> int:
 
 @kernel
 def _deliver_all(p: Plan, r: Radio, k: int) -> None:
-    """Delivers arrived packets to instances that are due, as base64 text."""
+    """Delivers packets that have arrived to instances that are due, as base64 text."""
     instances, ports, text, endpoints, places = p.instances, p.ports, p.text, r.endpoints, r.places
     t = point_in_time(p.clock, k)
     for e in range(ports.size):
@@ -137,7 +138,7 @@ def _deliver_all(p: Plan, r: Radio, k: int) -> None:
 
 @kernel
 def sent_bytes(p: Plan) -> int:
-    """Bytes of packets collected and not yet routed."""
+    """Returns the number of bytes of packets that are collected and not yet routed."""
     ports = p.ports
     total = 0
     for e in range(ports.size):
@@ -147,7 +148,7 @@ def sent_bytes(p: Plan) -> int:
 
 @kernel
 def places_needed(p: Plan, r: Radio) -> int:
-    """Returns an upper bound of the places in flight, and of the events, that routing collected packets takes."""
+    """Returns an upper bound of the places in flight, and of the events, needed to route the collected packets."""
     packets = 0
     for e in range(p.ports.size):
         if p.ports[e].sent > 0:
@@ -179,7 +180,7 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
 
 @kernel
 def _end_slots(p: Plan, r: Radio, k: int) -> int:
-    """Packets of slots of the medium that are over: DONE, or what has to grow before they can be routed."""
+    """Routes the packets of slots that have ended; returns DONE, or the need of the array that must grow first."""
     need = places_needed(p, r)
     if need > r.counters[FREE_PLACES]:
         return NEED_PLACES
@@ -207,13 +208,13 @@ def _record(p: Plan, k: int) -> None:
 
 @kernel
 def record(p: Plan) -> None:
-    """A row of the present time."""
+    """Adds a row at the current time."""
     _record(p, p.clock[K])
 
 
 @kernel
 def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
-    """Completes a macro step that is the last one, since the instances `chosen` want to end with it: a row for it."""
+    """Completes the last macro step, with which the instances `chosen` end the run, and adds a row for its end."""
     clock = p.clock
     for i in chosen:
         p.instances[i].failed[0] = 0
@@ -226,7 +227,7 @@ def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
 
 @kernel
 def run(p: Plan, r: Radio, k_stop: int) -> int:
-    """Macro steps until k = `k_stop`, or until Python is needed; returns why."""
+    """Makes macro steps until k = `k_stop`, or until Python is needed; returns the reason."""
     clock = p.clock
     while True:
         k = clock[K]

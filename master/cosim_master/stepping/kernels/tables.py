@@ -1,4 +1,4 @@
-"""The data of the stepping loop: a plan of flat arrays, their rows, and the codes in them."""
+"""The data of the stepping loop: a plan of flat arrays, the types of their rows, and the codes in them."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ INSTANCE = np.dtype(
         ("length", "i8"),  # base steps of its present step: the period, less at the end of the run
         ("library", "i4"),  # instances with the same number are of the same FMU
         ("endpoint", "i4"),  # -1 without packet ports
-        ("failed", "i4", (3,)),  # function (0: has not failed), status, detail
+        ("failed", "i4", (3,)),  # function (0: not failed), status, detail
         ("first_set", "u4"),  # calls: fmi2SetString of its packets, if it has such a port,
         ("first_set_value", "u4"),  # fmi2SetXXX of its values,
         ("first_get", "u4"),  # fmi2GetXXX of its values, fmi2GetString of its packets
@@ -139,7 +139,7 @@ INSTANCE = np.dtype(
 FEED = np.dtype(
     [
         ("instance", "u4"),
-        ("plain", "u4"),  # whether its real inputs are taken as they are: factor 1 and offset 0 throughout
+        ("plain", "u4"),  # whether its real inputs are copied unchanged: factor 1 and offset 0 throughout
         ("first_in", "u4", (3,)),  # by kind
         ("last_in", "u4", (3,)),
         ("first_out", "u4", (3,)),
@@ -165,7 +165,7 @@ DELAY = np.dtype(
     [
         ("whole", "i8"),  # 1: an integer or boolean
         ("source", "i8"),  # in real_out or int_out
-        ("place", "i8"),  # there, too: what the input takes
+        ("place", "i8"),  # there, too: the value for the input
         ("factor", "f8"),
         ("offset", "f8"),
         ("first", "i8"),  # in delay_line: the delayed values, one for each base step of the system's own grid
@@ -199,7 +199,7 @@ PORTS = np.dtype(
         ("rx_size", "u8"),
         ("got_size", "u8"),
         ("get", "u4"),  # call that gets the packets; that of an instance's first endpoint is among its others
-        ("further", "u4"),  # endpoints of the same instance behind this one
+        ("further", "u4"),  # further endpoints of the same instance
     ],
     align=True,
 )
@@ -228,11 +228,11 @@ the upper half that makes 64 bits of a value of 32. A source of -1 - i is an int
 
 
 class Plan(NamedTuple):
-    """Everything the loop touches but the radio, in few arrays: numba's time to compile grows with their number.
+    """All data of the loop except the radio's, in a few arrays, since numba's compile time grows with their number.
 
-    Inputs and outputs of all instances are numbered through, reals first, then integers (with enumerations), then
-    booleans. Values of reals are in `real_in` and `real_out`, of the others in `int_in` and `int_out`. Whole numbers
-    that may need 64 bits have two places among integers, the lower half first.
+    The inputs and the outputs of all instances are numbered consecutively: reals first, then integers (with
+    enumerations), then booleans. Values of reals are in `real_in` and `real_out`, the others in `int_in` and `int_out`.
+    Integers that may need 64 bits have two places, the lower half first.
     """
 
     instances: NDArray[Any]  # INSTANCE
@@ -259,7 +259,7 @@ class Plan(NamedTuple):
     int_block: NDArray[np.int32]
     ticks: NDArray[np.int64]  # time of each row of the block, in ticks
     clock: NDArray[np.int64]
-    grids: NDArray[np.int64]  # where no instance steps by the base step: the periods that there are; else none
+    grids: NDArray[np.int64]  # the periods, if no instance steps by the base step; else none
     delays: NDArray[Any]  # DELAY
     slopes: NDArray[Any]  # SLOPE, instance by instance
     delay_line: NDArray[np.float64]  # values in delayed connections, derivatives of inputs, memory of step sizes
@@ -281,7 +281,8 @@ ROLES = declared(
         instances.h instances.length real_in int_in real_out int_out text tx delay_line
         slopes.before slopes.at slopes.known ports.filled ports.sent ports.rx_size
     """,
-    # Of the clock, checkpoints hold K and PHASE in words; of `native`, the answers of FMI 3 instances, by instance.
+    # Of `clock`, checkpoints store K and PHASE as words; of `native`, they store the answers of FMI 3 instances, by
+    # instance.
     PASSING="instances.period instances.failed ports.got ports.got_size clock native",
     BUFFER="scratch real_block int_block ticks shared",
 )

@@ -14,7 +14,7 @@ __all__ = ["hand_out", "join_in", "work"]
 
 @kernel
 def take_blocks(p: Plan, thread: int) -> int:
-    """Steps blocks of instances until none of this step is left; returns how many."""
+    """Steps blocks of instances until none of this step are left; returns the number of blocks."""
     at = p.shared.ctypes.data
     size = p.clock[BLOCK]
     per_step = (p.free.size + size - 1) // size
@@ -37,7 +37,7 @@ def take_blocks(p: Plan, thread: int) -> int:
 
 @kernel
 def work(p: Plan, thread: int) -> int:
-    """Steps blocks of instances in a further thread until QUIT is set; returns their number."""
+    """Steps blocks of instances in a further thread until QUIT is set; returns the number of blocks."""
     at = p.shared.ctypes.data
     spins = 0
     total = 0
@@ -51,14 +51,14 @@ def work(p: Plan, thread: int) -> int:
 
 @kernel
 def hand_out(p: Plan) -> None:
-    """Lets other threads begin with the free instances."""
+    """Makes the free instances available to other threads."""
     size = p.clock[BLOCK]
     atomic_add(np.uintp(p.shared.ctypes.data + 8 * LIMIT), (p.free.size + size - 1) // size)
 
 
 @kernel
 def join_in(p: Plan) -> int:
-    """Steps free instances together with the other threads until all are done; returns how many have failed."""
+    """Steps free instances together with the other threads until all are done; returns the number of failures."""
     at = p.shared.ctypes.data
     take_blocks(p, 0)
     spins = 0
