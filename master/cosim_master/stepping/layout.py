@@ -1,6 +1,6 @@
 """The layout of a run's values: outputs fetched, sources of inputs, and signals recorded.
 
-Needs descriptions only; `plan` makes arrays and calls of it for instances.
+It needs descriptions only; `plan` then makes the arrays and calls for instances.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ TERM = -1
 
 @dataclass(frozen=True, slots=True)
 class Delayed:
-    """A delayed connection, or (ns is 0, then TERM) a term of a sum.
+    """A delayed connection, or a term of a sum (ns is then 0 or TERM).
 
-    From which output of a kind to which of `Layout.constants`, and how.
+    It has its source, an output of a kind, its place in `Layout.constants`, and the conversion.
     """
 
     kind: int
@@ -94,8 +94,8 @@ def make_layout(
     Args:
         record: patterns (see `diagnostics.names`) of outputs and local variables ``instance.variable`` to record; if
             empty, all outputs are recorded.
-        master: None is Jacobi, without delays.
-        observed: outputs (instance, variable) that observers want to see, recorded or not.
+        master: the master algorithm; None is Jacobi without delays.
+        observed: outputs (instance, variable) that observers need, recorded or not.
 
     Raises:
         SystemDescriptionError: a pattern matches nothing.
@@ -151,7 +151,7 @@ def _needed(checked: CheckedSystem, network: Network, master: MasterSettings) ->
 
 
 def _recorded(ports: Ports, chosen: Container[tuple[str, str]]) -> tuple[tuple[str, Variable], ...]:
-    """Notes which outputs are recorded; returns their names and variables."""
+    """Stores the outputs to be recorded; returns their names and variables."""
     columns = []
     for (instance, name), index in ports.index.items():
         if (instance, name) in chosen:
@@ -162,14 +162,14 @@ def _recorded(ports: Ports, chosen: Container[tuple[str, str]]) -> tuple[tuple[s
 
 
 def shows_error(variable: Variable) -> bool:
-    """Returns whether the error of a step shows in a variable."""
+    """Returns whether a variable shows the error of a step."""
     return (variable.causality, variable.type, variable.variability) == ("output", "Real", "continuous")
 
 
 def _by_type(fmu: FmuDescription) -> _InOrder:
-    """Returns the variables of an FMU, those of one FMI 3 type together: they are got and set in one call.
+    """Returns the variables of an FMU, grouped by FMI 3 type: one call gets or sets all variables of a type.
 
-    Variables that belong to Clocks come after the others: the loop has their values, but does not set and get them.
+    Variables that belong to Clocks come last: the loop stores their values, but does not set and get them.
     """
     return sorted(fmu.variables.items(), key=lambda item: call_of(item[1]))
 
@@ -180,15 +180,15 @@ def call_of(v: Variable) -> tuple[str, bool, bool]:
 
 
 def _array(v: Variable) -> tuple[str, int] | None:
-    """Returns a grouping key for the elements of one array; aliases of it are other arrays."""
+    """Returns a grouping key for the elements of one array; aliases of it count as other arrays."""
     return None if v.element is None else (v.name.rpartition("[")[0], v.value_reference)
 
 
 def _fetched(instance: ComponentInstance, wanted: Container[tuple[str, str]], in_order: _InOrder) -> _InOrder:
-    """The variables of an instance that are in `wanted`, and all elements of an array of which one is.
+    """Returns the variables of an instance that are in `wanted`, and all elements of an array with one of them.
 
     Args:
-        in_order: the result of `_by_type` for its FMU; sorted once per FMU, since there may be thousands of instances.
+        in_order: the result of `_by_type` for its FMU; sorted once per FMU, since thousands of instances may exist.
     """
     found = [(name, v) for name, v in in_order if (instance.name, name) in wanted]
     arrays = {_array(v) for _, v in found} - {None}
@@ -223,7 +223,7 @@ def _chosen(checked: CheckedSystem, record: Sequence[str]) -> set[tuple[str, str
 class _Inputs:
     """Fills in the sources of all inputs.
 
-    Integers and booleans that are mapped on the way get places after all outputs of `int_out`. Integer and boolean
+    Integers and booleans with a mapping transformation get places after all outputs of `int_out`. Integer and boolean
     sources of real inputs get places (mirrors) after the real outputs.
 
     Attributes:
@@ -320,7 +320,7 @@ class _Inputs:
         return [at - first, at + 1 - first if wide else self._place_of((at, SIGN), [(at, SIGN, 0)]) - first]
 
     def _place_of(self, key: tuple[int, object], rows: Sequence[tuple[int, int, int]]) -> int:
-        """Returns the place, or the first of two, that `rows` (source, key, value) fill; the same for equal keys."""
+        """Returns the place, or the first of two, that `rows` (source, key, value) fill; equal for equal keys."""
         if key not in self._places:
             place = self._places[key] = self._integers + self._booleans + len({row[1] for row in self.mapped})
             self.mapped += [
@@ -331,10 +331,10 @@ class _Inputs:
 
 
 def _signed(value: int) -> int:
-    """The int64 with the bits of a value."""
+    """Returns the int64 with the same bits as a value."""
     return value - 2**64 if value >= 2**63 else value
 
 
 def halves_of(value: int) -> list[int]:
-    """The two integers of the plan that a value of 64 bits is."""
+    """Returns the two integers of the plan that represent a 64-bit value."""
     return [int(half) for half in np.array([_signed(value)], np.int64).view(np.int32)]

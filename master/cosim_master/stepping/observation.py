@@ -1,13 +1,13 @@
-"""Observers of a run: they are shown the values of all outputs that are fetched, at instants of simulated time.
+"""Observers of a run: they receive the values of all fetched outputs at instants of simulated time.
 
     observer = make(view)          once, when the system has been checked and no FMU is loaded yet
     observer.initialised(seen)     once, at the start of the run, or at the checkpoint that it goes on from
     observer.stepped(seen)         at every multiple of `observer.every` base steps, and at the end of the run
     observer.closed()              once after `initialised`, when the run has ended, however it did
 
-The instants depend on the system alone, never on how fast it runs. Observers look, they do not touch: the arrays that
-they are shown are read-only, and are overwritten by the next step. The compiled loop stops at each look; a run without
-observers does not.
+The instants depend only on the system, not on the speed of the run. Observers do not change a run: the arrays that they
+receive are read-only, and the next step overwrites them. The compiled loop returns to Python at each of these instants;
+without observers, it does not.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Seen:
 
     Attributes:
         time: s.
-        reals, integers: of all outputs that are fetched, in the layout of `Plan.real_out` and `Plan.int_out`.
+        reals, integers: values of all fetched outputs, in the layout of `Plan.real_out` and `Plan.int_out`.
     """
 
     time: float
@@ -81,10 +81,10 @@ class View:
         self.names = tuple(name for name, *_ in self._columns)
 
     def steps(self, interval: float) -> int:
-        """Returns how many base steps an interval [s] has, for `Observer.every`.
+        """Returns the number of base steps in an interval [s], for `Observer.every`.
 
         Raises:
-            ValueError: it is not a multiple of the base step.
+            ValueError: the interval is not a multiple of the base step.
         """
         steps = interval / self._step
         if not 1 <= round(steps) < 2**62 or not math.isclose(steps, round(steps), rel_tol=1e-9):
@@ -110,7 +110,7 @@ MakeObserver = Callable[[View], Observer]
 
 
 class Observed(Protocol):
-    """The run that is looked at: an `Execution`."""
+    """The run that is observed, such as an `Execution`."""
 
     plan: Plan
 
@@ -122,11 +122,11 @@ class Observed(Protocol):
 
 
 class Observers:
-    """Steps a run so that each of its observers gets its looks.
+    """Steps a run and calls each of its observers at its instants.
 
     Args:
-        run: initialized, all outputs collected.
-        observers: those that have something to look at.
+        run: the run, initialized and with all outputs collected.
+        observers: the observers of the run.
         last: the base step at which the run ends.
     """
 
@@ -149,7 +149,7 @@ class Observers:
         return Seen(self._run.time, self._reals, self._integers)
 
     def advance(self, k_stop: int) -> None:
-        """Steps like `Execution.advance`, and shows the run to its observers on the way."""
+        """Steps like `Execution.advance`, and calls the observers at their instants."""
         stop = min(k_stop, self._last)
         while self._run.k < stop:
             self._run.advance(min([stop, *self._next.values()]))
@@ -161,5 +161,5 @@ class Observers:
                     self._next[id(observer)] = self._after(observer)
 
     def close(self) -> None:
-        """Tells all observers that the run has ended, also where one of them raises."""
+        """Reports the end of the run to all observers, even if one of them raises an exception."""
         self._begun.close()

@@ -68,14 +68,14 @@ def make_plan(
     master: MasterSettings | None = None,
     grid: bool = False,
 ) -> Plan:
-    """The plan of a run over instances, in the order of `layout.instances`.
+    """Returns the plan of a run over instances, in the order of `layout.instances`.
 
     Args:
-        every: rows every so many base steps.
+        every: base steps between two rows.
         free: numbers of the instances that any thread may step.
-        threads: how many will step them, the main one included.
-        master: the master; None is Jacobi.
-        grid: rows and exchange at every base step, also where no step of an instance ends.
+        threads: number of threads that step instances, including the main one.
+        master: the master algorithm; None is Jacobi.
+        grid: rows and exchange at every base step, even if no step of an instance ends there.
     """
     master = master or MasterSettings()
     kinds = [layout.ports[kind] for kind in KINDS]
@@ -166,7 +166,7 @@ def _sources(kinds: Sequence[Ports], constants: tuple[int, int]) -> np.ndarray[A
 
 
 def _values(layout: Layout, kinds: Sequence[Ports], constants: tuple[int, int]) -> _Values:
-    """Returns the arrays of values, zero but for constants, and their value references."""
+    """Returns the arrays of values, zero except for constants, and their value references."""
     return _Values(
         in_reference=np.array([x for p in kinds for x in p.in_reference], dtype=np.uint32),
         real_in=np.zeros(len(kinds[0].in_reference)),
@@ -200,7 +200,7 @@ def _delay_table(
 
 
 def _slope_table(layout: Layout, master: MasterSettings, first: int) -> np.ndarray[Any, Any]:
-    """The SLOPE table; derivatives are in `Plan.delay_line` from `first` on."""
+    """Returns the SLOPE table; the derivatives begin at `first` in `Plan.delay_line`."""
     real, wanted = layout.ports["Real"], master.extrapolated
     found = [
         (j, i)
@@ -215,7 +215,7 @@ def _slope_table(layout: Layout, master: MasterSettings, first: int) -> np.ndarr
 
 
 class _Native:
-    """Memory that FMI 3 calls point to, handed out piece by piece."""
+    """Memory that FMI 3 calls point to, allocated piece by piece."""
 
     def __init__(self, instances: int, kinds: Sequence[Ports]) -> None:
         values = sum(len(ports.inputs) + len(ports.outputs) for ports in kinds)
@@ -225,14 +225,14 @@ class _Native:
         self._known: dict[tuple[int, ...], int] = {}
 
     def take(self, size: int) -> int:
-        """The address of `size` bytes, a multiple of 8."""
+        """Returns the address of `size` newly allocated bytes, a multiple of 8."""
         first = self._used
         self._used += -(-size // 8) * 8
         assert self._used <= self.memory.size
         return int(self.memory.ctypes.data) + first
 
     def put(self, numbers: Sequence[int]) -> int:
-        """The address of value references; instances of one FMU have the same."""
+        """Returns the address of value references, which instances of the same FMU share."""
         if (known := self._known.get(tuple(numbers))) is not None:
             return known
         address = self._known[tuple(numbers)] = self.take(4 * len(numbers))
@@ -241,7 +241,7 @@ class _Native:
         return address
 
     def typed(self, **fields: int) -> int:
-        """The address of a TYPED record."""
+        """Returns the address of a TYPED record."""
         address = self.take(TYPED.itemsize)
         first = address - self.memory.ctypes.data
         self.memory[first : first + TYPED.itemsize].view(TYPED)[0] = tuple(fields[name] for name in TYPED.names or ())
@@ -269,7 +269,7 @@ def _instance_table(
 
 
 def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """The FEED table, instance by instance."""
+    """Returns the FEED table, instance by instance."""
     table = np.zeros(len(layout.instances), dtype=FEED)
     table["instance"] = np.arange(len(table))
     inputs = outputs = 0
@@ -287,7 +287,7 @@ def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any, Any]:
-    """Returns the feeds with those of neighbouring instances of one period joined: their inputs are adjacent."""
+    """Returns the feeds, joined for neighbouring instances of one period, since their inputs are adjacent."""
     if not len(feeds):
         return feeds
     begins = np.ones(len(feeds), dtype=bool)
@@ -300,7 +300,7 @@ def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any
 
 @dataclass(frozen=True, slots=True)
 class _Values:
-    """The arrays of values and value references: see `Plan`."""
+    """The arrays of values and of value references of a `Plan`."""
 
     in_reference: np.ndarray[Any, Any]
     real_in: np.ndarray[Any, Any]
@@ -325,7 +325,7 @@ def _calls(
     slopes: np.ndarray[Any, Any],
     delay_line: np.ndarray[Any, Any],
 ) -> np.ndarray[Any, Any]:
-    """The CALL table; notes in `instances` which calls are whose."""
+    """Returns the CALL table, and stores in `instances` the calls that belong to each instance."""
     rows: list[tuple[int, ...]] = []
     v, reals = values, (len(kinds[0].inputs), len(kinds[0].outputs))
     sides = (
@@ -371,7 +371,10 @@ def _slope_call(
     delay_line: np.ndarray[Any, Any],
     native: _Native,
 ) -> tuple[int, ...]:
-    """fmi2SetRealInputDerivatives: as FMI 3 calls it has five arguments; the last two are orders and derivatives."""
+    """Returns the call of fmi2SetRealInputDerivatives.
+
+    Like FMI 3 calls, it has five arguments; the last two are orders and derivatives.
+    """
     name = "fmi2SetRealInputDerivatives"
     derivatives = delay_line.ctypes.data + delay_line.itemsize * int(slopes["place"][0])
     typed = native.typed(values=native.put([1] * slopes.size), n_values=derivatives, sizes=0, plain=0, sets=1)
@@ -404,7 +407,7 @@ def _packet_call(
 def _typed(
     verb: str, one: Slave, variables: Sequence[Variable], plain: int, size: int, native: _Native
 ) -> list[tuple[int, ...]]:
-    """Returns FMI 3 calls for variables whose values are at `plain`, `size` bytes each: one for each type."""
+    """Returns FMI 3 calls for variables with values at `plain`, `size` bytes each: one call per type."""
     rows: list[tuple[int, ...]] = []
     first = 0
     while first < len(variables):
@@ -412,7 +415,7 @@ def _typed(
         last = first
         references: list[int] = []
         while last < len(variables) and call_of(variables[last]) == key:
-            if not variables[last].element:  # a scalar, or where an array begins
+            if not variables[last].element:  # a scalar, or the first element of an array
                 references.append(variables[last].value_reference)
             last += 1 + wide
         if clocked:
@@ -434,7 +437,7 @@ def _typed(
 
 
 def _packet_ports(layout: Layout, network: Network) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
-    """The PORTS table, the texts it points to, and the largest capacity."""
+    """Returns the PORTS table, the texts that it points to, and the largest capacity."""
     endpoints = [endpoint for node in network.nodes for endpoint in node.endpoints]
     number = {instance.name: i for i, instance in enumerate(layout.instances)}
     capacity = max([v.packet_capacity or 0 for e in endpoints for v in (e.rx, e.tx) if v is not None], default=1)

@@ -1,10 +1,10 @@
-"""The time profile of a run: per FMU in setting, stepping and getting, and per phase of the run.
+"""The time profile of a run: the time to set, step and get each FMU, and the time of each phase of the run.
 
-The stepping loop calls FMI functions by address with a handle. A profiler puts functions of its own in their place,
-and in place of the handle a row that holds the real function, the real handle, and what it took so far. So the loop is
-the same with and without it, and a run without it pays nothing.
+The stepping loop calls FMI functions by address with a handle. A profiler replaces these functions by its own, and the
+handle by a row with the original function, the original handle, and the time spent so far. The loop is therefore the
+same with and without a profiler, and a run without one has no overhead.
 
-Wall-clock time; with several threads, that of an FMU is the sum over them.
+Times are wall-clock times; with several threads, the time of an FMU is the sum over the threads.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _TIMED = np.dtype([("function", "u8"), ("handle", "u8"), ("ns", "i8"), ("calls",
 
 @dataclass(frozen=True, slots=True)
 class FmuTime:
-    """The time that the instances of one FMU took, s, to set, step and get; `steps` is the sum of their steps."""
+    """The time [s] that the instances of one FMU took to set, step and get; `steps` is the sum of their steps."""
 
     fmu: str
     instances: int
@@ -60,7 +60,7 @@ class Profile:
     """The time profile of a run.
 
     Attributes:
-        fmus: the slowest first.
+        fmus: the times of the FMUs, the slowest first.
         phases: s, by phase: of start-up, of writing results, and of stepping, of which `fmus` are part.
     """
 
@@ -72,7 +72,7 @@ class Profiler:
     """Measures one run. `attach` it to the plan before the first step.
 
     Raises:
-        RuntimeError: kernels are not compiled, so that there are no addresses to replace.
+        RuntimeError: the kernels are not compiled, so no addresses exist that could be replaced.
     """
 
     def __init__(self) -> None:
@@ -96,7 +96,7 @@ class Profiler:
             self.phases[name] = self.phases.get(name, 0.0) + time.perf_counter() - began
 
     def attach(self, plan: Plan, slaves: Sequence[Slave]) -> None:
-        """Puts timed calls in place of those of the plan."""
+        """Replaces the calls of the plan by timed ones."""
         step, access, step3, access3, binary = (function.address for function in self._functions)
         rows = plan.instances
         self._slaves = slaves
@@ -143,7 +143,7 @@ class Profiler:
 
 
 def _functions() -> tuple[Any, ...]:
-    """Functions that take the address of a row as their handle.
+    """Returns functions that take the address of a row as their handle.
 
     fmi2DoStep, fmi2GetXXX or fmi2SetXXX; fmi3DoStep, fmi3GetXXX or fmi3SetXXX, fmi3GetBinary or fmi3SetBinary.
     """

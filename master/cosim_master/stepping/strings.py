@@ -1,4 +1,4 @@
-"""Strings other than packets: rare and slow to exchange, so Python exchanges them between macro steps."""
+"""Strings other than packets: since they are rare and slow to exchange, Python exchanges them between macro steps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Texts", "failing"]
 
 @contextmanager
 def failing(plan: Plan, slave: Slave) -> Iterator[Slave]:
-    """Calls of one instance at the present communication point; raises RunFailed if it refuses one."""
+    """Adds the current time to the errors of calls of one instance, and raises them as RunFailed."""
     slave.time = reached(plan)
     try:
         yield slave
@@ -32,8 +32,8 @@ class Texts:
         slaves: instances, in the order of `layout.instances`.
 
     Attributes:
-        outputs: the value of every String output (number of its instance, name) that is connected or recorded; that
-            of one that belongs to Clocks is put here by those who handle events.
+        outputs: the value of every connected or recorded String output (number of its instance, name). Values of
+            outputs that belong to Clocks are set by the code that handles events.
     """
 
     def __init__(self, layout: Layout, slaves: Sequence[Slave]) -> None:
@@ -54,7 +54,7 @@ class Texts:
         return bool(self.outputs)
 
     def set_inputs(self, plan: Plan) -> None:
-        """Sets the inputs of the instances that are due, from the outputs that `get_outputs` fetched."""
+        """Sets the inputs of the instances that are due, from the outputs fetched by `get_outputs`."""
         k, periods = plan.clock[K], plan.instances["period"]
         for source, target, variable, link in self._links:
             if k >= 0 and k % periods[target] == 0:
@@ -62,7 +62,7 @@ class Texts:
                     slave.set([variable], [link.converted(self.outputs[source])])
 
     def get_outputs(self, plan: Plan, kept: Collection[tuple[int, str]]) -> None:
-        """Gets the outputs of the instances whose step has just ended; the others are in the middle of a step.
+        """Fetches the outputs of the instances whose step has just ended; other instances are in the middle of a step.
 
         Args:
             kept: outputs that belong to Clocks, which must not be fetched.
@@ -75,5 +75,5 @@ class Texts:
 
     @property
     def row(self) -> list[str]:
-        """The values to be recorded, in the order of `Layout.string_signals`."""
+        """Returns the values to be recorded, in the order of `Layout.string_signals`."""
         return [self.outputs[key] for key in self._recorded]

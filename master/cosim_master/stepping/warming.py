@@ -1,10 +1,10 @@
-"""The stepping loop compiled before a run needs it: while FMUs are built, or into the folder that a wheel brings.
+"""Compiles the stepping loop before a run needs it: while FMUs are built, or into a folder of a wheel.
 
     python -m cosim_master.stepping.warming FOLDER
 
-writes the machine code of all kernels that Python calls during a run to FOLDER/DIGEST/, DIGEST being that of the
-sources they are made from. A process looks for it in ``compiled/DIGEST`` of the package, then in ``kernels/DIGEST`` of
-the user's cache folder, and compiles what it finds in neither (cosim/kernel.py).
+writes the machine code of all kernels that Python calls during a run to FOLDER/DIGEST/, where DIGEST is the digest of
+their sources. A process looks for the code in ``compiled/DIGEST`` of the package, then in ``kernels/DIGEST`` of the
+user's cache folder, and compiles the kernels that are in neither (cosim/kernel.py).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ _OF_ROWS = {
 
 
 def _empty(kind: type[Any]) -> Any:
-    """A plan or radio with nothing in it; its arrays have the types of any other."""
+    """Returns an empty plan or radio; its arrays have the same types as those of any other."""
     arrays = {}
     for name, hint in get_type_hints(kind).items():
         dtype = _STRUCTURED[kind].get(name) or _element(hint)
@@ -84,13 +84,13 @@ def _element(hint: Any) -> np.dtype[Any]:
 
 
 def types_of() -> tuple[Any, Any]:
-    """numba's types of a plan and of a radio."""
+    """Returns numba's types of a plan and of a radio."""
     numba: Any = import_module("numba")
     return numba.typeof(_empty(Plan)), numba.typeof(_empty(Radio))
 
 
 def compile_loop(names: Sequence[str] | None = None) -> None:
-    """Compiles kernels of the loop, or loads their stored code; None: all that Python calls during a run."""
+    """Compiles kernels of the loop, or loads their stored code; None: all kernels that Python calls during a run."""
     if PLAIN:
         return
     numba: Any = import_module("numba")

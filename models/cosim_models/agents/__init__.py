@@ -1,1 +1,1 @@
-"""Coordination agents and the laws they follow."""
+"""Coordination agents and the laws that they follow."""

@@ -1,7 +1,8 @@
-"""What an agent and its own autopilot say to each other: heartbeats, commands and their answers, as kernels.
+"""Kernels for the messages between an agent and its own autopilot: heartbeats, commands and their answers.
 
-Agents run on the drone's companion computer: one system id with the autopilot, component 191. Positions, set-points and
-what an agent hears of others are its own affair: of the line's agent in `line`, of agents made with the kit in `kit`.
+Agents run on the drone's companion computer: they share the autopilot's system id and are component 191. Positions,
+set-points and messages from other drones are handled elsewhere: for the line's agent in `line`, for agents made with
+the kit in `kit`.
 
 The record of an agent has `CONVERSATION` among its variables.
 """
@@ -54,7 +55,7 @@ _MODE_FLAG_ARMED = 128
 _ONBOARD_COMPUTER = 191  # MAV_COMP_ID
 _TYPE_ONBOARD_CONTROLLER, _AUTOPILOT_INVALID, _STATE_ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
 _TYPE_FIXED_WING, _TYPE_GROUND_ROVER, _TYPE_SURFACE_BOAT = 1, 10, 11  # MAV_TYPE
-_COPTERS_GUIDED, _OTHERS_GUIDED = 4, 15  # ArduCopter's mode number; that of ArduPlane and ArduRover
+_COPTERS_GUIDED, _OTHERS_GUIDED = 4, 15  # mode number of ArduCopter; of ArduPlane and ArduRover
 _EKF_POS_HORIZ_ABS, _EKF_CONST_POS_MODE, _EKF_PRED_POS_HORIZ_ABS = 16, 128, 512  # EKF_STATUS_FLAGS
 _GPS_FIX_2D = 2  # GPS_FIX_TYPE
 
@@ -66,7 +67,7 @@ CONVERSATION: tuple[Variable, ...] = (
     Memory("payload", dtype="u1", shape=255),
     Memory("sent", dtype="i4"),  # packets sent, modulo 256
     Memory("heartbeat_due"),  # s
-    Memory("heard", dtype="?"),  # a heartbeat of the own autopilot; what it said:
+    Memory("heard", dtype="?"),  # from the last heartbeat of the own autopilot:
     Memory("armed", dtype="?"),
     Memory("guided", dtype="?"),
     Memory("guided_mode", dtype="i4"),  # the number of GUIDED of its kind of vehicle
@@ -75,7 +76,7 @@ CONVERSATION: tuple[Variable, ...] = (
     Memory("asked", dtype="i4"),  # command that waits for its answer
     Memory("asked_at"),  # s
     Memory("answer", dtype="i4"),  # its MAV_RESULT, -1 before
-    Memory("confirmation", dtype="i4"),  # how often it has been repeated
+    Memory("confirmation", dtype="i4"),  # number of its repetitions
 )
 """What an agent remembers of it; it also has `sysid`, `refusal` and the packet output `mavlink_tx`."""
 
@@ -85,7 +86,7 @@ CONVERSATION: tuple[Variable, ...] = (
 
 @kernel
 def hear_autopilot(m: Any, message: int) -> None:
-    """Take what the own autopilot says of its state out of the payload buffer; other messages are passed over."""
+    """Decodes messages of the own autopilot about its state from the payload buffer; other messages are ignored."""
     if message == HEARTBEAT:
         kind, autopilot, base_mode, custom_mode, _, _ = decode_heartbeat(m.payload)
         if autopilot != _AUTOPILOT_INVALID:
@@ -102,7 +103,7 @@ def hear_autopilot(m: Any, message: int) -> None:
         m.fix = decode_gps_raw_int(m.payload)[1] >= _GPS_FIX_2D
     elif message == COMMAND_ACK:
         command, result, _, _, target_system, target_component = decode_command_ack(m.payload)
-        # MAVLink 1 has no target in this message; 0 is everybody.
+        # In MAVLink 1, this message has no target; 0 means broadcast.
         mine = target_system == 0 or target_system == m.sysid
         if mine and (target_component == 0 or target_component == _ONBOARD_COMPUTER):
             if command == m.asked:
@@ -116,9 +117,9 @@ def hear_autopilot(m: Any, message: int) -> None:
 
 @kernel
 def send(m: Any, message: int) -> None:
-    """Append the message in the payload buffer; the capacity is enough for all that one step can send.
+    """Appends the message in the payload buffer; the capacity suffices for all messages of one step.
 
-    Callers pass `message` as an int64, not as a literal, for each of which numba would compile this anew.
+    Callers pass `message` as an int64, not as a literal: numba would compile this function again for each literal.
     """
     m.mavlink_tx_len = pack(m.mavlink_tx, m.mavlink_tx_len, m.payload, message, m.sent, m.sysid, _ONBOARD_COMPUTER, 2)
     m.sent = (m.sent + 1) & 0xFF
@@ -126,7 +127,7 @@ def send(m: Any, message: int) -> None:
 
 @kernel
 def heartbeat(m: Any, now: float) -> None:
-    """Send a HEARTBEAT when one is due."""
+    """Sends a HEARTBEAT when one is due."""
     if now < m.heartbeat_due - SLACK:
         return
     m.heartbeat_due = now + _RETRY
@@ -136,7 +137,7 @@ def heartbeat(m: Any, now: float) -> None:
 
 @kernel
 def ask(m: Any, now: float, command: int, p1: float, p2: float, p7: float) -> None:
-    """Send a command to the own autopilot, again every second until it has been accepted."""
+    """Sends a command to the own autopilot, and repeats it every second until it has been accepted."""
     if m.asked == command and (m.answer == ACCEPTED or now < m.asked_at + _RETRY - SLACK):
         return
     m.confirmation = m.confirmation + 1 if m.asked == command else 0

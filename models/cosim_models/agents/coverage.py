@@ -1,13 +1,13 @@
 """Decentralised coverage of an area: every drone flies to the centroid of its own cell (Lloyd's algorithm).
 
-A drone's Voronoi cell is the part of the area that is nearer to it than to any neighbour. It cuts the cell out of the
-area by itself, one neighbour after the other; who is farther away than twice the cell's farthest corner cuts nothing,
-so that the cell is right as soon as those near enough are heard. With velocities towards the centroids the cost, the
-integral of density times squared distance to the nearest drone, never increases, and the drones come to rest where
-every one stands at its centroid.
+A drone's Voronoi cell is the part of the area that is nearer to it than to any neighbour. Each drone cuts its own cell
+out of the area, one neighbour after the other. A neighbour farther away than twice the cell's farthest corner does not
+affect the cell, so the cell is correct as soon as all closer neighbours are heard. With velocities towards the
+centroids, the cost never increases; it is the integral of density times squared distance to the nearest drone. The
+drones come to rest when each of them is at its centroid.
 
-The area is a rectangle. Its density is uniform, or a Gaussian hill around `peak`; masses are then sums over triangles,
-into 64 parts of which the triangles of a cell are cut.
+The area is a rectangle. Its density is uniform, or a Gaussian hill around `peak`; masses are then sums over triangles:
+each triangle of a cell is divided into 64 parts.
 
 Source: J. Cortes, S. Martinez, T. Karatas, F. Bullo, Coverage control for mobile sensing networks, IEEE Trans. Robotics
 and Automation 20 (2004).
@@ -31,7 +31,7 @@ _PARTS = 8  # of each side of a triangle
 
 @kernel
 def _keep(m: Any, north: float, east: float) -> None:
-    """Removes the part of the cell that is nearer to a place than to the drone (Sutherland-Hodgman clipping)."""
+    """Removes the part of the cell that is nearer to a given place than to the drone (Sutherland-Hodgman clipping)."""
     way_n, way_e = north - m.position[0], east - m.position[1]
     middle = 0.5 * (way_n * (north + m.position[0]) + way_e * (east + m.position[1]))
     count = m.corners
@@ -62,7 +62,7 @@ def _add_corner(m: Any, north: float, east: float) -> None:
 
 @kernel
 def _add_triangle(m: Any, an: float, ae: float, bn: float, be: float, cn: float, ce: float) -> None:
-    """Adds a triangle, with corners relative to the drone, to mass, moments and cost of the cell."""
+    """Adds a triangle, with corners relative to the drone, to the mass, the moments and the cost of the cell."""
     area = 0.5 * abs((bn - an) * (ce - ae) - (cn - an) * (be - ae))
     n, e = (an + bn + cn) / 3.0, (ae + be + ce) / 3.0
     weight = area
@@ -78,7 +78,7 @@ def _add_triangle(m: Any, an: float, ae: float, bn: float, be: float, cn: float,
 
 @kernel
 def _weigh(m: Any) -> None:
-    """Calculates mass, centroid and cost of the cell, a fan of triangles around its first corner."""
+    """Calculates the mass, the centroid and the cost of the cell, a fan of triangles around its first corner."""
     m.mass, m.cost, m.centroid[0], m.centroid[1] = 0.0, 0.0, 0.0, 0.0
     parts = _PARTS if m.peak_width > 0.0 else 1
     an, ae = m.corner_north[0] - m.position[0], m.corner_east[0] - m.position[1]
@@ -100,7 +100,7 @@ def _weigh(m: Any) -> None:
 
 @kernel
 def coverage(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Sets the velocity: gain times the vector to the centroid of the own cell; outside of the area, to the area."""
+    """Sets the velocity: gain times the vector to the centroid of the own cell, or, from outside, to the area."""
     south, north = m.area_north[0], m.area_north[1]
     west, east = m.area_east[0], m.area_east[1]
     if not (south < north and west < east):
@@ -111,7 +111,7 @@ def coverage(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     for k in range(m.neighbours):
         if m.near_position[k, 0] != m.position[0] or m.near_position[k, 1] != m.position[1]:
             _keep(m, m.near_position[k, 0], m.near_position[k, 1])
-    if m.corners < 3:  # outside, with others nearer to all of the area
+    if m.corners < 3:  # outside, and other drones are nearer to the whole area
         m.mass, m.cost = 0.0, 0.0
         m.centroid[0] = min(max(m.position[0], south), north)
         m.centroid[1] = min(max(m.position[1], west), east)

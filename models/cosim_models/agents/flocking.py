@@ -1,6 +1,6 @@
-"""Olfati-Saber's flocking: drones keep a distance from each other, match velocities and follow a virtual leader.
+"""Olfati-Saber's flocking: drones keep a distance to each other, match velocities and follow a virtual leader.
 
-Algorithm 2 of the source, and for cylinders in the way algorithm 3. A drone accelerates by the sum of
+Algorithm 2 of the source and, for cylinders as obstacles, algorithm 3. The acceleration of a drone is the sum of
 
     the gradients of a potential whose minimum is at `distance` from each neighbour (within 1.2 times of it),
     a damping of the velocities relative to them,
@@ -10,8 +10,8 @@ Algorithm 2 of the source, and for cylinders in the way algorithm 3. A drone acc
 Distances enter by the sigma norm, (sqrt(1 + epsilon |z|^2) - 1) / epsilon, which is smooth where |z| = 0. Constants
 that are not parameters are the source's: epsilon 0.1, a = b = 5, h = 0.2 (0.9 for obstacles).
 
-The autopilot is given velocities: the present one plus `response` times the acceleration, since a vehicle whose
-velocity follows with that time constant then accelerates as the law says.
+The autopilot receives velocities: the current velocity plus `response` times the acceleration. A vehicle whose velocity
+follows with this time constant then accelerates as the law requires.
 
 Source: R. Olfati-Saber, Flocking for multi-agent dynamic systems: algorithms and theory, IEEE Trans. Automatic Control
 51 (2006).
@@ -52,7 +52,7 @@ def _sigma_1(z: float) -> float:
 
 @kernel
 def _neighbours_pull(m: Any) -> tuple[float, float]:
-    """Returns the acceleration due to the neighbours: gradients, and damping of relative velocities."""
+    """Returns the acceleration due to the neighbours: gradients of the potential, damping of relative velocities."""
     north, east = 0.0, 0.0
     reach, wanted = _sigma_norm(_RANGE * m.distance), _sigma_norm(m.distance)
     for k in range(m.neighbours):
@@ -78,7 +78,7 @@ def _obstacles_push(m: Any) -> tuple[float, float]:
         away = max(sqrt(n * n + e * e), 1e-6)
         n, e = n / away, e / away
         part = m.obstacle_radius[k] / away
-        gap = m.obstacle_radius[k] - away  # along (n, e), to the beta agent: negative outside
+        gap = m.obstacle_radius[k] - away  # along (n, e), to the beta agent; negative outside
         z = _sigma_norm(gap)
         near = _bump(z / clear, _H_OBSTACLE)
         push = near * (_sigma_1(z - clear) - 1.0) * gap / sqrt(1.0 + _EPSILON * gap * gap)
@@ -94,7 +94,7 @@ def _obstacles_push(m: Any) -> tuple[float, float]:
 
 @kernel
 def flocking(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Sets the velocity: the present one, plus `response` times the acceleration of the flock."""
+    """Sets the velocity: the current velocity plus `response` times the acceleration of the flocking law."""
     a_n, a_e = _neighbours_pull(m)
     b_n, b_e = _obstacles_push(m)
     since = t - m.goal_time

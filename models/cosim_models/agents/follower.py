@@ -1,12 +1,14 @@
 """Following another vehicle as ArduCopter's mode FOLLOW does, with the gains of AP_Follow.
 
-The desired velocity is the leader's plus `FOLL_POS_P` times the way to the place that is `FOLL_OFS` away from it, in
-north, east, down or turned with the leader's course (`FOLL_OFS_TYPE`). As there, the speed is limited to that from
-which the drone can stop at its place with half of the acceleration (the square root controller). So a drone lags behind
-its place by the distance at which this limit is the leader's speed v: v / P up to a / P, beyond v^2 / 2 a + a / 2 P^2.
+The desired velocity is the leader's velocity plus `FOLL_POS_P` times the vector to the drone's place, which is
+`FOLL_OFS` away from the leader in north, east, down or turned with the leader's course (`FOLL_OFS_TYPE`). As in
+ArduPilot, the speed is limited to the speed from which the drone can stop at its place with half of the acceleration
+(the square root controller). A drone therefore lags behind its place by the distance at which this limit equals the
+leader's speed v: v / P up to a / P, beyond v^2 / 2 a + a / 2 P^2.
 
-Heights follow likewise. A leader farther than FOLL_DIST_MAX, or not heard, is not followed: the drone stays. Courses
-are those of the leader's velocity, where ArduPilot takes its heading. FOLL_OFS 0, 0, 0 is the offset at the beginning.
+Heights follow the same law. A leader that is farther away than FOLL_DIST_MAX, or not heard, is not followed: the drone
+stays. The course is the direction of the leader's velocity, whereas ArduPilot uses the leader's heading. FOLL_OFS 0, 0,
+0 selects the offset at the beginning.
 
 Source: ArduPilot, ArduCopter/mode_follow.cpp, libraries/AP_Follow and AC_Avoid::get_max_speed.
 """
@@ -25,7 +27,7 @@ __all__ = ["Follower", "OffsetType", "follow", "sqrt_controller"]
 
 
 class OffsetType(IntEnum):
-    """In which axes FOLL_OFS stands."""
+    """The axes of FOLL_OFS."""
 
     north_east_down = 0
     relative = 1
@@ -33,19 +35,19 @@ class OffsetType(IntEnum):
 
 
 _RELATIVE = int(OffsetType.relative)
-_SLOW = 0.5  # m/s: below it a leader has no course, and the last one counts
+_SLOW = 0.5  # m/s; at lower speeds, the leader's last course applies
 
 
 @kernel
 def sqrt_controller(error: float, p: float, acceleration: float) -> float:
-    """Returns p times a small error; of a large error the speed from which `acceleration` can stop (ArduPilot's)."""
+    """Returns p times a small error; for a large one, the speed from which `acceleration` can stop (as ArduPilot)."""
     linear = acceleration / (p * p)
     return sqrt(2.0 * acceleration * (error - 0.5 * linear)) if error > linear else p * error
 
 
 @kernel
 def _offset(m: Any, k: int) -> tuple[float, float, float]:
-    """Returns the offset of its place from the leader: north, east, down [m]."""
+    """Returns the offset of the drone's place from the leader: north, east, down [m]."""
     if m.FOLL_OFS_X == 0.0 and m.FOLL_OFS_Y == 0.0 and m.FOLL_OFS_Z == 0.0:
         if not m.met:
             m.met = True
@@ -63,7 +65,7 @@ def _offset(m: Any, k: int) -> tuple[float, float, float]:
 
 @kernel
 def follow(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Sets the velocity: the leader's, plus P times the vector to the place beside it."""
+    """Sets the velocity: the leader's velocity plus P times the vector to the drone's place."""
     m.place_error = -1.0
     for k in range(m.neighbours):
         if m.near_id[k] != m.FOLL_SYSID or m.near_distance[k] > m.FOLL_DIST_MAX:

@@ -1,9 +1,10 @@
 """Formations by displacement consensus: a line, a ring, a grid, a V or any other shape, with or without a leader.
 
 Member number n of a formation has a place d_n in it, which follows from its system id and the shape. Every member
-brings its distance from each neighbour to that of their places: with e_i = x_i - d_i this is rendezvous of the e_i, so
-that it converges as exp(-gain lambda_2(L) t), and the mean of the e_i stays. A leader flies as it is told; the others
-then add the mean velocity of their neighbours, so that nobody lags behind one that flies straight on.
+controls its displacement from each neighbour to the displacement of their places. With e_i = x_i - d_i, this is
+rendezvous of the e_i: it converges as exp(-gain lambda_2(L) t), and the mean of the e_i is constant. A leader flies at
+its commanded velocity. The other members then add the mean velocity of their neighbours, so that they do not lag behind
+a leader that flies straight on.
 
 Source: W. Ren and R. W. Beard, Distributed Consensus in Multi-vehicle Cooperative Control, Springer (2008), chapter 8
 (consensus of x_i - d_i); K.-K. Oh, M.-C. Park, H.-S. Ahn, A survey of multi-agent formation control, Automatica 53
@@ -27,7 +28,7 @@ _PLACES = 32
 
 
 class Shape(IntEnum):
-    """What the formation looks like; north is ahead, unless it is turned by `heading`."""
+    """The shape of the formation; north is ahead, unless it is turned by `heading`."""
 
     line = 1
     """abreast, `spacing` apart, to the east"""
@@ -46,7 +47,7 @@ _LINE, _RING, _GRID, _V, _TABLE = (int(shape) for shape in Shape)
 
 @kernel
 def place_of(m: Any, number: int) -> tuple[float, float]:
-    """Returns north and east of the place of a member of the formation [m]."""
+    """Returns the place of a member in the formation, north and east [m]."""
     ahead, right = 0.0, 0.0
     if m.form == _LINE:
         right = m.spacing * number
@@ -66,7 +67,7 @@ def place_of(m: Any, number: int) -> tuple[float, float]:
 
 @kernel
 def formation(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Sets the velocity: gain times the sum of the missing displacements from the neighbours; the leader's is given."""
+    """Sets the velocity: gain times the sum of the missing displacements from the neighbours; a leader's is given."""
     if m.sysid == m.leader:
         m.setpoint_velocity[0], m.setpoint_velocity[1] = m.leader_velocity[0], m.leader_velocity[1]
         return VELOCITY

@@ -1,4 +1,4 @@
-"""The agent kit: all of an agent but its law.
+"""The agent kit: all parts of an agent except its law.
 
     @kernel
     def law(m, t, h):
@@ -13,12 +13,13 @@
         kernels = agent_kernels(law)
         errors = ERRORS
 
-The agent flies one drone through MAVLink packets alone: it gets it into the air (`script`), keeps a table of who else
-is heard (`neighbours`), calls the law at every multiple of `period`, sends the set-points it gives, and lands at the
-end. All agents call their laws at the same instants, whenever they have joined. docs/agents.md is the author's side.
+The agent flies one drone by MAVLink packets only. It makes the drone take off (`script`), maintains a table of the
+drones that it hears (`neighbours`), calls the law at every multiple of `period`, sends the law's set-points, and lands
+the drone at the end. All agents call their laws at the same instants, whenever they have joined. docs/agents.md is the
+guide for authors.
 
-Positions are NED from the origin that the agents share [m]; heights of different take-off places agree, since
-set-points and positions go by the height above mean sea level.
+Positions are NED from the origin that the agents share [m]; heights of different take-off places are comparable, since
+set-points and positions use the height above mean sea level.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ NOTHING_NEW, POSITION, VELOCITY, ACCELERATION = 0, 1, 2, 4
 
 
 class Task(IntEnum):
-    """What the agent waits for, or does."""
+    """The state of the agent: the condition that it waits for, or its activity."""
 
     waiting = 1
     """for a HEARTBEAT of its autopilot"""
@@ -103,7 +104,7 @@ class Task(IntEnum):
 
 
 class Trouble(IntEnum):
-    """Why the agent has given up."""
+    """The reason why the agent has given up."""
 
     none = 0
     no_heartbeat = 1
@@ -140,14 +141,14 @@ _NOT_LANDED = int(Trouble.not_landed)
 _COPTERS_LAND = 9  # ArduCopter's mode number
 _FRAME_GLOBAL_INT = 5  # MAV_FRAME: heights above mean sea level
 _IGNORE_ALL, _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x0DFF, 0x0007, 0x0038, 0x01C0
-_LEVEL_GAIN, _LEVEL_SPEED = 0.5, 1.0  # 1/s and m/s, of the vertical velocity that keeps the altitude
+_LEVEL_GAIN, _LEVEL_SPEED = 0.5, 1.0  # 1/s and m/s, for the vertical velocity that keeps the altitude
 
 
 def agent_variables(neighbours: int = 16) -> tuple[Variable, ...]:
-    """The variables of an agent: ports, parameters, outputs and what it remembers.
+    """Returns the variables of an agent: ports, parameters, outputs and memory.
 
     Args:
-        neighbours: how many it can have at once.
+        neighbours: largest number of simultaneous neighbours.
     """
     return (
         PacketInput("mavlink_rx", capacity=16384, description="from the own autopilot and by radio"),
@@ -166,9 +167,9 @@ def agent_variables(neighbours: int = 16) -> tuple[Variable, ...]:
         *_OUTPUTS,
         *CONVERSATION,
         *SCRIPT,
-        Memory("home", shape=3),  # m, NED: where it was when its motors were armed
+        Memory("home", shape=3),  # m, NED: position at which its motors were armed
         Memory("measured_position", shape=3),  # m, NED, at position_heard
-        Memory("turn", dtype="i4"),  # number of the present period
+        Memory("turn", dtype="i4"),  # number of the current period
     )
 
 
@@ -209,7 +210,7 @@ _OUTPUTS = (
 
 @kernel
 def _receive(m: Any, now: float) -> None:
-    """Take what concerns this agent out of the packets of the step; anything else is passed over."""
+    """Processes the packets of the step that concern this agent; other packets are ignored."""
     p = 0
     while True:
         begin, p, status = find(m.mavlink_rx, p, m.mavlink_rx_len)
@@ -245,7 +246,7 @@ def _own_position(m: Any, now: float) -> None:
 
 @kernel
 def _begin(m: Any, now: float) -> bool:
-    """All of a step that comes before the law; returns whether the law is to be called."""
+    """Makes the part of a step that precedes the law; returns whether the law is to be called."""
     m.mavlink_tx_len = 0
     _receive(m, now)
     if m.position_heard >= 0.0:
@@ -288,7 +289,7 @@ def _land(m: Any, now: float) -> None:
 
 @kernel
 def _propose(m: Any, now: float) -> None:
-    """What the law finds: its neighbours of now, and set-points that keep place and altitude."""
+    """Prepares the inputs of the law: the current neighbours, and set-points that keep position and altitude."""
     select(m, now)
     m.step += 1
     level = m.home[2] - m.altitude
@@ -302,7 +303,7 @@ def _propose(m: Any, now: float) -> None:
 
 @kernel
 def _limit(m: Any) -> None:
-    """Shorten the velocity set-point to `speed_limit`, in the plane."""
+    """Reduces the horizontal part of the velocity set-point to `speed_limit`."""
     speed = sqrt(m.setpoint_velocity[0] * m.setpoint_velocity[0] + m.setpoint_velocity[1] * m.setpoint_velocity[1])
     if speed > m.speed_limit:
         m.setpoint_velocity[0] *= m.speed_limit / speed
@@ -311,7 +312,7 @@ def _limit(m: Any) -> None:
 
 @kernel
 def _steer(m: Any, now: float, which: int) -> None:
-    """Send the set-points that hold."""
+    """Sends the valid set-points."""
     mask = _IGNORE_ALL
     if which & POSITION != 0:
         mask &= ~_IGNORE_POSITION
@@ -355,7 +356,7 @@ def _steer(m: Any, now: float, which: int) -> None:
 
 @kernel
 def _start(m: Any) -> int:
-    """Check the parameters; nothing has been heard yet."""
+    """Checks the parameters and initializes the memory: nothing has been heard yet."""
     if m.sysid < 1 or m.sysid > 255:
         return 1
     if not (m.period > 0.0 and m.position_rate > 0.0 and m.timeout > 0.0):
@@ -376,8 +377,8 @@ def agent_kernels(law: Callable[[Any, float, float], int]) -> tuple[Any, Any]:
         law: a kernel of (record, time [s], period [s]). It reads `position`, `velocity`, `home`, the first `neighbours`
             rows of `near_id`, `near_position`, `near_velocity`, `near_age`, `near_distance`, and the model's own
             variables; writes `setpoint_position`, `setpoint_velocity`, `setpoint_acceleration`; returns which of them
-            hold, or minus a key of the model's errors. It finds set-points that keep place and altitude: a law in the
-            plane leaves their third elements.
+            hold, or minus a key of the model's errors. The set-points initially keep position and altitude: a law in
+            the plane leaves their third elements unchanged.
     """
     decide = decision(law)
 
@@ -397,7 +398,7 @@ def agent_kernels(law: Callable[[Any, float, float], int]) -> tuple[Any, Any]:
 
 
 def decision(law: Callable[[Any, float, float], int]) -> Callable[[Any, float], int]:
-    """Returns a kernel of (record, time [s]): one call of `law` with all around it, from table to set-points."""
+    """Returns a kernel of (record, time [s]) that calls `law` once, from the neighbour table to the set-points."""
 
     @kernel
     def decide(m: Any, t: float) -> int:

@@ -1,8 +1,8 @@
-"""The behaviour of an agent of a line as kernels over its record: what it hears, and when its law is due.
+"""The behaviour of an agent of a line as kernels over its record: the packets received, and the times of its law.
 
-The law is the agent's own: `LineAgent.advance` calls `act`, applies its law where that says so, and calls `finish`.
-An agent with another law on a line does the same. What the agent is for is told in `line_agent`; how it gets its drone
-into the air is `script`'s.
+The law belongs to the agent: `LineAgent.advance` calls `act`, applies its law if `act` requests it, and calls `finish`.
+An agent with another law on a line does the same. `line_agent` describes the purpose of the agent, and `script` handles
+the take-off.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _ONLY_POSITION = 0x0DF8  # POSITION_TARGET_TYPEMASK: velocity, acceleration, yaw
 
 
 class Trigger(IntEnum):
-    """What begins a step."""
+    """The event that begins a step."""
 
     period = 1
     """time: every `period` seconds"""
@@ -41,7 +41,7 @@ class Trigger(IntEnum):
 
 
 class StalePolicy(IntEnum):
-    """What counts for a neighbour that has not been heard for `stale_time`."""
+    """The position used for a neighbour that has not been heard for `stale_time`."""
 
     hold = 1
     """its last position, unless all neighbours are stale: then the agent stays (and is a fixed node to the others)"""
@@ -69,14 +69,14 @@ _DROP, _FREEZE = int(StalePolicy.drop), int(StalePolicy.freeze)
 
 @kernel
 def _on_line(m: Any, longitude: float) -> float:
-    """Position on the line of a longitude [rad], in m."""
+    """Returns the position on the line for a longitude [rad], in m."""
     distance = haversine(m.origin_latitude, m.origin_longitude, m.origin_latitude, longitude, EARTH_RADIUS_ARDUPILOT)
     return distance if wrap_pi(longitude - m.origin_longitude) >= 0.0 else -distance
 
 
 @kernel
 def _receive(m: Any, now: float) -> None:
-    """Take what concerns this agent out of the packets of the step; anything else is passed over."""
+    """Processes the packets of the step that concern this agent; other packets are ignored."""
     p = 0
     while True:
         begin, p, status = find(m.mavlink_rx, p, m.mavlink_rx_len)
@@ -100,7 +100,7 @@ def _receive(m: Any, now: float) -> None:
 @kernel
 def _from_neighbour(m: Any, sender: int, now: float) -> None:
     _, latitude, longitude, _, _, _, _, _, _ = decode_global_position_int(m.payload)
-    if latitude == 0 and longitude == 0:  # an autopilot that does not know where it is
+    if latitude == 0 and longitude == 0:  # an autopilot that does not know its position
         return
     place = _on_line(m, radians_from_deg_e7(longitude))
     if sender == m.left_sysid:
@@ -124,7 +124,7 @@ def _own_position(m: Any, now: float) -> None:
 
 @kernel
 def go(m: Any, now: float, target: float) -> None:
-    """Make `target` [m on the line] the desired position and send it, at the latitude of the start."""
+    """Makes `target` [m on the line] the desired position and sends it, at the latitude of the start."""
     m.target = target
     longitude = longitude_at(m.origin_latitude, m.origin_longitude, target, EARTH_RADIUS_ARDUPILOT)
     zero = 0.0
@@ -155,7 +155,7 @@ def go(m: Any, now: float, target: float) -> None:
 
 @kernel
 def _fly(m: Any, now: float) -> tuple[bool, float, float, float]:
-    """Hovers and steps, as long as the autopilot does what the agent believes; returns what `act` does."""
+    """Hovers and steps, as long as the autopilot is in the expected state; returns the result of `act`."""
     period_step = 0
     if now >= m.first_step_time - SLACK:
         period_step = 1 + floor((now - m.first_step_time) / m.period + SLACK)
@@ -191,7 +191,7 @@ def _arrived(m: Any, now: float) -> bool:
 
 @kernel
 def _positions(m: Any, now: float) -> tuple[bool, float, float, float]:
-    """Whether the law can be applied, and to which positions: own, left, right [m on the line]."""
+    """Returns whether the law can be applied, and the positions for it: own, left, right [m on the line]."""
     own = float(m.position)
     if m.stubborn or stale(m, m.position_heard, now):
         return False, own, own, own
@@ -218,7 +218,7 @@ def _positions(m: Any, now: float) -> tuple[bool, float, float, float]:
 
 @kernel
 def start(m: Any) -> int:
-    """Check the parameters; nothing has been heard yet."""
+    """Checks the parameters and initializes the memory: nothing has been heard yet."""
     if m.sysid < 1 or m.sysid > 255:
         return 1
     if not (0 <= m.left_sysid <= 255 and 0 <= m.right_sysid <= 255):
@@ -241,12 +241,12 @@ def start(m: Any) -> int:
 
 @kernel
 def act(m: Any, t: float) -> tuple[bool, float, float, float]:
-    """Reads the packets that have arrived at time `t` [s] and does all of a step but the law.
+    """Reads the packets that have arrived at time `t` [s] and makes all parts of a step except the law.
 
     Returns:
         Whether a step of the law begins: the agent then sends the vehicle to its next position (`go`). Then the
-        positions that the law applies to, in m on the line: its own, and its left and right neighbour's; its own in
-        place of those of a neighbour that it does not have.
+        positions for the law, in m on the line: its own, its left neighbour's and its right neighbour's. For a missing
+        neighbour, this is its own position.
     """
     m.mavlink_tx_len = 0
     _receive(m, t)
@@ -264,6 +264,6 @@ def act(m: Any, t: float) -> tuple[bool, float, float, float]:
 
 @kernel
 def finish(m: Any, t: float) -> None:
-    """Updates the outputs that follow from the time `t` [s]."""
+    """Updates the outputs that depend on the time `t` [s]."""
     m.left_age = t - m.left_heard if m.left_heard >= 0.0 else NEVER
     m.right_age = t - m.right_heard if m.right_heard >= 0.0 else NEVER

@@ -1,17 +1,18 @@
 """The coordination agent FMU: the script that flies one drone of a line by consensus.
 
-It runs on the drone's companion computer: one system id with the autopilot, component 191. It waits for its autopilot,
-asks for the streams it needs, has it change to GUIDED, arm and take off, and then at every step sends it the position
-that the consensus law asks for. All it knows it has received in packets: its own position and its neighbours' from
-GLOBAL_POSITION_INT of their autopilots; who its neighbours are is a parameter. It does not land, and avoids nobody.
+The agent runs on the drone's companion computer: it shares the autopilot's system id and is component 191. It waits for
+its autopilot, requests the streams that it needs, commands GUIDED mode, arming and take-off, and then sends the
+position computed by the consensus law at every step. All its information comes from packets: its own position and those
+of its neighbours from GLOBAL_POSITION_INT of their autopilots. The neighbours' ids are parameters. The agent does not
+land the drone and does not avoid collisions.
 
 The line runs east from the origin. A position on it is the haversine distance along the origin's parallel, west
-negative, with ArduPilot's radius of the Earth, so that 100 m flown read 100 m. Latitude and height stay what they are.
+negative, with ArduPilot's radius of the Earth, so that 100 m flown read 100 m. Latitude and height do not change.
 
-The law uses the measured positions, its own too: what wind or a slow vehicle leaves undone is not lost. Step #1 is the
-start (k = 0); #2 begins with the law's first set-point (k = 1), which the vehicle reaches in the course of that step.
-Step #1 begins for all agents at `first_step_time`, and the steps of the period trigger are the same instants for all:
-an agent that is late joins at the next of them, with its number.
+The law uses measured positions, including its own, so deviations due to wind or a slow vehicle are corrected later.
+Step #1 is the start (k = 0); #2 begins with the law's first set-point (k = 1), which the vehicle reaches in the course
+of that step. Step #1 begins for all agents at `first_step_time`, and the steps of the period trigger are simultaneous
+for all agents: a late agent joins at the next of these steps, with the same number.
 """
 
 from __future__ import annotations
@@ -46,14 +47,14 @@ _FORMATION = Formation(
 
 
 def _heard(side: str) -> Bound:
-    """The neighbour on a side, where there is one, has been heard within `stale_time`."""
+    """Returns whether the neighbour on a side, if it has one, has been heard within `stale_time`."""
     text = f"its {side} neighbour is not heard: is it in reach, and is {side}_sysid its system id?"
     return Bound(least=0.0, most="stale_time", of=f"{side}_sysid", text=text)
 
 
 @kernel
 def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Makes one step at time `t` [s]: the script, and where a step of the law begins, the law."""
+    """Makes one step at time `t` [s]: the script and, if a step of the law begins, the law."""
     due, own, left, right = act(m, t)
     if due:
         go(m, t, consensus_step(own, left, right, m.epsilon))
@@ -139,8 +140,8 @@ class LineAgent(Model):
         Memory("right_heard"),
         Memory("start_latitude", dtype="i4"),  # degE7
         Memory("start_position"),  # m on the line
-        Memory("period_step", dtype="i4"),  # number of the present period
-        Memory("step_at"),  # s, when the present step began
+        Memory("period_step", dtype="i4"),  # number of the current period
+        Memory("step_at"),  # s, begin of the current step
     )
     kernels = (start, advance)
     errors = ERRORS

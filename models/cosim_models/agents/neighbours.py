@@ -1,12 +1,13 @@
-"""The neighbour table of an agent, as kernels over its record: who is heard, where, and how long ago.
+"""The neighbour table of an agent, as kernels over its record: the drones heard, their positions and ages.
 
-A row is filled from GLOBAL_POSITION_INT of whoever is heard, not from LOCAL_POSITION_NED, whose origin each autopilot
-has for itself. Rows are for `capacity` system ids; with more, those that are nearest keep theirs. What a law sees are
-the *neighbours* among them: fresh, in the air, in the list if there is one, within the radius, the nearest of these, in
-the order of their system ids, so that nothing depends on the order in which packets arrive.
+A row is filled from GLOBAL_POSITION_INT of each drone heard, not from LOCAL_POSITION_NED, whose origin differs between
+autopilots. The table has rows for `capacity` system ids; if more are heard, the nearest ones keep their rows. A law
+sees the *neighbours* among them: those that were heard recently, are in the air, in the list (if one exists) and within
+the radius, and of these the nearest. They are in the order of their system ids, so the result does not depend on the
+order in which packets arrive.
 
-A neighbour is where it would be if it had flown straight on since it was heard: at 4 Hz and 5 m/s what it said last is
-up to 1.25 m old.
+The position of a neighbour is extrapolated from its last message at constant velocity: at 4 Hz and 5 m/s, the last
+reported position is off by up to 1.25 m.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ __all__ = ["locate", "neighbour_variables", "note", "row_for", "select"]
 
 
 def neighbour_variables(capacity: int) -> tuple[Variable, ...]:
-    """What an agent with a neighbour table of `capacity` rows declares for it."""
+    """Returns the variables of an agent with a neighbour table of `capacity` rows."""
     return (
         Parameter(
             "neighbour_ids",
@@ -66,9 +67,9 @@ def neighbour_variables(capacity: int) -> tuple[Variable, ...]:
 
 @kernel
 def locate(m: Any) -> tuple[bool, float, float, float, float, float, float, float]:
-    """Returns what the GLOBAL_POSITION_INT in the payload buffer says.
+    """Returns the contents of the GLOBAL_POSITION_INT in the payload buffer.
 
-    Whether its sender knows where it is; north, east, down [m]; velocity, NED [m/s]; height above home [m].
+    They are: whether its sender knows its position; north, east, down [m]; velocity, NED [m/s]; height above home [m].
     """
     _, latitude, longitude, altitude, relative_alt, vx, vy, vz, _ = decode_global_position_int(m.payload)
     north, east, down = local_from_geodetic(
@@ -85,7 +86,7 @@ def locate(m: Any) -> tuple[bool, float, float, float, float, float, float, floa
 
 @kernel
 def note(m: Any, sender: int, now: float) -> None:
-    """Enter what `sender` says in the payload buffer into the table, if it may be a neighbour and there is room."""
+    """Enters the message of `sender` in the payload buffer into the table, if it may be a neighbour and finds a row."""
     if not _may_be(m, sender):
         return
     known, north, east, down, vn, ve, vd, height = locate(m)
@@ -122,7 +123,7 @@ def _distance(m: Any, north: float, east: float, down: float) -> float:
 
 @kernel
 def row_for(m: Any, sender: int, distance: float, now: float) -> int:
-    """The row of `sender`: its own, a free one, that of one no longer heard, or that of one farther away; else -1."""
+    """Returns the row for `sender`: its own, a free one, a stale one or that of a farther drone; -1 if none exists."""
     free, farthest, far = -1, -1, distance
     for row in range(m.heard_id.size):
         if m.heard_id[row] == sender:
@@ -139,7 +140,7 @@ def row_for(m: Any, sender: int, distance: float, now: float) -> int:
 
 @kernel
 def select(m: Any, now: float) -> None:
-    """Fill `near_*` with the neighbours of this moment."""
+    """Fills `near_*` with the current neighbours."""
     m.neighbours = 0
     for row in range(m.heard_id.size):
         age = now - m.heard_at[row]
@@ -161,7 +162,7 @@ def select(m: Any, now: float) -> None:
 
 @kernel
 def _place(m: Any, sender: int) -> int:
-    """Make room for a neighbour, in the order of system ids; returns its index."""
+    """Makes room for a neighbour, in the order of system ids; returns its index."""
     k = m.neighbours
     while k > 0 and m.near_id[k - 1] > sender:
         _move(m, k - 1, k)

@@ -1,8 +1,8 @@
-"""The rendezvous law: every drone moves towards those it hears, until all have met.
+"""The rendezvous law: every drone moves towards the drones that it hears, until all have met.
 
-The drones meet at the mean of their starts if who hears whom is mutual. With the Laplacian L of that graph, the
-distance to the meeting point shrinks as exp(-gain lambda_2(L) t), and nobody leaves the convex hull of the drones. They
-meet above one point of the ground: give them heights of their own.
+The drones meet at the mean of their starts if hearing is mutual. With the Laplacian L of the graph of hearing, the
+distance to the meeting point shrinks as exp(-gain lambda_2(L) t), and no drone leaves the convex hull of the drones.
+They meet above one point on the ground: give them different heights.
 
 Source: R. Olfati-Saber and R. M. Murray, Consensus problems in networks of agents with switching topology and
 time-delays, IEEE Trans. Automatic Control 49 (2004): u_i = sum of (x_j - x_i), in the plane.
@@ -21,7 +21,7 @@ __all__ = ["Rendezvous", "rendezvous"]
 
 @kernel
 def rendezvous(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Velocity: gain times the sum of the ways to the neighbours."""
+    """Sets the velocity: gain times the sum of the vectors to the neighbours."""
     for k in range(m.neighbours):
         for i in range(2):
             m.setpoint_velocity[i] += m.gain * (m.near_position[k, i] - m.position[i])

@@ -1,10 +1,10 @@
-"""How an agent gets its drone into the air, as kernels over its record: its states, and when it gives up.
+"""The take-off of an agent's drone, as kernels over its record: its states, and the conditions for giving up.
 
-It waits for its autopilot, asks for the streams it needs, has it change to GUIDED, arm and take off. What it does then
-is told in `line` (the line's agent) and in `kit` (agents that follow a law).
+The agent waits for its autopilot, requests the streams that it needs, and commands GUIDED mode, arming and take-off.
+`line` (the line's agent) and `kit` (agents that follow a law) define the behaviour afterwards.
 
-The record of an agent has `SCRIPT` among its variables, and the outputs `state` and `failure`; it measures its own
-`height` [m] above home, and when it has heard its own position (`position_heard`).
+The record of an agent has `SCRIPT` among its variables, and the outputs `state` and `failure`. The agent measures its
+`height` [m] above home, and the time at which it last heard its own position (`position_heard`).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ __all__ = [
 
 
 class AgentState(IntEnum):
-    """What the agent waits for, or does."""
+    """The state of the agent: the condition that it waits for, or its activity."""
 
     waiting = 1
     """for a HEARTBEAT of its autopilot"""
@@ -64,7 +64,7 @@ class AgentState(IntEnum):
 
 
 class Failure(IntEnum):
-    """Why the agent has given up."""
+    """The reason why the agent has given up."""
 
     none = 0
     no_heartbeat = 1
@@ -91,7 +91,7 @@ WHY = {
 
 SCRIPT: tuple[Variable, ...] = (
     Memory("state_since"),  # s
-    Memory("streams", dtype="i4"),  # how many have been accepted
+    Memory("streams", dtype="i4"),  # number of accepted streams
     Memory("height"),  # m above home
     Memory("position_heard"),  # s
 )
@@ -100,7 +100,7 @@ NEVER = -1.0
 """An age or a time of what has not been heard yet [s]."""
 
 _STATUS_INTERVAL = 1e6  # us, of EKF_STATUS_REPORT and GPS_RAW_INT
-_REACHED = 0.95  # part of the altitude at which the take-off is over
+_REACHED = 0.95  # fraction of the altitude at which the take-off ends
 
 _WAITING, _STREAMS, _ESTIMATE = int(AgentState.waiting), int(AgentState.streams), int(AgentState.estimate)
 _MODE, _ARMING, _TAKEOFF = int(AgentState.mode), int(AgentState.arming), int(AgentState.takeoff)
@@ -110,7 +110,7 @@ _LEFT_GUIDED, _DISARMED = int(Failure.left_guided), int(Failure.disarmed)
 
 @kernel
 def enter_next(m: Any, now: float) -> None:
-    """Enter the next state."""
+    """Enters the next state."""
     m.state += 1
     m.state_since = now
     m.asked = 0
@@ -118,18 +118,18 @@ def enter_next(m: Any, now: float) -> None:
 
 @kernel
 def fail(m: Any, failure: int) -> None:
-    """Give up, for a reason."""
+    """Gives up for the given reason."""
     m.state = _FAILED
     m.failure = failure
 
 
 @kernel
 def prepare(m: Any, now: float) -> None:
-    """From the first heartbeat to hovering. A state left in this step begins its successor's work in the next."""
+    """Runs the states from the first heartbeat to hovering. A new state takes effect in the next step."""
     if m.state_since == NEVER:
         m.state_since = now
     if now - m.state_since >= m.timeout - SLACK:
-        fail(m, m.state)  # the failures of these states have their numbers
+        fail(m, m.state)  # the failures of these states have the same numbers
         return
     command, p1, p2, p7 = 0, 0.0, 0.0, 0.0
     if m.state == _WAITING:
@@ -160,16 +160,16 @@ def prepare(m: Any, now: float) -> None:
 
 @kernel
 def _accepted(m: Any, command: int) -> bool:
-    """Whether the autopilot has accepted the command that waits for its answer."""
+    """Returns whether the autopilot has accepted the pending command."""
     return bool(m.asked == command and m.answer == ACCEPTED)
 
 
 @kernel
 def _stream(m: Any, now: float) -> tuple[int, float, float]:
-    """The command and its parameters for the next stream that is wanted; command 0 when all have been accepted.
+    """Returns the command and its parameters for the next required stream; command 0 when all have been accepted.
 
-    ArduPilot sends a new link only heartbeats. Positions, estimator and GPS status are asked for one by one: the
-    answer does not say to which message it belongs.
+    ArduPilot sends only heartbeats on a new link. Positions, estimator status and GPS status are requested one by one,
+    since the answer does not identify the message that it refers to.
     """
     if _accepted(m, SET_MESSAGE_INTERVAL):
         m.streams += 1
@@ -187,7 +187,7 @@ def _stream(m: Any, now: float) -> tuple[int, float, float]:
 
 @kernel
 def supervise(m: Any) -> None:
-    """Give up when the autopilot no longer is what the agent made it: a pilot has taken over, or it has landed."""
+    """Gives up if the autopilot has left the commanded state: a pilot has taken over, or the drone has landed."""
     if m.state == _FAILED:
         return
     if m.state >= _TAKEOFF and not m.armed:
@@ -198,5 +198,5 @@ def supervise(m: Any) -> None:
 
 @kernel
 def stale(m: Any, heard: float, now: float) -> bool:
-    """Whether something was heard never, or longer than `stale_time` ago."""
+    """Returns whether a message was never heard, or was heard longer than `stale_time` ago."""
     return heard < 0.0 or now - heard > m.stale_time + SLACK
