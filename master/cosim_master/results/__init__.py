@@ -1,1 +1,1 @@
-"""Recordings: written, compared, exported, drawn."""
+"""Recordings: their files, comparison, export and figures."""

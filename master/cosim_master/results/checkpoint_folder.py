@@ -1,10 +1,10 @@
-"""Checkpoints as a run's folder holds them: which there are, of which system, how much of the recording is theirs.
+"""Checkpoints in the folder of a run: their list, the identity of their system, and their part of the recording.
 
-    RUN/checkpoints/T/checkpoint.json   of which system, which FMUs, when; how much of RUN's recording belongs to it
+    RUN/checkpoints/T/checkpoint.json   system, FMUs and time; the part of RUN's recording that belongs to it
     RUN/checkpoints/T/signals.parquet   rows recorded since the checkpoint before (packets.parquet: its packets):
                                         the run's own files cannot be read if it was killed
 
-`checkpoint` writes and restores the state beside them.
+`checkpoint` writes and restores the state in the same folder.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ FORMAT = 3
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """The properties that must be equal for a run to go on: digests of the FMUs by instance, and the time grid.
+    """The properties that must be equal to resume a run: digests of the FMUs by instance, and the time grid.
 
-    A file of inputs is known by its digest, too.
+    A file of inputs is also identified by its digest.
     """
 
     system: str
@@ -70,7 +70,7 @@ class Checkpoint:
         """Checks that this is a checkpoint of the same system.
 
         Raises:
-            SystemDescriptionError: all that differs.
+            SystemDescriptionError: the system differs; all differences are reported.
         """
         problems = []
         mine, other = asdict(self.identity), asdict(identity)
@@ -95,10 +95,10 @@ class Checkpoint:
 
 
 def find(wanted: str) -> Checkpoint:
-    """The checkpoint RUN@TIME, of a folder with results and a time in s.
+    """Returns the checkpoint RUN@TIME, given as a folder with results and a time in s.
 
     Raises:
-        SystemDescriptionError: it does not exist or cannot be read; names the existing ones.
+        SystemDescriptionError: the checkpoint does not exist or cannot be read; the error names the existing ones.
     """
     where = Where(f"--from {wanted}")
 
@@ -140,7 +140,7 @@ def find(wanted: str) -> Checkpoint:
 
 
 def segments(checkpoint: Checkpoint, name: str) -> list[Path]:
-    """The files of a run's checkpoints that hold its recording up to this one, in the order of time."""
+    """Returns the files of a run's checkpoints with its recording up to this checkpoint, in the order of time."""
     folders = [file.parent for file in checkpoint.folder.parent.glob("*/checkpoint.json")]
     before = sorted((float(folder.name), folder) for folder in folders if float(folder.name) <= checkpoint.time)
     return [folder / name for _, folder in before if (folder / name).is_file()]

@@ -1,4 +1,4 @@
-"""The columns of recorded signals: which there are, and where their values lie in the loop's blocks."""
+"""The columns of recorded signals, and the places of their values in the loop's blocks."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _WIDE = {"UInt32": pa.uint32(), "Int64": pa.int64(), "UInt64": pa.uint64()}
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Rows as the loop keeps them: one array for each kind of value.
+    """Rows in the form of the loop: one array for each kind of value.
 
     Attributes:
         time: (n,) s.
-        reals, integers: (n, number of values); Booleans are integers behind all others, integers of 64 bits are two.
+        reals, integers: (n, number of values); Booleans are integers after all others, 64-bit integers occupy two.
         texts: n lists.
     """
 
@@ -42,19 +42,19 @@ class Columns:
 
     Attributes:
         schema: column `time`, then one for each signal, with unit and description.
-        places: of each signal, where it is among the values of its kind.
+        places: the index of each signal among the values of its kind.
     """
 
     schema: pa.Schema
     places: tuple[int, ...]
 
     def count(self, *types: pa.DataType) -> int:
-        """Returns how many signals have one of these types."""
+        """Returns the number of signals that have one of these types."""
         return sum(field.type in types for field in list(self.schema)[1:])
 
     @property
     def widths(self) -> tuple[int, int, int]:
-        """Numbers of reals, integers (two for one of 64 bits) and texts in a row."""
+        """The numbers of reals, integers (two for each of 64 bits) and texts in a row."""
         wide = self.count(*_WIDE.values())
         return self.count(pa.float64()), self.count(pa.int32(), pa.bool_()) + 2 * wide, self.count(pa.string())
 
@@ -76,7 +76,7 @@ class Columns:
         return pa.Table.from_arrays(arrays, schema=self.schema)
 
     def block(self, table: pa.Table) -> Block:
-        """Returns the rows of a table of these columns as the loop would have them."""
+        """Returns the rows of a table of these columns in the form of the loop."""
         rows, (reals, integers, texts) = table.num_rows, self.widths
         real, integer = np.zeros((rows, reals)), np.zeros((rows, integers), np.int32)
         text: list[list[str]] = [[""] * texts for _ in range(rows)]

@@ -1,9 +1,9 @@
 """Compares two runs signal by signal: recorded numbers within tolerances, packets by outcome, and their inputs.
 
-Either may be a CSV file as FMPy and `export` write them. Values are compared at the times that
-both have; a coarser recording of the same run is equal to a finer one. Two runs are equal if they have the same
-signals, which agree, if they begin and end at the same times, and if their packets met the same ends. What else is in
-their manifests (parameters, settings, versions) tells why they differ, and decides nothing.
+Either run may be a CSV file in the format of FMPy and `export`. Values are compared at common times; a coarser
+recording of the same run is equal to a finer one. Two runs are equal if they have the same signals with equal values,
+begin and end at the same times, and have the same numbers of packets per outcome. Other contents of the manifests
+(parameters, settings, versions) explain differences, but do not affect the result.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ class SignalComparison:
     """The difference of one signal between two runs.
 
     Attributes:
-        differing: at how many of the common times the values are not equal within the tolerances.
+        differing: number of common times at which the values are not equal within the tolerances.
         absolute: largest difference, in the signal's unit; NaN for text, infinite where one of the two is NaN.
-        relative: `absolute` in parts of the signal's largest absolute value.
+        relative: `absolute` divided by the signal's largest absolute value.
         time: time of the largest difference, s; None without a difference.
-        first: s, when the values differ for the first time by more than the tolerances; None if they never do.
+        first: first time at which the values differ by more than the tolerances, s; None if they never do.
         units: of both runs, if they differ; empty otherwise.
     """
 
@@ -75,13 +75,13 @@ class Comparison:
     """The result of `compare`.
 
     Attributes:
-        signals: all that both runs have, the worst first.
-        only: names of the signals that only the first, and only the second has.
-        common: how many times both have.
-        times: how many times each has.
-        spans: first and last time of each, s.
-        packets: by outcome: how many in each, where the numbers differ; None: not counted.
-        causes: by path in the manifest: the values of both, if they differ.
+        signals: the signals of both runs, the worst first.
+        only: names of the signals that only the first run has, and of those that only the second run has.
+        common: number of common times.
+        times: number of times of each run.
+        spans: first and last time of each run, s.
+        packets: by outcome, the numbers in both runs if they differ; None: not counted.
+        causes: by path in the manifest, the values of both runs if they differ.
         notes: parts that could not be compared.
     """
 
@@ -102,7 +102,7 @@ class Comparison:
 
 
 class _Recording:
-    """The signals of a run folder or of a CSV file; close it."""
+    """The signals of a run folder or of a CSV file. Close it after use."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -149,7 +149,7 @@ class _Recording:
         return {name: table.column(name).to_numpy() for name in names}
 
     def unit(self, name: str) -> str | None:
-        """The unit of a signal; None if the file has no place for units."""
+        """Returns the unit of a signal; None if the file cannot contain units."""
         return None if self.is_csv else (self.fields[name].metadata or {}).get(b"unit", b"").decode()
 
     def is_text(self, name: str) -> bool:
@@ -157,7 +157,7 @@ class _Recording:
         return bool(pa.types.is_string(kind) or pa.types.is_null(kind))
 
     def manifest(self) -> Mapping[str, Any] | None:
-        """The manifest; None for a CSV file."""
+        """Returns the manifest; None for a CSV file."""
         if self.is_csv:
             return None
         try:
@@ -176,8 +176,8 @@ def compare(
 ) -> Comparison:
     """Compares two runs.
 
-    Two floating-point numbers a and b agree if |a - b| <= atol + rtol * max(|a|, |b|), and NaN agrees with NaN; all
-    else agrees if it is equal.
+    Two floating-point numbers a and b agree if |a - b| <= atol + rtol * max(|a|, |b|), and NaN agrees with NaN; other
+    values agree if they are equal.
 
     Args:
         first, second: folder of a run, or CSV file whose first column is `time` in s.
@@ -186,7 +186,7 @@ def compare(
         signals: patterns of the signals to compare; all if empty.
 
     Raises:
-        SystemDescriptionError: one of the two is neither, they have no time in common, or a pattern matches no signal.
+        SystemDescriptionError: an argument is neither, the runs have no common time, or a pattern matches no signal.
     """
     one = _Recording(first)
     try:
@@ -283,12 +283,12 @@ def _chosen(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
 
 
 def _keys(times: Sequence[float] | _Values) -> list[int]:
-    """Times in whole nanoseconds: 0.3 in one file may be 3 * 0.1 in another."""
+    """Returns times in whole nanoseconds: 0.3 in one file may be 3 * 0.1 in another."""
     return [int(key) for key in np.rint(np.asarray(times, dtype=np.float64) * 1e9)]
 
 
 def _common_times(one: _Recording, other: _Recording) -> tuple[_Values, _Values]:
-    """The rows of both at the times that both have; of several rows at one time the last."""
+    """Returns the rows of both runs at their common times; of several rows at one time, the last one."""
     last = [{key: row for row, key in enumerate(_keys(recording.time))} for recording in (one, other)]
     common = sorted(last[0].keys() & last[1].keys())
     if not common:

@@ -1,4 +1,4 @@
-"""Recorded signals for other tools: as the CSV files that FMPy and the FMI cross-check exchange results in.
+"""Exports recorded signals for other tools: CSV files as used by FMPy and the FMI cross-check.
 
 A run's own file is Parquet (see `recorder`), which keeps units and types; CSV keeps names and values only.
 """
@@ -30,7 +30,7 @@ class Signals(AbstractContextManager["Signals"], Protocol):
 
 
 class _Unfinished:
-    """The signals of a run that goes on, or whose process was killed."""
+    """The signals of a run that is in progress, or whose process was killed."""
 
     def __init__(self, table: pa.Table) -> None:
         self._table = table
@@ -53,7 +53,7 @@ class _Unfinished:
 
 
 def open_signals(run: Path) -> Signals:
-    """The recorded signals of a run folder, as far as they are; the caller closes them.
+    """Opens the signals that a run folder contains so far; the caller closes them.
 
     Raises:
         CosimError: the folder has no signals, or they cannot be read.
@@ -76,7 +76,7 @@ def open_signals(run: Path) -> Signals:
 
 
 def export_csv(run: Path, file: Path | TextIO, *, numbers_only: bool = False) -> tuple[str, ...]:
-    """Writes all recorded signals of a run as CSV; numbers as FMPy writes and reads results.
+    """Writes all recorded signals of a run as CSV, with numbers in the format of FMPy.
 
     One row per recorded instant below a row of quoted names, `"time","component.variable",...`. Floating-point numbers
     are written so that reading them gives the same number, Integers and enumerations as integers, Booleans as 0 and 1,
@@ -84,11 +84,11 @@ def export_csv(run: Path, file: Path | TextIO, *, numbers_only: bool = False) ->
 
     Args:
         run: folder of the run.
-        file: where to write; its folder is made if need be. An open file is written to and left open.
-        numbers_only: leave out text, which readers of numbers (FMPy's `read_csv`) refuse.
+        file: the file to write; its folder is created if necessary. An open file is written to and left open.
+        numbers_only: omit columns of text, which readers of numbers (FMPy's `read_csv`) refuse.
 
     Returns:
-        The names of the columns of text, written or left out, in the order of recording.
+        The names of the columns of text, written or omitted, in the order of recording.
 
     Raises:
         CosimError: the run has no complete signals, or `file` cannot be written.
@@ -125,6 +125,6 @@ def _rows(batch: Any) -> Iterator[str]:
 
 
 def _python_values(column: Any) -> list[Any]:
-    """Python's texts, floats and integers: their repr is the shortest text that reads back as the same number."""
+    """Returns Python's texts, floats and integers: their repr is the shortest text that reads back unchanged."""
     values: list[Any] = column.to_pylist()
     return [int(value) for value in values] if pa.types.is_boolean(column.type) else values

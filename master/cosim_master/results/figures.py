@@ -1,4 +1,4 @@
-"""Figures of a run, for papers: how the drones moved, where they were at which step, how fast they converged.
+"""Figures of a run, for papers: positions over time, positions at steps, convergence, and altitudes.
 
     positions   desired and actual position of every drone over time, the steps of the algorithm marked
     snapshots   where all drones are in space when three of the steps begin
@@ -6,8 +6,8 @@
     altitude    heights over time, and the smallest distance between any two drones
 
 Without agents there are no steps: positions then have three axes, and snapshots are taken at begin, middle and end.
-Each carries, as its "Source", the digest of the data that it was drawn of; a new run in the same folder removes it.
-The same run gives the same bytes: fonts and style are Matplotlib's own, whatever its configuration says.
+Each figure contains the digest of its data as "Source"; a new run in the same folder removes the figure. The same run
+gives the same bytes: fonts and style are Matplotlib's defaults, whatever its configuration.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SNAPSHOTS = (1, 9, 17)
 
 _NAMED = 20  # with more drones, names would cover the picture
 _WIDTH = 7.0  # inches: two columns of a journal
-# Okabe and Ito's colours, which all kinds of colour vision tell apart, in an order that also alternates in grey.
+# Okabe and Ito's colours, which remain distinct for colour-blind readers, in an order that also alternates in grey.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9")
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 _STYLE = {
@@ -56,7 +56,7 @@ def figures(run: Path, folder: Path | None = None) -> list[Path]:
 
     Args:
         run: folder of the run.
-        folder: where to write; made if need be. None: the folder of the run.
+        folder: the folder to write to, created if necessary. None: the folder of the run.
 
     Returns:
         The files written.
@@ -92,7 +92,7 @@ def figures(run: Path, folder: Path | None = None) -> list[Path]:
 
 
 def draw_positions(flight: Flight) -> Figure:
-    """Desired and actual positions over time: east if there are agents, else north, east and height."""
+    """Draws desired and actual positions over time: east if agents exist, otherwise north, east and height."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
@@ -123,7 +123,7 @@ def draw_positions(flight: Flight) -> Figure:
 
 
 def draw_snapshots(flight: Flight) -> Figure | None:
-    """All drones in space (not to scale) when three of the steps begin; None without positions."""
+    """Draws all drones in space (not to scale) at the begin of three steps; returns None without positions."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
@@ -165,7 +165,7 @@ def draw_snapshots(flight: Flight) -> Figure | None:
         axes.patch.set_visible(False)
         axes.tick_params(pad=-3, labelsize=7)
         axes.set_box_aspect((1.5, 0.9, 0.9), zoom=0.98)
-        axes.set_proj_type("ortho")  # equal distances look equal
+        axes.set_proj_type("ortho")  # equal scales on all axes
         axes.view_init(elev=22, azim=-62)
     if flight.steps:
         marks = [Line2D([], [], color="0.2", marker="o", linestyle="", markersize=4.5, label="actual")]
@@ -175,7 +175,7 @@ def draw_snapshots(flight: Flight) -> Figure | None:
 
 
 def draw_errors(flight: Flight) -> Figure | None:
-    """Draws the distance of mobile drones from the law's fixed point, and its bound; None without a law or a step."""
+    """Draws the distance of mobile drones to the law's fixed point, and its bound; None without a law or a step."""
     from matplotlib.figure import Figure
 
     if flight.law is None or not flight.steps:
@@ -188,7 +188,7 @@ def draw_errors(flight: Flight) -> Figure | None:
     for drone, colour in zip(flight.drones, _colours(flight), strict=True):
         if drone.name in point and drone.position is not None:
             error = np.abs(drone.position[begin:, 1] - point[drone.name])
-            # Drones that lie symmetrically have equal errors: a thin line shows on a thick one.
+            # Symmetrically placed drones have equal errors: a thin line is visible on a thick one.
             dashes, width = _DASHES[len(start) % 5], 1.1 if start else 1.8
             axes.semilogy(flight.time[begin:], error, linestyle=dashes, linewidth=width, color=colour, label=drone.name)
             start.append(float(error[0]))
@@ -211,7 +211,7 @@ def draw_errors(flight: Flight) -> Figure | None:
 
 
 def draw_altitude(flight: Flight) -> Figure | None:
-    """Heights over time and the smallest distance between any two drones; None without positions."""
+    """Draws heights over time and the smallest distance between any two drones; returns None without positions."""
     from matplotlib.figure import Figure
 
     flown = [(d, d.position, c) for d, c in zip(flight.drones, _colours(flight), strict=True) if d.position is not None]
@@ -234,10 +234,10 @@ def draw_altitude(flight: Flight) -> Figure | None:
 
 
 def _separation(positions: Sequence[Array]) -> Array:
-    """Smallest distance [m] between any two at every instant."""
+    """Returns the smallest distance [m] between any two drones at every instant."""
     everyone = np.stack(positions)
-    # Sorted along the axis of the widest spread, who is nearest is only few places away: stop when nobody farther off
-    # in the order can be nearer.
+    # Sorted along the axis of the widest spread, the nearest drone is only a few places away: the search stops when no
+    # drone farther away in this order can be nearer.
     axis = int(np.argmax(np.ptp(everyone, axis=0).max(axis=0)))
     everyone = np.take_along_axis(everyone, np.argsort(everyone[:, :, axis], axis=0)[:, :, None], axis=0)
     least = np.full(everyone.shape[1], np.inf)
@@ -250,7 +250,7 @@ def _separation(positions: Sequence[Array]) -> Array:
 
 
 def _moments(flight: Flight) -> list[tuple[str, float]]:
-    """Title and time of the three snapshots."""
+    """Returns the title and the time of the three snapshots."""
     if not flight.steps:
         first, last = float(flight.time[0]), float(flight.time[-1])
         return [(f"t = {t:.1f} s", t) for t in (first, 0.5 * (first + last), last)]
@@ -263,14 +263,14 @@ def _moments(flight: Flight) -> list[tuple[str, float]]:
 
 
 def _end_of_step(flight: Flight, k: int) -> float:
-    """Returns the last instant of a step, when drones have reached its targets; the next step begins after it."""
+    """Returns the last instant of a step, when drones have reached its targets and the next step has not begun."""
     if k + 1 not in flight.steps:
         return float(flight.time[-1])
     return float(flight.time[max(0, int(np.searchsorted(flight.time, flight.steps[k + 1])) - 1)])
 
 
 def _time_axis(all_axes: Sequence[Axes], flight: Flight, *, whole: bool = False) -> None:
-    """Time in s below, steps above; from shortly before the first step on unless the whole run is shown."""
+    """Draws time in s below, and steps above; begins shortly before the first step unless the whole run is shown."""
     first, last = float(flight.time[0]), float(flight.time[-1])
     if flight.steps and not whole:
         begin = min(flight.steps.values())
@@ -290,9 +290,9 @@ def _time_axis(all_axes: Sequence[Axes], flight: Flight, *, whole: bool = False)
 
 
 def _label_ends(axes: Axes, ends: Sequence[tuple[float, str, Any]], inches: float) -> None:
-    """Writes names right of the lines' ends, moved apart where they would touch, and only some of very many.
+    """Writes names to the right of the lines' ends, without overlaps; of very many names, only some are written.
 
-    `inches` is about how high the axes will be.
+    `inches` is the approximate height of the axes.
     """
     if not ends:
         return
@@ -312,7 +312,7 @@ def _label_ends(axes: Axes, ends: Sequence[tuple[float, str, Any]], inches: floa
 
 
 def _colours(flight: Flight) -> list[Any]:
-    """One colour per drone; of many, neighbours have similar ones, on a scale that is even in grey too."""
+    """Returns one colour per drone; for many drones, a colour scale that is perceptually uniform, also in grey."""
     from matplotlib import colormaps
 
     n = len(flight.drones)
@@ -325,7 +325,7 @@ def _short(name: str) -> str:
 
 
 def _together(places: Mapping[str, Array], near: Array) -> list[tuple[str, Array]]:
-    """Names with places (3,), those nearer than `near` (3,) to the one before joined above the highest of them."""
+    """Returns names with places (3,); those within `near` (3,) of the previous one are joined above the highest one."""
     groups: list[tuple[list[str], list[Array]]] = []
     for name, place in places.items():
         for names, members in groups:

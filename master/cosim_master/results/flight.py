@@ -1,9 +1,9 @@
 """The drones of a recording: actual and desired positions, begins of steps, and the law that they follow.
 
-`roles` tells which outputs belong to which drone. Step #k begins when the first mobile agent begins it; its set-points
-are reached, by and by, until step #k+1 begins.
+`roles` assigns outputs to drones. Step #k begins when the first mobile agent begins it; its set-points are reached
+gradually, until step #k+1 begins.
 
-Numbers only: `figures` draws them.
+This module only computes numbers; `figures` draws them.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class Drone:
     """The recorded values of one drone, at the instants of its `Flight`; None for values that were not recorded.
 
     Attributes:
-        name: of the system that holds vehicle and agent, or of the component if it is alone.
+        name: of the system that contains vehicle and agent, or of the component if it is alone.
         position: (n, 3) m, NED.
         target: (n,) desired position, m east of the origin; NaN before the agent's first step.
-        stays: whether its agent is told to stay where it is.
+        stays: whether its agent is stationary.
         member: its agent with its neighbours, if the law of the agent is known.
     """
 
@@ -69,15 +69,15 @@ class Flight:
     steps: Mapping[int, float]
 
     def row(self, time: float) -> int:
-        """Index of the last instant up to `time` [s]."""
+        """Returns the index of the last instant up to `time` [s]."""
         return max(0, int(np.searchsorted(self.time, time, side="right")) - 1)
 
     @cached_property
     def law(self) -> tuple[Mapping[str, float], float] | None:
-        """Fixed point of the mobile drones [m east], and the least factor by which a step shrinks the error's 2-norm.
+        """Returns the mobile drones' fixed point [m east], and the least factor by which a step shrinks the error.
 
-        The desired positions at the end of drones that stay are the boundary values. None if the law of an agent is not
-        known, a drone's neighbours or parameters are not recorded, or no drone that stays fixes the solution.
+        The boundary values are the final desired positions of stationary drones. Returns None if the law of an agent is
+        not known, a drone's neighbours or parameters are not recorded, or no stationary drone determines the solution.
         """
         agents = {drone.name: (drone.member, drone.target) for drone in self.drones if drone.target is not None}
         members = [one for one, _ in agents.values() if one is not None]
@@ -95,7 +95,7 @@ def read_flight(run: Path) -> Flight:
     """Finds the drones in the signals of a run folder and reads the data for figures.
 
     Raises:
-        CosimError: the run is not complete, or there is nothing to draw.
+        CosimError: the run is not complete, or has no data for figures.
     """
     with open_signals(run) as signals:
         instances = players(run, read_manifest(run))

@@ -1,17 +1,17 @@
-"""The recording of a run that goes on, in a form that can be read at any moment, whatever ends the process.
+"""The recording of a run in progress, in a form that is readable at any moment, even if the process is killed.
 
     RUN/unfinished/signals.arrows   rows; an Arrow IPC stream, which a reader may stop reading anywhere
     RUN/unfinished/packets.arrows   packets, the same
     RUN/unfinished/*.parquet        the files of the finished run as far as they are: unreadable, since Parquet's footer
                                     comes last
-    RUN/unfinished/lock             locked as long as the process lives
+    RUN/unfinished/lock             locked while the process is alive
 
-`Journal` appends whatever is new about once a second, each time with one write. A batch without rows says that a row
-group of the finished file ends here, so that `repair` cuts where the run would have cut. When the run has finished its
-files, the folder goes.
+`Journal` appends new rows and packets about once a second, each time with one write. A batch without rows marks the end
+of a row group of the finished file, so that `repair` makes the same row groups as the run. When the run has completed
+its files, the folder is removed.
 
-Rows are kept as the loop has them, one list for each kind of value, since a column for each of thousands of signals
-takes Arrow a fifth of a second to write, however few rows it has. `read_journal` makes columns of them.
+Rows are stored in the form of the loop, with one list for each kind of value. Arrow needs a fifth of a second to write
+thousands of columns, however few rows they have. `read_journal` converts the lists to columns.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cosim_master.results.columns import Block, Columns
 
 try:
     import fcntl
-except ImportError:  # Windows: a file that is open cannot be removed there anyway
+except ImportError:  # Windows: an open file cannot be removed there anyway
     fcntl = None  # type: ignore[assignment]
 
 __all__ = ["FOLDER", "Journal", "goes_on", "groups_of", "journal_of", "read_journal", "schema_of"]
@@ -45,12 +45,12 @@ class Journal:
     """Writes the journal of one run.
 
     Args:
-        folder: of the run's results.
-        columns: of the signals.
-        packets: the columns of packets; None: there are none.
+        folder: the folder of the run's results.
+        columns: the columns of the signals.
+        packets: the columns of packets; None if packets are not recorded.
 
     Raises:
-        OSError: it cannot be written. This is true of all its methods.
+        OSError: the journal cannot be written. All methods raise it, too.
     """
 
     def __init__(self, folder: Path, columns: Columns, packets: pa.Schema | None) -> None:
@@ -90,7 +90,7 @@ class Journal:
             _write(self._streams["packets"], batch.serialize())
 
     def end_group(self, what: str) -> None:
-        """Says that a row group of signals or packets ends here."""
+        """Marks the end of a row group of signals or packets."""
         schema = self._schemas[what]
         empty = pa.RecordBatch.from_arrays([pa.array([], type=field.type) for field in schema], schema=schema)
         _write(self._streams[what], empty.serialize())
@@ -127,7 +127,7 @@ def journal_of(run: Path, what: str) -> Path | None:
 
 
 def goes_on(run: Path) -> bool:
-    """Whether the process that records a run still lives."""
+    """Returns whether the process that records a run is still alive."""
     lock = run / FOLDER / "lock"
     if fcntl is None or not lock.is_file():
         return False
@@ -144,12 +144,12 @@ def goes_on(run: Path) -> bool:
 
 
 def groups_of(file: Path) -> Iterator[pa.Table]:
-    """The row groups that a journal holds, in the columns of the finished file, up to the last complete batch."""
+    """Returns the row groups of a journal, in the columns of the finished file, up to the last complete batch."""
     with pa.memory_map(str(file)) as source:
         try:
             reader = pa.ipc.open_stream(source)
         except (pa.ArrowException, OSError):
-            return  # not even the columns are there
+            return  # even the columns are missing
         columns = _columns(reader.schema)
         group: list[pa.RecordBatch] = []
         for batch in _batches(reader):
@@ -166,7 +166,7 @@ def _batches(reader: Any) -> Iterator[pa.RecordBatch]:
     while True:
         try:
             yield reader.read_next_batch()
-        except (StopIteration, pa.ArrowException, OSError):  # the end, or in the midst of the last batch
+        except (StopIteration, pa.ArrowException, OSError):  # the end, or the middle of the last batch
             return
 
 
@@ -178,7 +178,7 @@ def _columns(schema: pa.Schema) -> Columns | None:
 
 
 def _table(batches: Sequence[pa.RecordBatch], columns: Columns | None) -> pa.Table:
-    """Batches of packets as they are; of rows as columns."""
+    """Returns batches of packets unchanged, and batches of rows as columns."""
     table = pa.Table.from_batches(batches)
     if columns is None:
         return table
@@ -203,7 +203,7 @@ def schema_of(file: Path) -> pa.Schema:
     """Returns the columns of the finished file.
 
     Raises:
-        CosimError: the process was ended before it had written which there are.
+        CosimError: the process ended before it had written the columns.
     """
     with pa.memory_map(str(file)) as source:
         try:
@@ -215,9 +215,9 @@ def schema_of(file: Path) -> pa.Schema:
 
 
 def read_journal(file: Path) -> pa.Table:
-    """Returns all that a journal holds, in the columns of the finished file.
+    """Returns the contents of a journal, in the columns of the finished file.
 
     Raises:
-        CosimError: the process was ended before it had written which there are.
+        CosimError: the process ended before it had written the columns.
     """
     return pa.concat_tables([schema_of(file).empty_table(), *groups_of(file)])

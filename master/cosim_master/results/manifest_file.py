@@ -1,4 +1,4 @@
-"""manifest.json in a run's folder: written as a whole, and while the run goes on, kept up to date in place."""
+"""manifest.json in a run's folder: written as a whole, and updated in place during the run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OUTCOME, _NUMBER, _COUNT = 16, 25, 20
 
 
 def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
-    """Writes the manifest in place of an earlier one, which is there until the new one is complete."""
+    """Writes the manifest. An earlier one is replaced only when the new one is complete."""
     _replace(folder, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
@@ -30,10 +30,10 @@ def _replace(folder: Path, text: str) -> None:
 
 
 class RunningManifest:
-    """The manifest of a run that goes on.
+    """The manifest of a run in progress.
 
-    The values that change have room for longer ones, in spaces, so that an update writes over some bytes of the file:
-    it needs no place on a full disk, and costs the same however long the manifest is.
+    Values that change are padded with spaces, so that an update overwrites a few bytes of the file. It does not need
+    free space on the disk, and its cost does not depend on the length of the manifest.
 
     Args:
         content: the manifest as it is at the start; `changing` are those of its keys that change.
@@ -54,10 +54,10 @@ class RunningManifest:
         self._file = (folder / NAME).open("r+b", buffering=0)
 
     def update(self, values: Mapping[str, Any]) -> None:
-        """Writes the present values.
+        """Writes the current values.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         for name, value in values.items():
             place, room = self._places[name]
@@ -72,7 +72,7 @@ class RunningManifest:
 
 
 def _room(value: Any) -> int:
-    """Characters for the longest value of this kind."""
+    """Returns the number of characters of the longest value of this kind."""
     if isinstance(value, Mapping):
         return len(json.dumps(dict.fromkeys(value, 10**_COUNT)))
     return _OUTCOME if isinstance(value, str) else _NUMBER

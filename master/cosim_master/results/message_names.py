@@ -9,7 +9,7 @@ __all__ = ["message_names"]
 
 @cache
 def message_names() -> dict[int, str]:
-    """Returns names of messages by id: of all of ArduPilot's with pymavlink, else of those that models can send."""
+    """Returns message names by id: with pymavlink all messages of ArduPilot, otherwise those that models can send."""
     try:
         from pymavlink.dialects.v20 import ardupilotmega
     except ImportError:

@@ -1,4 +1,4 @@
-"""The Parquet files of a finished run: how their values are encoded."""
+"""The Parquet files of a finished run, and the encoding of their values."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ _PLAIN = ("message", "system", "component", "sequence", "length")
 
 
 def signals_writer(file: Path, schema: pa.Schema) -> Any:
-    """Opens a file of signals; each table that is written is a row group."""
-    # Floating-point time series hardly repeat, so dictionaries only cost; splitting bytes compresses them better.
+    """Opens a file of signals; each table written is a row group."""
+    # Values in floating-point time series hardly repeat, so dictionaries are useless; byte stream splitting compresses
+    # better.
     floats = [f.name for f in schema if pa.types.is_floating(f.type)]
     return pq.ParquetWriter(
         file,
@@ -29,12 +30,12 @@ def signals_writer(file: Path, schema: pa.Schema) -> Any:
 
 
 def packets_writer(file: Path) -> Any:
-    """Opens a file of packets; each table that is written is a row group."""
+    """Opens a file of packets; each table written is a row group."""
     return pq.ParquetWriter(file, packets_schema(), compression="zstd")
 
 
 def packets_schema() -> pa.Schema:
-    """The columns of packets."""
+    """Returns the columns of packets."""
     seconds = {"unit": "s"}
     return pa.schema(
         [

@@ -22,10 +22,10 @@ def signals(run: Path | str, names: list[str] | None = None) -> pa.Table:
 
     Args:
         run: folder of the run.
-        names: of the columns that are wanted; None reads all.
+        names: of the columns to read; None reads all.
 
     Raises:
-        CosimError: the folder has no signals, or not these.
+        CosimError: the folder has no signals, or lacks a column.
     """
     with open_signals(Path(run)) as file:
         if names is not None and (lacking := sorted({*names} - {*file.schema_arrow.names})):
@@ -34,15 +34,15 @@ def signals(run: Path | str, names: list[str] | None = None) -> pa.Table:
 
 
 def has_packets(run: Path) -> bool:
-    """Whether the packets of a run were recorded."""
+    """Returns whether the packets of a run were recorded."""
     return journal_of(run, "packets") is not None or (run / "packets.parquet").is_file()
 
 
 def packets(run: Path | str) -> pa.Table:
-    """Returns the packets of a run, one row for each packet and each node that it was for; times in s.
+    """Returns the packets of a run, one row for each packet and each of its target nodes; times in s.
 
     Raises:
-        CosimError: the run has no record of packets, or not a complete one.
+        CosimError: the run has no record of packets, or an incomplete one.
     """
     if (journal := journal_of(Path(run), "packets")) is not None:
         return read_journal(journal)

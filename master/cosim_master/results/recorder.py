@@ -1,18 +1,18 @@
 """The files of a run: signals, packets, and a manifest of its inputs and outcome.
 
-    OUT/manifest.json     what was run, with what, and how it ended; while it runs, how far it has come
+    OUT/manifest.json     the system, the options and the outcome; during the run, its progress
     OUT/signals.parquet   column `time` [s], then `component.variable`; units and descriptions in the field metadata
     OUT/packets.parquet   every packet on its way to every node: sent, arrival, addresses, outcome
     OUT/packets.tlog      all packets sent, in the order of time, as ground stations replay them
-    OUT/packets/NODE.tlog what one node sent and received over the radio, or a gateway by its link
-    OUT/unfinished/       while the run goes on, in place of the Parquet files: see `journal`
+    OUT/packets/NODE.tlog packets that a node sent and received by radio, or a gateway by its link
+    OUT/unfinished/       during the run, in place of the Parquet files: see `journal`
 
 A .tlog is a sequence of 8-byte big-endian microseconds and one packet. Its clock begins at `EPOCH`, since tools
 read it as a date.
 
-The recorder reads; it never touches what it observes. `keep` makes all that has been recorded so far readable, whatever
-ends the process; the loop's blocks are not emptied by that, so that it changes nothing in the finished files. What is
-recorded between two checkpoints is written to files of its own as well (segments), which are theirs.
+The recorder never changes the values that it records. `keep` makes all values recorded so far readable, even if the
+process is killed. It does not empty the loop's blocks, so the finished files do not depend on it. The values recorded
+between two checkpoints are also written to separate files (segments), which belong to the checkpoints.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class Recorder:
 
     Args:
         keep: record packet events and logs.
-        manifest: as it is while the run goes on, with the outcome "running".
-        checkpoint: begin with the recording up to there.
+        manifest: the manifest during the run, with the outcome "running".
+        checkpoint: the new recording begins with the recording up to this checkpoint.
         in_segments: write segments for checkpoints.
 
     Raises:
@@ -110,7 +110,7 @@ class Recorder:
     def _open(self, manifest: Mapping[str, Any]) -> None:
         folder = self.folder
         folder.mkdir(parents=True, exist_ok=True)
-        clear(folder)  # an old manifest would call the results complete while they are not
+        clear(folder)  # an old manifest would call incomplete results complete
         journal = Journal(folder, self._columns, self._event_schema if self._keep else None)
         self._journal = self._opened.enter_context(closing(journal))
         self._signals = self._opened.enter_context(
@@ -128,7 +128,7 @@ class Recorder:
         return self.folder / FOLDER / f"{what}.parquet"
 
     def position(self) -> Position:
-        """Returns the position of the recording, after writing everything out."""
+        """Returns the position of the recording, after writing all buffered values."""
         for file in self._tlogs.values():
             file.flush()
         tlogs = {str(Path(file.name).relative_to(self.folder)): file.tell() for file in self._tlogs.values()}
@@ -147,7 +147,7 @@ class Recorder:
         return self.folder / "checkpoints" / f"{what}.parquet"
 
     def segments(self) -> list[Path]:
-        """The segments since this was last called, complete; they are the caller's now."""
+        """Returns the complete segments since the last call; the caller then owns them."""
         for writer in self._open_segments.values():
             writer.close()
         done = [self._segment(what) for what in self._open_segments]
@@ -183,7 +183,7 @@ class Recorder:
             raise SystemDescriptionError([Problem(Where(str(checkpoint.run)), text)]) from None
 
     def _into_journal(self, what: str, table: pa.Table) -> None:
-        """Appends a row group that was taken over."""
+        """Appends a row group that was copied."""
         if what == "signals":
             self._journal.rows(self._columns.block(table))
         else:
@@ -191,7 +191,7 @@ class Recorder:
         self._journal.end_group(what)
 
     def texts(self, values: list[str]) -> None:
-        """The values of all recorded String variables for the row just recorded."""
+        """Adds the values of all recorded String variables for the row just recorded."""
         self._text_rows.append(values)
 
     def unwritten_texts(self) -> list[list[str]]:
@@ -199,7 +199,7 @@ class Recorder:
         return list(self._text_rows)
 
     def take_back(self) -> None:
-        """Discards the rows given to `texts` since rows were last written: the run has gone back to that time."""
+        """Discards the rows given to `texts` since rows were last written, because the run has gone back in time."""
         self._text_rows.clear()
 
     # ---- rows and packets --------------------------------------------------------------------------------------------
@@ -229,12 +229,12 @@ class Recorder:
             self._end_group("packets")
 
     def keep(self, plan: Plan, radio: Radio, progress: Mapping[str, Any]) -> None:
-        """Makes readable what has been recorded so far, whatever ends the process; empties nothing.
+        """Makes all values recorded so far readable, even if the process is killed; does not empty the blocks.
 
-        Call it only when nothing of it will be taken back and go another way.
+        Call it only if none of these values can still be taken back.
 
         Args:
-            progress: by key of the manifest, how far the run has come.
+            progress: the progress of the run, by key of the manifest.
         """
         self._keep_rows(plan, self._complete_rows(plan))
         self._keep_packets(radio)
@@ -243,7 +243,7 @@ class Recorder:
 
     def _complete_rows(self, plan: Plan) -> int:
         n = int(plan.clock[ROWS])
-        return min(n, len(self._text_rows)) if self._texts else n  # interrupted in between, the last one has no strings
+        return min(n, len(self._text_rows)) if self._texts else n  # after an interruption, the last one may lack strings
 
     def _block(self, plan: Plan, first: int, last: int) -> Block:
         rows = slice(first, last)
@@ -281,7 +281,7 @@ class Recorder:
 
     @contextmanager
     def _writing(self, name: str) -> Iterator[None]:
-        """Raises RecordingFailed where a file cannot be written, and remembers that: it is not tried again."""
+        """Raises RecordingFailed if a file cannot be written, and prevents further attempts."""
         try:
             yield
         except OSError as error:
@@ -327,9 +327,9 @@ class Recorder:
         """Completes all files but the manifest.
 
         Raises:
-            RecordingFailed: that cannot be done; the journal stays, with all that could be written.
+            RecordingFailed: a file cannot be completed; the journal remains, with all values that could be written.
         """
-        with suppress(RecordingFailed):  # what cannot be kept any more may still fit into the files themselves
+        with suppress(RecordingFailed):  # values that the journal cannot store may still fit into the files
             self._keep_rows(plan, self._complete_rows(plan))
             self._keep_packets(radio)
         if self._files_fail:
@@ -354,10 +354,10 @@ class Recorder:
                 file.replace(self.folder / file.name)
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        """Writes the manifest in place of an earlier one, once all other files are complete, or will not be.
+        """Replaces the manifest, once all other files are complete, or are known to remain incomplete.
 
         Raises:
-            RecordingFailed: there is no room for it; the one that is there then has the outcome.
+            RecordingFailed: the disk has no space for it; the existing manifest then has the outcome.
         """
         try:
             write_manifest(self.folder, manifest)
@@ -373,7 +373,7 @@ class Recorder:
             self._remove_journal()
 
     def break_off(self, plan: Plan, radio: Radio, progress: Mapping[str, Any]) -> None:
-        """Closes the files as they are, with all that has been recorded in the journal."""
+        """Closes the incomplete files; all values recorded are in the journal."""
         with suppress(RecordingFailed):
             self.keep(plan, radio, progress)
         self._close_all()
@@ -399,7 +399,7 @@ def _refusal(folder: Path, text: str) -> SystemDescriptionError:
 
 
 def _readable(checkpoint: Checkpoint, name: str) -> list[Path]:
-    """The file of that name of a run, or the segments of its checkpoints if it was killed before it was complete."""
+    """Returns the file of that name of a run, or the segments of its checkpoints if it was killed before."""
     whole = checkpoint.run / name
     try:
         pq.ParquetFile(whole).close()
@@ -409,5 +409,5 @@ def _readable(checkpoint: Checkpoint, name: str) -> list[Path]:
 
 
 def _file_name(node: str) -> str:
-    """Returns a node's name as a file name: characters that are not allowed there are percent-encoded, as in a URI."""
+    """Returns a node's name as a file name: characters not allowed there are percent-encoded, as in a URI."""
     return re.sub(r'[%/\\:*?"<>|\x00-\x1f]|^\.+', lambda found: "".join(f"%{ord(c):02X}" for c in found[0]), node)

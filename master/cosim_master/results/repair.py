@@ -2,9 +2,9 @@
 
     signals.parquet, packets.parquet   from the journal, with the row groups that the run would have written
     *.tlog                             without the packet that was being written
-    manifest.json                      outcome "killed", how far the run came, packets as they were counted last
+    manifest.json                      outcome "killed", the progress of the run, the last counts of packets
 
-What comes out is equal to what the run would have left if it had been ended there: byte for byte, but for the manifest.
+Except for the manifest, the files are equal byte for byte to those of a run that ends at this time.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _SIGNED, _SIGNATURE = 1, 13
 
 
 def repair(run: Path) -> dict[str, Any]:
-    """Completes the files of a run; what is complete already stays as it is.
+    """Completes the files of a run; complete files are not changed.
 
     Returns:
         The manifest.
 
     Raises:
-        SystemDescriptionError: the folder holds no run, one that goes on, or one that never recorded anything.
+        SystemDescriptionError: the folder contains no run, a run in progress, or one that never recorded anything.
         RecordingFailed: the files cannot be written; nothing is lost.
     """
     if goes_on(run):
@@ -96,12 +96,12 @@ def _cut(log: Path) -> None:
 
 
 def _ends(content: bytes) -> Iterator[int]:
-    """Where each complete packet of a .tlog ends."""
+    """Returns the end of each complete packet of a .tlog."""
     at = 0
     while len(content) - at >= _STAMP + 3:
         magic, length, flags = content[at + _STAMP : at + _STAMP + 3]
         if magic not in (_MAVLINK_1, _MAVLINK_2):
-            yield len(content)  # this is no packet: nobody knows where it ends
+            yield len(content)  # not a packet, so its end is unknown
             return
         if magic == _MAVLINK_2:
             size = length + 12 + (_SIGNATURE if flags & _SIGNED else 0)

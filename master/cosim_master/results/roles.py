@@ -1,9 +1,10 @@
-"""The drones of a recording: which columns are position and attitude, and the desired position of the agent.
+"""Finds the drones of a recording: the columns of position and attitude, and the desired position of the agent.
 
-A drone is a component that outputs its position (m, NED), and the agent beside it in the same system, a component that
-outputs the number of its step and its desired position (m east of the origin); or either of them alone. Which outputs
-these are, and what law an agent follows, the FMUs declare (`cosim.verdict`), and the manifest of the run has it. An FMU
-that declares nothing is known by the names of its outputs (`cosim.vehicle`), and its law is not known.
+A drone consists of a vehicle, which is a component that outputs its position (m, NED), and of an agent in the same
+system, which is a component that outputs the number of its step and its desired position (m east of the origin). Either
+of them may be missing. The FMUs declare these outputs and the law of an agent (`cosim.verdict`), and the manifest of
+the run contains the declarations. An FMU without declarations is identified by the names of its outputs
+(`cosim.vehicle`), and its law is not known.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ __all__ = ["UNKNOWN", "Part", "Player", "parts", "players", "read_manifest"]
 
 @dataclass(frozen=True, slots=True)
 class Player:
-    """An instance in the manifest: the values of its parameters, and the meanings that its FMU declares."""
+    """An instance in the manifest: the values of its parameters, and the roles that its FMU declares."""
 
     parameters: Mapping[str, Any]
     verdicts: Mapping[str, Verdict]
 
     def named(self, role: Role) -> str:
-        """Returns the variable that has a role; empty if none has."""
+        """Returns the variable that has a role; empty if none exists."""
         return next((name for name, one in self.verdicts.items() if one is role), "")
 
     @property
@@ -58,7 +59,7 @@ UNKNOWN = Player({}, {})
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A drone: its name, and the instances that are its vehicle and its agent; "" for one that is not there."""
+    """A drone: its name, and the instances that are its vehicle and its agent; "" for a missing one."""
 
     name: str
     vehicle: str
@@ -69,7 +70,7 @@ def read_manifest(run: Path) -> dict[str, Any]:
     """Returns the manifest of a run.
 
     Raises:
-        CosimError: the folder has none, or it is not the manifest of a complete run.
+        CosimError: the folder has no manifest, or not the manifest of a complete run.
     """
     file = run / "manifest.json"
     try:
@@ -85,7 +86,7 @@ def players(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Player]:
     """Returns the instances of a manifest.
 
     Raises:
-        CosimError: it is not the manifest of a complete run.
+        CosimError: the manifest is not that of a complete run.
     """
     try:
         fmus = {path: verdicts_of_json(fmu.get("verdicts", {})) for path, fmu in manifest.get("fmus", {}).items()}

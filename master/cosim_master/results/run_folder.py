@@ -1,7 +1,7 @@
 """The folder of a run's results: its choice for a new run, and the removal of an earlier run.
 
-A run may replace an earlier one of the same inputs, since it records the same again. Results of other inputs are
-overwritten only on demand. The manifest has the fingerprint of the inputs (see `fingerprint`).
+A run may replace an earlier run of the same inputs, since it records the same values. Results of other inputs are
+overwritten only on request. The manifest contains the fingerprint of the inputs (see `fingerprint`).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class RunFolder:
 
     Attributes:
         path: the folder.
-        numbered: take path-2, path-3, ... if it holds a run of other inputs, instead of refusing.
-        force: overwrite whatever it holds.
+        numbered: use path-2, path-3, ... if it contains a run of other inputs, instead of refusing.
+        force: overwrite any contents.
     """
 
     path: Path
@@ -41,14 +41,14 @@ class RunFolder:
     force: bool = False
 
     def choose(self, fingerprint: Mapping[str, str], *, repeatable: bool = True) -> Path:
-        """The folder for a run of this fingerprint.
+        """Returns the folder for a run with this fingerprint.
 
         Args:
             fingerprint: digests of the inputs of the run, by their names.
-            repeatable: whether a run of the same inputs records the same; with real programs it does not.
+            repeatable: whether a run of the same inputs records the same values; False with real programs.
 
         Raises:
-            SystemDescriptionError: it holds results that this run would not record again.
+            SystemDescriptionError: the folder contains results that this run would not record again.
         """
         for path in self._candidates():
             recorded = goes_on(path)
@@ -69,7 +69,7 @@ class RunFolder:
 
 
 def held_fingerprint(folder: Path) -> dict[str, str] | None:
-    """The fingerprint of the run that a folder holds: empty if it is not known, None if the folder holds none."""
+    """Returns the fingerprint of the run in a folder: empty if it is not known, None if the folder contains no run."""
     if not any((folder / name).exists() for name in ("manifest.json", "signals.parquet", "checkpoints", FOLDER)):
         return None
     try:
@@ -80,7 +80,7 @@ def held_fingerprint(folder: Path) -> dict[str, str] | None:
 
 
 def differences(held: Mapping[str, str], fingerprint: Mapping[str, str]) -> list[str]:
-    """The inputs that are not the same in two fingerprints."""
+    """Returns the inputs that differ between two fingerprints."""
     return [name for name in dict.fromkeys([*fingerprint, *held]) if held.get(name) != fingerprint.get(name)]
 
 
@@ -96,7 +96,7 @@ def _described(folder: Path, held: Mapping[str, str], fingerprint: Mapping[str, 
 
 
 def clear(folder: Path) -> None:
-    """Removes an earlier run: its results, its checkpoints, and the figures drawn of it, known by their stamp."""
+    """Removes an earlier run: its results, its checkpoints, and its figures, which are identified by their stamp."""
     for pattern in _RESULTS:
         for file in folder.glob(pattern):
             file.unlink()
@@ -117,7 +117,7 @@ def stamp(run: Path) -> str:
 
 
 def is_figure(file: Path) -> bool:
-    """Returns whether a file was made of a run by `uav-cosim plot` or `view`: such files have a stamp."""
+    """Returns whether a file was made from a run by `uav-cosim plot` or `view`; such files have a stamp."""
     if file.suffix not in _DRAWN or not file.is_file():
         return False
     with file.open("rb") as opened:

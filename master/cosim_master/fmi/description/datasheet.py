@@ -1,4 +1,4 @@
-"""The data sheet of an FMU, whether it runs here or not, with all its problems. Executes nothing."""
+"""The data sheet of an FMU, whether it runs here or not, with all its problems. It executes no code of the FMU."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _SUFFIXES = (".so", ".dll", ".dylib")
 
 
 def datasheet(path: Path) -> dict[str, Any]:
-    """Interfaces, platforms, sources, layered standards, terminals, default experiment and variables of an FMU.
+    """Returns interfaces, platforms, sources, layered standards, terminals, default experiment and variables of an FMU.
 
     Raises:
-        SystemDescriptionError: it is not an archive, or has no readable modelDescription.xml.
+        SystemDescriptionError: the file is not an archive, or has no readable modelDescription.xml.
     """
     shown = str(path)
     names = archive.member_names(path, shown)
@@ -77,7 +77,7 @@ def _is_library(name: str) -> bool:
 
 
 def _interfaces(root: etree._Element) -> dict[str, list[str]]:
-    """The capabilities of each interface that are true, or numbers other than 0."""
+    """Returns the capabilities of each interface that are true, or numbers other than 0."""
     if root.get("fmiVersion") == "1.0":
         able = root.find("Implementation/*/Capabilities")
         if root.find("Implementation") is None:
@@ -111,7 +111,7 @@ def _layered_standards(path: Path, shown: str, names: Sequence[str]) -> Iterator
 
 
 def _terminals(path: Path, shown: str) -> dict[str, list[str]]:
-    """Names of all terminals, those inside others as "outer.inner", and of their members."""
+    """Returns the names of all terminals, those inside others as "outer.inner", and of their members."""
     data = archive.read_member(path, _TERMINALS, shown, limit=_LIMIT)
     found: dict[str, list[str]] = {}
 
@@ -128,10 +128,10 @@ def _terminals(path: Path, shown: str) -> dict[str, list[str]]:
 
 
 def findings(path: Path) -> list[Problem]:
-    """Returns all problems of an FMU: those that `fmpy validate` finds, those that keep it from running here, and more.
+    """Returns all problems of an FMU: those that `fmpy validate` finds, those that prevent a run here, and more.
 
     Raises:
-        SystemDescriptionError: it is not an archive, or has no readable modelDescription.xml.
+        SystemDescriptionError: the file is not an archive, or has no readable modelDescription.xml.
     """
     shown = str(path)
     names = archive.member_names(path, shown)
@@ -157,7 +157,7 @@ def findings(path: Path) -> list[Problem]:
 
 
 def _values(root: etree._Element) -> Iterator[tuple[int | None, str]]:
-    """Finds start values outside of their limits, and limits that are reversed."""
+    """Finds start values outside of their limits, and limits in reverse order."""
     for variable in _variables(root):
         inner = next((one for one in variable if one.tag in ("Real", "Integer", "Enumeration")), variable)
         numbers = {name: _number(inner.get(name)) for name in ("min", "max", "start")}
@@ -177,7 +177,7 @@ def _number(text: str | None) -> float | None:
 
 
 def _files(root: etree._Element, names: Sequence[str]) -> Iterator[str]:
-    """Libraries and sources that the description names and the archive has not."""
+    """Finds libraries and sources that the description names and the archive lacks."""
     elements = [element for name in _INTERFACES if (element := root.find(name)) is not None]
     if root.get("fmiVersion") == "1.0":
         elements = [root]

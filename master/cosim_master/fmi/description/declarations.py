@@ -1,7 +1,7 @@
 """The meanings that an FMU declares in its vendor annotation `org.uav-cosim.verdict`: see `cosim.build.verdicts`.
 
-An FMU without the annotation declares none. A mistake in it is a note, and no more: an FMU runs without them.
-The meanings that figures need stand in the manifest of a run as JSON.
+An FMU without the annotation declares no meanings. An error in it is only a note, since an FMU can run without them.
+The manifest of a run contains, as JSON, the meanings that figures need.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _ROLES = {role.value: role for role in Role}
 
 
 def elements_of(name: str, variables: Mapping[str, Variable]) -> tuple[str, ...]:
-    """The variable of a name, or the elements of the array of that name; empty if there is neither."""
+    """Returns the variable of a name, or the elements of the array of that name; empty if neither exists."""
     if name in variables:
         return (name,)
     found: list[str] = []
@@ -111,7 +111,7 @@ def _values(element: etree._Element, what: str) -> tuple[int, ...]:
 
 
 def _number(text: str) -> float | str:
-    """A number, or the name of a variable as it is."""
+    """Returns a number, or the name of a variable unchanged."""
     try:
         value = float(text)
     except ValueError:
@@ -122,10 +122,10 @@ def _number(text: str) -> float | str:
 
 
 def _checked(name: str, verdict: Verdict, variables: Mapping[str, Variable]) -> Verdict:
-    """The verdict.
+    """Returns the verdict.
 
     Raises:
-        ValueError: it is not for this variable, or names one that there is not.
+        ValueError: the verdict does not apply to this variable, or names a variable that does not exist.
     """
     elements = [variables[element] for element in elements_of(name, variables)]
     if not elements:
@@ -151,7 +151,7 @@ def _checked(name: str, verdict: Verdict, variables: Mapping[str, Variable]) -> 
 
 
 def _check_port(verdict: Verdict, variable: Variable) -> None:
-    """Raises ValueError if a role that inputs, or packet ports of either direction, may have is not for this one."""
+    """Raises ValueError if a role of inputs, or one of packet ports, does not apply to the variable."""
     if verdict is Role.OPTIONAL and variable.causality != "input":
         raise ValueError(f"it is of causality {variable.causality}, only inputs are optional")
     if verdict is not Role.OPTIONAL and variable.packet_capacity is None:
@@ -159,7 +159,7 @@ def _check_port(verdict: Verdict, variable: Variable) -> None:
 
 
 def _check_rotors(verdict: Rotors, speeds: Sequence[Variable], variables: Mapping[str, Variable]) -> None:
-    """Raises ValueError if these are not the speeds of rotors, or what belongs to each of them is not declared."""
+    """Raises ValueError if the variables are not speeds of rotors, or properties of the rotors are not declared."""
     if any(one.causality != "output" or one.type != "Real" for one in speeds):
         raise ValueError("it must be of causality output and type Real")
     sizes = {verdict.count: ("Integer", 1), **{name: ("Real", len(speeds)) for name in verdict.arrays}}
@@ -170,7 +170,7 @@ def _check_rotors(verdict: Rotors, speeds: Sequence[Variable], variables: Mappin
 
 
 def verdicts_as_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, Any]]:
-    """Returns roles, formations and rotors by the name of their variable, as `verdicts_of_json` reads them."""
+    """Returns roles, formations and rotors by the name of their variable, in the format of `verdicts_of_json`."""
     found: dict[str, dict[str, Any]] = {}
     for name, verdict in verdicts.items():
         if isinstance(verdict, Role):
@@ -183,10 +183,10 @@ def verdicts_as_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, Any
 
 
 def verdicts_of_json(told: Mapping[str, Mapping[str, Any]]) -> dict[str, Verdict]:
-    """Returns the verdicts that `verdicts_as_json` was given; conditions, reasons and bounds are left out.
+    """Returns the verdicts written by `verdicts_as_json`, except conditions, reasons and bounds.
 
     Raises:
-        KeyError, TypeError, ValueError: they were not written so.
+        KeyError, TypeError, ValueError: the JSON data have another format.
     """
     found: dict[str, Verdict] = {}
     for name, one in told.items():

@@ -13,7 +13,7 @@ __all__ = ["Column", "Table", "interpolated"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """Values of a table's rows: doubles, 32 bit integers, or booleans; `held` until the next row, else linear."""
+    """The values of a column: doubles, 32-bit integers, or booleans; `held` until the next row, otherwise linear."""
 
     values: Any
     held: bool
@@ -21,21 +21,22 @@ class Column:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """A file of rows over time: their times in s, rising, and the columns in the order of value references."""
+    """A table of values over time: ascending times of its rows in s, and its columns in the order of value references."""
 
     times: Any
     columns: Mapping[str, Column]
 
 
 def interpolated(rows: Any, values: Any, at: Any, *, held: bool, before: bool = False) -> Any:
-    """The values of a column at times.
+    """Returns the values of a column at given times.
 
     Args:
-        rows: times of its rows, rising; of equal ones the last row counts after that time, the first row at it.
-        values: of the rows, numbers or (if `held`) any objects.
+        rows: times of its rows, ascending; of rows at the same time, the first one applies at that time, and the last
+            one after it.
+        values: the values of the rows, numbers or (if `held`) any objects.
         at: the times.
-        held: the last row's value holds until the next row; else linear between rows.
-        before: at a row's time, take the value held until then.
+        held: a value is constant until the next row; otherwise values are interpolated linearly.
+        before: at a row's time, return the value held until then.
     """
     last = len(rows) - 1
     i = np.clip(np.searchsorted(rows, at, side="left" if before else "right") - 1, 0, last)

@@ -1,9 +1,9 @@
-"""Reading and checking of modelDescription.xml, and unpacking of FMUs. Executes nothing.
+"""Reads and checks modelDescription.xml, and unpacks FMUs. It executes no code of the FMU.
 
-FMPy parses; this module decides what is fatal (we could not run the FMU, or not run it right) and what is a note
-(the description breaks a rule that does not matter for a run; many exporters do). The only module that imports FMPy.
-Supported: FMI 2.0 and 3.0 (`read_fmi3` has the differences) for Co-Simulation and Model Exchange, FMI 1.0 for
-Co-Simulation.
+FMPy parses the file. This module classifies each defect: it is fatal if the FMU could not be run, or not correctly, and
+a note if the description breaks a rule that does not affect a run, as many exporters do. This is the only module that
+imports FMPy. FMI 2.0 and 3.0 (`read_fmi3` handles the differences) are supported for Co-Simulation and Model Exchange,
+FMI 1.0 for Co-Simulation.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _SHOWN_NOTES = 5
 
 
 def platform(fmi: int = 2) -> str:
-    """The name of this machine's folder in `binaries/`: "linux64", ... (FMI 2) or "x86_64-linux", ... (FMI 3)."""
+    """Returns this machine's folder in `binaries/`: "linux64", ... (FMI 2) or "x86_64-linux", ... (FMI 3)."""
     if fmi == 3:
         machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(machine_name(), machine_name())
         return f"{machine}-{'windows' if sys.platform == 'win32' else sys.platform}"
@@ -63,12 +63,12 @@ def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implement
 
     Args:
         path: the .fmu file.
-        sizes: of structural parameters of FMI 3, other values than the FMU's own: arrays have other sizes then.
-        implementation: "CoSimulation", "ModelExchange", or "any": co-simulation if the FMU has it.
+        sizes: values of structural parameters of FMI 3 other than the FMU's own, which change the sizes of arrays.
+        implementation: "CoSimulation", "ModelExchange", or "any", which prefers co-simulation.
 
     Raises:
-        SystemDescriptionError: not a ZIP archive, without a readable modelDescription.xml, of another FMI version,
-            without that interface, or without a library for this platform; all problems at once.
+        SystemDescriptionError: the file is not a ZIP archive, has no readable modelDescription.xml, another FMI
+            version, not that interface, or no library for this platform; all problems are reported at once.
     """
     shown = str(path)
     names = archive.member_names(Path(path), shown)
@@ -86,10 +86,10 @@ def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implement
 
 
 def extract(description: FmuDescription, directory: Path) -> Path:
-    """Unpacks an FMU into `directory`, which is made, and returns the path of its library.
+    """Unpacks an FMU into `directory`, which is created, and returns the path of its library.
 
-    The path must be plain ASCII without "%", "#", "?", "+" and spaces: FMUs get it as a URI, and pythonfmu decodes
-    nothing but "%20" in it.
+    The path must be plain ASCII without "%", "#", "?", "+" and spaces: FMUs receive it as a URI, in which pythonfmu
+    only decodes "%20".
 
     Raises:
         ValueError: the path of `directory` has other characters.
@@ -106,7 +106,7 @@ def extract(description: FmuDescription, directory: Path) -> Path:
 
 
 def _terminals(path: Path, shown: str, reading: _Reading) -> dict[str, tuple[str, ...]]:
-    """Names of terminals, those inside others as "outer.inner", and of their member variables."""
+    """Returns the names of terminals, those inside others as "outer.inner", and of their member variables."""
     member = "terminalsAndIcons/terminalsAndIcons.xml"
     data = archive.read_member(path, member, shown, limit=_MAX_DESCRIPTION_BYTES)
     found: dict[str, tuple[str, ...]] = {}
@@ -151,7 +151,7 @@ def _library(names: Sequence[str], identifier: str, where: Where, reading: _Read
     expected = f"binaries/{folder}/{identifier}{suffix}"
     if expected in names:
         return expected
-    # Old exporters name the library after the .fmu file; if there is only one, there is no doubt.
+    # Old exporters name the library after the .fmu file; a single library is unambiguous.
     pattern = f"binaries/{folder}/"
     others = [name for name in names if name.startswith(pattern) and name.endswith(suffix) and name.count("/") == 2]
     if len(others) == 1:
@@ -167,7 +167,7 @@ def _library(names: Sequence[str], identifier: str, where: Where, reading: _Read
 
 
 class _Reading:
-    """One modelDescription.xml being read. Whatever is fatal goes to `problems`, the rest to `notes`."""
+    """Reads one modelDescription.xml. Fatal defects are added to `problems`, all others to `notes`."""
 
     def __init__(self, shown: str, data: bytes, sizes: Mapping[str, int], implementation: str) -> None:
         self.shown = shown
@@ -245,7 +245,7 @@ class _Reading:
         return None
 
     def _interface1(self) -> None:
-        """FMI 1.0 has one interface for each FMU; that of co-simulation has an Implementation."""
+        """Returns the single interface of an FMU of FMI 1.0; an FMU for co-simulation has an Implementation."""
         self.identifier = self.root.get("modelIdentifier")
         if self.root.find("Implementation") is None or self.implementation == "ModelExchange":
             self._problem(self.root, EXCHANGE1.text())
@@ -253,7 +253,7 @@ class _Reading:
             self._problem(self.root, "<fmiModelDescription> needs the attribute modelIdentifier, a C identifier")
 
     def _structure(self) -> None:
-        """Indices of the ModelStructure count from 1. FMPy takes 0 for the last variable."""
+        """Reads the ModelStructure. Its indices count from 1; FMPy interprets 0 as the last variable."""
         count = len(self.root.findall("ModelVariables/ScalarVariable"))
         for unknown in self.root.iterfind("ModelStructure/*/Unknown"):
             indices = [unknown.get("index", ""), *unknown.get("dependencies", "").split()]
@@ -284,7 +284,7 @@ class _Reading:
         return step
 
     def _experiment(self, attribute: str) -> float | None:
-        """A finite number of the DefaultExperiment, None if it has none."""
+        """Returns a finite number of the DefaultExperiment, or None if it has none."""
         experiment = self.model.defaultExperiment
         text = None if experiment is None else getattr(experiment, attribute)
         number = cast("float | None", self._value(self.root, attribute, text, "Real"))
@@ -293,8 +293,8 @@ class _Reading:
     def _repair(self) -> None:
         """Sets the variability of variables whose causality allows only one; FMPy rejects them.
 
-        FMI's default is "continuous", which no parameter and no Integer, Boolean, String or Enumeration can be;
-        pythonfmu leaves the attribute out all the same.
+        FMI's default is "continuous", which is invalid for parameters and for Integer, Boolean, String and Enumeration
+        variables; pythonfmu nevertheless omits the attribute.
         """
         repaired = []
         for variable in self.root.iterfind("ModelVariables/ScalarVariable"):
@@ -315,7 +315,7 @@ class _Reading:
             )
 
     def _parsed(self) -> ModelDescription:
-        """FMPy's reading, strict if it can be, else lenient with the strict findings as notes."""
+        """Returns FMPy's result: in strict mode if possible, otherwise lenient, with the strict findings as notes."""
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w") as memory:
             memory.writestr("modelDescription.xml", etree.tostring(self.root, encoding="utf-8", xml_declaration=True))
@@ -325,7 +325,7 @@ class _Reading:
         except ValidationError as error:
             findings = [str(problem) for problem in error.problems]
         except Exception as error:
-            # FMPy lets whatever its parsing raises come through: KeyError, ValueError, plain Exception.
+            # FMPy does not catch the exceptions of its parsing: KeyError, ValueError, plain Exception.
             findings = [f"{type(error).__name__}: {error}"]
         try:
             model = read_model_description(packed, validate=False)
@@ -348,7 +348,7 @@ class _Reading:
             if read.name in self.variables:
                 self._problem(element, f'variable "{read.name}" is declared twice')
                 continue
-            if element.get("alias") == "negatedAlias":  # its value would have to be negated on the way
+            if element.get("alias") == "negatedAlias":  # its value would have to be negated in the exchange
                 negated.append(read.name)
                 continue
             variable = self._variable(read, element, capacities.pop(read.name, None))
@@ -427,7 +427,7 @@ class _Reading:
         return initial
 
     def _value(self, element: etree._Element, attribute: str, text: str | None, kind: str) -> Start | None:
-        """A start value or limit, None if it is absent."""
+        """Returns a start value or a limit, or None if it is absent."""
         if text is None or kind == "String":
             return text
         try:
@@ -451,7 +451,7 @@ class _Reading:
             return 0
 
     def _packet_ports(self) -> dict[str, int]:
-        """Our vendor annotation. FMI's schema allows a Tool one child only, so several ports have one around them."""
+        """Reads our vendor annotation. FMI's schema allows one child per Tool, so several ports share a parent."""
         capacities: dict[str, int] = {}
         for port in self.root.iterfind("VendorAnnotations/Tool[@name='uav-cosim']//PacketPort"):
             name, size = port.get("variable"), port.get("maxSize", "")
@@ -505,7 +505,7 @@ class _Reading:
         )
 
     def _model_exchange(self) -> ModelExchange | None:
-        """States and their derivatives in the order of the model structure."""
+        """Returns the states and their derivatives in the order of the model structure."""
         if self.interface != "ModelExchange":
             return None
         element = self.root.find("ModelExchange")
@@ -528,7 +528,7 @@ class _Reading:
         )
 
     def _outputs1(self) -> dict[str, tuple[str, ...] | None]:
-        """Direct dependencies of FMI 1.0: names of inputs in the outputs themselves."""
+        """Reads the direct dependencies of FMI 1.0, which the outputs list as names of inputs."""
         found: dict[str, tuple[str, ...] | None] = {}
         for element in self.root.iterfind("ModelVariables/ScalarVariable"):
             if element.get("causality") == "output":

@@ -1,6 +1,7 @@
-"""modelDescription.xml of FMI 3.0 for Co-Simulation, as FMPy has parsed it, in the terms of `variables`.
+"""Converts modelDescription.xml of FMI 3.0 for Co-Simulation, as parsed by FMPy, to the types of `variables`.
 
-Arrays become one variable per element. Features that the master cannot carry are problems or notes, never ignored.
+Arrays become one variable per element. Features that the master does not support are problems or notes, never ignored
+silently.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Reading3:
     Args:
         model: FMPy's ModelDescription.
         units: by name.
-        elements: the XML element of every variable, by name, for data that FMPy does not keep.
+        elements: the XML element of every variable, by name, for data that FMPy does not store.
         problem: called with fatal problems.
         sizes: values of structural parameters in place of the FMU's own.
     """
@@ -68,7 +69,7 @@ class Reading3:
         structural: dict[int, tuple[str, int | None]] = {}
         self._may_be_empty: set[str] = set()
         for v in model.modelVariables:
-            # One that is no whole number sizes nothing.
+            # A structural parameter that is not an integer cannot be the size of an array.
             if v.causality == "structuralParameter" and FMI3_TYPES.get(v.type) == "Integer":
                 own = str(v.start).strip()
                 structural[int(v.valueReference)] = (v.name, sizes.get(v.name, int(own) if own.isdecimal() else None))
@@ -164,7 +165,7 @@ class Reading3:
         return self._attributes(read).get("intermediateUpdate") in ("true", "1")
 
     def _attributes(self, read: Any) -> Mapping[str, str]:
-        """Attributes of a variable's element, and of its declared type, which they go before."""
+        """Returns the attributes of a variable's element; they override those of its declared type."""
         element = self._elements.get(read.name)
         if element is None:
             return {}
@@ -235,7 +236,7 @@ class Reading3:
             return None
 
     def _starts(self, read: Any, count: int, *, is_array: bool, resized: bool) -> list[Start | None]:
-        """Returns start values, one for each element; a single one is for all of them (FMI 3.0.2, section 2.4.7.6).
+        """Returns one start value per element; a single value applies to all elements (FMI 3.0.2, section 2.4.7.6).
 
         Dependencies of an array whose size has changed are no longer valid.
         """

@@ -1,7 +1,8 @@
 """The build description of an FMU's sources: files, folders, definitions, options and libraries, checked.
 
-A stranger's file names what a compiler is called with. So a name leads to a file of the FMU's own sources/ or is
-refused, nothing can be taken for an option of the compiler, and options are those of a list. Compiles nothing.
+The arguments of the compiler come from an untrusted file. Therefore a name is refused unless it is a file in the FMU's
+own sources/, no name can be interpreted as an option of the compiler, and only listed options are allowed. This module
+does not compile.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class SourceFiles:
     """The inputs of the compilation of a library.
 
     Attributes:
-        files: below sources/, in the order of the description.
+        files: the files below sources/, in the order of the description.
         flags: definitions, folders of headers (below sources/, "-I./name"), options.
         libraries: of this machine, as "-lname".
     """
@@ -59,7 +60,7 @@ class SourceFiles:
 
 
 class _Judge:
-    """Names of one document, held against the members of the archive."""
+    """Checks the names in a document against the members of the archive."""
 
     def __init__(self, shown: str, members: Sequence[str], problems: list[Problem], notes: list[str]) -> None:
         self.shown, self.problems, self.notes = shown, problems, notes
@@ -69,7 +70,7 @@ class _Judge:
         self.problems.append(Problem(Where(self.shown, line_of(element)), message))
 
     def path(self, element: etree._Element) -> str | None:
-        """The name of an element as a path below sources/; None, and a problem, if it leads elsewhere."""
+        """Returns the name of an element as a path below sources/; None, with a problem, if it leads elsewhere."""
         name = element.get("name", "")
         said = f'<{element.tag}> "{name}"'
         pure = PurePosixPath(name)
@@ -112,7 +113,7 @@ class _Judge:
         return None
 
     def options(self, element: etree._Element) -> list[str]:
-        """Options of a set of files, if they are for a compiler like ours."""
+        """Returns the options of a set of files, if they are for a compiler like ours."""
         text = element.get("compilerOptions", "")
         compiler = element.get("compiler", "")
         if text.strip() and compiler.strip().lower() not in _OURS:
@@ -157,11 +158,11 @@ def configured(
     """Returns the build configuration of buildDescription.xml (FMI 3.0.2, 2.5.1.4) for the model, or None.
 
     Args:
-        root: of the document.
+        root: the root element of the document.
         shown: the document, for messages.
         identifier: modelIdentifier of the interface.
-        platform: of FMI 3, as "x86_64-linux".
-        members: names in the archive.
+        platform: the platform in the notation of FMI 3, such as "x86_64-linux".
+        members: the names in the archive.
         problems, notes: appended to.
     """
     judge = _Judge(shown, members, problems, notes)

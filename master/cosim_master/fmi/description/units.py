@@ -1,8 +1,8 @@
 """Units as FMI and SSP define them, and the conversion between two of them.
 
-A definition gives the exponents of the SI base units (and rad), a factor and an offset:
-`value_in_base_units = factor * value + offset` (FMI 2.0.5, section 2.2.2; SSP 1.0, section 4). Nothing is guessed
-from a unit's name: two names without definitions are the same unit only if they are the same name.
+A definition gives the exponents of the SI base units (and rad), a factor and an offset: `value_in_base_units = factor *
+value + offset` (FMI 2.0.5, section 2.2.2; SSP 1.0, section 4). The name of a unit is not interpreted: two units without
+definitions are equal only if their names are equal.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 class UnitError(ValueError):
-    """Two units cannot be converted into each other; the message says why."""
+    """Two units cannot be converted into each other; the message gives the reason."""
 
 
 class UndefinedUnit(UnitError):
-    """Two units of different names of which at least one has no definition to convert by."""
+    """Two units have different names, and at least one of them has no definition for a conversion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,14 @@ class Unit:
 
 
 def conversion(source: Unit, target: Unit) -> tuple[float, float]:
-    """Factor and offset that take a value in `source` to a value in `target`.
+    """Returns the factor and the offset that convert a value in `source` to a value in `target`.
 
     Returns:
         (factor, offset) with value_target = factor * value_source + offset; exactly (1.0, 0.0) for equal units.
 
     Raises:
-        UndefinedUnit: one of them has no definition to convert by.
-        UnitError: the units measure different things.
+        UndefinedUnit: one of the units has no definition for a conversion.
+        UnitError: the units measure different quantities.
     """
     if source.base is None or target.base is None:
         if source.name == target.name:

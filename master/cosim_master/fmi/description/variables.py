@@ -1,4 +1,4 @@
-"""The description of an FMU as plain data, the same for FMI 2 and FMI 3; `read` makes it."""
+"""The description of an FMU as plain data, common to FMI 2 and FMI 3; `read` creates it."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Clock:
     Attributes:
         kind: its intervalVariability: "constant", "fixed", "tunable" (periodic), "changing", "countdown" (these five
             are time-based), or "triggered".
-        interval: of a periodic Clock, s; None if the FMU has to be asked.
-        shift: from the start of the run to the first tick of a periodic Clock, s.
-        supports_fraction: the FMU gives and takes times as fractions, too.
+        interval: interval of a periodic Clock, s; None if only the FMU provides it.
+        shift: time from the start of the run to the first tick of a periodic Clock, s.
+        supports_fraction: the FMU also supports times as fractions.
     """
 
     kind: str
@@ -85,7 +85,7 @@ class Variable:
 
     @property
     def wide(self) -> bool:
-        """True for integers that may need more than 32 bits; they take two places among integers."""
+        """True for integers that may need more than 32 bits; they occupy two places among integers."""
         return self.type == "Integer" and self.fmi_type in ("UInt32", "Int64", "UInt64")
 
     @property
@@ -98,10 +98,10 @@ class Variable:
         return self.causality == "input" or self.initial in ("exact", "approx")
 
     def parsed(self, text: str) -> Start:
-        """A value written as text; of an enumeration the item's name or number.
+        """Returns a value written as text; for an enumeration, this is the item's name or number.
 
         Raises:
-            ValueError: it is not a value of this variable; names the valid ones.
+            ValueError: the text is not a value of this variable; the error names the valid ones.
         """
         value: Start
         if self.type == "String":
@@ -156,7 +156,7 @@ class ModelExchange:
 
     Attributes:
         states, derivatives: value references of the continuous states and of their derivatives, scalars only.
-        event_indicators: how many there are.
+        event_indicators: number of event indicators.
         completed_step: fmi2CompletedIntegratorStep must be called after each step of the solver.
         directional_derivatives: the FMU provides them.
         saves_state, serialises_state: the FMU's own capabilities; whether an instance has them depends on its solver.
@@ -189,14 +189,14 @@ class FmuDescription:
         units: its unit definitions, by name.
         step_size: stepSize of the DefaultExperiment in s.
         outputs: direct feed-through: output -> the inputs it depends on; None means on all of them.
-        initial_unknowns: dependencies of each unknown in Initialization Mode; None means on all knowns.
-            A variable that is an unknown but is missing here is one of an FMU that does not say (see `notes`).
+        initial_unknowns: dependencies of each unknown in Initialization Mode; None means on all knowns. An unknown that
+            is missing here belongs to an FMU that does not declare it (see `notes`).
         notes: violations of the standard that do not prevent a run.
         generation_tool: the tool that wrote it, as stated.
         shapes: arrays of FMI 3 and their sizes; their elements are variables, "position[1]", "matrix[2,3]".
         terminals: of FMI 3, with the names of their member variables.
-        start_time, stop_time, tolerance: of the DefaultExperiment; None where it is silent.
-        model_exchange: of an FMU that is to be integrated by us; None for co-simulation.
+        start_time, stop_time, tolerance: of the DefaultExperiment; None if not specified.
+        model_exchange: of an FMU that our solvers integrate; None for co-simulation.
         verdicts: meanings of variables and arrays, by name; of FMUs with our annotation.
         source_files: of an FMU that is compiled from its sources; None for those with a library.
         table: of a component that is a CSV or Parquet file, whose columns are described as outputs; None for FMUs.
@@ -229,7 +229,7 @@ class FmuDescription:
     table: Table | None = None
 
     def remedy(self, flag: str) -> str:
-        """The end of a message about a missing capability: the alternative if only the solver lacks it."""
+        """Returns the end of a message about a missing capability: the alternative, if only the solver lacks it."""
         exchange = self.model_exchange
         if exchange is None or getattr(self.capabilities, flag):
             return ""

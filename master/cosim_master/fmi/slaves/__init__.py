@@ -1,1 +1,1 @@
-"""Instances of FMUs behind one interface: FMI 1, 2, 3, Model Exchange, tables."""
+"""Instances of FMUs with a common interface: FMI 1, 2, 3, Model Exchange, tables."""

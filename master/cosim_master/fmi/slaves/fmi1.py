@@ -1,8 +1,9 @@
-"""Slave FMI 1.0 co-simulation slaves, with the interface of `fmi2`.
+"""FMI 1.0 co-simulation slaves, with the interface of `fmi2`.
 
 Functions are called "{modelIdentifier}_fmi...". FMI 1.0 has no initialization mode: start values of parameters and
-inputs are set first, and fmiInitializeSlave is called when the first output is asked for; what connections bring is set
-after it. Booleans are one byte, and three functions are called through Python: the loop's calls are those of FMI 2.
+inputs are set first, and fmiInitializeSlave is called when the first output is requested. The values from connections
+are set after it. Booleans are one byte, and three functions are called through Python: the loop's calls are those of
+FMI 2.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class _Callbacks(ctypes.Structure):
 
 
 class Library1(Library):
-    """The loaded binary of one FMU of FMI 1.0; functions are asked for by their names in FMI 2."""
+    """The loaded binary of one FMU of FMI 1.0; functions are identified by their FMI 2 names."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -56,7 +57,7 @@ class Library1(Library):
             return status
 
         def do_step(handle: int, t: float, h: float, _final: int) -> int:
-            # newStep: nobody goes back with a slave of FMI 1.0, so each step is a new one.
+            # newStep: FMI 1.0 slaves cannot go back, so each step is a new one.
             arguments = (ctypes.c_double(t), ctypes.c_double(h), ctypes.c_byte(1))
             return int(step(ctypes.c_void_p(handle), *arguments))
 
@@ -146,5 +147,5 @@ class Instance1(Instance2):
             self.call("fmi2InitializeSlave", ctypes.c_double(start), ctypes.c_byte(1), ctypes.c_double(stop))
 
     def ended(self) -> bool:
-        """After a discarded step: in FMI 1.0 that never means that the FMU wants the simulation to end."""
+        """Returns False after a discarded step, which in FMI 1.0 never requests the end of the simulation."""
         return False

@@ -1,7 +1,7 @@
-"""Slave FMI 2.0 instances: loading a library, calling its functions one by one, keeping its log.
+"""FMI 2.0 instances: loading a library, calling its functions one by one, storing its log.
 
-The legal order of calls (FMI 2.0.5, section 4.2.4) is the caller's business; see `execution`. The stepping loop
-calls the same functions by their addresses and does not come through here.
+The caller is responsible for the legal order of calls (FMI 2.0.5, section 4.2.4); see `execution`. The stepping loop
+calls the same functions by their addresses, not through this module.
 
     library = Library(description, folder)           one per FMU file, shared by its instances
     instance = library.instantiate("drone1.vehicle")
@@ -9,9 +9,9 @@ calls the same functions by their addresses and does not come through here.
     ... steps ...
     instance.terminate(), instance.free()
 
-After fmi2Error only `free` is legal, after fmi2Pending too. After fmi2Fatal nothing is, for any instance of that FMU
-(FMI 2.0.5, section 2.1.3). `alive`, `stepping` and `Library.corrupted` keep that, and `terminate` and `free` do what is
-still allowed.
+After fmi2Error or fmi2Pending, only `free` is legal. After fmi2Fatal, no call is legal for any instance of that FMU
+(FMI 2.0.5, section 2.1.3). `alive`, `stepping` and `Library.corrupted` store this state, and `terminate` and `free`
+make only the calls that are still legal.
 """
 
 from __future__ import annotations
@@ -78,9 +78,10 @@ _raised.restype = ctypes.c_void_p
 
 
 def pending_exception() -> BaseException | None:
-    """Takes the exception that a Python FMU has raised when it calls back, as pythonfmu's wrapper does to log.
+    """Returns and clears the exception that a Python FMU has raised before a callback, as for pythonfmu's logging.
 
-    Python runs with it until it makes some call, which then fails. ctypes raises it behind any call into Python's API.
+    With a pending exception, Python continues until its next call, which then fails. ctypes raises the exception after
+    any call into Python's API.
     """
     try:
         _raised()
@@ -90,7 +91,7 @@ def pending_exception() -> BaseException | None:
 
 
 class SharedHandle(FmuError):
-    """An FMU gave the handle of an instance that lives to another one: it keeps everything in globals."""
+    """An FMU returned the handle of a living instance for another one: it stores its state in globals."""
 
 
 class Library:
@@ -102,9 +103,9 @@ class Library:
         self.file = str(library)
         self.handles: dict[int, str] = {}
         self.corrupted = False
-        # pythonfmu keeps even errors to itself unless logging is on; others need not be asked, and some say too much.
+        # pythonfmu suppresses even errors unless logging is on. Others do not need logging, and some log too much.
         self.python = (resources / "slavemodule.txt").is_file()
-        # Our compiled FMUs keep everything in their instances.
+        # Our compiled FMUs store all state in their instances.
         self.thread_safe = fmu.generation_tool == "uav-cosim" and not fmu.capabilities.needsExecutionTool
         try:
             self._dll = ctypes.CDLL(str(library))
@@ -118,15 +119,15 @@ class Library:
         """The callbacks allocateMemory and freeMemory."""
 
     def address(self, function: str) -> int:
-        """The address of an FMI function.
+        """Returns the address of an FMI function.
 
         Raises:
-            FmuError: the binary does not have it.
+            FmuError: the binary does not export it.
         """
         return ctypes.cast(self.function(function), ctypes.c_void_p).value or 0
 
     def function(self, name: str) -> Any:
-        """The FMI function `name`, returning a status."""
+        """Returns the FMI function `name`, which returns a status."""
         try:
             function = getattr(self._dll, name)
         except AttributeError:
@@ -134,21 +135,21 @@ class Library:
         return function
 
     def has(self, *functions: str) -> bool:
-        """Returns whether the binary has all of these functions; many lack optional ones, whatever they declare."""
+        """Returns whether the binary exports all of these functions. Optional ones are often missing, though declared."""
         return all(hasattr(self._dll, name) for name in functions)
 
     def instantiate(self, name: str) -> Instance2:
-        """A new instance, in the state "instantiated".
+        """Returns a new instance, in the state "instantiated".
 
         Raises:
-            SharedHandle: the FMU is good for one instance only.
-            FmuError: the FMU refused (a wrong GUID, a stale interpreted FMU); its log lines say why.
+            SharedHandle: the FMU supports only one instance.
+            FmuError: the FMU refused (a wrong GUID, a stale interpreted FMU); its log lines give the reason.
         """
         return Instance2(self, name, *self.memory)
 
 
 class Instance2:
-    """An instance. Not to be used from two threads at once."""
+    """An instance of FMI 2.0. It must not be used from two threads at once."""
 
     fmi = 2
     _instantiates = "fmi2Instantiate"
@@ -172,7 +173,7 @@ class Instance2:
         self.canceled = False
         self.time: float | None = None
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
-        # ctypes objects that the FMU points to must live as long as the instance.
+        # ctypes objects that the FMU refers to must live as long as the instance.
         self._logger = _LOGGER(self._log)
         self.fmu = fmu or library.fmu
         handle = self._instantiate(allocate, free)
@@ -188,7 +189,7 @@ class Instance2:
         self.alive = True
 
     def _instantiate(self, allocate: Any, free: Any) -> int:
-        """The handle of a new instance; 0 if the FMU refuses."""
+        """Returns the handle of a new instance; 0 if the FMU refuses."""
         self._callbacks = _Callbacks(self._logger, allocate, free, None, None)
         instantiate = self.library.function("fmi2Instantiate")
         instantiate.restype = ctypes.c_void_p
@@ -209,15 +210,15 @@ class Instance2:
         return self.fmu.generation_tool.startswith(_INITIALIZES_ANEW)
 
     def configure(self, _variables: Sequence[Variable], _values: Sequence[Any]) -> None:
-        """Sets structural parameters, which FMI 2 does not have."""
+        """Raises ValueError: FMI 2 has no structural parameters."""
         raise ValueError(f"{self.name} is of FMI {self.fmi}, which has no structural parameters")
 
     def step_address(self) -> int:
-        """The address of the function that makes a step."""
+        """Returns the address of the function that makes a step."""
         return self.library.address("fmi2DoStep")
 
     def use_answers(self, _address: int) -> None:
-        """The step of FMI 2 answers by its status alone."""
+        """Does nothing: the only answer of an FMI 2 step is its status."""
 
     def try_step(self, t: float, h: float) -> bool:
         """Makes a step from t; returns True. Times in s."""
@@ -225,11 +226,11 @@ class Instance2:
         return True
 
     def function_name(self, name: str) -> str:
-        """The name itself: the loop's tables have those of FMI 2."""
+        """Returns the name unchanged: the loop's tables contain FMI 2 names."""
         return name
 
     def status_word(self, status: int) -> str:
-        """A status in the standard's words."""
+        """Returns the name of a status in the standard."""
         return STATUS[status]
 
     def _log(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
@@ -252,7 +253,7 @@ class Instance2:
             raise self.failure(function, status)
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
-        """The error for a bad status; from here on only `free` may follow (nothing after fmi2Fatal)."""
+        """Returns the error for a bad status; afterwards only `free` is legal (after fmi2Fatal, no call is)."""
         if status in (3, 4, 5):
             self.stepping = False
         if status == 4:
@@ -262,7 +263,7 @@ class Instance2:
         return FmuError(self.name, function, detail or word, self.time, self.lines)
 
     def get(self, variables: Sequence[Variable]) -> list[Any]:
-        """Values of variables that share one FMI type; strings are copied at once."""
+        """Returns the values of variables that share one FMI type; strings are copied at once."""
         if not variables:
             return []
         kind = set_kind(variables[0])
@@ -286,17 +287,17 @@ class Instance2:
         self.call(f"fmi2Set{kind}", _references(variables), ctypes.c_size_t(n), array)
 
     def ended(self) -> bool:
-        """After a discarded step: whether the FMU wants the simulation to end."""
+        """Returns, after a discarded step, whether the FMU requests the end of the simulation."""
         answer = ctypes.c_int(0)
         return self._answers("fmi2GetBooleanStatus", _TERMINATED, answer) and answer.value != 0
 
     def last_successful_time(self) -> float | None:
-        """Returns the time reached by a discarded step, s; None if the FMU does not tell."""
+        """Returns the time reached by a discarded step, s; None if the FMU does not report it."""
         answer = ctypes.c_double(0.0)
         return answer.value if self._answers("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, answer) else None
 
     def longest_step(self) -> float | None:
-        """Answers fmi2GetMaxStepSize, an extension of FMI 2 by INTO-CPS, where the FMU has it."""
+        """Returns the answer of fmi2GetMaxStepSize, an extension of FMI 2 by INTO-CPS; None without this function."""
         if not self.library.has(_LONGEST_STEP):
             return None
         size = ctypes.c_double(math.nan)
@@ -319,14 +320,14 @@ class Instance2:
         self.call("fmi2SetFMUstate", state)
 
     def free_state(self, state: ctypes.c_void_p) -> None:
-        """fmi2FreeFMUstate where it is legal: not after a step was cancelled."""
+        """Calls fmi2FreeFMUstate if it is legal, that is, unless a step was cancelled."""
         usable = self.alive and not self.canceled and not self.library.corrupted
         if usable and state and self.library.has("fmi2FreeFMUstate"):
             with contextlib.suppress(FmuError):
                 self.call("fmi2FreeFMUstate", ctypes.byref(state))
 
     def serialise(self, state: ctypes.c_void_p) -> bytes:
-        """A saved state as bytes, which another instance of the FMU can `deserialise`, in another process too."""
+        """Returns a saved state as bytes, which another instance can `deserialise`, even in another process."""
         size = ctypes.c_size_t(0)
         self.call("fmi2SerializedFMUstateSize", state, ctypes.byref(size))
         buffer = ctypes.create_string_buffer(size.value)
@@ -334,13 +335,13 @@ class Instance2:
         return buffer.raw
 
     def deserialise(self, content: bytes) -> ctypes.c_void_p:
-        """The state that `serialise` wrote, for `restore_state` and then `free_state`."""
+        """Returns the state that `serialise` wrote, for `restore_state` and then `free_state`."""
         state = ctypes.c_void_p()
         self.call("fmi2DeSerializeFMUstate", content, ctypes.c_size_t(len(content)), ctypes.byref(state))
         return state
 
     def cancel_step(self) -> None:
-        """Stops a step that is pending; only `free` may follow."""
+        """Cancels a pending step; afterwards only `free` is legal."""
         self.stepping, self.canceled = False, True
         with contextlib.suppress(FmuError):
             self.call("fmi2CancelStep")
@@ -358,14 +359,14 @@ class Instance2:
         self.stepping = True
 
     def terminate(self) -> None:
-        """fmi2Terminate where it is legal: after a completed step, once."""
+        """Calls fmi2Terminate if it is legal: after a completed step, once."""
         if self.alive and self.stepping and not self.library.corrupted:
             self.stepping = False
             if self.library.has("fmi2Terminate"):
                 self.call("fmi2Terminate")
 
     def free(self) -> None:
-        """fmi2FreeInstance where it is legal: not after fmi2Fatal."""
+        """Calls fmi2FreeInstance if it is legal, that is, unless fmi2Fatal was returned."""
         if self.alive and not self.library.corrupted:
             self.alive = False
             free = self.library.function("fmi2FreeInstance")

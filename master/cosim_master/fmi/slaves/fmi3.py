@@ -5,13 +5,13 @@
     ... steps ...
     instance.terminate(), instance.free()
 
-Event Mode is used where the FMU has it, and early return with it, if the rest of the step may then be done; see
-`execution.events`. Intermediate update is not used: fmi3InstantiateCoSimulation gets no callback, and no required
+If the FMU has Event Mode, it is used, and so is early return, provided that the FMU can then make the rest of the step;
+see `execution.events`. Intermediate update is not used: fmi3InstantiateCoSimulation gets no callback, and no required
 intermediate variables, which would be undefined behaviour without one (FMI 3.0.2, section 2.3.1). A Binary is
 hexadecimal text here, as in the files of SSP. An array is set as a whole: elements that are not given keep their last
 values.
 
-After fmi3Error only `free` is legal, after fmi3Fatal nothing is, for any instance of that FMU.
+After fmi3Error, only `free` is legal. After fmi3Fatal, no call is legal for any instance of that FMU.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ _OF_FMI2 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2Ge
 
 
 class Instance3:
-    """An instance. Not to be used from two threads at once.
+    """An instance of FMI 3.0. It must not be used from two threads at once.
 
     Args:
-        fmu: its description, if it is not that of the library: with arrays of other sizes.
-        early_return: let it return early from fmi3DoStep, if it has Event Mode and variable steps.
+        fmu: its description, if it differs from that of the library in the sizes of arrays.
+        early_return: it may return early from fmi3DoStep, if it has Event Mode and variable steps.
     """
 
     fmi = 3
@@ -87,10 +87,10 @@ class Instance3:
         self.lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LOG_LINES)
         self._span = (0.0, 0.0)
         self.event_mode = self.fmu.capabilities.hasEventMode
-        self.final = True  # no state of before a step is restored after it
+        self.final = True  # no state from before a step is restored after it
         self._answers = (ctypes.c_ubyte * _ANSWERS)()
         self.next_event = math.inf
-        # What it points to must live as long as the instance.
+        # Objects that the FMU refers to must live as long as the instance.
         self._logger = _LOGGER(self._log)
         self._arrays: dict[int, list[Variable]] = {}
         for variable in self.fmu.variables.values():
@@ -100,7 +100,7 @@ class Instance3:
         self._given: dict[int, list[Any]] = {}
         handle = self._instantiate()
         if not handle and self.event_mode and not clocked:
-            # Some declare an Event Mode that they have not; all but FMUs with clocks can do without.
+            # Some FMUs declare an Event Mode that they do not have. Only FMUs with Clocks require it.
             log.warning("%s: it has refused Event Mode, though it declares it: it is used without", name)
             self.event_mode = False
             handle = self._instantiate()
@@ -156,7 +156,7 @@ class Instance3:
             raise self.failure(function, status)
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
-        """The error for a bad status; from here on only `free` may follow (nothing after fmi3Fatal)."""
+        """Returns the error for a bad status; afterwards only `free` is legal (after fmi3Fatal, no call is)."""
         if status in (3, 4):
             self.stepping = False
         if status == 4:
@@ -168,7 +168,7 @@ class Instance3:
     # ---- values ------------------------------------------------------------------------------------------------------
 
     def get(self, variables: Sequence[Variable]) -> list[Any]:
-        """Values of variables, of whatever types; strings and bytes are copied at once."""
+        """Returns the values of variables of any types; strings and bytes are copied at once."""
         read: dict[int, list[Any]] = {}
         for fmi_type in dict.fromkeys(v.fmi_type for v in variables):
             references = list(dict.fromkeys(v.value_reference for v in variables if v.fmi_type == fmi_type))
@@ -191,7 +191,7 @@ class Instance3:
         return list(values)
 
     def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
-        """Sets variables, of whatever types.
+        """Sets variables of any types.
 
         Raises:
             FmuError: the FMU refused, or a value does not fit into the variable's type.
@@ -210,7 +210,7 @@ class Instance3:
             self._set(fmi_type, list(given), [x for whole in given.values() for x in whole])
 
     def _whole(self, reference: int) -> list[Any]:
-        """Returns the last value set for an array, at first its start value."""
+        """Returns the last value set for an array, initially its start value."""
         if reference not in self._given:
             missing = {"String": "", "Binary": ""}
             self._given[reference] = [
@@ -251,7 +251,7 @@ class Instance3:
         return list(values)
 
     def get_interval(self, clock: Variable) -> tuple[Fraction, int]:
-        """Interval of a Clock in ns, and its qualifier (INTERVAL_...); exactly if the FMU has fractions."""
+        """Returns the interval of a Clock in ns, and its qualifier (INTERVAL_...); exact if the FMU has fractions."""
         one, qualifier = _references([clock]), ctypes.c_int(INTERVAL_CHANGED)
         if clock.clock is not None and clock.clock.supports_fraction:
             counter, resolution = ctypes.c_uint64(0), ctypes.c_uint64(1)
@@ -266,7 +266,7 @@ class Instance3:
         return self._nanoseconds(clock, interval.value) if known else Fraction(0), qualifier.value
 
     def get_shift(self, clock: Variable) -> Fraction:
-        """The time of a periodic Clock's first tick in ns after the start of the run."""
+        """Returns the time from the start of the run to a periodic Clock's first tick, ns."""
         one = _references([clock])
         if clock.clock is not None and clock.clock.supports_fraction:
             counter, resolution = ctypes.c_uint64(0), ctypes.c_uint64(1)
@@ -278,7 +278,7 @@ class Instance3:
         return self._nanoseconds(clock, shift.value)
 
     def set_interval(self, clock: Variable, interval: Fraction) -> None:
-        """Tells the FMU the interval of a fixed or tunable Clock, in s."""
+        """Sets the interval of a fixed or tunable Clock in the FMU, in s."""
         one = _references([clock])
         exact = clock.clock is not None and clock.clock.supports_fraction
         if exact and max(interval.numerator, interval.denominator) < 2**64:
@@ -303,18 +303,18 @@ class Instance3:
     # ---- steps and states --------------------------------------------------------------------------------------------
 
     def step_address(self) -> int:
-        """The address of the function that makes a step."""
+        """Returns the address of the function that makes a step."""
         return self.library.address("fmi3DoStep")
 
     def use_answers(self, address: int) -> None:
-        """Takes the address at which the stepping loop keeps the answers of fmi3DoStep (`tables.ANSWERS`)."""
+        """Sets the address at which the stepping loop stores the answers of fmi3DoStep (`tables.ANSWERS`)."""
         own, next_event = (ctypes.c_ubyte * _ANSWERS).from_address(address), self.next_event
         self._answers = own
         self.next_event, own[24] = next_event, int(self.event_mode)
 
     @property
     def next_event(self) -> float:
-        """Until when the loop may step it, s: the next event of it, or of one that steps together with it."""
+        """The end of the time that the loop may step, s: the next event of it or of an instance stepping together with it."""
         return ctypes.c_double.from_buffer(self._answers, 16).value
 
     @next_event.setter
@@ -323,7 +323,7 @@ class Instance3:
 
     @property
     def pending(self) -> int:
-        """BEGIN or END of the loop's tables, if it has left a step to Event Mode; else 0."""
+        """BEGIN or END of the loop's tables, if the loop has left a step to Event Mode; otherwise 0."""
         return int(self._answers[25])
 
     @pending.setter
@@ -332,7 +332,7 @@ class Instance3:
 
     @property
     def answers(self) -> tuple[bool, bool, bool, float]:
-        """Answers of the last step: event handling needed, terminate simulation, early return; last time, s."""
+        """Returns the last step's answers: event handling needed, terminate simulation, early return; last time, s."""
         event, ends, early = (bool(flag) for flag in self._answers[:3])
         return event, ends, early, ctypes.c_double.from_buffer(self._answers, 8).value
 
@@ -352,11 +352,11 @@ class Instance3:
         return not (event or ends or early or until < t + h)
 
     def function_name(self, name: str) -> str:
-        """The function that the loop's tables name in FMI 2's words, in those of FMI 3."""
+        """Returns the FMI 3 name of a function that the loop's tables name as in FMI 2."""
         return _OF_FMI2.get(name, name)
 
     def status_word(self, status: int) -> str:
-        """A status in the standard's words."""
+        """Returns the name of a status in the standard."""
         return STATUS3[status]
 
     def enter_event_mode(self) -> None:
@@ -366,8 +366,11 @@ class Instance3:
         self.call("fmi3EnterStepMode")
 
     def update_discrete_states(self) -> tuple[bool, bool, float]:
-        """fmi3UpdateDiscreteStates: whether it must be called again, whether the FMU wants the simulation to end, and
-        the time of its next event in s, infinity if it knows of none.
+        """Calls fmi3UpdateDiscreteStates.
+
+        Returns:
+            Whether it must be called again, whether the FMU requests the end of the simulation, and the time of its next
+            event in s (infinity if it does not know one).
         """
         flags, time = [ctypes.c_bool(False) for _ in range(5)], ctypes.c_double(0.0)
         self.call("fmi3UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))
@@ -375,15 +378,15 @@ class Instance3:
         return again, ends, time.value if has_next else math.inf
 
     def ended(self) -> bool:
-        """After a discarded step: in FMI 3 that never means that the FMU wants the simulation to end."""
+        """Returns False after a discarded step, which in FMI 3 never requests the end of the simulation."""
         return False
 
     def last_successful_time(self) -> float | None:
-        """Returns None: FMI 3 does not tell how far a discarded step got (FMI 3.0.2, section 4.2.1)."""
+        """Returns None: FMI 3 does not report the time reached by a discarded step (FMI 3.0.2, section 4.2.1)."""
         return None
 
     def longest_step(self) -> float | None:
-        """None: FMI 3 has no function that says it."""
+        """Returns None: FMI 3 has no function for it."""
         return None
 
     def save_state(self, state: ctypes.c_void_p) -> None:
@@ -394,12 +397,12 @@ class Instance3:
         self.call("fmi3SetFMUState", state)
 
     def free_state(self, state: ctypes.c_void_p) -> None:
-        """fmi3FreeFMUState where it is legal."""
+        """Calls fmi3FreeFMUState if it is legal."""
         if self.alive and state and not self.library.corrupted:
             self.call("fmi3FreeFMUState", ctypes.byref(state))
 
     def serialise(self, state: ctypes.c_void_p) -> bytes:
-        """A saved state as bytes, which another instance of the FMU can `deserialise`, in another process too."""
+        """Returns a saved state as bytes, which another instance can `deserialise`, even in another process."""
         size = ctypes.c_size_t(0)
         self.call("fmi3SerializedFMUStateSize", state, ctypes.byref(size))
         buffer = ctypes.create_string_buffer(size.value)
@@ -407,7 +410,7 @@ class Instance3:
         return buffer.raw
 
     def deserialise(self, content: bytes) -> ctypes.c_void_p:
-        """The state that `serialise` wrote, for `restore_state` and then `free_state`."""
+        """Returns the state that `serialise` wrote, for `restore_state` and then `free_state`."""
         state = ctypes.c_void_p()
         self.call("fmi3DeserializeFMUState", content, ctypes.c_size_t(len(content)), ctypes.byref(state))
         return state
@@ -427,7 +430,7 @@ class Instance3:
         self.call("fmi3ExitConfigurationMode")
 
     def setup_experiment(self, start: float, stop: float) -> None:
-        """Keeps the times for `enter_initialization_mode`, which takes them in FMI 3."""
+        """Stores the times for `enter_initialization_mode`, which passes them on in FMI 3."""
         self.time = start
         self._span = (start, stop)
 
@@ -442,13 +445,13 @@ class Instance3:
         self.stepping = True
 
     def terminate(self) -> None:
-        """fmi3Terminate where it is legal: after a completed step, once."""
+        """Calls fmi3Terminate if it is legal: after a completed step, once."""
         if self.alive and self.stepping and not self.library.corrupted:
             self.stepping = False
             self.call("fmi3Terminate")
 
     def free(self) -> None:
-        """fmi3FreeInstance where it is legal: not after fmi3Fatal."""
+        """Calls fmi3FreeInstance if it is legal, that is, unless fmi3Fatal was returned."""
         if self.alive and not self.library.corrupted:
             self.alive = False
             free = self.library.function("fmi3FreeInstance")
@@ -459,7 +462,7 @@ class Instance3:
 
 
 def whole_nanoseconds(seconds: float) -> Fraction:
-    """A time in ns; exactly a whole number of them where a double means one, 0.1 s for example."""
+    """Returns a time in ns; a double that represents whole nanoseconds, such as 0.1 s, is converted exactly."""
     nearest = round(seconds * 1e9)
     return Fraction(nearest) if abs(seconds * 1e9 - nearest) <= 1e-3 else Fraction(seconds) * 10**9
 

@@ -1,7 +1,7 @@
 """Loading of FMU files; each file is unpacked and loaded once, whatever the number of its instances.
 
-Python FMUs of one process share one interpreter and its modules. So before anything is loaded, the sources that each
-of them brings along are compared with each other and with the modules of this process.
+Python FMUs of one process share one interpreter and its modules. Before any FMU is loaded, their sources are therefore
+compared with each other and with the modules of this process.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _Made = TypeVar("_Made")
 
 
 def _sources(fmu: FmuDescription) -> dict[str, str]:
-    """Module name -> digest of the modules that a Python FMU brings along; empty for all others.
+    """Returns module name -> digest of the modules that a Python FMU contains; empty for all other FMUs.
 
     Our FMUs name the files they were built from; of other pythonfmu FMUs every source file among the resources counts.
     """
@@ -65,7 +65,7 @@ def check_sources(fmus: Iterable[FmuDescription]) -> None:
     """Refuses Python FMUs that would run each other's code, or this process's instead of their own.
 
     Raises:
-        SystemDescriptionError: naming the FMUs and the module in which they differ.
+        SystemDescriptionError: two versions of a module differ; the error names the FMUs and the module.
     """
     first: dict[str, tuple[str, FmuDescription]] = {}
     problems: list[Problem] = []
@@ -95,7 +95,7 @@ def _digest(file: Path) -> str:
 
 
 def _opened(fmu: FmuDescription, folder: Path) -> Library:
-    """The library of an FMU that is unpacked in a folder."""
+    """Returns the library of an FMU that is unpacked in a folder."""
     kind = Library1 if fmu.fmi_version == "1.0" else Library
     if fmu.library == SOURCES:
         return kind(fmu, compiled(fmu, folder), folder / "resources")
@@ -103,7 +103,7 @@ def _opened(fmu: FmuDescription, folder: Path) -> Library:
 
 
 class Libraries:
-    """Loaded FMU files. A context manager: unpacked files go when it closes, after all instances are freed."""
+    """The loaded FMU files. This context manager removes unpacked files at its end, after all instances are freed."""
 
     def __init__(self) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="uav-cosim-"))
@@ -112,7 +112,7 @@ class Libraries:
         self._copies = 0
 
     def load(self, fmu: FmuDescription) -> Library:
-        """The library of an FMU file, loaded now if it is not yet."""
+        """Returns the library of an FMU file, and loads it if necessary."""
         key = (fmu.path, fmu.library)
         library = self._loaded.get(key)
         if library is None:
@@ -124,10 +124,10 @@ class Libraries:
         return library
 
     def instantiate(self, fmu: FmuDescription, name: str, make: Callable[[Library, str], _Made]) -> _Made:
-        """A new instance of an FMU, as `make` makes it of a library.
+        """Returns a new instance of an FMU, which `make` creates from its library.
 
-        An FMU that keeps everything in globals is loaded once more for each further instance, from a copy of its own:
-        the dynamic linker then gives each its globals.
+        An FMU that stores its state in globals is loaded again for each further instance, from a separate copy of the
+        library: the dynamic linker then gives each copy its own globals.
 
         Raises:
             FmuError: the FMU refused.
@@ -151,7 +151,8 @@ class Libraries:
             folder = self._folder / str(len(self._loaded))
             extract(fmu, folder)
             return folder
-        # Python FMUs keep their place, so that Python and numba find what they compiled, and `check_sources` the files.
+        # Python FMUs remain in their folder, so that Python and numba find their compiled code, and `check_sources` the
+        # files.
         folder = cache_folder() / "fmus" / fmu.digest[:24]
         if not folder.is_dir():
             fresh = Path(tempfile.mkdtemp(prefix="new-", dir=self._made(folder.parent)))

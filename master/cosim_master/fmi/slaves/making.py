@@ -1,6 +1,6 @@
-"""Makes slaves of all versions of FMI: `fmi1`, `fmi2` and `fmi3` call their functions.
+"""Creates slaves of all versions of FMI: `fmi1`, `fmi2` and `fmi3` call their functions.
 
-FMUs for Model Exchange are slaves too: `model_exchange` makes their steps.
+FMUs for Model Exchange are slaves, too: `model_exchange` makes their steps.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ def instantiate(
     early_return: bool = True,
     solver: Choice | None = None,
 ) -> Slave:
-    """A new instance, in the state "instantiated".
+    """Returns a new instance, in the state "instantiated".
 
     Args:
-        fmu: its description, if it is not that of the library; of FMI 3 only.
-        early_return: let it return early from its steps, if it is of FMI 3 and able to.
-        solver: of an FMU for Model Exchange.
+        fmu: its description, if it differs from that of the library; for FMI 3 only.
+        early_return: it may return early from its steps, if it is an FMI 3 instance with this capability.
+        solver: the solver of an FMU for Model Exchange.
 
     Raises:
-        FmuError: the FMU refused; its log lines say why.
+        FmuError: the FMU refused; its log lines give the reason.
     """
     fmu = fmu or library.fmu
     if fmu.model_exchange is not None:

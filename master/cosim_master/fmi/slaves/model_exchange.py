@@ -1,13 +1,13 @@
-"""FMUs for Model Exchange: instances like those of `fmi2` and `fmi3`, whose steps a solver of ours makes.
+"""FMUs for Model Exchange: instances like those of `fmi2` and `fmi3`, whose steps are made by one of our solvers.
 
     doStep(t, h)    events at t (inputs may have changed), then the solver from event to event up to t + h
 
-Between steps an instance is in Event Mode, where everything may be set and got; the master's loop sets inputs and gets
-outputs by the FMU's own functions, and calls `do_step` by an address, as it calls every FMU. Events come by time
-(nextEventTime), by state (an event indicator changes its sign) and by step (completedIntegratorStep). Inputs hold
-during a step. The solver goes on from step to step where neither inputs nor tunable parameters, states or derivatives
-have been changed in between. A saved state is the FMU's own and the next event's time, which is all for a solver that
-remembers nothing (`Choice.can_go_back`).
+Between steps, an instance is in Event Mode, in which all variables may be set and read. The master's loop sets inputs
+and gets outputs by the FMU's own functions, and calls `do_step` by its address, as for any FMU. Events are time events
+(nextEventTime), state events (an event indicator changes its sign) and step events (completedIntegratorStep). Inputs
+are constant during a step. The solver continues across steps unless inputs, tunable parameters, states or derivatives
+have been changed in between. A saved state consists of the FMU's state and the time of the next event, which is
+complete for a solver without memory (`Choice.can_go_back`).
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ class _EventInfo(ctypes.Structure):
 
 
 class _Terminated(Exception):
-    """The FMU wants the simulation to end, at the solver's time."""
+    """The FMU requests the end of the simulation, at the solver's time."""
 
 
 class _Equations:
-    """The view that a solver has of an instance."""
+    """The equations of an instance, as its solver sees them."""
 
     def __init__(self, one: _Exchanged, exchange: ModelExchange) -> None:
         self._one, self._exchange = one, exchange
@@ -75,7 +75,7 @@ class _Equations:
             self._one.ask("SetContinuousStates", ctypes.c_void_p(x), ctypes.c_size_t(self.states))
 
     def leave(self, t: float, x: int) -> None:
-        """Gives the FMU the time and the states that the solver has reached."""
+        """Sets the time and the states that the solver has reached in the FMU."""
         self._at(t, x)
 
     def derivatives(self, t: float, x: int, dx: int) -> None:
@@ -135,7 +135,7 @@ class _Exchanged:
         self._before: Any = None
         self._told = -math.inf
 
-    # What differs between the versions.
+    # Functions that differ between the versions.
 
     def get(self, variables: Sequence[Variable]) -> list[Any]:
         raise NotImplementedError
@@ -148,21 +148,21 @@ class _Exchanged:
         raise NotImplementedError
 
     def _updated(self) -> tuple[bool, bool, float]:
-        """Updates discrete states: again, the simulation ends, time of the next event."""
+        """Updates discrete states; returns whether to repeat, whether the simulation ends, and the next event's time."""
         raise NotImplementedError
 
     def _completed(self) -> tuple[bool, bool]:
-        """After an internal step: an event is needed, the simulation ends."""
+        """Completes an internal step; returns whether an event is needed, and whether the simulation ends."""
         raise NotImplementedError
 
-    # What is the same.
+    # Functions common to the versions.
 
     def ask(self, function: str, *arguments: Any) -> None:
         """Calls an FMI function, by its name without the prefix."""
         self.call(f"fmi{self.fmi}{function}", *arguments)
 
     def _initialized(self) -> None:
-        """After initialization mode: Event Mode, with the discrete states as they are at the start."""
+        """Enters Event Mode after initialization mode, with the initial discrete states."""
         assert self.fmu.model_exchange is not None
         try:
             self._iterate()
@@ -186,7 +186,7 @@ class _Exchanged:
         return "fmi3UpdateDiscreteStates" if self.fmi == 3 else "fmi2NewDiscreteStates"
 
     def _iterate(self) -> None:
-        """Updates discrete states until they settle, in Event Mode."""
+        """Updates discrete states until they no longer change, in Event Mode."""
         for _ in range(_CHATTER):
             again, ends, self._next_event = self._updated()
             if ends:
@@ -197,7 +197,7 @@ class _Exchanged:
         raise FmuError(self.name, self._update_function, text, self.time, self.lines)
 
     def _step(self, t: float, h: float) -> int:
-        """Makes a step by the solver; returns an FMI status and stores the error, if any."""
+        """Makes a step by the solver; returns an FMI status and stores an error."""
         self._cause = self._ends_at = None
         try:
             self._integrate(t, h)
@@ -211,7 +211,7 @@ class _Exchanged:
             solver = f"solver {self._choice.name}"
             text = str(error) if isinstance(error, SolverError) else f"the derivatives cannot be evaluated: {error}"
             self._cause = FmuError(self.name, solver, text, self.time, self.lines)
-        except Exception as error:  # nothing may leave a function that C calls
+        except Exception as error:  # no exception may leave a function that C calls
             self._cause = FmuError(self.name, f"solver {self._choice.name}", repr(error), self.time, self.lines)
         return _OK if self._cause is None else _ERROR
 
@@ -260,10 +260,10 @@ class _Exchanged:
         self.ask("EnterEventMode")
 
     def _tell(self, time: float, slack: float) -> None:
-        """Gives the FMU the time while it is in Event Mode.
+        """Sets the time of the FMU while it is in Event Mode.
 
-        FMUs of Dymola take it in Continuous-Time Mode only; so FMUs of FMI 2 are told what differs by more than
-        rounding, by way of that mode. The solver tells them the rest.
+        FMUs of Dymola accept the time in Continuous-Time Mode only. For FMI 2, differences above rounding are therefore
+        set in that mode. The solver sets the remaining times.
         """
         if self.fmi != 2:
             self.ask("SetTime", ctypes.c_double(time))
@@ -274,7 +274,7 @@ class _Exchanged:
             self._told = time
 
     def _situation(self, x: Any) -> Any:
-        """Returns the inputs of the solver's next step other than its memory; None for solvers without memory."""
+        """Returns the inputs of the solver's next step, without its memory; None for solvers without memory."""
         if self._choice.can_go_back or not self._equations.states:
             return None
         self._equations.read_states(ctypes.addressof(self._slopes))
@@ -290,7 +290,7 @@ class _Exchanged:
         solver.reset(time, h)
 
     def _explained(self, error: FmuError) -> FmuError:
-        """Returns the error of a step, with its cause."""
+        """Returns the error of a step and its cause."""
         if self._cause is None or not error.function.endswith("DoStep"):
             return error
         cause, self._cause = self._cause, None
@@ -411,7 +411,7 @@ class Exchanged3(_Exchanged, Instance3):
         return ctypes.cast(self._do_step, ctypes.c_void_p).value or 0
 
     def _called(self, _h: Any, t: float, h: float, _final: bool, event: int, ends: int, early: int, last: int) -> int:
-        """fmi3DoStep: `event` to `last` are where its answers go."""
+        """Implements fmi3DoStep for the loop: its answers are written to the arguments `event` to `last`."""
         status = self._step(t, h)
         for place, flag in ((event, False), (ends, self._ends_at is not None), (early, False)):
             ctypes.c_bool.from_address(place).value = flag

@@ -1,4 +1,4 @@
-"""The interface of FMU instances, whatever version of FMI they are of, and whoever makes their steps."""
+"""The interface of FMU instances, independent of the FMI version and of the party that makes their steps."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["EventSlave", "Slave", "has_event_mode"]
 
 
 class Slave(Protocol):
-    """An instance of an FMU (a co-simulation slave, in FMI's word). Not to be used from two threads at once.
+    """An instance of an FMU (a co-simulation slave in FMI's terms). It must not be used from two threads at once.
 
-    In this order (FMI 2.0.5, section 4.2.4; FMI 3.0.2, section 4.2):
+    The order of calls is (FMI 2.0.5, section 4.2.4; FMI 3.0.2, section 4.2):
 
     slave.configure(...)                    structural parameters, where there are any
     slave.setup_experiment(start, stop)     then `set` of parameters
@@ -27,21 +27,22 @@ class Slave(Protocol):
     slave.terminate()                       where it is legal: after a completed step, once
     slave.free()                            where it is legal: not after a fatal error
 
-    After an error only `free` is legal; after a fatal one nothing is, for any instance of that FMU. `terminate` and
-    `free` know that, and do nothing where they must not.
+    After an error, only `free` is legal; after a fatal error, no call is legal for any instance of that FMU.
+    `terminate` and `free` make only legal calls.
 
     Attributes:
         fmi: major version.
-        time: of the next call, s: set it before calls that may fail, for their errors.
+        time: time of the next call, s; set it before calls that may fail, for their errors.
         lines: the last lines that the FMU has logged.
         event_mode: whether there is Event Mode (see `EventSlave`).
-        next_event: until when the loop may step it, s: its next event, or that of one that steps together with it.
-        pending: BEGIN or END of the loop's tables, if the loop has left a step to Event Mode; else 0.
-        final: whether no state of before a step will be restored after it (an argument of fmi3DoStep).
-        initializes_anew: parameters are to be set once more in initialization mode, since the FMU loses them.
-        state_functions: those that save and restore its state.
+        next_event: end of the time that the loop may step it, s: its next event, or that of an instance stepping
+            together with it.
+        pending: BEGIN or END of the loop's tables, if the loop has left a step to Event Mode; otherwise 0.
+        final: whether no state from before a step will be restored after it (an argument of fmi3DoStep).
+        initializes_anew: parameters must be set again in initialization mode, since the FMU loses them.
+        state_functions: the functions that save and restore its state.
         end_word: its word for the end of the simulation.
-        has_answers: whether its step answers more than a status: `use_answers` says where.
+        has_answers: whether its step has answers besides the status; `use_answers` sets their address.
     """
 
     fmi: int
@@ -74,52 +75,52 @@ class Slave(Protocol):
     def free(self) -> None: ...
 
     def get(self, variables: Sequence[Variable]) -> list[Any]:
-        """Values of variables, of whatever types; strings and bytes are copied at once."""
+        """Returns the values of variables of any types; strings and bytes are copied at once."""
 
     def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
-        """Sets variables, of whatever types."""
+        """Sets variables of any types."""
 
     def step_address(self) -> int:
-        """The address of the function that makes a step."""
+        """Returns the address of the function that makes a step."""
 
     def use_answers(self, address: int) -> None:
-        """Takes the address at which the loop keeps the answers of a step beyond its status (`tables.ANSWERS`)."""
+        """Sets the address at which the loop stores the answers of a step besides its status (`tables.ANSWERS`)."""
 
     def try_step(self, t: float, h: float) -> bool:
         """Makes a step from t, or up to the next event; returns whether it is complete. Times in s."""
 
     def ended(self) -> bool:
-        """After a discarded step: whether the FMU wants the simulation to end."""
+        """Returns, after a discarded step, whether the FMU requests the end of the simulation."""
 
     def last_successful_time(self) -> float | None:
-        """Returns the time reached by a discarded step, s; None if the FMU does not tell."""
+        """Returns the time reached by a discarded step, s; None if the FMU does not report it."""
 
     def longest_step(self) -> float | None:
-        """The longest step that it would make from here, s; None if it does not say."""
+        """Returns the longest step that it would make from here, s; None if it does not report it."""
 
     def cancel_step(self) -> None:
-        """Stops a step that is pending; only `free` may follow."""
+        """Cancels a pending step; afterwards only `free` is legal."""
 
     def save_state(self, state: ctypes.c_void_p) -> None:
-        """Saves the state into `state`, and reuses its memory, if it has some."""
+        """Saves the state into `state`, and reuses the memory of an earlier one."""
 
     def restore_state(self, state: ctypes.c_void_p) -> None: ...
     def free_state(self, state: ctypes.c_void_p) -> None: ...
 
     def serialise(self, state: ctypes.c_void_p) -> bytes:
-        """A saved state as bytes, which another instance of the FMU can `deserialise`, in another process too."""
+        """Returns a saved state as bytes, which another instance can `deserialise`, even in another process."""
 
     def deserialise(self, content: bytes) -> ctypes.c_void_p:
-        """The state that `serialise` wrote, for `restore_state` and then `free_state`."""
+        """Returns the state that `serialise` wrote, for `restore_state` and then `free_state`."""
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
-        """Returns the error for a bad status, and notes which calls are still legal."""
+        """Returns the error for a bad status, and records which calls are still legal."""
 
     def function_name(self, name: str) -> str:
-        """The function that the loop's tables name in FMI 2's words, in those of this version."""
+        """Returns the name, in this version, of a function that the loop's tables name as in FMI 2."""
 
     def status_word(self, status: int) -> str:
-        """A status in the words of this version."""
+        """Returns the name of a status in this version."""
 
 
 class EventSlave(Slave, Protocol):
@@ -129,7 +130,7 @@ class EventSlave(Slave, Protocol):
     def early_return(self) -> bool: ...
     @property
     def answers(self) -> tuple[bool, bool, bool, float]:
-        """Answers of the last step: event handling needed, terminate simulation, early return; last time, s."""
+        """Returns the last step's answers: event handling needed, terminate simulation, early return; last time, s."""
 
     def do_step(self, t: float, h: float) -> None: ...
     def enter_event_mode(self) -> None: ...

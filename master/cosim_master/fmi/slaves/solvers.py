@@ -1,12 +1,12 @@
 """Solvers of ordinary differential equations with state events, for FMUs for Model Exchange.
 
     solver = make(Choice("cvode"), equations)
-    solver.reset(t, h)               a communication step of h s begins, and states, inputs or time have been changed
-    solver.resume(h)                 a communication step of h s begins, and nothing has been changed
+    solver.reset(t, h)               begins a communication step of h s after a change of states, inputs or time
+    solver.resume(h)                 begins a communication step of h s without any change
     solver.advance(stop)             one internal step, at most to `stop`; True if an event indicator changed its sign
 
-CVODE is SUNDIALS' variable-step BDF method, by the libraries that FMPy brings along. Euler and RK4 have fixed steps;
-they find events by bisection. CVODE remembers the steps before, and so cannot go back; with `restart` it begins anew at
+CVODE is SUNDIALS' variable-step BDF method, from the libraries that FMPy contains. Euler and RK4 have fixed steps and
+locate events by bisection. CVODE stores previous steps and therefore cannot go back. With `restart`, it starts anew at
 every communication point, which is slower and, at the same tolerance, less accurate (see docs/one-fmu.md).
 """
 
@@ -38,11 +38,11 @@ _FAILED = {
 
 
 class SolverError(Exception):
-    """The solver cannot go on; says why."""
+    """The solver cannot continue; the message gives the reason."""
 
 
 class Rejected(Exception):
-    """Derivatives cannot be evaluated at these states: a shorter step may help."""
+    """The derivatives cannot be evaluated at these states; a shorter step may help."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +51,9 @@ class Choice:
 
     Attributes:
         name: one of NAMES.
-        step: of a fixed-step solver, s; None takes the FMU's, or the communication step.
-        tolerance: relative, of CVODE; None takes the FMU's, or 1e-6. The absolute one is it times the nominal value.
+        step: step of a fixed-step solver, s; None uses the FMU's, or the communication step.
+        tolerance: relative tolerance of CVODE; None uses the FMU's, or 1e-6. The absolute tolerance is the relative one
+            times the nominal value.
         restart: CVODE restarts at every communication point, so that a saved state of the FMU is complete.
     """
 
@@ -68,10 +69,10 @@ class Choice:
 
     @staticmethod
     def parsed(text: str) -> Choice:
-        """The choice written as NAME or NAME:NUMBER, the number being cvode's tolerance or the step of the others.
+        """Returns the choice written as NAME or NAME:NUMBER; the number is cvode's tolerance or the step of the others.
 
         Raises:
-            ValueError: it is invalid; names the valid ones.
+            ValueError: the text is invalid; the error names the valid choices.
         """
         name, colon, number = text.partition(":")
         if name not in NAMES:
@@ -108,7 +109,7 @@ class Equations(Protocol):
         """Writes the states."""
 
     def jacobian_column(self, t: float, x: int, number: int, column: int) -> None:
-        """Writes the derivatives of all derivatives to state `number`."""
+        """Writes the partial derivatives of all derivatives with respect to state `number`."""
 
 
 class Solver(Protocol):
@@ -127,15 +128,15 @@ class Solver(Protocol):
 
 
 def make(choice: Choice, equations: Equations, *, step: float | None = None, tolerance: float | None = None) -> Solver:
-    """A solver.
+    """Returns a solver.
 
     Args:
-        choice: which.
-        equations: to be solved.
-        step, tolerance: of the FMU, where the choice leaves them open.
+        choice: the solver and its accuracy.
+        equations: the equations to be solved.
+        step, tolerance: those of the FMU, if the choice does not specify them.
 
     Raises:
-        SolverError: the solver is not to be had on this machine.
+        SolverError: the solver is not available on this machine.
     """
     if choice.name == "cvode" and equations.states:
         return _Cvode(equations, choice.tolerance or tolerance or _TOLERANCE)
@@ -195,7 +196,7 @@ class _FixedStep:
         return found
 
     def _stepped(self, t: float, x: Any, h: float) -> Any:
-        """The states after an explicit Runge-Kutta step of any size."""
+        """Returns the states after an explicit Runge-Kutta step of any size."""
         slopes = self._slopes
         for i, row in enumerate(self._rows):
             fraction = sum(row)
@@ -241,7 +242,7 @@ class _Cvode:
         self.time = 0.0
         self.x = np.ctypeslib.as_array(sundials.NV_DATA_S(self._vector), (n,))
         self._absolute = np.ctypeslib.as_array(sundials.NV_DATA_S(self._tolerances), (n,))
-        # What CVODE calls must live as long as it does.
+        # Callbacks of CVODE must live as long as it does.
         self._f, self._g = sundials.CVRhsFn(self._derivatives), sundials.CVRootFn(self._indicators)
         self._memory = ctypes.c_void_p(cvode.CVodeCreate(_CV_BDF, self._context))
         self._absolute[:] = tolerance
@@ -258,7 +259,7 @@ class _Cvode:
 
     @staticmethod
     def _function(library: Any, name: str, *arguments: Any, result: Any = ctypes.c_int) -> Any:
-        function = library[name]  # an object of its own, whose types are nobody else's
+        function = library[name]  # a separate library object, whose types are not shared
         function.argtypes, function.restype = arguments, result
         return function
 

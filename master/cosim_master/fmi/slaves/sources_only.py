@@ -1,4 +1,4 @@
-"""FMUs that bring sources and no binary for this platform: compiled by the ziglang wheel, and kept by their digest.
+"""FMUs with sources and without a binary for this platform: compiled by the ziglang wheel, and cached by their digest.
 
 `source_files` lists the files and has refused those outside of the FMU. The headers of FMI come from FMPy.
 Compiling executes nothing of the FMU; running it does.
@@ -34,10 +34,10 @@ _MICROSOFT = {
 
 
 def compiled(fmu: FmuDescription, folder: Path) -> Path:
-    """The library of an FMU that is unpacked in a folder, compiled now if it is not kept yet.
+    """Returns the library of an FMU that is unpacked in a folder, and compiles it if it is not in the cache.
 
     Raises:
-        FmuError: the sources do not compile; contains the compiler's messages.
+        FmuError: the sources do not compile; the error contains the compiler's messages.
     """
     kept = cache_folder() / "sources" / f"{fmu.digest[:24]}-{fmu.model_identifier}.so"
     if kept.is_file():

@@ -1,6 +1,6 @@
-"""Tables: files of rows over time as instances of FMI 2.0, whose functions are implemented here.
+"""Tables of values over time as instances of FMI 2.0, whose functions are implemented here.
 
-Its outputs are the values of the columns at the time that it has reached; its state is that time.
+The outputs of a table are the values of its columns at the time reached; its state is that time.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class TableLibrary(Library):
                 into = (kind * n).from_address(values)
                 for i, reference in enumerate(asked):
                     into[i] = kind(self.value(reference, self.times[handle])).value
-            except Exception:  # nothing may leave a function that C calls
+            except Exception:  # no exception may leave a function that C calls
                 return _ERROR
             return _OK
 
@@ -66,7 +66,7 @@ class TableLibrary(Library):
         return _OK
 
     def _on_row(self, time: float) -> float:
-        """A time, or that of the row that it is meant to be."""
+        """Returns a time, or the time of the row that it equals up to rounding."""
         times = self.table.times
         i = int(np.searchsorted(times, time))
         for near in times[max(0, i - 1) : i + 1]:
@@ -89,7 +89,7 @@ class TableLibrary(Library):
         return ctypes.cast(self._functions[function], ctypes.c_void_p).value or 0
 
     def has(self, *functions: str) -> bool:  # noqa: ARG002
-        return True  # an instance does itself what it does not call
+        return True  # an instance implements the functions that it does not call
 
     def new_handle(self) -> int:
         return next(self._next)
@@ -111,7 +111,7 @@ class TableInstance(Instance2):
         self.library.begin(self.handle, start)
 
     def enter_initialization_mode(self) -> None:
-        """Nothing is to be done."""
+        """Does nothing."""
 
     def exit_initialization_mode(self) -> None:
         self.stepping = True
@@ -122,10 +122,10 @@ class TableInstance(Instance2):
         return [bool(x) if v.type == "Boolean" else x for v, x in zip(variables, values, strict=True)]
 
     def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
-        """Nothing can be set: it has outputs only."""
+        """Does nothing: a table has only outputs."""
 
     def longest_step(self) -> None:
-        """None: a table has a value at every time."""
+        """Returns None: a table has a value at every time."""
 
     def save_state(self, state: ctypes.c_void_p) -> None:
         (bits,) = struct.unpack("<Q", struct.pack("<d", self.library.times[self.handle]))
@@ -135,7 +135,7 @@ class TableInstance(Instance2):
         (self.library.times[self.handle],) = struct.unpack("<d", struct.pack("<Q", state.value or 0))
 
     def free_state(self, state: ctypes.c_void_p) -> None:
-        """Nothing is to be done: a state is the bits of a time."""
+        """Does nothing: a state is the bits of a time."""
 
     def serialise(self, state: ctypes.c_void_p) -> bytes:
         return struct.pack("<Q", state.value or 0)
