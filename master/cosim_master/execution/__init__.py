@@ -1,1 +1,1 @@
-"""One run: started, driven, ended."""
+"""A run from its start to its end."""

@@ -1,11 +1,11 @@
-"""One run: instances from a checked system, initialized, stepped, observed, and freed again.
+"""One run: instances of a checked system are initialized, stepped, observed and freed.
 
-    with Execution(checked, ...) as execution:      instantiate, initialize, collect outputs at t0
-        execution.advance(k)                        macro steps up to base step k, as often as wanted
+    with Execution(checked, ...) as execution: instantiate, initialize, collect outputs at t0 execution.advance(k) macro
+        steps up to base step k, any number of times
     ...                                             recordings completed, instances terminated and freed
 
-The order of calls is that of FMI 2.0.5, section 4.2.4. If an FMU fails, the recording stays: files are
-completed before anything is freed, since some FMUs take the process with them when they go.
+The order of calls is that of FMI 2.0.5, section 4.2.4. If an FMU fails, the recording remains: files are completed
+before instances are freed, since some FMUs crash the process when they are freed.
 """
 
 from __future__ import annotations
@@ -48,33 +48,34 @@ __all__ = ["Execution"]
 
 
 class Execution:
-    """A system that is being run. Not to be used from two threads at once.
+    """A system during a run. It must not be used from two threads at once.
 
     Args:
         checked: the system; its structure must stay open.
         clock: start, base step and periods.
-        layout: where values live.
+        layout: the places of all values.
         network: nodes and radio.
-        recorder_for: makes the recorder of a run that begins with these packet counts and parameters, once everything
-            has been loaded; None records nothing.
-        every: rows every so many base steps.
+        recorder_for: returns the recorder of a run that begins with these packet counts and parameters; called when all
+            FMUs have been loaded. None records nothing.
+        every: base steps between two rows.
         keep_packets: record packet events and logs.
-        threads: how many step native instances; None chooses. Only FMUs built by this project are stepped by
-            other threads than the main one: many others keep state in globals, whatever they declare.
-        changes: values to be set while it runs, in the order of time.
+        threads: number of threads that step native instances; None selects it automatically. Only FMUs built by this
+            project are stepped by threads other than the main one: many other FMUs store state in globals, whatever
+            they declare.
+        changes: values to be set during the run, in the order of time.
         stimuli: inputs from a file, sampled.
-        profiler: measures where the time goes.
-        checkpoint: go on from there.
-        master: the master; None is Jacobi.
-        grid: rows at every base step, also where no step of an instance ends.
-        on_stage: called with the next stage in words, until the first step.
+        profiler: measures the time profile.
+        checkpoint: the checkpoint to resume from.
+        master: the master algorithm; None is Jacobi.
+        grid: rows at every base step, even if no step of an instance ends there.
+        on_stage: called with a description of each stage, until the first step.
 
     Attributes:
         parameters: of each instance, as its FMU answered after initialization.
 
     Raises:
-        SystemDescriptionError: interpreted FMUs that do not fit together.
-        RunFailed: an FMU refused during start-up; everything is freed.
+        SystemDescriptionError: interpreted FMUs are incompatible with each other.
+        RunFailed: an FMU refused during start-up; all instances are freed.
     """
 
     def __init__(
@@ -152,7 +153,7 @@ class Execution:
             port.compile()
         self._workers.start(self.plan, self.threads)
         if checkpoint is None:
-            # One call up to k = 0 sends what the instances have to send at the start and records the first row.
+            # One call up to k = 0 routes the packets that the instances send at the start, and records the first row.
             self.advance(0)
 
     @property
@@ -163,7 +164,7 @@ class Execution:
 
     @property
     def k(self) -> int:
-        """Base steps done, of the system's own grid."""
+        """The number of base steps completed, in the system's own grid."""
         assert self._algorithm is not None
         return self._algorithm.k
 
@@ -174,7 +175,7 @@ class Execution:
 
     @property
     def radio(self) -> Radio:
-        """The arrays of the radio; they are replaced where they become too small."""
+        """The arrays of the radio, which are replaced when they become too small."""
         return self._state.radio
 
     @radio.setter
@@ -182,17 +183,17 @@ class Execution:
         self._state.radio = radio
 
     def advance(self, k_stop: int) -> None:
-        """Macro steps until base step `k_stop`; if the error decides their size, until the next row at least.
+        """Makes macro steps until base step `k_stop`; with error control, at least until the next row.
 
         Raises:
-            RunFailed: instances failed; the others have finished this macro step, recorded data reaches its start.
-            RunTerminated: an FMU wants the simulation to end; the same is true.
+            RunFailed: instances failed; the others have finished this macro step, and the recording ends at its start.
+            RunTerminated: an FMU requests the end of the simulation; the same applies.
         """
         assert self._algorithm is not None
         self._algorithm.advance(min(k_stop, self.clock.steps))
 
     def _change(self, k: int) -> bool:
-        """Sets the values that are due at base step `k`; returns whether there were any."""
+        """Sets the values that are due at base step `k`; returns whether any were due."""
         changed = False
         for change in self._agenda.take(k):
             with failing(self.plan, self.slaves[change.instance]):
@@ -201,17 +202,17 @@ class Execution:
         return changed
 
     def refuse_checkpoints(self) -> None:
-        """Raises SystemDescriptionError if this system can have none, and says why."""
+        """Raises SystemDescriptionError, with the reason, if this system cannot have checkpoints."""
         reason = "what has passed a gateway cannot be taken back" if self.network.gateways else ""
         if reason := reason or cannot_be_serialised(self.slaves):
             raise SystemDescriptionError([Problem(self.checked.structure.where, CHECKPOINT.text(reason))])
 
     def save_checkpoint(self, folder: Path, about: Mapping[str, Any]) -> Path:
-        """Writes a checkpoint of the present communication point, or of the next one on the system's own grid.
+        """Writes a checkpoint of the current communication point, or of the next one on the system's own grid.
 
         Raises:
-            SystemDescriptionError: there are gateways, or FMUs that cannot serialise their state.
-            RunFailed: an FMU cannot after all, or steps up to that communication point fail.
+            SystemDescriptionError: the run has gateways, or FMUs that cannot serialise their state.
+            RunFailed: an FMU fails to serialise its state, or a step up to that communication point fails.
         """
         assert self._algorithm is not None and self._writing is not None
         self.refuse_checkpoints()
@@ -225,17 +226,17 @@ class Execution:
             raise RunFailed([error]) from None
 
     def packet_counts(self) -> dict[str, int]:
-        """Packets by radio, as `packet_counts`."""
+        """Returns the numbers of packets by radio, as the radio's `packet_counts` does."""
         return packet_counts(self._state.radio)
 
     def keep(self, wall: float) -> None:
-        """Makes readable what has been recorded so far, whatever ends the process.
+        """Makes all values recorded so far readable, even if the process is killed.
 
         Args:
             wall: wall-clock time since the first step, s, for the manifest.
 
         Raises:
-            RecordingFailed: it cannot be written.
+            RecordingFailed: a file cannot be written.
         """
         assert self._writing is not None
         progress = self._progress()
@@ -249,10 +250,10 @@ class Execution:
         """Completes the recording, with its manifest; call once, before leaving the context.
 
         Args:
-            manifest: makes the manifest; its argument is the reason for which the recording cannot be completed.
+            manifest: returns the manifest; its argument is the reason why the recording cannot be completed.
 
         Returns:
-            That reason; None if all is complete.
+            The reason why the recording is incomplete; None if it is complete.
         """
         assert self._writing is not None
         failure = None
@@ -267,14 +268,14 @@ class Execution:
         return failure
 
     def end(self, manifest: Callable[[Sequence[FmuError]], Mapping[str, Any]]) -> tuple[FmuError, ...]:
-        """Terminates and frees all instances; returns how that failed. Call once, after `finish`.
+        """Terminates and frees all instances; returns the errors of this. Call once, after `finish`.
 
         Args:
-            manifest: makes a new manifest, if it did: it takes the place of the one that `finish` wrote.
+            manifest: returns a new manifest after such errors, which replaces the one written by `finish`.
         """
         failures = tuple(self._free())
         if failures and self._writing is not None:
-            with suppress(RecordingFailed):  # the one that `finish` wrote is there
+            with suppress(RecordingFailed):  # the manifest written by `finish` remains
                 self._writing.write_manifest(lambda: manifest(failures))
         return failures
 

@@ -1,6 +1,6 @@
 """Digests of the inputs of a run: runs with equal digests record the same bits.
 
-Not among them: the number of threads, the pace, profiles and checkpoints, which change no bit.
+They do not include the number of threads, the pace, profiles and checkpoints, which do not change the recording.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ def fingerprint_of(
     gateways: Sequence[str] = (),
     checkpoint: Checkpoint | None = None,
 ) -> dict[str, str]:
-    """The digest of each kind of input, by its name for people ("seed", "start values").
+    """Returns the digest of each kind of input, by its name for users ("seed", "start values").
 
     Args:
-        checked, clock, network, master: as they are run; `network` without gateways.
+        checked, clock, network, master: those of the run; `network` without gateways.
         system: the digest of the system's documents.
         changes: the values set during the run.
-        stimuli: the digest of the file that inputs come from.
+        stimuli: the digest of the file of inputs.
         recording: the signals recorded, and the interval.
         gateways: addresses of real programs.
-        checkpoint: where it goes on from.
+        checkpoint: the checkpoint to resume from.
     """
     names = [instance.name for instance in checked.instances]
     values = ((instance.name, sorted(instance.effective_values().items())) for instance in checked.instances)
@@ -82,7 +82,7 @@ def _of_file(file: Path) -> str:
 
 
 def _fields(settings: MasterSettings | Network, without: Collection[str]) -> list[object]:
-    """Names and values of all other fields; sets in order."""
+    """Returns the names and values of all other fields; sets are sorted."""
     values = ((field.name, getattr(settings, field.name)) for field in fields(settings) if field.name not in without)
     return [(name, sorted(value) if isinstance(value, frozenset) else value) for name, value in values]
 

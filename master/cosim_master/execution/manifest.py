@@ -35,7 +35,7 @@ def manifest(
     Args:
         start_up: wall-clock time before the first step, s.
         parameters: of each instance, as its FMU answered.
-        fingerprint: digests of everything that the recording depends on.
+        fingerprint: digests of all inputs that the recording depends on.
     """
     checked = ready.checked
     return {
@@ -160,7 +160,7 @@ def _channel_in_json(channel: Channel) -> dict[str, Any]:
 
 
 def _in_json(value: Any) -> Any:
-    """JSON has no infinity: it is written as XML Schema does."""
+    """Returns a value for JSON, which has no infinity: it is written as in XML Schema."""
     if not isinstance(value, float) or math.isfinite(value):
         return value
     return "NaN" if math.isnan(value) else "INF" if value > 0 else "-INF"

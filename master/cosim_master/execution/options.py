@@ -1,4 +1,4 @@
-"""Options of a run, and functions that are told about its progress."""
+"""Options of a run, and callbacks for its progress."""
 
 from __future__ import annotations
 
@@ -22,26 +22,27 @@ class RunOptions:
     """Options of a run. The defaults run a system as it is described and record nothing.
 
     Attributes:
-        variant: which of several .ssd in an archive or folder.
+        variant: selects one of several .ssd in an archive or folder.
         overrides: start values by hierarchical name or pattern, and settings of radio and recording ("network.loss"),
             as text: see `check`.
         at: (time in s, hierarchical name, text): tunable parameters and open inputs to be set during the run.
         inputs: a CSV file with values of open inputs over time: see `stimuli`.
-        solver: of FMUs for Model Exchange, as `solvers.Choice.parsed` reads it; one FMU alone then is one of these.
-        strict: notes that are a `Finding` are errors.
-        until: stop time in s; None takes the system's DefaultExperiment.
-        step: step size in s of all FMUs; None takes those that the system and the FMUs name.
-        seed: of the radio's random numbers; None takes the system's.
-        out: folder for the results, overwritten in any case, or a `RunFolder`, which says what may be
+        solver: solver of FMUs for Model Exchange, in the notation of `solvers.Choice.parsed`; an FMU that runs alone is
+            then run by its Model Exchange interface.
+        strict: notes of the type `Finding` are errors.
+        until: stop time in s; None uses the system's DefaultExperiment.
+        step: step size in s of all FMUs; None uses those of the system and the FMUs.
+        seed: seed of the radio's random numbers; None uses the system's.
+        out: folder for the results, overwritten in any case, or a `RunFolder`, which defines the results that may be
             overwritten; None records nothing.
-        record: patterns of signals to record; if empty, the system's, else all outputs.
-        checkpoint_every: simulated time in s between checkpoints in `out`; None makes none.
-        origin: RUN@TIME, a checkpoint to go on from: see `going_on`.
-        pace: times real time to hold at most; None runs as fast as possible.
-        threads: how many step native instances; None chooses.
-        profile: measure where the time goes.
-        gcs: addresses of ground stations, each on the air to all vehicles: see `gateways`.
-        ports: address of the first vehicle's serial port, and the difference between two of them.
+        record: patterns of signals to record; if empty, those of the system, or else all outputs.
+        checkpoint_every: simulated time in s between checkpoints in `out`; None writes none.
+        origin: RUN@TIME, a checkpoint to resume from: see `going_on`.
+        pace: largest multiple of real time; None runs as fast as possible.
+        threads: number of threads that step native instances; None selects it automatically.
+        profile: measure the time profile.
+        gcs: addresses of ground stations, each within radio reach of all vehicles: see `gateways`.
+        ports: address of the first vehicle's serial port, and the difference between consecutive ports.
     """
 
     variant: str | None = None
@@ -70,11 +71,11 @@ def _ignore(_: Any) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listener:
-    """Functions that are told how a run goes, in the thread that runs it.
+    """Callbacks for the progress of a run, called in the thread that runs it.
 
     Attributes:
-        prepared: called when everything is checked and no FMU is loaded yet.
-        stage: called with the next stage in words ("loading 15 FMU instances"), until the first step.
+        prepared: called when the system is checked and no FMU is loaded yet.
+        stage: called with a description of each stage ("loading 15 FMU instances"), until the first step.
         progress: called about twenty times a second of wall-clock time, with gateways fifty times.
         gateway: called with messages about sockets.
     """
@@ -86,10 +87,10 @@ class Listener:
 
 
 def going_on(options: RunOptions, checkpoint: Checkpoint, structure: SystemStructure) -> RunOptions:
-    """Returns the options of a run that goes on from a checkpoint.
+    """Returns the options of a run that is resumed from a checkpoint.
 
-    `overrides` become changes at the time of the checkpoint; settings of the radio hold from then on. Seed, stop time
-    and patterns that `options` does not give are those of the run that wrote the checkpoint.
+    `overrides` become changes at the time of the checkpoint; settings of the radio apply from then on. A seed, stop
+    time or patterns missing in `options` are those of the run that wrote the checkpoint.
     """
     was = checkpoint.identity
     variables, settings = apart(options.overrides, structure)

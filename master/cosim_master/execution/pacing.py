@@ -1,4 +1,4 @@
-"""A run from its first step to its last: paced, interrupted by Ctrl-C, with gateways, checkpoints and progress."""
+"""Steps a run from beginning to end: with pace, interruption by Ctrl-C, gateways, checkpoints and progress."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class Checkpoints:
     """Checkpoints at equal intervals of simulated time; none if `every` is None.
 
     Raises:
-        SystemDescriptionError: the interval is not a multiple of the base step, or they need a folder for results (-o).
+        SystemDescriptionError: the interval is not a multiple of the base step, or the run has no folder for results
+            (-o).
     """
 
     def __init__(
@@ -87,12 +88,12 @@ class Checkpoints:
         self._every = round(steps)
 
     def before(self, k: int, chunk: int) -> int:
-        """The base step to go to from `k`: at most `chunk` further, and not beyond the next checkpoint."""
+        """Returns the next base step to stop at: at most `chunk` after `k`, and not after the next checkpoint."""
         self._next = (k // self._every + 1) * self._every
         return min(k + chunk, self._next)
 
     def save(self, execution: Execution) -> None:
-        """Writes a checkpoint if its time has come; the end of a run has none."""
+        """Writes a checkpoint if it is due. The end of a run has none."""
         if self._next <= execution.k < self._last:
             seen = {} if self.watch is None else remember(self.watch)
             execution.save_checkpoint(self._folder, {**self._about, "verdict": seen})
@@ -100,11 +101,11 @@ class Checkpoints:
 
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
-    """Yields a function that returns whether Ctrl-C, SIGTERM or SIGHUP has come; the second one interrupts at once.
+    """Yields a function that returns whether Ctrl-C, SIGTERM or SIGHUP was received; a second one interrupts at once.
 
-    A KeyboardInterrupt anywhere in a step would strike the Python code of an FMU, which is then lost, or leave a
-    file half written. While an FMU hangs, no Python code runs at all: the second signal then ends the process.
-    A signal that is ignored, as SIGHUP is by nohup, stays ignored.
+    A KeyboardInterrupt within a step could break the Python code of an FMU, or leave a file half written. While an FMU
+    hangs, no Python code runs: the second signal then ends the process. A signal that is already ignored, as SIGHUP
+    under nohup, remains ignored.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
@@ -130,23 +131,23 @@ def interrupts() -> Iterator[Callable[[], bool]]:
 
 
 def _handle_once(number: int, handler: Callable[[int, FrameType | None], None]) -> None:
-    """Sets a handler that the system forgets when the signal comes, whether Python gets to run it or not."""
+    """Sets a handler that the operating system removes when the signal arrives, even if Python code cannot run."""
     signal.signal(number, handler)
     libc = ctypes.CDLL(None) if sys.platform == "linux" else None
     if libc is None or not hasattr(libc, "sysv_signal"):
         return
     for function in (libc.signal, libc.sysv_signal):
         function.restype, function.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
-    libc.sysv_signal(number, libc.signal(number, None))  # with what Python has set there
+    libc.sysv_signal(number, libc.signal(number, None))  # with the values set by Python
 
 
 class _Pace:
-    """Holds a run to a multiple of real time, and chooses how many base steps it makes at once.
+    """Limits a run to a multiple of real time, and chooses the number of base steps made at once.
 
     Args:
-        factor: times real time; None is as fast as possible.
+        factor: multiple of real time; None runs as fast as possible.
         clock: the time grid of the run.
-        slice: wall-clock seconds that the base steps made at once are to take.
+        slice: intended wall-clock time of the base steps made at once, s.
     """
 
     def __init__(self, factor: float | None, clock: TimeGrid, slice: float) -> None:
@@ -173,7 +174,7 @@ class _Pace:
             due = simulated / self._factor - self.wall
 
     def spent(self, seconds: float) -> None:
-        """Chooses the next chunk; the last one has taken `seconds` of wall-clock time."""
+        """Chooses the size of the next chunk, given the wall-clock time of the last one, `seconds`."""
         slice, most = self._slice, self._steps
         if self._factor is not None:  # a chunk is shorter if the pace cannot be held
             slice, most = _SLICE, int(_SLICE * 0.4 * self._factor / self._base)
@@ -191,13 +192,13 @@ def run(
     tell: Callable[[Progress], None] = lambda _: None,
     checkpoints: Checkpoints | None = None,
 ) -> RunResult:
-    """Steps a run to its end, whatever it is; never raises a `CosimError`.
+    """Steps a run to its end, successful or not; never raises a `CosimError`.
 
     Args:
         advance: steps to a base step: `Execution.advance`, or that of its `Observers`.
-        pace: times real time to hold at most; None runs as fast as possible.
-        interrupted: whether the user wants the run to end.
-        tell: is called with the progress after each chunk of base steps.
+        pace: largest multiple of real time; None runs as fast as possible.
+        interrupted: returns whether the user has requested the end of the run.
+        tell: called with the progress after each chunk of base steps.
     """
     clock = ready.clock
     start, stop = execution.time, clock.time(clock.steps)

@@ -1,4 +1,4 @@
-"""Everything about a run that can be settled without loading an FMU."""
+"""Prepares a run as far as possible without loading an FMU."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = ["Prepared", "prepare"]
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A checked system with its clock, network and recording: ready to be run, nothing loaded."""
+    """A checked system with its clock, network and recording: ready to run, with no FMU loaded."""
 
     checked: CheckedSystem
     clock: TimeGrid
@@ -67,13 +67,13 @@ def prepare(
     strict: bool = False,
     stimuli: Stimuli | None = None,
 ) -> Prepared:
-    """Settles everything that can be settled without loading an FMU.
+    """Prepares a run as far as possible without loading an FMU.
 
     Args:
-        strict: notes that are a `Finding` are errors.
+        strict: notes of the type `Finding` are errors.
 
     Raises:
-        SystemDescriptionError: clock, network or recording are not as they should be; all problems at once.
+        SystemDescriptionError: clock, network or recording are invalid; all problems are reported at once.
     """
     problems: list[Problem] = []
 
@@ -117,7 +117,7 @@ def prepare(
 
 
 def _default_step(checked: CheckedSystem, until: float | None) -> float | None:
-    """The step of an FMU alone that names none, if it is known how long it runs."""
+    """Returns a step size for an FMU alone that proposes none, if the duration of the run is known."""
     stop = until if until is not None else checked.stop_time
     is_alone = checked.structure.path.suffix.lower() == ".fmu"
     if not is_alone or stop is None or stop <= checked.start_time or checked.instances[0].step_size is not None:

@@ -1,6 +1,6 @@
-"""An FMU against results that others have computed: those that it brings along (FMI-LS-REF), or a CSV file.
+"""Compares an FMU with reference results: those that it contains (FMI-LS-REF), or a CSV file.
 
-FMI-LS-REF, a layered standard in the making, puts CSV files into extra/org.fmi-standard.fmi-ls-ref of an FMU: the file
+FMI-LS-REF, a draft of a layered standard, stores CSV files in extra/org.fmi-standard.fmi-ls-ref of an FMU: the file
 with the role "result" holds the results of its default experiment, the one with the role "input" its inputs.
 """
 
@@ -51,9 +51,9 @@ class Verdict:
 
     Attributes:
         source: the description of the reference.
-        rows: times that both have.
-        differences: of the variables that were compared, the worst first.
-        left_out: columns that are not outputs, with nothing to compare them with.
+        rows: number of common times.
+        differences: the differences of the compared variables, the largest first.
+        left_out: columns that cannot be compared, since they are not outputs.
     """
 
     source: str
@@ -75,13 +75,13 @@ def against_reference(
     step: float | None = None,
     overrides: Mapping[str, str] | None = None,
 ) -> Verdict:
-    """Runs an FMU and compares it with a reference, at the times that both have.
+    """Runs an FMU and compares it with a reference at their common times.
 
     Args:
         path: the FMU.
-        reference: a CSV file as FMPy writes it; None takes the reference that the FMU contains.
-        tolerance: allowed difference, in parts of the largest absolute value of a column.
-        until, step, overrides: of the run.
+        reference: a CSV file in the format of FMPy; None uses the reference that the FMU contains.
+        tolerance: allowed difference, as a fraction of the largest absolute value of a column.
+        until, step, overrides: options of the run.
 
     Raises:
         SystemDescriptionError: the reference is missing, or has no column that can be compared.
@@ -131,7 +131,7 @@ def _own(path: Path, folder: Path) -> tuple[Path, Path | None, str]:
 
 
 def _read(path: Path, shown: str) -> tuple[Any, dict[str, Any]]:
-    """Times and columns of numbers of a CSV file; arrays of FMI 3 are one column per element."""
+    """Returns times and columns of numbers of a CSV file; an array of FMI 3 has one column per element."""
 
     def wrong(line: int | None, text: str) -> SystemDescriptionError:
         return SystemDescriptionError([Problem(Where(shown, line), text)])
@@ -179,7 +179,7 @@ def _compared(
             continue
         got = np.array(table[by_name[name]].to_pylist(), dtype=float)[places]
         apart = np.where(common, np.abs(got - expected), 0.0)
-        # Of two rows of one time (before and after an event) the nearer one counts.
+        # Of two rows at one time (before and after an event), the closer one counts.
         for i in np.flatnonzero(np.diff(times) == 0.0):
             apart[i] = apart[i + 1] = min(apart[i], apart[i + 1])
         worst = int(np.argmax(apart))

@@ -63,12 +63,12 @@ class RunResult:
         error: the failure, or the request that ended the run; None otherwise.
         simulated_s, wall_s, real_time_factor: of the stepping alone.
         packets: see `Execution.packet_counts`.
-        notes: assumptions made.
-        overruns: how often, and by how much, a paced run missed its pace.
+        notes: the assumptions made.
+        overruns: number and largest delay of the overruns of a paced run.
         gateways: see `Gateways.counts`.
-        profile: where the time went, if that was asked for.
-        folder: of the results; None if nothing was recorded.
-        verdict: how the swarm did; None if the run did not begin.
+        profile: the time profile, if it was requested.
+        folder: the folder of the results; None if nothing was recorded.
+        verdict: the verdict on the swarm; None if the run did not begin.
     """
 
     outcome: Outcome
@@ -87,7 +87,7 @@ class RunResult:
 
 
 def failing(result: RunResult, failures: Sequence[FmuError]) -> RunResult:
-    """The result of a run whose recording is complete, with FMUs that could not be terminated: it has failed."""
+    """Returns the result of a run with a complete recording, but FMUs that could not be terminated: it has failed."""
     if not failures:
         return result
     before = result.error.failures if isinstance(result.error, RunFailed) else ()

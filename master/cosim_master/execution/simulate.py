@@ -1,4 +1,4 @@
-"""One call from a system file to its results: read, check, run, record, and say how it ended."""
+"""Runs a system in one call: reads, checks, steps and records it, and returns the outcome."""
 
 from __future__ import annotations
 
@@ -51,19 +51,20 @@ def simulate(
     observers: Sequence[MakeObserver] = (),
     listener: Listener | None = None,
 ) -> RunResult:
-    """Runs a system from its file to its results.
+    """Runs the system in a file and records its results.
 
     Args:
         system: an .ssd, .ssp, .fmu, multi-model or folder, or a `Swarm` that has been saved.
         options: None runs the system as it is described and records nothing.
-        observers: make observers of the run, each given a `View` of it: recordings in other formats, for example.
-        listener: is told how the run goes.
+        observers: functions that return an observer for a `View` of the run, such as a recording in another format.
+        listener: callbacks for the progress.
 
     Returns:
-        The outcome; a failing FMU is one, and the recording until then is kept.
+        The outcome. The failure of an FMU is also an outcome, and the recording up to it is kept.
 
     Raises:
-        SystemDescriptionError: the description is wrong, the folder cannot be written to, or a socket not be opened.
+        SystemDescriptionError: the description is invalid, the folder cannot be written to, or a socket cannot be
+            opened.
     """
     options, listener = options or RunOptions(), listener or Listener()
     checkpoint = None if options.origin is None else find(options.origin)
@@ -88,7 +89,7 @@ def simulate(
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """A run that has been planned: all is checked, no FMU is loaded."""
+    """A planned run: the system is checked, and no FMU is loaded."""
 
     ready: Prepared
     options: RunOptions
@@ -105,7 +106,7 @@ class _Run:
         return View(self.layout, self.ready.every, self.ready.clock.seconds(1))
 
     def opened(self, began: float) -> Execution:
-        """Returns the run at its start, its FMUs initialized; `began`: when loading them did."""
+        """Returns the run at its start, with initialized FMUs; `began` is the time at which loading them began."""
         ready, options = self.ready, self.options
         return Execution(
             ready.checked,
@@ -164,7 +165,7 @@ class _Run:
             incomplete = execution.finish(lambda failure: document(unrecorded(result, failure)))
             complete.set()
             result = unrecorded(result, incomplete)
-            # An FMU that takes the process with it when it ends leaves a complete recording, and its manifest.
+            # If an FMU crashes the process when it is freed, the recording and its manifest are already complete.
             failures = execution.end(lambda errors: document(failing(result, errors)))
         return failing(result, failures)
 
@@ -205,10 +206,10 @@ class _Run:
 def _planned(
     structure: SystemStructure, options: RunOptions, checkpoint: Checkpoint | None, listener: Listener
 ) -> _Run:
-    """Settles everything that can be settled without loading an FMU.
+    """Plans a run as far as possible without loading an FMU.
 
     Raises:
-        SystemDescriptionError: the description is wrong, or the run cannot have its folder or its checkpoints.
+        SystemDescriptionError: the description is invalid, or the run cannot have its folder or its checkpoints.
     """
     ready, overrides = _prepared(structure, options)
     asked = gateways_of(ready.network, options.gcs, options.ports)

@@ -1,12 +1,12 @@
-"""Inputs from a file: the columns of a CSV as open inputs of a system, from one communication point to the next.
+"""Inputs from a file: the columns of a CSV file set open inputs of a system at communication points.
 
     "time","u","on"          names in quotes or without, as FMPy writes and reads them
-    0,1.5,0                  of an array of FMI 3 all elements in one cell, separated by spaces
+    0,1.5,0                  an array of FMI 3 has all elements in one cell, separated by spaces
     0.5,2,1                  two rows of one time are a jump
 
-A continuous Real is interpolated linearly, everything else held; before the first row and behind the last their
-values hold. At a jump the values of its last row count from then on, but for one in the very first row, which counts
-behind that time only: both as in FMPy. Values are set where a step begins.
+A continuous Real is interpolated linearly, other values are held. Before the first row and after the last row, the
+values of these rows apply. At a jump, the values of its last row apply from that time on, except for a jump in the very
+first row, which applies only after that time; both rules are those of FMPy. Values are set at the begin of a step.
 """
 
 from __future__ import annotations
@@ -62,11 +62,11 @@ class Stimuli:
         self._steps = np.zeros(0, dtype=np.int64)
 
     def identity(self) -> dict[str, str]:
-        """The file, for the manifest of a run."""
+        """The identity of the file, for the manifest of a run."""
         return {"path": str(self.path), "sha256": self.digest}
 
     def initialize(self, checked: CheckedSystem, start: float) -> CheckedSystem:
-        """The system with the start values of the first communication point."""
+        """Returns the system with the start values of the first communication point."""
         instances = list(checked.instances)
         at = np.array([start])
         for column in self._columns:
@@ -90,12 +90,12 @@ class Stimuli:
         self._steps = np.unique(np.concatenate(dues)) if dues else self._steps
 
     def next(self, k: int) -> int | None:
-        """The first base step from `k` on at which something is set."""
+        """Returns the first base step from `k` on at which a value is set."""
         i = int(np.searchsorted(self._steps, k))
         return int(self._steps[i]) if i < len(self._steps) else None
 
     def at(self, k: int) -> list[Change]:
-        """The values that are set at base step `k`."""
+        """Returns the values that are set at base step `k`."""
         found = []
         for column, (steps, values) in zip(self._columns, self._sampled, strict=True):
             i = int(np.searchsorted(steps, k))
@@ -108,9 +108,9 @@ class Agenda:
     """The values to be set during a run, in the order of time; stimuli come before changes of the same time.
 
     Args:
-        changes: in the order of time.
-        stimuli: sampled.
-        first: base step that the run begins with.
+        changes: the changes, in the order of time.
+        stimuli: the stimuli, already sampled.
+        first: the first base step of the run.
     """
 
     def __init__(self, changes: Sequence[Change], stimuli: Stimuli | None, first: int = 0) -> None:
@@ -120,7 +120,7 @@ class Agenda:
 
     @property
     def next(self) -> float:
-        """The base step at which something is set next; infinity if nothing is."""
+        """Returns the next base step at which a value is set; infinity if none exists."""
         change = self._changes[0].k if self._changes else math.inf
         return change if self._stimulus is None else min(change, self._stimulus)
 
@@ -140,11 +140,11 @@ def read_stimuli(path: Path, checked: CheckedSystem, taken: Sequence[str] = ()) 
 
     Args:
         path: a CSV file.
-        checked: the system; the columns are its open inputs, of a single instance without its name too.
-        taken: inputs that are set otherwise.
+        checked: the system; the columns are its open inputs. If it has a single instance, its name may be omitted.
+        taken: inputs that are already set by other means.
 
     Raises:
-        SystemDescriptionError: all that is wrong with the file.
+        SystemDescriptionError: the file is invalid; all problems are reported at once.
     """
     return _Reading(path, checked, taken).stimuli()
 
@@ -166,7 +166,7 @@ class _Reading:
             raise SystemDescriptionError(shown)
 
     def _open_inputs(self) -> dict[str, list[tuple[int, Variable]]]:
-        """Inputs that nothing is connected to, by the names that columns may have; of arrays all elements."""
+        """Returns unconnected inputs by the names that columns may have; for arrays, all elements."""
         driven = {link.target for link in self._checked.links}
         found: dict[str, list[tuple[int, Variable]]] = {}
         for i, instance in enumerate(self._checked.instances):

@@ -243,7 +243,7 @@ class Recorder:
 
     def _complete_rows(self, plan: Plan) -> int:
         n = int(plan.clock[ROWS])
-        return min(n, len(self._text_rows)) if self._texts else n  # after an interruption, the last one may lack strings
+        return min(n, len(self._text_rows)) if self._texts else n  # after an interruption, the last may lack strings
 
     def _block(self, plan: Plan, first: int, last: int) -> Block:
         rows = slice(first, last)

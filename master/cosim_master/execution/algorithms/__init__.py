@@ -1,1 +1,1 @@
-"""Masters beyond one fixed step: discarded steps, iteration, Richardson."""
+"""Master algorithms beyond one fixed step: discarded steps, iteration, variable steps."""

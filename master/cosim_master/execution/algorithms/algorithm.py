@@ -1,4 +1,4 @@
-"""The interface of a master algorithm, and how FMUs prove that one may take them back."""
+"""The interface of a master algorithm, and the test of FMUs that must be able to go back."""
 
 from __future__ import annotations
 
@@ -16,44 +16,43 @@ __all__ = ["Algorithm", "verify_rollback"]
 class Algorithm(Protocol):
     """Steps a run.
 
-    algorithm.prepare()           once, when all outputs have been collected at the start, or restored
-    algorithm.advance(k_stop)     as often as wanted
-    algorithm.settle()            before a checkpoint
-    algorithm.close()             before the instances are freed, also where `prepare` was never called
+    algorithm.prepare() once, when all initial outputs have been collected, or restored algorithm.advance(k_stop) any
+    number of times algorithm.settle() before a checkpoint algorithm.close() before the instances are freed, even if
+    `prepare` was never called
     """
 
     @property
     def k(self) -> int:
-        """Base steps done, of the system's own grid."""
+        """The number of base steps completed, in the system's own grid."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the steps made, for the end of the run."""
+        """Notes on the steps made, to be reported at the end of the run."""
 
     def prepare(self) -> None:
-        """Takes the copies it needs of the state before the first step.
+        """Copies the state before the first step, if the algorithm requires it.
 
         Raises:
             RunFailed: an FMU refuses.
         """
 
     def advance(self, k_stop: int) -> None:
-        """Macro steps until base step `k_stop`, or a little further where communication points are its own.
+        """Makes macro steps until base step `k_stop`, or slightly further if it chooses its own communication points.
 
         Raises:
-            RunFailed: instances failed; the others have finished this macro step, recorded data reaches its start.
-            RunTerminated: an FMU wants the simulation to end; the same is true.
+            RunFailed: instances failed; the others have finished this macro step, and the recording ends at its start.
+            RunTerminated: an FMU requests the end of the simulation; the same applies.
         """
 
     def settle(self) -> None:
-        """Goes on to a communication point of the system's own grid. Raises as `advance`."""
+        """Continues to a communication point of the system's own grid. Raises the same errors as `advance`."""
 
     def close(self) -> None:
-        """Frees copies of FMU states."""
+        """Frees the copies of FMU states."""
 
 
 def verify_rollback(state: RunState, numbers: Sequence[int], why: str) -> None:
-    """Lets instances prove that they can go back to an earlier state.
+    """Verifies that instances can go back to an earlier state.
 
     Raises:
         RunFailed: they cannot.

@@ -1,4 +1,4 @@
-"""The algorithm that a system asks for."""
+"""Selects the master algorithm of a system."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def algorithm_for(
     change: Callable[[int], bool],
     every: int,
 ) -> Algorithm:
-    """Makes the algorithm of a run, once the instances that it takes back have proved that they allow it.
+    """Creates the algorithm of a run, after a test of the instances that must be able to go back to an earlier state.
 
     Raises:
-        RunFailed: one does not.
+        RunFailed: an instance failed the test.
     """
     if master.constrained:
         if not master.irreversible:

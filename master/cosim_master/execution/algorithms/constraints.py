@@ -1,13 +1,13 @@
-"""Step sizes that constraints decide: the rules of Maestro's variable-step algorithm, on numbers alone.
+"""Step sizes chosen by constraints: the rules of Maestro's variable-step algorithm, as pure arithmetic.
 
     control = StepSizes(constraints, memory, first=h, shortest=a, longest=b)
     h = control.proposed(t, values, room)      the next step, ns: at most `room`
-    names = control.violated(values)           whose tolerance the values at its end violate
-    h = control.tightened()                    if it is to be repeated shorter
+    names = control.violated(values)           constraints whose tolerance the values at its end violate
+    h = control.tightened()                    the shorter size for its repetition
 
-`values` are those of all ports, constraint by constraint. Sizes are kept as they are computed, s, and rounded to
-nanoseconds for the step. All that the future depends on is in `memory`, which belongs to the caller: whoever copies it
-can go back. A call of `proposed` takes the step before as accepted.
+`values` are the values of all ports, constraint by constraint. Sizes are stored in s as computed, and rounded to
+nanoseconds for the step. `memory` contains all data that the future depends on. It belongs to the caller, who can copy
+it in order to go back. A call of `proposed` accepts the previous step.
 
 docs/masters.md describes each constraint. Sums of differences, factors and bounds are those of Maestro, including
 the order in which they are computed.
@@ -56,7 +56,7 @@ _APPROACHING, _DISTANCING, _CROSSED = 1.0, 2.0, 3.0
 class _Past:
     """The last step: its size, the size of the last step that was not cut short, s, and the constraint that cut it.
 
-    points: how many values of each port are known, the present ones included, up to 3.
+    `points` is the number of known values of each port, including the current ones, up to 3.
     """
 
     size: float
@@ -78,9 +78,9 @@ class StepSizes:
     """The step sizes of one run.
 
     Args:
-        memory: as many numbers as `memory` of the constraints says: zeros at the start of a run, as they were where it
-            goes on.
-        first, shortest, longest: steps, ns.
+        memory: the memory of the constraints, of the size given by `memory_of`: zeros at the start of a run, the saved
+            numbers when a run is resumed.
+        first, shortest, longest: step sizes, ns.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class StepSizes:
                 self._rules.append(_Difference(one, own, self._range))
 
     def proposed(self, t: int, values: Sequence[float], room: int) -> int:
-        """The next step, ns, from `t`, ns, at which the ports have these values; at most `room`."""
+        """Returns the next step [ns] from `t` [ns], at which the ports have these values; at most `room`."""
         memory = self._memory
         points = min(int(memory[_POINTS]) + 1, 3)
         if points == 1:
@@ -124,7 +124,7 @@ class StepSizes:
         return self.cut(room) if h > room else h
 
     def cut(self, h: int) -> int:
-        """The step is cut short by the run: it is `h` ns long; returns that."""
+        """Records that the run cuts the step short to `h` ns; returns `h`."""
         self._tried = h / 1e9
         self._memory[_SIZE], self._memory[_CUT] = self._tried, _BY_RUN
         return h
@@ -134,9 +134,9 @@ class StepSizes:
         return [rule.constraint.name for rule, own in self._with_values(values) if not rule.valid(own)]
 
     def tightened(self) -> int:
-        """The size, ns, in place of the step that was tried last, which must not be the shortest.
+        """Returns the size [ns] that replaces the step tried last, which must not be the shortest.
 
-        The memory may be, but for its sizes, as it was before that step was tried.
+        Except for the sizes, the memory may be as before that step was tried.
         """
         self._tried = max(self._tried * _REPEAT, self._range.least)
         self._memory[_SIZE] = self._tried
@@ -154,13 +154,13 @@ class StepSizes:
 
 
 def _to_sample(one: Constraint, t: int) -> float:
-    """Time to the next sampling instant, s."""
+    """Returns the time to the next sampling instant, s."""
     instant = one.first if t < one.first else one.first + ((t - one.first) // one.interval + 1) * one.interval
     return (instant - t) / 1e9
 
 
 def _advance(port: NDArray[np.float64], x: float, past: _Past, order: int) -> None:
-    """A port has a new value: estimates its derivatives, and how well they have foretold this value."""
+    """Adds a new value of a port: estimates its derivatives, and the accuracy of their prediction of this value."""
     h, before = past.size, float(port[_X])
     if past.points == 1:
         port[:] = 0.0
@@ -181,7 +181,7 @@ def _advance(port: NDArray[np.float64], x: float, past: _Past, order: int) -> No
 
 
 class _ZeroCrossing:
-    """A zero crossing of a port, or of the difference of two: steps end near it, within a tolerance."""
+    """A zero crossing of a port, or of the difference of two ports: steps end near it, within a tolerance."""
 
     def __init__(self, constraint: Constraint, memory: NDArray[np.float64], range: _Range) -> None:
         self.constraint, self._memory, self._range = constraint, memory, range
@@ -205,7 +205,7 @@ class _ZeroCrossing:
         return True
 
     def suggested(self, past: _Past) -> float:
-        """The next step, s."""
+        """Returns the next step, s."""
         held, h, tolerance = self._range.held, past.continuous, self.constraint.abstol
         if self._memory[0] == _DISTANCING:
             return held(h * _RELAX_STRONGLY)
@@ -232,7 +232,7 @@ class _ZeroCrossing:
         )
 
     def _steps_to(self, past: _Past) -> float:
-        """Steps of the last size until the value is zero, as its past lets one expect."""
+        """Returns the extrapolated number of steps of the last size until the value is zero."""
         cautious = 1.0 + self._of(_ERROR) + self.constraint.safety
         steps = self._parabola(past) if self.constraint.order == 2 and self._of(_D2) != 0.0 else self._line(past)
         return steps / cautious if cautious else math.inf
@@ -252,7 +252,7 @@ class _ZeroCrossing:
 
 
 class _Difference:
-    """A bounded difference, of a port between two steps or between several ports."""
+    """A bounded difference of a port between two steps, or between several ports."""
 
     def __init__(self, constraint: Constraint, memory: NDArray[np.float64], range: _Range) -> None:
         self.constraint, self._memory, self._range = constraint, memory, range
@@ -268,7 +268,7 @@ class _Difference:
         return not (absolute > self.constraint.abstol or relative > self.constraint.reltol)
 
     def suggested(self, past: _Past) -> float:
-        """The next step, s."""
+        """Returns the next step, s."""
         own, one = self.constraint, len(self._ports) == 1
         absolute, relative = _spread(self._ports[0, [_X, _X1]].tolist() if one else self._ports[:, _X].tolist())
         factor = min(_factor(absolute, own.abstol, own.safety), _factor(relative, own.reltol, own.safety))

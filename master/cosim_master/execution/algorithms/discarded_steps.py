@@ -1,13 +1,13 @@
-"""Steps that FMUs discard are repeated as several shorter ones, on a finer grid of time.
+"""Repeats steps that FMUs discard as several shorter ones, on a finer time grid.
 
-fmi2Discard from fmi2DoStep says: not this step, maybe a shorter one (FMI 2.0.5, section 4.2.2). All instances then go
-back to the communication point where the step began, and take shorter steps with exchange between them until all are
-on the system's own grid again. Copying the state of every instance before every step would cost more than many steps
-do. So a copy is made now and then; after a discard the run goes back to it and comes again to the same point, where
-everything that was recorded since must be the same again, bit for bit. An FMU that says it can restore its state and
-does not is found out that way.
+fmi2Discard from fmi2DoStep means that this step is refused, but a shorter one may succeed (FMI 2.0.5, section 4.2.2).
+All instances then go back to the communication point where the step began, and make shorter steps with exchange between
+them until all are on the system's own grid again. Copying the state of every instance before every step would often
+cost more than the step itself, so a copy is made only occasionally. After a discard, the run goes back to this copy and
+repeats the steps up to the same point. All values recorded since must be the same again, bit for bit. This detects an
+FMU that declares that it can restore its state, but does not.
 
-Nothing here steps; see `fixed_step`.
+This module makes no steps; see `fixed_step`.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ def _incapable(slaves: Sequence[Slave]) -> str:
 
 
 class Discarded(Exception):
-    """Steps were discarded, and can be repeated at least `shrink` times shorter.
+    """Steps were discarded, and can be repeated with steps shorter by a factor of at least `shrink`.
 
     Args:
-        failures: makes the errors, given the reason for which they are not repeated.
+        failures: returns the errors, given the reason why the steps are not repeated.
     """
 
     def __init__(self, failures: Callable[[str], list[FmuError]], shrink: float) -> None:
@@ -70,16 +70,16 @@ class Discarded(Exception):
 def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = True) -> None:
     """Raises the error that follows from instances that only discarded their steps or ended the run.
 
-    Returns where an instance failed otherwise: that is for others to raise.
+    If an instance failed otherwise, it returns, and the caller raises the error.
 
     Args:
-        unrepeatable: why discarded steps are not repeated; empty if they can be.
-        can_end_here: whether the present macro step may be the last one.
+        unrepeatable: the reason why discarded steps are not repeated; empty if they can be.
+        can_end_here: whether the current macro step may be the last one.
 
     Raises:
-        RunTerminated: instances want the run to end.
+        RunTerminated: instances request the end of the run.
         RunFailed: steps were discarded and cannot be repeated.
-        Discarded: they can.
+        Discarded: steps were discarded and can be repeated.
     """
     rows, slaves, time = state.plan.instances, state.slaves, state.time
     failed = [int(i) for i in np.flatnonzero(rows["failed"][:, 0])]
@@ -114,7 +114,7 @@ def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = T
 
 
 def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_here: bool) -> None:
-    """Instances (number, until when) want the run to end. If they did this step, it is the last one."""
+    """Ends the run for instances (number, time) that request it. If they made this step, it is the last one."""
     slaves, rows, clock = state.slaves, state.plan.instances, state.plan.clock
     first = slaves[ends[0][0]]
     python = any(slaves[i].library.python for i, _ in ends)
@@ -130,10 +130,10 @@ def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_he
 
 
 class Grid:
-    """The base step of a plan, `factor` times finer than the system's own while steps are being repeated.
+    """The base step of a plan, which is `factor` times finer than the system's own during the repetition of steps.
 
-    Only instances that were about to step when it was refined take shorter steps, until `until`, a base step of the
-    system's own grid at which all of them would have ended a step.
+    Only the instances that were due when it was refined make shorter steps. They do so until `until`, a base step of
+    the system's own grid at which all of them would have ended a step.
     """
 
     def __init__(self, plan: Plan, periods: Sequence[int]) -> None:
@@ -144,10 +144,10 @@ class Grid:
         self.until = 0
 
     def refine(self, at_least: float) -> int:
-        """Divides the base step by the least possible number that is not less than `at_least`.
+        """Divides the base step by the least possible integer that is not less than `at_least`.
 
         Returns:
-            The number; 0, and nothing is changed, if steps would be finer than `FINEST` or than a nanosecond.
+            The integer; 0 without any change, if steps would be finer than `FINEST` or than a nanosecond.
         """
         clock, rows = self._plan.clock, self._plan.instances
         n = max(2, math.ceil(at_least * (1 - 1e-9)))
@@ -166,7 +166,7 @@ class Grid:
         return n
 
     def coarsen(self) -> None:
-        """Back to the system's own grid, at `until`."""
+        """Returns to the system's own grid, at `until`."""
         clock, rows = self._plan.clock, self._plan.instances
         factor = self.factor
         clock[[K, LAST, EVERY]] //= factor

@@ -1,6 +1,6 @@
-"""Macro steps of fixed size: Jacobi and Gauss-Seidel in the compiled loop, all else through `Steps`.
+"""Macro steps of fixed size: Jacobi and Gauss-Seidel in the compiled loop, other algorithms through `Steps`.
 
-Where FMUs may discard steps, it keeps a snapshot, goes back to it, and divides the steps: see `discarded_steps`.
+If FMUs may discard steps, it keeps a snapshot, goes back to it, and divides the steps: see `discarded_steps`.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ _SNAPSHOT_EVERY = 0.2
 
 
 class FixedStep:
-    """An `Algorithm`.
+    """The `Algorithm` with macro steps of fixed size.
 
     Args:
-        agenda: values to be set while the run goes on.
-        change: sets those that are due at a base step of the system's own grid; returns whether there were any.
-        steps: makes the steps where the compiled loop does not.
+        agenda: values to be set during the run.
+        change: sets the values that are due at a base step of the system's own grid; returns whether any were due.
+        steps: makes the steps that the compiled loop does not make.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class FixedStep:
         return ()
 
     def prepare(self) -> None:
-        # What this project compiled never discards a step, so that swarms of it need no copies of their states.
+        # FMUs compiled by this project never discard a step, so swarms of them need no copies of their states.
         if not self._unrepeatable and not all(one.library.thread_safe for one in self._state.slaves):
             self._snapshot = Snapshot(self._state)
             self._driver.on_room = self._save
@@ -108,7 +108,7 @@ class FixedStep:
         self._saved_at = time.perf_counter()
 
     def _repeat(self, discarded: Discarded) -> None:
-        """Goes back to where the discarded step began, and divides the steps that begin there."""
+        """Goes back to the begin of the discarded step, and divides the steps that begin there."""
         assert self._snapshot is not None
         state, writing = self._state, self._writing
         rows, reached = writing.by_signal(), int(state.plan.clock[K])

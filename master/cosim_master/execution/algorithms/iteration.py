@@ -1,22 +1,22 @@
-"""Iterates the instances that depend on each other within a step, by going back: fixed point or quasi-Newton.
+"""Iterates the instances that depend on each other within a step, by repeating the step: fixed point or quasi-Newton.
 
     iteration = Iteration(plan, layout, slaves, master)
     iteration.step(t)      one macro step of all instances; failures are in the plan, as the compiled loop leaves them
     iteration.close()      frees the copies of states
 
 Groups of instances step in the order of their dependencies. A group that depends on itself is stepped together, with
-values x for the outputs that its members take from each other at the end of the step; that gives outputs F(x). As long
-as they differ, all go back and step again with other values:
+values x for the outputs that its members exchange at the end of the step. The step yields outputs F(x). While x and
+F(x) differ, all members go back and step again with other values:
 
     fixed point     x + relaxation * (F(x) - x)
-    quasi-Newton    F(x) + W c, where c minimizes |V c + F(x) - x|; the columns of V and W are how F(x) - x and F(x)
-                    differ from those of the earlier tries in this step
+    quasi-Newton F(x) + W c, where c minimizes |V c + F(x) - x|; the columns of V and W are the differences of F(x) - x
+        and F(x) to those of earlier iterations in this step
 
 (IQN-ILS: Degroote, Bathe, Vierendeels, Performance of a new partitioned procedure versus a monolithic procedure in
 fluid-structure interaction, Computers and Structures 87, 2009.)
 
-Integers and booleans go round until they are the same. Nothing is remembered from one step to the next, so that a run
-that is resumed or repeated goes the same way.
+Integers and booleans are iterated until they do not change. No data are carried over from one step to the next, so a
+resumed or repeated run yields the same results.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ __all__ = ["Iteration"]
 
 @dataclass(frozen=True, slots=True)
 class _Loop:
-    """Instances that depend on each other, and where the outputs are that they take from each other."""
+    """Instances that depend on each other, and the places of the outputs that they exchange."""
 
     members: NDArray[np.int64]
     reals: NDArray[np.int64]
@@ -51,7 +51,7 @@ class _Loop:
 
 
 class Iteration:
-    """The steps of one run. `close` it before the instances are freed."""
+    """The steps of one run. Call `close` before the instances are freed."""
 
     def __init__(self, plan: Plan, layout: Layout, slaves: Sequence[Slave], master: MasterSettings) -> None:
         self._plan, self._master, self._slaves = plan, master, slaves
@@ -73,17 +73,17 @@ class Iteration:
         """How often loops have been stepped."""
 
     def step(self, time: float) -> None:
-        """Exchanges and steps all instances, from `time` [s] on.
+        """Exchanges and steps all instances, beginning at `time` [s].
 
         Raises:
-            NotConverged: a loop does not settle; its members have been stepped.
-            FmuError: an FMU cannot save or restore its state after all.
+            NotConverged: a loop does not converge; its members have been stepped.
+            FmuError: an FMU fails to save or restore its state.
         """
         for part in self._parts:
             if not isinstance(part, _Loop):
                 step_each(self._plan, part)
             elif self._plan.clock[FAILURES] > 0:
-                step_together(self._plan, part.members)  # whatever fails, the others finish their step
+                step_together(self._plan, part.members)  # after a failure, the others still finish their step
             else:
                 self._iterate(part, time)
 
@@ -114,7 +114,7 @@ class Iteration:
             last, before = guess, discrete
             guess = self._next(guess, tries)
             if not same:
-                tries.clear()  # with other integers it is another function
+                tries.clear()  # with other integers, F is a different function
             discrete = wholes
         names = loop.names
         values = [*reals, *wholes]

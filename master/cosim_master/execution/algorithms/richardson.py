@@ -1,14 +1,14 @@
-"""Steps of a size that the error decides: one of H against two of H/2 from the same state (Richardson extrapolation).
+"""Steps with error control: one step of H is compared with two of H/2 from the same state (Richardson extrapolation).
 
     control = StepControl(plan, layout, master, clock)
-    control.to(t, target, world)    steps until then; the last one ends there exactly
+    control.to(t, target, world)    steps to `target`; the last step ends there exactly
 
-Exchange is Jacobi's, of order 1: the result of two half steps is off by about as much as it differs from that of the
-whole one. A step is accepted if that is no more than the tolerance times its duration in s, so that the error grows by
-no more than the tolerance in a second. Times are whole nanoseconds.
+The exchange is Jacobi's, of order 1: the error of two half steps is about as large as their difference to the whole
+step. A step is accepted if this error is at most the tolerance times its duration in s, so the error grows by at most
+the tolerance per second. Times are whole nanoseconds.
 
-The control steps and copies nothing itself: the world does. `Richardson` is the algorithm, with the run as the world.
-The next step size is in `Plan.delay_line`, where checkpoints find it.
+The control does not step or copy instances: the world does. `Richardson` is the algorithm, with the run as the world.
+The next step size is in `Plan.delay_line`, and is therefore part of checkpoints.
 """
 
 from __future__ import annotations
@@ -41,23 +41,23 @@ class World(Protocol):
     """The system that is stepped."""
 
     def save(self) -> None:
-        """Keeps the present state."""
+        """Saves the current state."""
 
     def restore(self) -> None:
-        """Back to the state that was kept."""
+        """Restores the saved state."""
 
     def step(self, t: int, h: int) -> None:
-        """A macro step of all instances; ns. Raises Rejected."""
+        """Makes a macro step of all instances; times in ns. Raises Rejected."""
 
     def next_event(self) -> float:
-        """Time of the next event that an FMU has announced, s."""
+        """Returns the time of the next event that an FMU has announced, s."""
 
 
 class StepControl:
     """The step control of one run.
 
     Attributes:
-        accepted, rejected: how many steps (of two halves) were, so far.
+        accepted, rejected: numbers of accepted and of rejected steps (of two halves) so far.
     """
 
     def __init__(self, plan: Plan, layout: Layout, master: MasterSettings, clock: TimeGrid) -> None:
@@ -91,7 +91,7 @@ class StepControl:
             t += self._step(t, target, world)
 
     def _step(self, t: int, target: int, world: World) -> int:
-        """One accepted step; returns its size."""
+        """Makes one accepted step; returns its size."""
         world.save()
         forced: int | None = None
         while True:
@@ -129,7 +129,7 @@ class StepControl:
         self.h = max(int(h * min(max(factor, _SMALLEST_CHANGE), 0.9)), self._least)
 
     def _size(self, t: int, target: int, world: World) -> int:
-        """The next step: the rest in equal parts, but for an event, which ends it."""
+        """Returns the size of the next step: the remaining time in equal parts, or less if an event ends the step."""
         rest = target - t
         h = -(-rest // max(1, -(-rest // self.h)))
         event = world.next_event()
@@ -138,7 +138,7 @@ class StepControl:
         return h
 
     def _try(self, t: int, h: int, world: World) -> NDArray[np.float64]:
-        """Leaves the world after two half steps; returns by how much each watched output differs from a whole one."""
+        """Makes a whole step and then two half steps; returns the difference of each watched output."""
         world.step(t, h)
         whole = self._plan.real_out[self._watched].copy()
         if h == 1:
@@ -153,12 +153,12 @@ class StepControl:
 
 
 class Richardson:
-    """An `Algorithm`: steps end at rows, changes and the end of the run.
+    """The `Algorithm` with error control: steps end at rows, changes and the end of the run.
 
     Args:
-        every: rows every so many base steps.
-        agenda: values to be set while the run goes on.
-        change: sets those that are due at a base step.
+        every: base steps between two rows.
+        agenda: values to be set during the run.
+        change: sets the values that are due at a base step.
     """
 
     def __init__(

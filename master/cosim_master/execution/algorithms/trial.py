@@ -1,4 +1,4 @@
-"""Macro steps that can be tried and taken back, of any size: a run as step size control sees it."""
+"""Macro steps of any size that can be tried and undone: the run as seen by step size control."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _NEVER = 1 << 60
 
 
 class Rejected(Exception):
-    """A step that must be another one: to `end` [ns], if an event says so, else shorter than it was."""
+    """A step that must be changed: it must end at `end` [ns] because of an event, or otherwise be shorter."""
 
     def __init__(self, end: int | None = None) -> None:
         self.end = end
@@ -49,7 +49,7 @@ class Trial:
         self._unrepeatable = cannot_be_repeated(state)
 
     def on_failure(self, last: str = "") -> None:
-        """Raises the error for instances that discard their steps; `last` says why no shorter step follows."""
+        """Raises the error for instances that discard their steps; `last` is the reason why no shorter step follows."""
         judge_failures(self._state, self._unrepeatable or last)
 
     def save(self) -> None:
@@ -57,7 +57,7 @@ class Trial:
         self._snapshot.save()
 
     def begin(self) -> None:
-        """Prepares a step, whether it can be taken back or not: exchanges Strings and makes room for packets."""
+        """Prepares a step, whether or not it can be undone: exchanges Strings and makes room for packets."""
         state = self._state
         if state.texts:
             state.plan.instances["period"] = 1
@@ -74,14 +74,14 @@ class Trial:
         return self._state.event_mode.next_event()
 
     def step(self, t: int, h: int, last: str = "") -> None:
-        """A macro step from `t`, `h` long, ns.
+        """Makes a macro step from `t` with the length `h`, ns.
 
         Args:
-            last: why no shorter one follows if an FMU discards this one; empty if one does.
+            last: the reason why no shorter step follows if an FMU discards this one; empty if one follows.
 
         Raises:
-            Rejected: an FMU discards it, or an event ends it earlier.
-            RunFailed, RunTerminated: as `Algorithm.advance`.
+            Rejected: an FMU discards the step, or an event ends it earlier.
+            RunFailed, RunTerminated: as for `Algorithm.advance`.
         """
         state = self._state
         clock, rows = state.plan.clock, state.plan.instances

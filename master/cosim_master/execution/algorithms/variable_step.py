@@ -1,11 +1,12 @@
-"""Steps of sizes that constraints decide: Maestro's variable-step algorithm.
+"""Steps with sizes chosen by constraints: Maestro's variable-step algorithm.
 
-Exchange is Jacobi's. After every step the constraints say how long the next one is; a step that violates one is made
-again from the same state, a quarter as long, where all FMUs can go back. See `constraints` for the rules.
+The exchange is Jacobi's. After every step, the constraints determine the length of the next one. If all FMUs can go
+back, a step that violates a constraint is repeated from the same state with a quarter of its length. See `constraints`
+for the rules.
 
-Times are whole nanoseconds, and so is the base step of the run. There is a row for every step that counts, or one every
-`interval` of the recording, at which a step then ends, as at changes, at events and at the end of the run. What the
-next size depends on is in `Plan.delay_line`, where snapshots and checkpoints find it.
+Times are whole nanoseconds, and so is the base step of the run. The recording has a row for every accepted step or, if
+it has an `interval`, a row every interval. Steps end at these rows, at changes, at events and at the end of the run.
+The data that determine the next size are in `Plan.delay_line`, and are therefore part of snapshots and checkpoints.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ _SHORTEST, _LONGEST = 1_000, 1_000_000_000
 
 
 class VariableStep:
-    """An `Algorithm`.
+    """The `Algorithm` with step sizes chosen by constraints.
 
     Args:
-        every: rows every so many nanoseconds; 1 at the end of every step.
-        agenda: values to be set while the run goes on.
-        change: sets those that are due at a base step.
+        every: nanoseconds between two rows; 1 means the end of every step.
+        agenda: values to be set during the run.
+        change: sets the values that are due at a base step.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class VariableStep:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for each constraint on the number of steps that count although they violate it."""
+        """Notes for each constraint on the number of steps accepted although they violate it."""
         why = "FMUs cannot go back" if not self._can_return else f"{self._shortest / 1e9:g} s is the shortest step"
         return tuple(
             f'var-step: {count} steps count although they violate constraint "{name}", '
@@ -110,7 +111,7 @@ class VariableStep:
         self._trial.close()
 
     def _step(self, t: int, target: int) -> None:
-        """One step that counts, from `t` to `target` at most, ns."""
+        """Makes one accepted step, from `t` to at most `target`, ns."""
         trial, sizes = self._trial, self._sizes
         h = sizes.proposed(t, self._values(), min(target - t, self._limit()))
         if (announced := trial.next_event()) < (t + h) / 1e9:
@@ -144,7 +145,7 @@ class VariableStep:
         return [float((plan.real_out if real else plan.int_out)[place]) for real, place in self._ports]
 
     def _limit(self) -> int:
-        """The longest step that all FMUs take, as far as they say, within the bounds of step sizes; ns."""
+        """Returns the longest step that all FMUs accept, as far as they report it, within the bounds of steps; ns."""
         asked = [size for one in self._limiting if (size := one.longest_step()) is not None]
         if not asked:
             return self._longest

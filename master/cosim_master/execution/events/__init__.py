@@ -1,1 +1,1 @@
-"""Clocks and Event Mode."""
+"""Clocks and Event Mode of FMI 3."""

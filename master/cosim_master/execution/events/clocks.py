@@ -1,7 +1,7 @@
-"""Ticks of the time-based Clocks of FMI 3.0, and the instances that they tie together (FMI 3.0.2, sections 2.2.8, 2.3).
+"""Ticks of the time-based Clocks of FMI 3.0 (FMI 3.0.2, sections 2.2.8, 2.3).
 
     schedule = Schedule(one, start, intervals)
-    schedule.begin()                     in initialization mode: ask for intervals, or say them
+    schedule.begin()                     in initialization mode: get or set the intervals
     schedule.due(now), schedule.next     Clocks that tick at a time; the time of the next tick
     schedule.update(now, ticked)         in Event Mode, after fmi3UpdateDiscreteStates: get values that may have changed
 
@@ -29,7 +29,7 @@ _PERIODIC = ("constant", "fixed", "tunable")
 
 @dataclass(slots=True)
 class _Ticks:
-    """The ticks of one Clock, in ns. Periodic: tick n is at first + n*interval; `when`: the next, if known."""
+    """The ticks of one Clock, in ns. Periodic: tick n is at first + n*interval; `when` is the next tick, if known."""
 
     interval: Fraction | None = None
     first: Fraction = Fraction(0)
@@ -51,8 +51,8 @@ class Schedule:
 
     Args:
         one: the instance.
-        start: of the run, ns.
-        intervals: of fixed and tunable Clocks, s, where the system gives them; else they are the FMU's.
+        start: start time of the run, ns.
+        intervals: the intervals of fixed and tunable Clocks that the system sets, s; others are the FMU's.
     """
 
     def __init__(self, one: EventSlave, start: int, intervals: Mapping[str, float]) -> None:
@@ -64,7 +64,7 @@ class Schedule:
 
     @property
     def depends(self) -> bool:
-        """True if an interval follows from tunable parameters: after a change of one, the FMU must be asked again."""
+        """True if an interval depends on tunable parameters: after a change of one, the FMU must be queried again."""
         return any(v.clock is not None and v.clock.kind == "tunable" and v.clock.interval is None for v in self._clocks)
 
     @property
@@ -74,11 +74,11 @@ class Schedule:
         return min(times, default=None)
 
     def due(self, now: int) -> list[Variable]:
-        """The Clocks that tick at a time."""
+        """Returns the Clocks that tick at a time."""
         return [v for v in self._clocks if (when := self._ticks[v.name].when) is not None and when <= now]
 
     def ticked(self, clock: Variable) -> None:
-        """A Clock has been set: its next tick, if it is known by now."""
+        """Handles the tick of a Clock: computes its next tick, if it is known."""
         if _kind(clock) in _PERIODIC:
             self._ticks[clock.name].advance()
         else:
@@ -127,7 +127,7 @@ class Schedule:
                     self._from_now(v, now, interval)
 
     def retune(self, clock: Variable, interval: float, now: int) -> None:
-        """Sets the interval of a tunable Clock, in s, in Event Mode, from the present time on."""
+        """Sets the interval of a tunable Clock, in s, in Event Mode, from the current time on."""
         new = self._checked(clock, whole_nanoseconds(interval))
         self._one.set_interval(clock, new / 10**9)
         self._from_now(clock, now, new)
@@ -136,7 +136,7 @@ class Schedule:
         self._ticks[clock.name].restart(now + self._checked(clock, interval), interval)
 
     def _ask(self, v: Variable, now: int, *, ticked: bool = False) -> None:
-        """The next tick of an aperiodic Clock, from now on, if the FMU says something new."""
+        """Queries the next tick of an aperiodic Clock; the schedule changes if the FMU reports a new one."""
         interval, qualifier = self._one.get_interval(v)
         if qualifier == INTERVAL_CHANGED or (ticked and _kind(v) == "changing"):
             self._ticks[v.name].when = round(now + self._checked(v, interval, zero=True))
@@ -151,7 +151,7 @@ class Schedule:
         return interval
 
     def saved(self) -> tuple[_Ticks, ...]:
-        """All that the future of the schedule depends on, for `restore`."""
+        """Returns all data that the future of the schedule depends on, for `restore`."""
         return tuple(_Ticks(t.interval, t.first, t.n, t.when) for t in self._ticks.values())
 
     def restore(self, saved: tuple[_Ticks, ...]) -> None:
@@ -159,7 +159,7 @@ class Schedule:
             self._ticks[name] = _Ticks(t.interval, t.first, t.n, t.when)
 
     def as_json(self) -> list[Any]:
-        """Returns the same as plain data, for `from_json` of another run."""
+        """Returns the same data as plain values, for `from_json` in another run."""
         return [[None if t.interval is None else str(t.interval), str(t.first), t.n, t.when] for t in self.saved()]
 
     def from_json(self, content: Sequence[Sequence[Any]]) -> None:
@@ -174,5 +174,5 @@ def _kind(clock: Variable) -> str:
 
 
 def seconds(ticks: int | None) -> float:
-    """A time in ns as s; infinity for none."""
+    """Returns a time in ns as s; infinity for none."""
     return math.inf if ticks is None else ticks / 1e9

@@ -1,6 +1,6 @@
-"""Event Mode within a run: steps that the loop has left to Python because there are events in them.
+"""Event Mode within a run: steps that the loop leaves to Python because events occur in them.
 
-`super_dense` knows the behaviour of FMUs and Clocks at an event; this module connects it with the plan's values.
+`super_dense` implements the behaviour of FMUs and Clocks at an event; this module connects it to the plan's values.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class EventMode:
         checked: the system.
         layout: the places of all values.
         slaves: instances, in the order of `layout.instances`; not yet initialized.
-        start: time in ns.
+        start: start time of the run in ns.
         delayed: delays of connections, by target.
 
     Attributes:
-        events: the events of the FMUs; `attach` before the first step.
+        events: the events of the FMUs. Call `attach` before the first step.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class EventMode:
         self._keep_clocked()
 
     def attach(self, plan: Plan, texts: Texts) -> None:
-        """The plan of the initialized instances, and their Strings; puts clocked outputs there."""
+        """Connects the plan of the initialized instances and their Strings; writes clocked outputs to them."""
         self._plan, self._texts = plan, texts
         self.show(self.events.numbers)
 
@@ -65,7 +65,7 @@ class EventMode:
         return self._at(max(int(self._plan.clock[K]), 0))
 
     def _at(self, k: int) -> int:
-        """The time of base step k, ns."""
+        """Returns the time of base step k, ns."""
         clock = self._plan.clock
         per_ns = int(clock[PER_NS])
         return (int(clock[START]) + k * int(clock[BASE]) + per_ns // 2) // per_ns
@@ -80,16 +80,16 @@ class EventMode:
         return min((self._one(i).next_event for i in self.events.numbers), default=math.inf)
 
     def returned_early(self) -> float:
-        """The first time at which an FMU has returned from its step because of an event, s; infinity: none has."""
+        """Returns the earliest time at which an FMU returned early because of an event, s; infinity if none did."""
         early = [self._one(i).answers for i in self.events.numbers if self._one(i).pending == END]
         return min((last for _, ends, is_early, last in early if is_early and not ends), default=math.inf)
 
     def change(self, change: Change) -> None:
-        """Sets a variable, or the interval of a Clock, with the events that follow.
+        """Sets a variable, or the interval of a Clock, and handles the events that follow.
 
         Raises:
             FmuError: the instance refuses the value.
-            RunTerminated: one ends the run.
+            RunTerminated: an event ends the run.
         """
         try:
             given = (change.instance, change.variable, change.value)
@@ -102,9 +102,9 @@ class EventMode:
         return RunTerminated(self._slaves[ended.number].name, ended.time, said="terminateSimulation")
 
     def handle(self) -> None:
-        """Steps in which there are events: their rest, then the events at their end, then their outputs."""
+        """Completes steps with events: their remaining part, the events at their end, and then their outputs."""
         rows, k = self._plan.instances, int(self._plan.clock[K])
-        # Outputs are known at the end of a step; that of a slow instance may lie some base steps ahead.
+        # Outputs are known at the end of a step, which for a slow instance may be several base steps ahead.
         here = [i for i in range(rows.size) if k % int(rows[i]["period"]) + 1 == int(rows[i]["length"])]
         ends = [i for i in self.events.numbers if i in here]
         pending = {i: self._one(i).pending for i in self.events.numbers if self._one(i).pending in (BEGIN, END)}
@@ -135,7 +135,7 @@ class EventMode:
         raise_failures(self._plan, self._layout, self._slaves)
 
     def _end_here(self, ends: Sequence[int]) -> None:
-        """An FMU ends the run in Event Mode at the end of a macro step: all have stepped, so there is a row of it."""
+        """Ends the run for an FMU in Event Mode: all instances have made the macro step, so a row is added."""
         clock = self._plan.clock
         if clock[FINER] > 1:
             return
@@ -149,7 +149,8 @@ class EventMode:
         at_end: list[int] = []
         near = 0.0 if self._plan.clock[PER_NS] == 1 else 6e-10
         for i in pending:
-            # Those tied together by Clocks have one next event, so all of them have begun their step, or none has.
+            # Instances connected by Clocks have a common next event, so either all of them have begun their step, or
+            # none has.
             begun = pending[i] == END
             members = (i,) if begun else self.events.groups[i]
             if self._one(i).pending == 0:
@@ -192,7 +193,7 @@ class EventMode:
         return link.converted(self._texts.outputs[self._number[link.source[0]], link.source[1]])
 
     def _keep_clocked(self) -> None:
-        """Lets `events` keep all outputs that belong to Clocks and are in the plan or recorded Strings."""
+        """Makes `events` keep all outputs that belong to Clocks and are in the plan or among the recorded Strings."""
         self._number = {one.name: i for i, one in enumerate(self._checked.instances)}
         self._input_places: dict[str, dict[tuple[int, str], int]] = {word: {} for word in KINDS}
         for word in KINDS:
@@ -237,7 +238,7 @@ class EventMode:
 
 
 def _whole(places: np.ndarray[Any, Any], j: int, variable: Variable) -> int:
-    """A whole number from its place in the plan, or its two."""
+    """Returns an integer from its place, or its two places, in the plan."""
     if not variable.wide:
         return int(places[j])
     return int(places[j : j + 2].copy().view(np.uint64 if variable.fmi_type == "UInt64" else np.int64)[0])

@@ -8,14 +8,14 @@
     events.settle(now, events.enter(at_end), others)
                                            events at the communication point, together
 
-Between communication points an FMU handles its events alone, with the inputs that it has, or together with those it is
-tied to by Clocks (`clocks.lockstep`): others see its outputs at the next one. At a communication point all FMUs in
-Event Mode exchange values until nothing changes.
+Between communication points, an FMU handles its events with its current inputs, alone or together with the FMUs that
+Clocks connect it to (`clock_groups.lockstep`). Other FMUs see its outputs at the next communication point. There, all
+FMUs in Event Mode exchange values until no value changes.
 
-Each super-dense instant: Clocks that are due are set; then, until nothing new comes of it, Clocks that this has made
-tick are passed on to those connected to them, and values to inputs, to inputs that belong to a Clock only while that
-ticks; then discrete states are updated, with which all Clocks are silent again. What an output that belongs to a Clock
-had at its last tick, is kept here: nobody may ask the FMU for it in between.
+At each super-dense instant, Clocks that are due are set. Then, until no value changes, ticks are passed on to connected
+Clocks, and values to inputs; an input that belongs to a Clock is set only while this Clock ticks. Finally, discrete
+states are updated, which deactivates all Clocks. The value of an output at the last tick of its Clock is stored here,
+since it must not be read from the FMU between ticks.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ _KEPT = object()
 
 
 class EndedByEvent(CosimError):
-    """An FMU wants the simulation to end, at an event.
+    """An FMU requests the end of the simulation at an event.
 
     Attributes:
-        number: of the instance.
-        time: s.
+        number: number of the instance.
+        time: time of the event, s.
     """
 
     def __init__(self, number: int, time: float) -> None:
@@ -59,12 +59,12 @@ class _Instant:
     """One time at which events happen.
 
     Attributes:
-        now: ns.
+        now: the time, ns.
         active: instances in Event Mode.
-        waiting: instances in Step Mode that may come in.
-        reached: the instances whose outputs are of this time.
+        waiting: instances in Step Mode that may enter Event Mode.
+        reached: the instances whose outputs belong to this time.
         again: the instances in Event Mode whose discrete states must be updated.
-        ticking: the Clocks of each that are active.
+        ticking: the active Clocks of each instance.
         given: the last values of each input of an instance at this time.
         held: the values of inputs whose source has not reached this time.
     """
@@ -85,14 +85,14 @@ class Events:
     Args:
         checked: the system.
         slaves: its instances.
-        start: of the run, ns.
+        start: start time of the run, ns.
         delayed: inputs (instance, name) of delayed connections; events do not change their delay.
 
     Attributes:
-        numbers: of the instances that use Event Mode.
-        groups: of each of them, those that step together with it, itself included.
-        kept: values of outputs that belong to Clocks, of their last tick, by instance and name; what is to be kept has
-            a place in it.
+        numbers: the numbers of the instances that use Event Mode.
+        groups: for each of them, the instances that step together with it, including itself.
+        kept: values of outputs that belong to Clocks at their last tick, by instance and name; it has an entry for each
+            output to be kept.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class Events:
                 (self.kept[i, name],) = self._slaves[i].get([variable])
 
     def saved(self) -> Any:
-        """All that the future of events depends on, for `restore`; the instances' next events are in the plan."""
+        """Returns all data that the future of events depends on, for `restore`, except next events, which the plan has."""
         schedules = {i: schedule.saved() for i, schedule in self._schedules.items()}
         return copy.deepcopy((schedules, self.kept, self._announced))
 
@@ -177,7 +177,7 @@ class Events:
         }
 
     def from_json(self, content: Any) -> None:
-        """Raises KeyError, ValueError or TypeError if it is not of these instances."""
+        """Restores the data; raises KeyError, ValueError or TypeError if they do not belong to these instances."""
         for i, schedule in self._schedules.items():
             schedule.from_json(content["schedules"][str(i)])
         self.kept |= {(i, name): value for i, name, value in content["kept"]}
@@ -203,7 +203,7 @@ class Events:
 
         Raises:
             FmuError: an FMU refused.
-            EndedByEvent: an FMU wants the simulation to end.
+            EndedByEvent: an FMU requests the end of the simulation.
         """
         clock = variable.clock is not None
         if not clock:
@@ -228,16 +228,16 @@ class Events:
         Args:
             now: the time, ns.
             numbers: the instances that are in Event Mode.
-            others: instances at the same time that may enter it, when an input of theirs changes, or a Clock.
+            others: instances at the same time that enter Event Mode when one of their inputs or Clocks changes.
             reached: instances without Event Mode at the same time.
-            held: the value of a connection from an instance that is not at this time, None for none.
+            held: returns the value of a connection from an instance that is at another time; None if it has none.
 
         Returns:
-            All that have been in Event Mode.
+            All instances that have been in Event Mode.
 
         Raises:
-            FmuError: an FMU refused, or their events do not end.
-            EndedByEvent: an FMU wants the simulation to end.
+            FmuError: an FMU refused, or the events do not end.
+            EndedByEvent: an FMU requests the end of the simulation.
         """
         at = _Instant(now, numbers, others, reached)
         if held is not None:
@@ -264,7 +264,7 @@ class Events:
         return FmuError(one.name, function, text, one.time, one.lines)
 
     def _activate(self, i: int, clocks: Sequence[Variable], at: _Instant) -> None:
-        """Sets Clocks of an instance, which then is in Event Mode."""
+        """Sets Clocks of an instance, which is then in Event Mode."""
         if i in at.waiting:
             at.waiting.remove(i)
             at.active += self.enter([i])
@@ -277,15 +277,15 @@ class Events:
                 self._drive(i, clock.name, at)
 
     def _drive(self, i: int, clock: str, at: _Instant) -> None:
-        """Sets the Clocks that are connected to one that ticks."""
+        """Sets the Clocks that are connected to a ticking Clock."""
         for target, end in self._ticks.get((i, clock), ()):
             if end.name not in at.ticking.get(target, ()):
                 self._activate(target, [end], at)
 
     def _spread(self, at: _Instant) -> None:
-        """Passes on Clocks and values until nothing changes."""
+        """Passes on Clocks and values until no value changes."""
         for given in at.given.items():
-            # Inputs that belong to a Clock are set anew each time it ticks.
+            # Inputs that belong to a Clock are set again at each of its ticks.
             self._forget_clocked(*given)
         for _ in range(_MOST_ITERATIONS):
             moved = False
@@ -312,15 +312,15 @@ class Events:
                 (self.kept[i, name],) = self._one(i).get([variable])
 
     def _gets_fired(self, i: int, at: _Instant) -> bool:
-        """Returns whether an input of an instance gets a value that belongs to an output Clock which ticks now.
+        """Returns whether an input of an instance receives a value that belongs to a ticking output Clock.
 
-        Such a value is there already, where one that belongs to an input Clock may only now be computed: of some FMUs
-        (buses of FMI-LS-BUS) no input can be set in an instant in which an output has been got.
+        Such a value already exists, whereas a value that belongs to an input Clock may still have to be computed. In
+        some FMUs (buses of FMI-LS-BUS), no input can be set at an instant at which an output has been read.
         """
         return any(not at.ticking.get(source, set()).isdisjoint(clocks) for source, clocks in self._fired.get(i, ()))
 
     def _pass_on(self, i: int, at: _Instant) -> bool:
-        """Output Clocks of an instance that have begun to tick, to all that are connected to them."""
+        """Passes output Clocks of an instance that have begun to tick on to all connected Clocks."""
         ticking = at.ticking.get(i, set())
         asked = [
             v
@@ -339,7 +339,7 @@ class Events:
         return moved
 
     def _update(self, at: _Instant) -> None:
-        """The end of a super-dense instant; whoever is to be updated again stays in `again`."""
+        """Ends the super-dense instant; instances that must be updated again remain in `again`."""
         for i in sorted(at.again):
             one = self._one(i)
             more, ends, self._announced[i] = one.update_discrete_states()
@@ -351,14 +351,14 @@ class Events:
                 at.again.discard(i)
 
     def _announce(self, numbers: Iterable[int]) -> None:
-        """Tells the stepping loop the next event of instances, and of all that step together with them."""
+        """Sets the next event of instances, and of all instances that step together with them, in the stepping loop."""
         for members in {self.groups[i] for i in numbers}:
             time = min(self._next(i) for i in members)
             for i in members:
                 self._one(i).next_event = time
 
     def _next(self, i: int) -> float:
-        """Time of the next event of an instance, its Clocks' ticks among them, s."""
+        """Returns the time of the next event of an instance, including its Clocks' ticks, s."""
         tick = seconds(self._schedules[i].next) if i in self._schedules else math.inf
         return min(self._announced[i], tick)
 
@@ -391,7 +391,7 @@ class Events:
                 given[j] = _KEPT
 
     def _exchange(self, i: int, at: _Instant) -> bool | None:
-        """Sets the changed inputs of an instance; returns whether any was set before at this time; None: no input."""
+        """Sets an instance's changed inputs; returns whether any was set before at this time, or None if none changed."""
         new, before = self._inputs(i, at), at.given.get(i)
         if not new:
             return None
@@ -418,20 +418,21 @@ class Events:
         held: Callable[[FlatConnection], Any] | None = None,
         near: float = 0.0,
     ) -> list[int]:
-        """The rest of a step from `t` to `end`, in parts if there are events between them.
+        """Makes the remaining part of a step from `t` to `end`, in several parts if events occur before `end`.
 
         Args:
             members: instances that step together.
-            begun: fmi3DoStep has been called for this step already, and `EventSlave.answers` has its answers.
+            begun: fmi3DoStep has already been called for this step, and `EventSlave.answers` returns its answers.
             held: as for `settle`.
-            near: s; times within this distance of `end` are at `end`. Events have whole nanoseconds, steps need not.
+            near: times within this distance of `end` count as `end`, s. Times of events are whole nanoseconds, ends of
+                steps may not be.
 
         Returns:
-            Those that have an event at `end`.
+            The instances that have an event at `end`.
 
         Raises:
-            FmuError: the FMU refused, or does not get on.
-            EndedByEvent: it wants the simulation to end.
+            FmuError: the FMU refused, or does not make progress.
+            EndedByEvent: an FMU requests the end of the simulation.
         """
         rounded, near = near > 0.0, max(1e-9 * max(end - t, abs(end) * 1e-3), near)
         for _ in range(_MOST_STEPS):
@@ -455,7 +456,7 @@ class Events:
                     needed |= {i} if event else set()
                 t, begun = at, False
             else:
-                needed = {i for i in members if self._next(i) <= t + near}  # the event is here already
+                needed = {i for i in members if self._next(i) <= t + near}  # the event is already reached
             for i in members:
                 self._one(i).time = t
             needed |= {i for i in members if self._next(i) <= t + near}

@@ -1,12 +1,12 @@
-"""Checkpoints of a run, in files: all that its future depends on, and how far its recording had come.
+"""Checkpoints of a run in files: all data that its future depends on, and the position of its recording.
 
     RUN/checkpoints/T/state.npz         FMU states (serialised), values, packets in flight and their counters
-    RUN/checkpoints/T/checkpoint.json   and the files beside it: see `checkpoint_folder`
+    RUN/checkpoints/T/checkpoint.json   and the other files there: see `checkpoint_folder`
 
-A run that goes on from a checkpoint makes new instances of the same FMUs, restores their states, copies the
-recording up to there, and then has the same future, bit for bit.
+A run that is resumed from a checkpoint creates new instances of the same FMUs, restores their states, and copies the
+recording up to the checkpoint. It then has the same future, bit for bit.
 
-Nothing is written for sockets: a system with gateways cannot be taken back to an earlier time.
+Sockets are not saved: a system with gateways cannot be set back to an earlier time.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ def save(
     segments: Sequence[Path],
     about: Mapping[str, Any],
 ) -> Path:
-    """Writes a checkpoint into `folder`; returns its own folder. Rows and packets must have been written out.
+    """Writes a checkpoint into `folder`; returns its subfolder. Rows and packets must already be written out.
 
     Args:
-        k: the base step that has been reached, of the system's own grid.
+        k: the base step reached, in the system's own grid.
         segments: files with the recording since the last checkpoint; they become part of this one.
 
     Raises:
-        FmuError: an FMU cannot save its state after all.
+        FmuError: an FMU fails to save its state.
     """
     plan, radio, slaves = state.plan, state.radio, state.slaves
     arrays = changing(plan, ROLES, (STATE,))
@@ -104,11 +104,11 @@ def save(
 
 
 def restore(checkpoint: Checkpoint, state: RunState) -> None:
-    """Puts everything back as it was.
+    """Restores the state of the run.
 
     Raises:
         SystemDescriptionError: the files are damaged.
-        FmuError: an FMU does not take its state back.
+        FmuError: an FMU fails to restore its state.
     """
     plan, radio, slaves = state.plan, state.radio, state.slaves
     try:

@@ -1,10 +1,11 @@
-"""Rescue of a recording when an FMU crashes the process: it calls abort() or writes to forbidden memory.
+"""Rescues the recording when an FMU crashes the process by abort() or an invalid memory access.
 
-    with reported(slaves, now, rescue): ...    steps; on a crash rescue(error) is called, and the process then dies
+    with reported(slaves, now, rescue): ...    steps; on a crash, rescue(error) is called, and the process then ends
 
-The signal comes in the FMU's own code, in the thread that stepped it. A Python function may run there, but nothing can
-go on behind it: it finds on the stack which FMU it was, says so, lets the recording be completed, and the signal ends
-the process as it would have done. Best effort: what a crash has left of the heap may not bear that, so it has seconds.
+The signal arrives in the FMU's own code, in the thread that stepped it. A Python function may run there, but the run
+cannot continue after it. The function identifies the FMU from the stack, reports it, and completes the recording; then
+the signal ends the process as usual. This is best effort: the crash may have damaged the heap, so the function has a
+time limit of seconds.
 """
 
 from __future__ import annotations
@@ -45,9 +46,9 @@ def reported(slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable
     """Reports crashes of FMUs in the main thread and completes the files that they would leave incomplete.
 
     Args:
-        slaves: the instances; looked at when one crashes.
-        now: the time that all have reached, s.
-        rescue: called with the error; the process ends after it.
+        slaves: the instances, examined when one crashes.
+        now: returns the time that all instances have reached, s.
+        rescue: called with the error before the process ends.
     """
     if sys.platform == "win32" or threading.current_thread() is not threading.main_thread():
         yield
@@ -58,7 +59,7 @@ def reported(slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable
 
     def crashed(number: int) -> None:
         for other in numbers:
-            libc.signal(other, None)  # SIG_DFL: a second crash, in here, ends the process
+            libc.signal(other, None)  # SIG_DFL: a second crash, in this handler, ends the process
         libc.alarm(_SECONDS)
         with suppress(BaseException):
             error = _error(libc, slaves, number, now())
@@ -67,10 +68,10 @@ def reported(slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable
         os.kill(os.getpid(), number)
 
     handler = _HANDLER(crashed)
-    libc.backtrace((ctypes.c_void_p * 2)(), 2)  # loads what it needs now, not in the handler
+    libc.backtrace((ctypes.c_void_p * 2)(), 2)  # imports its modules now, not in the handler
     before = {number: libc.signal(number, ctypes.cast(handler, ctypes.c_void_p)) for number in numbers}
     for number, was in before.items():
-        if was:  # somebody else's handler, such as faulthandler's, stays
+        if was:  # another handler, such as faulthandler's, remains
             libc.signal(number, was)
     try:
         yield
@@ -78,17 +79,17 @@ def reported(slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable
         own = ctypes.cast(handler, ctypes.c_void_p).value
         for number, was in before.items():
             if (now_there := libc.signal(number, was)) != own:
-                libc.signal(number, now_there)  # an FMU has brought its own meanwhile
+                libc.signal(number, now_there)  # an FMU has since set its own handler
 
 
 def _error(libc: Any, slaves: Sequence[Slave], number: int, time: float) -> FmuError:
-    """Returns the error that names the instance that crashed, by the libraries on the stack, and the FMI function."""
+    """Returns the error that names the crashed instance, found by the libraries on the stack, and the FMI function."""
     files = {os.path.realpath(one.library.file): one.library for one in slaves if one.library.file}
     frames = (ctypes.c_void_p * _FRAMES)()
     library, function = None, ""
     for at in frames[: libc.backtrace(frames, _FRAMES)]:
         symbol = _Symbol()
-        # An address to return to may lie behind the function that called abort() at its very end.
+        # A return address may lie after the end of the function that called abort() as its last instruction.
         if not libc.dladdr(ctypes.c_void_p((at or 1) - 1), ctypes.byref(symbol)) or not symbol.file:
             continue
         found = files.get(os.path.realpath(os.fsdecode(symbol.file)))

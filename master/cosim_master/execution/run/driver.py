@@ -1,4 +1,4 @@
-"""Runs the compiled loop, and serves the reasons for which it returns to Python."""
+"""Runs the compiled loop, and handles the reasons for which it returns to Python."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class Steps(Protocol):
     """Makes the steps of a macro step in place of the compiled loop."""
 
     def step(self, time: float) -> None:
-        """Exchanges and steps all instances, from `time` [s] on; failures are in the plan.
+        """Exchanges and steps all instances, beginning at `time` [s]; failures are in the plan.
 
         Raises:
-            FmuError: an FMU cannot save or restore its state after all.
+            FmuError: an FMU fails to save or restore its state.
         """
 
     def close(self) -> None:
@@ -47,8 +47,8 @@ class Driver:
     """Macro steps of fixed size.
 
     Args:
-        on_failure: is called when instances have failed, before it is raised: it may raise something else.
-        steps: makes the steps where the loop does not.
+        on_failure: called when instances have failed, before the error is raised; it may raise another one.
+        steps: makes the steps that the loop does not make.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Driver:
         }
 
     def to(self, stop: int) -> None:
-        """Macro steps until base step `stop` of the plan's grid.
+        """Makes macro steps until base step `stop` of the plan's grid.
 
         Raises:
             RunFailed, RunTerminated, or what `on_failure` raises.
@@ -74,7 +74,7 @@ class Driver:
         if not state.texts:
             self._run(stop)
             return
-        # Strings that are not packets are rare and slow to exchange: Python does it, one macro step at a time.
+        # Strings that are not packets are rare and slow to exchange: Python exchanges them, one macro step at a time.
         while state.plan.clock[K] < stop:
             state.texts.set_inputs(state.plan)
             self._run(int(next_point(state.plan, stop)))

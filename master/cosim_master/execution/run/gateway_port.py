@@ -28,7 +28,7 @@ class GatewayPort:
         self._crossing = np.zeros(GATEWAY_BYTES, dtype=np.uint8)
 
     def compile(self) -> None:
-        """Compiles the kernels now: later, a real program would wait for it."""
+        """Compiles the kernels now; later, a real program would have to wait."""
         radio, now = self._state.radio, self._state.now
         admit(radio, now, 0, np.frombuffer(b"-", dtype=np.uint8), 0)
         e = int(radio.gateways[0]["endpoint"])
@@ -36,7 +36,7 @@ class GatewayPort:
         deliver(radio, now, e, self._crossing)
 
     def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
-        """Brings packets into the network by a gateway, at the present time: complete ones without CRC errors."""
+        """Admits packets from a gateway at the current time. They are complete and have no CRC errors."""
         state = self._state
         for first in range(0, len(packets), _AT_ONCE):
             some = packets[first : first + _AT_ONCE]
@@ -58,5 +58,5 @@ class GatewayPort:
         return b"".join(taken)
 
     def waiting(self, gateway: int) -> int:
-        """Returns how many packets from a gateway have not been read yet, one for each reader."""
+        """Returns the number of packets from a gateway that have not been read yet, counted once per reader."""
         return int(self._state.radio.gateways[gateway]["waiting"])

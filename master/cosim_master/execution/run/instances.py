@@ -1,4 +1,4 @@
-"""The FMU instances of a run, from their creation to their end."""
+"""The FMU instances of a run, from their creation to their release."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["Instances"]
 
 
 class Instances:
-    """Owns the instances and the libraries that they are of.
+    """Owns the instances and their libraries.
 
     Attributes:
-        slaves: in the order of the system's instances.
+        slaves: the instances, in the order of the system.
     """
 
     def __init__(self) -> None:
@@ -26,14 +26,14 @@ class Instances:
         """Instantiates all instances of a system.
 
         Raises:
-            SystemDescriptionError: interpreted FMUs that do not fit together.
+            SystemDescriptionError: interpreted FMUs are incompatible with each other.
             FmuError: an FMU refuses; `end` frees the others.
         """
         check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
         instantiate(checked, self._libraries, self.slaves)
 
     def end(self) -> list[FmuError]:
-        """Terminates and frees all instances, each once, whatever the others do; returns how that failed."""
+        """Terminates and frees all instances, each once, even if others fail; returns the errors."""
         failures = []
         for one in self.slaves:
             try:

@@ -1,4 +1,4 @@
-"""The start of a run from a checked system: instances initialized, plan and radio made."""
+"""The start of a run from a checked system: it initializes the instances, and makes the plan and the radio."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ def open_run(
     phase: Callable[[str], AbstractContextManager[Any]],
     tell: Callable[[str], None],
 ) -> tuple[RunState, int]:
-    """Loads and initializes all FMU instances; returns the run at its start, and how many threads step it.
+    """Loads and initializes all FMU instances; returns the run at its start, and the number of threads that step it.
 
     Args:
-        instances: takes the instances, and ends them whatever happens here.
+        instances: receives the instances, and ends them even after an error here.
         every, keep_packets, grid, threads: as for `Execution`.
-        phase: measures where the time goes.
-        tell: called with the next stage in words.
+        phase: measures the time of a phase.
+        tell: called with a description of each stage.
 
     Raises:
-        SystemDescriptionError: interpreted FMUs that do not fit together.
+        SystemDescriptionError: interpreted FMUs are incompatible with each other.
         FmuError: an FMU refuses.
-        LoopError: outputs depend on each other at the start, and no values were found that fit.
+        LoopError: outputs depend on each other at the start, and no consistent values were found.
     """
     tell(f"loading {len(checked.instances)} FMU instances")
     with phase("load and instantiate"):

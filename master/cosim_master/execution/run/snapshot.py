@@ -1,4 +1,4 @@
-"""A copy in memory of everything that the future of a run depends on."""
+"""A copy in memory of all data that the future of a run depends on."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class Snapshot:
         self._events: Any = None
 
     def save(self) -> None:
-        """Takes a copy, in place of an earlier one.
+        """Copies the state, and replaces an earlier copy.
 
         Raises:
-            RunFailed: an FMU cannot save its state after all.
+            RunFailed: an FMU fails to save its state.
         """
         state = self._state
         try:
@@ -53,7 +53,7 @@ class Snapshot:
         """Goes back to the copy.
 
         Raises:
-            RunFailed: an FMU cannot restore its state after all.
+            RunFailed: an FMU fails to restore its state.
         """
         assert self._radio is not None
         state = self._state

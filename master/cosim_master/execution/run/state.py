@@ -1,7 +1,7 @@
-"""Everything that a run consists of while it goes on, in one place: instances, the plan's arrays, the radio's, Strings.
+"""The complete state of a run: instances, the arrays of the plan and of the radio, Strings.
 
-Its future depends on nothing else. Which arrays change is declared beside them (`tables.ROLES`, `router.ROLES`); from
-that follows what a snapshot in memory and a checkpoint in files hold (`changing`).
+The future of the run depends on nothing else. The roles of the arrays are declared with them (`tables.ROLES` of both
+packages) and determine the contents of a snapshot in memory and of a checkpoint in files (`changing`).
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class RunState:
     """A run between two steps.
 
     Attributes:
-        checked, clock, layout, network: the system that is run; they do not change.
+        checked, clock, layout, network: the system, which does not change.
         slaves: the FMU instances, in the order of `layout.instances`.
         plan: arrays of the compiled loop.
-        radio: arrays of the radio; replaced by larger ones where they are too small.
+        radio: arrays of the radio, which are replaced by larger ones when they become too small.
         event_mode: events and Clocks of FMI 3.
         texts: Strings that are not packets.
     """
@@ -51,7 +51,7 @@ class RunState:
 
     @property
     def time(self) -> float:
-        """Simulation time of the present communication point, s."""
+        """Simulation time of the current communication point, s."""
         return reached(self.plan)
 
     @property
@@ -65,7 +65,7 @@ class RunState:
 def changing(
     arrays: Plan | Radio, roles: Mapping[str, str], wanted: Collection[str]
 ) -> dict[str, np.ndarray[Any, Any]]:
-    """Returns views of the arrays, and of the columns of tables ("ports.filled"), that have one of the wanted roles.
+    """Returns views of the arrays, and of the columns of tables ("ports.filled"), that have one of the given roles.
 
     Raises:
         KeyError: an array, or a column of a table, has no declared role.

@@ -1,4 +1,4 @@
-"""Threads that step instances beside the main one."""
+"""Threads that step instances in addition to the main thread."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def threads_for(free: int, wanted: int | None) -> int:
 
 
 class Workers:
-    """All threads of a run but the main one."""
+    """All threads of a run except the main thread."""
 
     def __init__(self) -> None:
         self._plan: Plan | None = None
         self._threads: list[threading.Thread] = []
 
     def start(self, plan: Plan, threads: int) -> None:
-        """Starts all but the first of `threads` threads; they wait for steps."""
+        """Starts all but the first of `threads` threads; they then wait for steps."""
         self._plan = plan
         for thread in range(1, threads):
             worker = threading.Thread(target=work, args=(plan, thread), name=f"uav-cosim-{thread}", daemon=True)
@@ -37,7 +37,7 @@ class Workers:
             self._threads.append(worker)
 
     def stop(self) -> None:
-        """Ends them, once they have finished a step."""
+        """Ends the threads after they have finished their step."""
         if self._threads and self._plan is not None:
             self._plan.shared[QUIT] = 1
             for worker in self._threads:

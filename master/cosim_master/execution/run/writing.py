@@ -1,4 +1,4 @@
-"""The recording's side of a run: blocks of rows and packets, written out before they are full."""
+"""Writes the blocks of rows and packets of a run to the recording before they are full."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["Recorded", "Writing"]
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """The part of the recording not yet written out when a run went back to repeat steps."""
+    """The part of the recording that was not yet written out when a run went back to repeat steps."""
 
     k: int
     radio: Radio
@@ -36,7 +36,7 @@ class Writing:
     """Writes the rows and packets of a run; until it has a recorder it only empties their blocks.
 
     Args:
-        phase: measures where the time goes.
+        phase: measures the time of a phase.
     """
 
     def __init__(self, state: RunState, phase: Callable[[str], AbstractContextManager[Any]]) -> None:
@@ -45,7 +45,7 @@ class Writing:
         self._finished = False
 
     def open(self, recorder: Recorder) -> None:
-        """Takes the recorder, once nothing of the run's start can fail any more."""
+        """Sets the recorder, when the start of the run can no longer fail."""
         self._recorder = recorder
 
     # ---- rows --------------------------------------------------------------------------------------------------------
@@ -58,7 +58,7 @@ class Writing:
         self._state.plan.clock[ROWS] = 0
 
     def read_texts(self, *, recorded: bool) -> None:
-        """Gets the Strings at the end of a macro step; `recorded`: a row is of this time.
+        """Reads the Strings at the end of a macro step; `recorded`: the block has a row of this time.
 
         Raises:
             RunFailed: an instance refuses.
@@ -67,13 +67,13 @@ class Writing:
         try:
             state.texts.get_outputs(state.plan, state.event_mode.events.kept)
         except RunFailed:
-            state.plan.clock[ROWS] -= int(recorded)  # a row without its strings is none
+            state.plan.clock[ROWS] -= int(recorded)  # a row without its strings is incomplete
             raise
         if recorded and self._recorder is not None and state.layout.string_signals:
             self._recorder.texts(state.texts.row)
 
     def by_signal(self) -> dict[str, np.ndarray[Any, Any]]:
-        """The rows that have not been written out, by signal."""
+        """Returns the rows that have not been written out, by signal."""
         plan, signals = self._state.plan, self._state.layout.signals
         n = int(plan.clock[ROWS])
         blocks = (
@@ -89,7 +89,7 @@ class Writing:
         return found
 
     def recorded(self) -> Recorded:
-        """A copy of the rows that have not been written out, and the radio, for `put_back`."""
+        """Returns a copy of the rows that have not been written out, and the radio, for `put_back`."""
         plan, n = self._state.plan, int(self._state.plan.clock[ROWS])
         blocks = tuple(block[:n].copy() for block in (plan.ticks, plan.real_block, plan.int_block))
         texts = [] if self._recorder is None else self._recorder.unwritten_texts()
@@ -106,7 +106,7 @@ class Writing:
                 self._recorder.texts(row)
 
     def take_back(self) -> None:
-        """Forgets the rows that have not been written out: the run has gone back to before them."""
+        """Discards the rows that have not been written out, because the run has gone back to an earlier time."""
         if self._recorder is not None:
             self._recorder.take_back()
 
@@ -120,7 +120,7 @@ class Writing:
         self._state.radio.counters[[USED_EVENTS, USED_LOG]] = 0
 
     def make_room(self, events: int, log: int) -> None:
-        """Frees at least so many rows of events and bytes of log."""
+        """Ensures that at least this many rows of events and bytes of the log are free."""
         radio = self._state.radio
         if not radio.settings[0]["keep"]:
             return
@@ -149,21 +149,21 @@ class Writing:
         return Position() if self._recorder is None else self._recorder.position()
 
     def segments(self) -> Sequence[Path]:
-        """Files with the recording since the last checkpoint."""
+        """Returns the files with the recording since the last checkpoint."""
         return () if self._recorder is None else self._recorder.segments()
 
     def keep(self, progress: Mapping[str, Any]) -> None:
-        """Makes readable what has been recorded so far, whatever ends the process; only between macro steps.
+        """Makes all values recorded so far readable, even if the process is killed; only between macro steps.
 
         Raises:
-            RecordingFailed: it cannot be written.
+            RecordingFailed: a file cannot be written.
         """
         if self._recorder is not None:
             with self._phase("write results"):
                 self._recorder.keep(self._state.plan, self._state.radio, progress)
 
     def finish(self) -> None:
-        """Completes the recording, but for its manifest.
+        """Completes the recording except for its manifest.
 
         Raises:
             RecordingFailed: it cannot be completed.
@@ -173,7 +173,7 @@ class Writing:
             self._recorder.finish(self._state.plan, self._state.radio)
 
     def break_off(self, progress: Mapping[str, Any]) -> None:
-        """Leaves the recording as that of a process that was killed, without losing any of it."""
+        """Leaves the recording in the state of a killed process, without losing any of it."""
         if self._recorder is not None and not self._finished:
             self._recorder.break_off(self._state.plan, self._state.radio, progress)
 

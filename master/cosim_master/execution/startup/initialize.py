@@ -1,14 +1,13 @@
-"""Initialization of a checked system, in the order of calls of FMI 2.0.5, section 4.2.4,
-and FMI 3.0.2, section 4.2.
+"""Initializes a checked system, in the order of calls of FMI 2.0.5, section 4.2.4, and FMI 3.0.2, section 4.2.
 
-    instantiate(checked, libraries, slaves)     one after the other
-    initialize(checked, slaves, start, stop)    experiment, start values, initialization mode with its exchange, and out
-    answers(checked, slaves)                    the parameters as the FMUs have them now
-    try_out(checked, start, stop)               the first two, and freed again
+    instantiate(checked, libraries, slaves)     creates the instances, one after the other
+    initialize(checked, slaves, start, stop)    experiment, start values, initialization mode with its exchange
+    answers(checked, slaves)                    the current values of the parameters in the FMUs
+    try_out(checked, start, stop)               the first two, then frees the instances
 
-Every start value is set, those of the FMU's own description too: some FMUs ignore them. Between fmi2SetupExperiment
-and initialization mode that is everything but inputs; inputs are set inside of it. FMUs of 20-sim initialize their
-parameters anew in fmi2SetupExperiment, so that values from before it are lost. FMI 2.0.5 allows both orders.
+Every start value is set, including those of the FMU's own description, which some FMUs ignore. All values except inputs
+are set between fmi2SetupExperiment and initialization mode; inputs are set in initialization mode. FMUs of 20-sim
+initialize their parameters in fmi2SetupExperiment, so values set earlier would be lost. FMI 2.0.5 allows both orders.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ _KINDS = ("Real", "Integer", "Boolean", "String", "Binary")
 
 @dataclass(frozen=True, slots=True)
 class SettledLoop:
-    """Outputs that depend on each other at initialization, and how often values were exchanged until they settled."""
+    """Outputs that depend on each other at initialization, and the number of exchanges until they converged."""
 
     outputs: tuple[str, ...]
     rounds: int
@@ -49,14 +48,15 @@ _Terms = dict[tuple[str, str], dict[int, Any]]
 
 
 def instantiate(checked: CheckedSystem, libraries: Libraries, slaves: list[Slave]) -> None:
-    """Appends an instance to `slaves` for each of the system's.
+    """Appends an instance to `slaves` for each instance of the system.
 
     Raises:
-        FmuError: an FMU refused; those in `slaves` are to be freed.
+        FmuError: an FMU refused; the caller must free the instances in `slaves`.
     """
     tied = {i for members in lockstep(checked) for i in members}
     for i, instance in enumerate(checked.instances):
-        # Who returns early leaves those behind that it drives by Clocks, or is ahead of those that drive it.
+        # After an early return, an instance is behind those whose Clocks drive it, or ahead of those whose Clocks it
+        # drives.
         make_one = partial(make, fmu=instance.fmu, early_return=i not in tied, solver=instance.solver)
         slaves.append(libraries.instantiate(instance.fmu, instance.name, make_one))
 
@@ -67,16 +67,16 @@ def initialize(
     """Initializes all instances.
 
     Args:
-        slaves: in the order of `checked.instances`.
-        start, stop: of the run, s.
-        events: those of `slaves`; None makes new ones.
+        slaves: the instances, in the order of `checked.instances`.
+        start, stop: start and stop time of the run, s.
+        events: the events of `slaves`; None creates them.
 
     Returns:
         The loops of connections that had to be solved.
 
     Raises:
         FmuError: an FMU refused.
-        LoopError: outputs depend on each other, and no values were found that fit.
+        LoopError: outputs depend on each other, and no consistent values were found.
     """
     values = [instance.effective_values() for instance in checked.instances]
     for one, instance, starts in zip(slaves, checked.instances, values, strict=True):
@@ -100,17 +100,17 @@ def initialize(
 
 
 def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, dict[str, Start]], tuple[str, ...]]:
-    """The parameters of all instances, by instance and name, as the FMUs answer after initialization.
+    """Returns the parameters of all instances, by instance and name, as read from the FMUs after initialization.
 
-    FMUs that this project compiled are not asked: a parameter is a field of the instance's record that only
-    fmi2SetXXX writes (a test compares those of every FMU that we ship), and of a thousand drones it would be
-    a quarter of a million values. Binaries are the values set, too.
+    FMUs compiled by this project are not read: a parameter is a field of the instance's record that only fmi2SetXXX
+    writes (a test compares the parameters of every FMU that we ship), and a thousand drones have a quarter of a million
+    of them. Binaries are not read either. In both cases, the values set are returned.
 
     Returns:
-        The values, and a note for each that is not the one set.
+        The values, and a note for each value that differs from the one set.
 
     Raises:
-        FmuError: an FMU has failed for good (fmi2Fatal); one that refuses to say is a note.
+        FmuError: an FMU has failed fatally (fmi2Fatal); a refused value is only a note.
     """
     found: dict[str, dict[str, Start]] = {}
     notes = []
@@ -148,7 +148,7 @@ def _same(answer: Start, value: Start, fmi_type: str | None) -> bool:
 
 
 def _first_events(events: Events, slaves: Sequence[Slave], start: int) -> None:
-    """Instances that use Event Mode are in it after initialization: events at the start, then Step Mode."""
+    """Handles the events at the start: instances with Event Mode are in it after initialization, then in Step Mode."""
     if not events.numbers:
         return
     try:
@@ -179,7 +179,7 @@ def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledL
 
 
 def _exchange(checked: CheckedSystem, slaves: Mapping[str, Slave]) -> tuple[SettledLoop, ...]:
-    """Stage by stage: get all sources of a stage at once, then set its targets."""
+    """Exchanges values stage by stage: gets all sources of a stage at once, then sets its targets."""
     loops = []
     terms: _Terms = {}
     for stage in checked.init_order:
@@ -208,7 +208,7 @@ def _go_round(
 
 
 def _get(slaves: Mapping[str, Slave], ends: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Any]:
-    """Values of outputs, by instance and variable; one call per instance and type."""
+    """Returns the values of outputs, by instance and variable; one call per instance and type."""
     wanted: dict[str, list[Variable]] = {}
     for name, variable in ends:
         wanted.setdefault(name, []).append(slaves[name].fmu.variables[variable])
@@ -223,7 +223,7 @@ def _get(slaves: Mapping[str, Slave], ends: Sequence[tuple[str, str]]) -> dict[t
 def _set(
     slaves: Mapping[str, Slave], links: Sequence[FlatConnection], got: Mapping[tuple[str, str], Any], terms: _Terms
 ) -> None:
-    """Sets the targets of links from the values of their sources; `terms` are those of sums that are known so far."""
+    """Sets the targets of links from the values of their sources; `terms` are the known terms of sums."""
     targets: dict[str, dict[str, Any]] = {}
     for link in links:
         value = link.converted(got[link.source])

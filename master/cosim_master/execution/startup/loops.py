@@ -1,10 +1,11 @@
-"""Solves a loop of connections while FMUs are initialized: values that are the same after going round once more.
+"""Solves a loop of connections during initialization: finds values that do not change when propagated once more.
 
-First by going round (each output's value to the inputs it feeds, again and again), which settles every loop that is
-none, and those that are damped. If that does not settle, by Newton's method on the real values, with the Jacobian from
-differences and steps halved until they help. Integers, booleans and strings go round only.
+The first method is propagation: each output's value is passed to its inputs repeatedly. It converges for damped loops,
+and for loops that only seem to be loops. If it does not converge, Newton's method is applied to the real values, with a
+Jacobian from finite differences and with steps that are halved until they improve the result. Integers, booleans and
+strings are only propagated.
 
-Knows no FMUs: going round is a function.
+This module does not depend on FMUs: propagation is a function argument.
 """
 
 from __future__ import annotations
@@ -29,18 +30,18 @@ _Values: TypeAlias = list[Any]
 
 
 def settle(go_round: Callable[[_Values], _Values], first: Sequence[Any], names: Sequence[str]) -> int:
-    """Finds values that `go_round` returns unchanged; the last call of it was with them.
+    """Finds values that `go_round` returns unchanged. Its last call is made with these values.
 
     Args:
-        go_round: feeds the values of all outputs of a loop to its inputs, and returns those outputs again.
-        first: values to begin with.
-        names: of the outputs, for the error.
+        go_round: passes the values of all outputs of a loop to its inputs, and returns the new outputs.
+        first: the initial values.
+        names: the names of the outputs, for the error.
 
     Returns:
-        How often it took.
+        The number of propagations.
 
     Raises:
-        LoopError: they do not exist, or were not found.
+        LoopError: such values do not exist, or were not found.
     """
     return _Loop(go_round, list(first), names).settle()
 
@@ -56,7 +57,7 @@ class _Loop:
 
     def settle(self) -> int:
         values, new = self._first, self._next(self._first)
-        # Relative to where it begins: far out, every value is the same as the next.
+        # Relative to the initial values: far away, every value equals the next one up to rounding.
         for x in (self._vector(values), self._vector(new)):
             self._scale = np.maximum(self._scale, np.nan_to_num(np.abs(x), nan=1.0, posinf=1.0))
         best = values, new
@@ -76,7 +77,7 @@ class _Loop:
         return self._go_round(values)
 
     def _newton(self, values: _Values, new: _Values) -> tuple[_Values, _Values]:
-        """Newton's method on the reals; all else is held until they are settled, then goes round once."""
+        """Applies Newton's method to the reals; other values are held until they converge, then propagated once."""
         for _ in range(_NEWTON_STEPS):
             if self._same(values, new):
                 break
@@ -112,7 +113,7 @@ class _Loop:
         return np.array([values[i] for i in self._reals])
 
     def _moved(self, values: _Values, x: NDArray[np.float64]) -> _Values:
-        """`values` with other reals."""
+        """Returns `values` with other reals."""
         moved = [*values]
         for i, value in zip(self._reals, x, strict=True):
             moved[i] = float(value)
@@ -123,7 +124,7 @@ class _Loop:
             return self._vector(new) - self._vector(values)
 
     def _size(self, values: _Values, new: _Values) -> float:
-        """The largest change of a real; infinite where one is not a number."""
+        """Returns the largest change of a real; infinite if one is not a number."""
         change = np.abs(self._change(values, new)) / self._scale
         return float(np.nan_to_num(change, nan=np.inf).max(initial=0.0))
 

@@ -1,7 +1,7 @@
 """Tests of whether FMUs can return to an earlier state, made before a master relies on it.
 
-Save, step, step; restore, step, step: the outputs must be the same, bit for bit. Many FMUs declare that they can, and
-leave out what is no variable of theirs.
+The sequence is: save, step, step; restore, step, step. The outputs must be the same, bit for bit. Many FMUs declare
+this capability, but do not save data that are not variables.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ def self_test(slaves: Sequence[Slave], time: float, sizes: Sequence[Sequence[flo
     """Tests whether instances reach the same state again, and restores them.
 
     Args:
-        slaves: initialized, at `time` [s].
-        sizes: of the steps that each is to try, s.
-        why: the feature that needs it, for the errors.
+        slaves: the instances, initialized, at `time` [s].
+        sizes: the step sizes to try with each instance, s.
+        why: the feature that requires it, for the errors.
 
     Returns:
-        The problem of every instance.
+        The problem of each instance that failed the test.
     """
     failures = []
     for one, steps in zip(slaves, sizes, strict=True):
@@ -63,7 +63,7 @@ def self_test(slaves: Sequence[Slave], time: float, sizes: Sequence[Sequence[flo
 
 
 def _stepped(one: Slave, time: float, steps: Sequence[float]) -> dict[str, Any]:
-    """All outputs after these steps."""
+    """Returns all outputs after these steps."""
     t = time
     for h in steps:
         one.time = t
@@ -73,7 +73,7 @@ def _stepped(one: Slave, time: float, steps: Sequence[float]) -> dict[str, Any]:
         except FmuError as error:
             if not error.status.endswith("Discard"):
                 raise
-            break  # shorter steps may help, and will be tried in the run
+            break  # shorter steps may succeed, and will be tried in the run
         t += h
     outputs = [v for v in one.fmu.variables.values() if v.causality == "output" and v.clock is None and not v.clocks]
     kinds: dict[str, list[Variable]] = {}

@@ -21,7 +21,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """A table of values over time: ascending times of its rows in s, and its columns in the order of value references."""
+    """A table of values over time: ascending times of rows in s, and its columns in the order of value references."""
 
     times: Any
     columns: Mapping[str, Column]

@@ -135,7 +135,7 @@ class Library:
         return function
 
     def has(self, *functions: str) -> bool:
-        """Returns whether the binary exports all of these functions. Optional ones are often missing, though declared."""
+        """Returns whether the binary exports all of these functions; declared optional ones may be missing."""
         return all(hasattr(self._dll, name) for name in functions)
 
     def instantiate(self, name: str) -> Instance2:

@@ -314,7 +314,7 @@ class Instance3:
 
     @property
     def next_event(self) -> float:
-        """The end of the time that the loop may step, s: the next event of it or of an instance stepping together with it."""
+        """The end of the time that the loop may step, s: the next event of it or of one that steps together with it."""
         return ctypes.c_double.from_buffer(self._answers, 16).value
 
     @next_event.setter
@@ -369,8 +369,8 @@ class Instance3:
         """Calls fmi3UpdateDiscreteStates.
 
         Returns:
-            Whether it must be called again, whether the FMU requests the end of the simulation, and the time of its next
-            event in s (infinity if it does not know one).
+            Whether it must be called again, whether the FMU requests the end of the simulation, and the time of its
+            next event in s (infinity if it does not know one).
         """
         flags, time = [ctypes.c_bool(False) for _ in range(5)], ctypes.c_double(0.0)
         self.call("fmi3UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))

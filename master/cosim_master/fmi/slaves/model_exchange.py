@@ -148,7 +148,7 @@ class _Exchanged:
         raise NotImplementedError
 
     def _updated(self) -> tuple[bool, bool, float]:
-        """Updates discrete states; returns whether to repeat, whether the simulation ends, and the next event's time."""
+        """Updates discrete states; returns whether to repeat, whether the simulation ends, and the next event time."""
         raise NotImplementedError
 
     def _completed(self) -> tuple[bool, bool]:
