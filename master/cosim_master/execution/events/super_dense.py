@@ -159,7 +159,7 @@ class Events:
                 (self.kept[i, name],) = self._slaves[i].get([variable])
 
     def saved(self) -> Any:
-        """Returns all data that the future of events depends on, for `restore`, except next events, which the plan has."""
+        """Returns all data that the future of events depends on, for `restore`; next events are in the plan."""
         schedules = {i: schedule.saved() for i, schedule in self._schedules.items()}
         return copy.deepcopy((schedules, self.kept, self._announced))
 
@@ -391,7 +391,7 @@ class Events:
                 given[j] = _KEPT
 
     def _exchange(self, i: int, at: _Instant) -> bool | None:
-        """Sets an instance's changed inputs; returns whether any was set before at this time, or None if none changed."""
+        """Sets an instance's changed inputs; returns whether any was set before at this time; None if none changed."""
         new, before = self._inputs(i, at), at.given.get(i)
         if not new:
             return None
