@@ -1,1 +1,1 @@
-"""SSP and its relatives, from files to a checked, flat system, and back."""
+"""System descriptions in SSP and other formats: from files to a checked, flat system, and back to files."""

@@ -1,11 +1,11 @@
-"""Consequences of the law that agents declare (`cosim.verdict.Formation`): where a line settles, and how fast.
+"""Consequences of the law that agents declare (`cosim.verdict.Formation`): final positions and convergence.
 
-In each step an agent that moves adds to its position the sum of its terms, gain times (position of the neighbour - own
-position): x(k+1) = x(k) - G x(k). Row i of G has the sum of the gains of agent i in column i and minus the gain of
-each neighbour in its column; the rows of agents that stay are zero. With one gain for all, G is the gain times the
-Laplacian of the graph.
+In each step, a mobile agent adds the sum of its terms to its position; a term is gain times (position of the neighbour
+- own position): x(k+1) = x(k) - G x(k). Row i of G has the sum of the gains of agent i in column i, and minus the gain
+for each neighbour in the neighbour's column; the rows of stationary agents are zero. If all gains are equal, G is the
+gain times the Laplacian of the graph.
 
-The arithmetic knows no law but its declaration; which terms an agent has is told by its FMU.
+The arithmetic depends only on the declaration of the law; the FMU of an agent declares its terms.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One agent of a line: its id, the ids and gains of its neighbours, and whether it stays where it is."""
+    """One agent of a line: its id, the ids and gains of its neighbours, and whether it is stationary."""
 
     id: int
     neighbours: tuple[tuple[int, float], ...]
@@ -40,7 +40,7 @@ def formation_of(verdicts: Mapping[str, Verdict]) -> tuple[str, Formation] | Non
 def member(verdicts: Mapping[str, Verdict], parameters: Mapping[str, Any]) -> Member | None:
     """Returns the agent that follows a declared law with these values of its parameters.
 
-    None if its FMU declares no law or no system id, or if a value is missing.
+    Returns None if its FMU declares no law or no system id, or if a value is missing.
     """
     found = formation_of(verdicts)
     own = next((name for name, one in verdicts.items() if one is Role.SYSTEM_ID), "")
@@ -61,12 +61,13 @@ def member(verdicts: Mapping[str, Verdict], parameters: Mapping[str, Any]) -> Me
 
 
 def settled(members: Sequence[Member], held: Mapping[int, float]) -> dict[int, float] | None:
-    """Returns where the agents that move settle, by id.
+    """Returns the final positions of the mobile agents, by id.
 
-    None if no agent moves, a neighbour is missing, two agents have one id, or the agents that stay fix no point.
+    Returns None if no agent is mobile, a neighbour is missing, two agents have the same id, or the stationary agents do
+    not determine the solution.
 
     Args:
-        held: positions of the agents that stay, by id.
+        held: positions of the stationary agents, by id.
     """
     matrix = _matrix(members)
     free = [i for i, one in enumerate(members) if not one.stays]
@@ -82,9 +83,9 @@ def settled(members: Sequence[Member], held: Mapping[int, float]) -> dict[int, f
 
 
 def rate(members: Sequence[Member]) -> float:
-    """Returns the factor by which a step shrinks the 2-norm of the distances to where the agents settle, at least.
+    """Returns the guaranteed factor by which a step shrinks the 2-norm of the distances to the final positions.
 
-    Agents that stay divide a line into sections that know nothing of each other; the slowest section counts.
+    Stationary agents divide a line into independent sections; the slowest section determines the factor.
     """
     return max((_rate(section) for section in _sections(members)), default=0.0)
 
@@ -101,7 +102,7 @@ def _rate(section: Sequence[Member]) -> float:
 
 
 def _sections(members: Sequence[Member]) -> list[list[Member]]:
-    """The agents that move, divided into those that are linked by neighbours that move."""
+    """Returns the mobile agents, divided into groups that are linked by mobile neighbours."""
     free = {one.id: one for one in members if not one.stays}
     linked: dict[int, set[int]] = {number: set() for number in free}
     for one in free.values():
@@ -126,7 +127,7 @@ def _sections(members: Sequence[Member]) -> list[list[Member]]:
 
 
 def _matrix(members: Sequence[Member]) -> Array | None:
-    """G; None if a neighbour of an agent that moves is missing, or two agents have one id."""
+    """Returns G; None if a neighbour of a mobile agent is missing, or if two agents have the same id."""
     index = {one.id: i for i, one in enumerate(members)}
     if len(index) < len(members):
         return None

@@ -1,11 +1,11 @@
-"""The systems that come with this project, by name: ``line5`` stands for the folder of that name.
+"""The systems that are part of this project, by name: ``line5`` is the folder of that name.
 
-A source tree has them in master/systems; they take their FMUs from fmus/, where `make fmus` writes them. An installed
-package has a copy of both folders beside this module (`setup.py` puts them into the wheel). A wheel without FMUs, or
-one whose Python sources have been changed since, gets a copy in the user's cache folder, one for each state of the
-sources, and its FMUs are built there once.
+In a source tree, they are in master/systems; their FMUs are in fmus/, where `make fmus` writes them. An installed
+package has a copy of both folders next to this module (`setup.py` puts them into the wheel). If a wheel has no FMUs, or
+if its Python sources have been changed since, a copy is made in the user's cache folder for each state of the sources,
+and its FMUs are built there once.
 
-`python -m cosim_master.system.shipped FOLDER` builds what a wheel carries besides the systems; `make wheel` calls it.
+`python -m cosim_master.system.shipped FOLDER` builds the other files of a wheel; `make wheel` calls it.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ _log = logging.getLogger(__name__)
 
 
 def names() -> tuple[str, ...]:
-    """The names of the systems, sorted."""
+    """Returns the names of the systems, sorted."""
     systems = _root() / "master" / "systems"
     return tuple(sorted(path.parent.name for path in systems.glob("*/SystemStructure.ssd")))
 
 
 def find(name: str) -> Path | None:
-    """The folder of the system `name`, its FMUs in place; None where no system of this name is shipped.
+    """Returns the folder of the system `name`, with its FMUs; None if no system of this name is shipped.
 
-    In a source tree nothing is built here: `make fmus` does it.
+    In a source tree, `make fmus` must have built the FMUs.
 
     Raises:
-        RuntimeError: FMUs have to be built and the C compiler failed.
-        ValueError, ImportError: as `cosim.build.build_all`.
+        RuntimeError: FMUs must be built and the C compiler failed.
+        ValueError, ImportError: as for `cosim.build.build_all`.
     """
     return _ready() / "master" / "systems" / name if name in names() else None
 
@@ -53,7 +53,7 @@ def document(system: str, name: str) -> Path:
 
 
 def fmus() -> Path:
-    """The folder with the FMUs of the shipped systems.
+    """Returns the folder with the FMUs of the shipped systems.
 
     Raises:
         RuntimeError, ValueError, ImportError: as `find`.
@@ -72,19 +72,19 @@ def fmu(model: str) -> Path | None:
 
 
 def templates() -> dict[str, Path]:
-    """Returns the starting points for models of one's own, files with the text of a model, by kind."""
+    """Returns the starting points for new models, which are files with the text of a model, by kind."""
     folder = Path(str(import_module(_MODELS).__file__)).parent / "templates"
     return {file.stem: file for file in sorted(folder.glob("*.txt"))}
 
 
 def _ready() -> Path:
-    """The folder that holds master/systems and, unless it is a source tree without them, fmus."""
+    """Returns the folder that contains master/systems and, unless it is a source tree without them, fmus."""
     root = _root()
     return _built() if root == _INSTALLED and not _has_own_fmus() else root
 
 
 def digest_of_models() -> str:
-    """The digest of all sources that FMUs are built from."""
+    """Returns the digest of all sources that FMUs are built from."""
     digest = hashlib.sha256()
     for package in ("cosim", _MODELS):
         folder = Path(str(import_module(package).__file__)).parent
@@ -122,7 +122,7 @@ def stage(folder: Path) -> None:
 
 
 def _built() -> Path:
-    """A copy of the installed systems in the user's cache folder, with FMUs that were built there."""
+    """Returns a copy of the installed systems in the user's cache folder, with FMUs built there."""
     folder = cache_folder() / "shipped" / digest_of_models()[:16]
     if folder.is_dir():
         return folder

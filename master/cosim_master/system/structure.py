@@ -1,7 +1,7 @@
 """The hierarchical description of a system, with the place of every item in its files.
 
-Plain data: nothing here has been compared with an FMU, and nothing is executed. `reading.read.read_system` makes it,
-`check.check` compares it with the FMUs and flattens it. Everything carries the place it was read from.
+The description is plain data, which has not been compared with FMUs. `reading.read.read_system` creates it, and
+`check.check` compares it with the FMUs and flattens it. Every item has its place in the files.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Annotation:
 
 
 def annotation(kind: str, name: str, attributes: Mapping[str, str], where: Where) -> Annotation:
-    """An annotation of ours, as an .ssd would have it, with one element and its attributes."""
+    """Returns an annotation of ours, as in an .ssd, with one element and its attributes."""
     element = etree.Element("{http://ssp-standard.org/SSP1/SystemStructureCommon}Annotation", {"type": kind})
     etree.SubElement(element, f"{{https://uav-cosim.org/ns/1}}{name}", dict(attributes))
     return Annotation(kind, element, where)
@@ -89,7 +89,7 @@ class Enumeration:
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """One dimension of an array connector: a size, or the connector that has it; neither leaves it open."""
+    """One dimension of an array connector: a size, or the connector with the size; it is open if both are missing."""
 
     size: int | None = None
     connector: str | None = None
@@ -100,15 +100,15 @@ class Connector:
     """A port of a component, system or signal dictionary.
 
     Attributes:
-        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", a type of SSP 2.0 that FMI 2 has not
-            ("Float32", "Int8", "Clock", ...), or None where the file is silent. Float64 is Real here, Int32 is Integer.
-        unit: of a Real, None where the file is silent.
+        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", a type of SSP 2.0 that FMI 2 lacks
+            ("Float32", "Int8", "Clock", ...), or None if not specified. Float64 is Real here, Int32 is Integer.
+        unit: unit of a Real, None if not specified.
         enumeration: name of its enumeration type.
-        items: that type's items, None if the file does not define it.
-        mime_type: of a Binary, None where the file is silent.
+        items: items of this type, None if the file does not define it.
+        mime_type: MIME type of a Binary, None if not specified.
         dimensions: of an array; empty for a scalar.
-        interval_variability: of a Clock, None where the file is silent.
-        clocks: connectors of the same element to whose Clocks it belongs, as far as the file names them.
+        interval_variability: of a Clock, None if not specified.
+        clocks: connectors of the same element for the Clocks that it belongs to, if the file names them.
     """
 
     name: str
@@ -154,9 +154,9 @@ Transformation: TypeAlias = LinearTransformation | MappingTransformation
 class Connection:
     """A connection between two connectors of a system or its direct elements; an element of None is the system.
 
-    Start and end say nothing about the direction; owner and kind of the connectors do (SSP 2.0, section 5.3.2).
-    Indices select one element of an array connector, counting from 1; empty for the whole connector. All `summed`
-    connections to one input give it their sum, which SSP cannot say (OspSystemStructure.xml can).
+    Start and end do not determine the direction; owner and kind of the connectors do (SSP 2.0, section 5.3.2). Indices
+    select one element of an array connector, counting from 1; empty for the whole connector. The value of an input with
+    `summed` connections is their sum, which SSP cannot express (OspSystemStructure.xml can).
     """
 
     start_element: str | None
@@ -173,14 +173,14 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A value for a variable, of a `Connector`'s types; an "Enumeration" is an item's name, a "Binary" is in hex.
+    """A value for a variable, of a `Connector`'s types; an "Enumeration" is an item's name, a "Binary" is hexadecimal.
 
     Attributes:
         shape: of an array, empty for a scalar.
-        elements: the values of an array, last index fastest; `value` is its first then.
+        elements: the values of an array, last index fastest; `value` is then the first one.
         transformation: applied by a parameter mapping to the value, after unit conversion.
-        suppress_unit_conversion: the value is taken as it is, whatever the units say.
-        first: where the same set has this name before; an error as soon as the name matches something.
+        suppress_unit_conversion: the value is used unchanged, whatever its unit.
+        first: earlier place of this name in the same set; an error if the name has a match.
     """
 
     name: str
@@ -211,7 +211,7 @@ class ParameterBinding:
     """A parameter set applied to a component or system.
 
     Attributes:
-        prefix: goes before every name in the set, before anything else is done with it.
+        prefix: prepended to every name in the set, before any other processing.
         mapping: if not None, only the named parameters are applied, under their new names.
     """
 
@@ -228,8 +228,8 @@ class Component:
     Attributes:
         type: MIME type of the source.
         source: the file, resolved; None if it could not be resolved (which is a problem of the structure).
-        content: the system inside, if the source is an .ssd, an .ssp or a system of the same file; one object,
-            however often it is used. A component without a source (SSP 2.0) has an empty system inside.
+        content: the system inside, if the source is an .ssd, an .ssp or a system of the same file; all uses share one
+            object. A component without a source (SSP 2.0) has an empty system inside.
         fragment: the part after "#" in the source: the id of a system in the same file, or the variant of an .ssp.
     """
 
@@ -247,7 +247,7 @@ class Component:
 
 @dataclass(frozen=True, slots=True)
 class SignalDictionary:
-    """Signals that any system below may share by name; `entries` are of kind "inout"."""
+    """Signals that any system below may share by name; `entries` have the kind "inout"."""
 
     name: str
     entries: Mapping[str, Connector]
@@ -256,7 +256,7 @@ class SignalDictionary:
 
 @dataclass(frozen=True, slots=True)
 class SignalDictionaryReference:
-    """An element through whose connectors a system takes part in the signals of a dictionary around it."""
+    """An element with the connectors through which a system accesses the signals of a surrounding dictionary."""
 
     name: str
     dictionary: str
@@ -271,8 +271,8 @@ class System:
     """A system: elements, the connections between them, and its own connectors.
 
     Attributes:
-        document: the .ssd file it is part of.
-        signal_dictionaries: those it defines.
+        document: the .ssd file that contains it.
+        signal_dictionaries: the signal dictionaries that it defines.
     """
 
     name: str
@@ -290,7 +290,7 @@ Element: TypeAlias = Component | System | SignalDictionaryReference
 
 
 class ExtractedArchive:
-    """The temporary folder an .ssp was unpacked into. It goes when closed, or with the last reference to it."""
+    """The temporary folder with an unpacked .ssp. It is removed when closed, or with the last reference to it."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
@@ -302,21 +302,22 @@ class ExtractedArchive:
 
 @dataclass(frozen=True, slots=True)
 class SystemStructure:
-    """A system structure description with everything it refers to, except the inside of its FMUs.
+    """A system structure description with all files that it refers to, except the contents of its FMUs.
 
-    Use it as a context manager: the files of an .ssp live until it is closed (or until nobody refers to it).
+    Use it as a context manager: the files of an .ssp exist until it is closed (or until the last reference to it
+    disappears).
 
     Attributes:
         name: the description's name.
-        version: of SSP, as the file says.
+        version: the version of SSP, as stated in the file.
         path: the file or folder read (.ssd, .ssp or folder).
         document: the root .ssd file (inside the unpacked archive for an .ssp).
         system: the root system.
-        start_time, stop_time: of the DefaultExperiment in s; None where the file is silent.
+        start_time, stop_time: of the DefaultExperiment in s; None if not specified.
         units, enumerations: those of the root .ssd, by name.
         annotations: of the description itself (those of the root system are in `system`).
-        problems: errors in the files. A structure with problems is only good for finding more of them:
-            `check` raises these together with its own.
+        problems: errors in the files. A structure with problems can only be used to find further problems: `check`
+            raises these together with its own.
         notes: assumptions and ignored contents, for the user.
         archives: unpacked archives that must live as long as the structure is used.
         generation_tool: the tool that wrote it, as stated.

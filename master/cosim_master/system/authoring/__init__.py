@@ -1,1 +1,1 @@
-"""Systems written: new, changed, saved, packed, converted, drawn."""
+"""Writers of systems: new, changed, saved, packed, converted and drawn systems."""

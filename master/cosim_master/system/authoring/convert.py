@@ -4,9 +4,9 @@
     convert(system, folder, "libcosim")  OspSystemStructure.xml
     convert(system, folder, ENGINE)      SystemStructure.ssd as ENGINE reads it: flat, typed connectors, plain names
 
-The system is written as it is checked: flattened, start values in the units of their variables, connections with the
-factor and offset that units and transformations of all connections on the way come to. What the file's format or the
-engine has not is refused. To change an SSP that exists, keeping everything in it, is another matter; see `swap`.
+The system is written in its checked form: flattened, with start values in the units of their variables, and with the
+total factor and offset of all connections, including units and transformations. Features that the format of the file or
+the engine lacks are refused. To change an existing SSP while keeping its other contents, see `swap`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _NAMESPACES = {
     for kind, name in (("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues"))
 }
 _OSP = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
-_DEFAULT: Any = {None: _OSP}  # lxml-stubs know prefixes only
+_DEFAULT: Any = {None: _OSP}  # lxml-stubs only know prefixes
 _OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 _KEPT = ("org.uav-cosim.master", "org.uav-cosim.network", "org.uav-cosim.recording")
 _SSP1 = {"Float64": "Real", "Int32": "Integer"}
@@ -65,11 +65,12 @@ def convert(system: str | Path, folder: Path, engine: str | None = None) -> Conv
 
     Args:
         system: a multi-model (.json) or an OspSystemStructure.xml; with `engine` any system.
-        folder: where to; must not exist.
+        folder: the folder to write, which must not exist.
         engine: one of ENGINES; None writes an SSP for ourselves.
 
     Raises:
-        SystemDescriptionError: the system is wrong or cannot be written so, or the folder exists or cannot be written.
+        SystemDescriptionError: the system is invalid or has no equivalent in the format, or the folder exists or cannot
+            be written.
     """
     with read_system(system) as structure:
         checked = check(structure)
@@ -100,7 +101,7 @@ def _refused(path: Path, text: str) -> SystemDescriptionError:
 
 
 def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
-    """Connections and FMUs that the format or the engine has not."""
+    """Yields problems for connections and FMUs that the format or the engine does not support."""
     fmus = {one.name: one.fmu for one in checked.instances}
     for link in checked.links:
         name = ".".join(link.target)
@@ -125,7 +126,7 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
 
 
 def _is_linear_csv(instance: ComponentInstance) -> bool:
-    """Returns whether an instance is a CSV file that OMSimulator reads alike: Reals linear, others held."""
+    """Returns whether OMSimulator interprets a CSV file in the same way: Reals are linear, other values are held."""
     fmu = instance.fmu
     if fmu.table is None or fmu.path.suffix.lower() != ".csv":
         return False
@@ -133,7 +134,7 @@ def _is_linear_csv(instance: ComponentInstance) -> bool:
 
 
 def _copied(checked: CheckedSystem, folder: Path) -> dict[Path, str]:
-    """Copies of the FMUs: the file of each -> its path in the folder. Files of one name get a number."""
+    """Returns copies of the FMUs, as file -> path in the folder. Files of the same name get a number."""
     copied: dict[Path, str] = {}
     taken: set[str] = set()
     for instance in checked.instances:
@@ -163,7 +164,7 @@ def _osp(parent: etree._Element, name: str, attributes: Mapping[str, str] | None
 
 
 class _Writing:
-    """A checked system on its way into a file.
+    """Writes a checked system to a file.
 
     Attributes:
         notes: differences from the original, and settings for the engine.
@@ -198,13 +199,13 @@ class _Writing:
             self.notes.append(f"start values are applied if {engine} is told to: {how[engine]}")
 
     def _variables(self, instance: ComponentInstance) -> list[Variable]:
-        """The variables of an instance that are connected or set, and all outputs."""
+        """Returns the variables of an instance that are connected or set, and all outputs."""
         ends = {end[1] for link in self.checked.links for end in (link.source, link.target) if end[0] == instance.name}
         ends |= {*instance.start_values}
         return [v for v in instance.fmu.variables.values() if v.name in ends or v.causality == "output"]
 
     def _connectors(self, instance: ComponentInstance) -> list[Variable]:
-        """The variables that are connectors. FMPy knows no texts, and fails for inputs that nothing is connected to."""
+        """Returns the variables that are connectors. FMPy does not support texts, and fails for unconnected inputs."""
         found = self._variables(instance)
         if self.engine != "fmpy":
             return found
@@ -273,7 +274,7 @@ class _Writing:
         return len({one.step_size for one in self.checked.instances}) > 1
 
     def _type(self, connector: etree._Element, variable: Variable) -> None:
-        """The type of a connector, as its FMU has it."""
+        """Returns the type of a connector, which is that of its FMU."""
         if variable.type == "Enumeration":
             _add(connector, "ssc", "Enumeration", {"name": self._enumeration(variable)})
         elif variable.type == "Binary":
@@ -307,7 +308,7 @@ class _Writing:
         }
         units = [self._fmus[end[0]].variables[end[1]].unit for end in (link.source, link.target)]
         if None not in units and units[0] != units[1]:
-            ends["suppressUnitConversion"] = "true"  # factor and offset have it
+            ends["suppressUnitConversion"] = "true"  # included in factor and offset
         made = _add(parent, "ssd", "Connection", ends)
         if (linear := self._linear(link)) is not None:
             _add(made, "ssc", "LinearTransformation", linear)
@@ -332,7 +333,7 @@ class _Writing:
             _add(system, "ssd", "Annotations").extend(elements)
 
     def values(self) -> etree._ElementTree:
-        """All start values as a parameter set of the whole system."""
+        """Returns all start values as a parameter set of the whole system."""
         root = etree.Element(_tag("ssv", "ParameterSet"), self._set_head(), nsmap=_NAMESPACES)
         named = {
             f"{self._names[one.name]}.{name}": (one, name)
@@ -403,13 +404,13 @@ class _Writing:
 
 
 def _plain(name: str) -> str:
-    """A name of letters, digits and underscores."""
+    """Returns a name of letters, digits and underscores."""
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_") or "x"
     return plain if not plain[0].isdigit() else f"x{plain}"
 
 
 def _plain_names(instances: Iterable[ComponentInstance], *, apart: bool) -> dict[str, str]:
-    """Plain names of instances, all different; `apart`: none begins with another one, as FMPy needs it."""
+    """Returns unique plain names of instances; with `apart`, no name begins with another one, as FMPy requires."""
     found: dict[str, str] = {}
     for one in instances:
         plain, n = _plain(one.name), 1

@@ -16,10 +16,10 @@ _PLACES = ("where", "document", "content", "source")
 
 
 def difference(wanted: Any, found: Any, what: str) -> str | None:
-    """Returns where two descriptions differ, leaving aside where they were read; None if they say the same.
+    """Returns the place where two descriptions differ, ignoring their files and lines; None if they are equal.
 
     Args:
-        what: the kind of items, for the answer.
+        what: the kind of items, for the result.
     """
     if is_dataclass(wanted) and type(wanted) is type(found):
         for one in fields(wanted):
@@ -40,7 +40,7 @@ def difference(wanted: Any, found: Any, what: str) -> str | None:
 
 
 def _canonical(element: etree._Element) -> bytes:
-    """An element without the space between its children."""
+    """Returns an element without the whitespace between its children."""
     text = etree.tostring(element, with_tail=False)
     bare = etree.fromstring(text, etree.XMLParser(remove_blank_text=True, no_network=True, resolve_entities=False))
     return etree.tostring(bare, method="c14n", exclusive=True)

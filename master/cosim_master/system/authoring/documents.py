@@ -1,8 +1,8 @@
 """Writes documents of SSP from descriptions: an .ssd from a `System`, an .ssv from its parameters.
 
-`save` changes documents that are there; this is for new ones. Sources become relative to the folder of the document.
-Types and units of connectors are written as they are, with the enumerations and units that they refer to, so that
-engines that need them can read the file.
+`save` changes existing documents; this module writes new ones. Sources become relative to the folder of the document.
+Types and units of connectors are written unchanged, with the enumerations and units that they refer to, for engines
+that require them.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def system_document(
     """Returns the .ssd of a system whose components have files of their own.
 
     Args:
-        folder: where the document will be; sources are written relative to it.
-        parameters: source of a parameter set that is bound to the system, besides its own bindings.
+        folder: the future folder of the document; sources are written relative to it.
+        parameters: source of a parameter set that is bound to the system, in addition to its own bindings.
         times: attributes of the DefaultExperiment.
     """
     root = {**_declared(_SCOPE), "name": system.name, "version": "1.0"}
@@ -54,7 +54,7 @@ def system_document(
 
 
 def parameter_document(name: str, parameters: Iterable[Parameter]) -> bytes:
-    """Returns an .ssv."""
+    """Returns an .ssv document."""
     texts = [parameter_text(_SSV_SCOPE, one) for one in parameters]
     root = {**_declared(_SSV_SCOPE), "name": name, "version": "1.0"}
     listed = tag_text(_SSV_SCOPE, SSV + "Parameters", {}, texts)
@@ -106,7 +106,7 @@ def _annotations(item: Element) -> list[str]:
 
 
 def _annotation_text(annotation: etree._Element) -> str:
-    """An annotation as it is; the namespaces that the document declares are not declared again."""
+    """Returns an annotation unchanged; namespaces that the document declares are not declared again."""
     copy = etree.fromstring(etree.tostring(annotation, with_tail=False), etree.XMLParser(remove_blank_text=True))
     etree.indent(copy)
     text = etree.tostring(copy, encoding="ascii").decode("ascii")

@@ -1,8 +1,8 @@
 """Draws a system as SVG: components and nested systems with their connectors, and the connections between them.
 
-Where the file has geometry (SSP 2.0, section 5.4.2.3 and following: ElementGeometry, ConnectorGeometry,
-ConnectionGeometry) it is used; else elements are put into columns in the direction of the data. Looks at files only:
-nothing is compared with an FMU.
+If the file contains geometry (SSP 2.0, section 5.4.2.3 and following: ElementGeometry, ConnectorGeometry,
+ConnectionGeometry), it is used. Otherwise elements are arranged in columns in the direction of the data. Only the
+system's files are read, without a comparison with FMUs.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class _Port:
 
 @dataclass(slots=True)
 class _Box:
-    """An element; x and y are of its upper left corner inside the box around it."""
+    """An element; x and y are the coordinates of its upper left corner in the surrounding box."""
 
     name: str
     what: str
@@ -60,7 +60,7 @@ class _Box:
 
 
 def graph(structure: SystemStructure) -> bytes:
-    """The drawing of a system, an SVG document.
+    """Returns the drawing of a system, an SVG document.
 
     Raises:
         SystemDescriptionError: the system's files have problems.
@@ -78,7 +78,7 @@ def graph(structure: SystemStructure) -> bytes:
     return etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
 
 
-# ---- what is there ---------------------------------------------------------------------------------------------------
+# ---- contents --------------------------------------------------------------------------------------------------------
 
 
 class _Geometry:
@@ -134,7 +134,7 @@ def _of_element(element: Element, geometry: _Geometry) -> _Box:
 
 
 def _size(box: _Box, inner: tuple[float, float]) -> None:
-    """Sets a size that fits title, connectors and contents."""
+    """Sets a size that suffices for title, connectors and contents."""
     left = [p.connector.name for p in box.ports.values() if p.on_left]
     right = [p.connector.name for p in box.ports.values() if not p.on_left]
     names = _LETTER * (max(map(len, left), default=0) + max(map(len, right), default=0)) + 30.0
@@ -150,7 +150,7 @@ def _size(box: _Box, inner: tuple[float, float]) -> None:
 
 
 def _ports(box: _Box, connectors: Sequence[Connector], system: System | None, geometry: _Geometry) -> None:
-    """Places of connectors inside their box: inputs left, outputs right, or where the file puts them."""
+    """Returns the places of connectors in their box: inputs left, outputs right, or as in the file."""
     for on_left in (True, False):
         side = [port for port in box.ports.values() if port.on_left == on_left]
         for i, port in enumerate(side):
@@ -166,11 +166,11 @@ def _ports(box: _Box, connectors: Sequence[Connector], system: System | None, ge
             box.ports[connector.name].y = (1.0 - place[1]) * box.height  # in SSP y points upwards
 
 
-# ---- where it goes ---------------------------------------------------------------------------------------------------
+# ---- layout ----------------------------------------------------------------------------------------------------------
 
 
 def _placed(system: System, geometry: _Geometry) -> Mapping[str, Sequence[float]] | None:
-    """x1, y1, x2, y2 of every element as the file has them; None if it has not all of them."""
+    """Returns x1, y1, x2, y2 of every element as in the file; None unless the file has all of them."""
     boxes: dict[str, Sequence[float]] = {}
     for element in system.elements:
         tag = type(element).__name__
@@ -190,7 +190,7 @@ def _numbers(element: etree._Element, *names: str) -> tuple[float, ...] | None:
 
 
 def _by_geometry(system: System, box: _Box, boxes: Mapping[str, Sequence[float]], geometry: _Geometry) -> None:
-    """The file's proportions, at the least scale at which everything fits into its element."""
+    """Places elements in the file's proportions, at the least scale at which all contents fit into their elements."""
     scale = 0.0
     for name, (x1, y1, x2, y2) in boxes.items():
         child = box.children[name]
@@ -216,7 +216,7 @@ def _by_geometry(system: System, box: _Box, boxes: Mapping[str, Sequence[float]]
 
 
 def _in_columns(system: System, box: _Box) -> None:
-    """Columns by the longest way from a source; what closes a loop goes backwards."""
+    """Places elements in columns by the longest path from a source; connections that close a loop lead backwards."""
     after: dict[str, list[str]] = {name: [] for name in box.children}
     for connection in system.connections:
         source, target = _direction(box, connection)
@@ -237,7 +237,7 @@ def _in_columns(system: System, box: _Box) -> None:
 
 
 def _columns(after: Mapping[str, Sequence[str]]) -> dict[str, int]:
-    """Longest distance from a source, without the edges that close a loop (depth first)."""
+    """Returns the longest distances from a source, without the edges that close a loop (depth first)."""
     state: dict[str, int] = {}
     order: list[str] = []
     kept: dict[str, list[str]] = {name: [] for name in after}
@@ -342,7 +342,7 @@ def _curve(box: _Box, connection: Connection, start: _Point, end: _Point, top: f
 
 
 def _at(connection: Connection, box: _Box) -> str:
-    """The connector of a connection that is `box`'s."""
+    """Returns the connector at the end of a connection that belongs to `box`."""
     return connection.end_connector if connection.end_element == box.name else connection.start_connector
 
 

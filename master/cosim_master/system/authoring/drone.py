@@ -1,7 +1,7 @@
-"""A drone as the parts that it consists of: wired by the names of their ports, or taken from a system.
+"""A drone and its parts, which are connected by the names of their ports, or taken from a system.
 
-A new swarm describes each kind of drone once. Which parameters say where a drone starts, which system ids it and its
-neighbours have, and whether it stays, its FMUs declare (`cosim.verdict`).
+A new swarm describes each kind of drone once. Its FMUs declare (`cosim.verdict`) the parameters for its start position,
+its system id and those of its neighbours, and for staying at its place.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _HERE = Where("")
 
 @dataclass(frozen=True, slots=True)
 class Drone:
-    """A kind of drone: its system, whose components have the FMUs as sources, and these FMUs by name of component."""
+    """A kind of drone: its system, whose components have the FMUs as sources, and these FMUs by component name."""
 
     system: System
     fmus: Mapping[str, FmuDescription]
@@ -54,7 +54,7 @@ class Declared:
     """The declarations of the parts of a drone, as paths below the drone.
 
     Attributes:
-        start: where it starts, three elements; empty where none or several parts declare it.
+        start: its start position, three elements; empty if no part or several parts declare it.
         system_ids: its MAVLink system id, one for each part that has it.
         part, formation: the only part that steers by a law on a line with a western and an eastern neighbour.
     """
@@ -91,7 +91,7 @@ def found_fmu(given: str | Path, folder: Path | None = None) -> Path:
     """Returns an FMU that is given as a file, or by the name of a model.
 
     Args:
-        folder: where FMUs of models are looked for before those that come with this project.
+        folder: the folder in which FMUs of models are searched before those of this project.
 
     Raises:
         SystemDescriptionError: the file does not exist.
@@ -112,10 +112,10 @@ def found_fmu(given: str | Path, folder: Path | None = None) -> Path:
 
 
 def wired_by_name(fmus: Mapping[str, FmuDescription]) -> Drone:
-    """Returns the drone of these parts: every input of a part is driven by another part's output of the same name.
+    """Returns the drone of these parts: a part's output drives the inputs of the same name in other parts.
 
     Raises:
-        SystemDescriptionError: several parts offer an input.
+        SystemDescriptionError: several parts have an output for the same input.
     """
     wires = _unambiguous(_wires(fmus))
     components = []
@@ -134,7 +134,7 @@ def component(name: str, fmu: FmuDescription, ports: Iterable[tuple[str, str]]) 
 
 
 def _wires(fmus: Mapping[str, FmuDescription]) -> list[tuple[str, str, str]]:
-    """(source, target, name) of every input that another part offers; packets go by the network."""
+    """Yields (source, target, name) of every input for which another part has an output; packets use the network."""
     found: list[tuple[str, str, str]] = []
     for part, other in permutations(fmus, 2):
         offered = set(_ports(fmus[other], "output"))
@@ -143,10 +143,10 @@ def _wires(fmus: Mapping[str, FmuDescription]) -> list[tuple[str, str, str]]:
 
 
 def _unambiguous(wires: list[tuple[str, str, str]]) -> list[tuple[str, str, str]]:
-    """The wires, if each leads to an input of its own.
+    """Returns the wires, if each input has only one.
 
     Raises:
-        SystemDescriptionError: several lead to one.
+        SystemDescriptionError: several wires lead to the same input.
     """
     sources: dict[tuple[str, str], list[str]] = {}
     for source, target, name in wires:
@@ -166,7 +166,7 @@ def _ports(fmu: FmuDescription, causality: str) -> list[str]:
 
 
 def _connector(variable: Variable, name: str) -> Connector:
-    """The connector of an input or output."""
+    """Returns the connector for an input or output."""
     kind: Any = variable.causality
     enumeration = variable.type == "Enumeration"
     return Connector(
@@ -184,11 +184,11 @@ def _connector(variable: Variable, name: str) -> Connector:
 def exchanged(drone: Drone, parts: Mapping[str, FmuDescription]) -> Drone:
     """Returns the drone with other FMUs in some parts.
 
-    Connections stay as they are. What they do not drive is wired by name where a new part offers or wants it. A part
-    that the drone does not have yet is added.
+    Existing connections are kept. Other ports of a new part are connected by name. A part that the drone does not have
+    yet is added.
 
     Raises:
-        SystemDescriptionError: several parts offer an input that is to be wired.
+        SystemDescriptionError: several parts have an output for the same input.
     """
     fmus = {**drone.fmus, **parts}
     elements = [
@@ -208,7 +208,7 @@ def exchanged(drone: Drone, parts: Mapping[str, FmuDescription]) -> Drone:
 
 
 def exposed(drone: Drone, ports: Sequence[tuple[str, str]]) -> Drone:
-    """Returns the drone with connectors of its own, PART_PORT, that lead to ports (part, port) of its parts."""
+    """Returns the drone with its own connectors PART_PORT, which lead to ports (part, port) of its parts."""
     connectors, connections = [*drone.system.connectors], [*drone.system.connections]
     for part, port in ports:
         variable = drone.fmus[part].variables[port]
@@ -223,7 +223,7 @@ def exposed(drone: Drone, ports: Sequence[tuple[str, str]]) -> Drone:
 
 
 def _with_connectors(system: System, fmus: Mapping[str, FmuDescription], ends: Iterable[tuple[str, str]]) -> System:
-    """Returns the system whose components have connectors for these ends (part, port) as well."""
+    """Returns the system with additional connectors for these ends (part, port) at its components."""
     wanted: dict[str, dict[str, None]] = {}
     for part, port in ends:
         wanted.setdefault(part, {})[port] = None
@@ -240,7 +240,7 @@ def _with_connectors(system: System, fmus: Mapping[str, FmuDescription], ends: I
 
 
 def parameters_of(fmus: Mapping[str, FmuDescription], path: str, value: Any) -> tuple[Parameter, ...]:
-    """Returns the parameters, one for each element of an array, that set PART.VARIABLE to a value.
+    """Returns the parameters that set PART.VARIABLE to a value, one per element of an array.
 
     Raises:
         SystemDescriptionError: the variable does not exist, or the value is not of its type.
@@ -272,10 +272,10 @@ def _wrong(path: str, text: str) -> SystemDescriptionError:
 
 
 def _typed(variable: Variable, value: Any) -> Value:
-    """A value as SSP has it.
+    """Returns a value in SSP's representation.
 
     Raises:
-        ValueError: it is not of the variable's type.
+        ValueError: the value is not of the variable's type.
     """
     given = value.value if isinstance(value, Enum) else value
     if variable.type == "Boolean" and not isinstance(given, bool):
@@ -291,7 +291,7 @@ def _typed(variable: Variable, value: Any) -> Value:
 
 
 def bound(values: Iterable[Parameter]) -> tuple[ParameterBinding, ...]:
-    """Returns a binding of parameters that stands in the document of their system; none without parameters."""
+    """Returns a binding of inline parameters for the document of their system; none without parameters."""
     parameters = tuple(values)
     return (ParameterBinding(parameters, "", _HERE),) if parameters else ()
 
@@ -300,7 +300,7 @@ def described(files: Mapping[str, Path]) -> dict[str, FmuDescription]:
     """Returns FMUs by name of part.
 
     Raises:
-        SystemDescriptionError: FMUs that cannot be read, all at once.
+        SystemDescriptionError: FMUs cannot be read; all of them are reported at once.
     """
     found: dict[str, FmuDescription] = {}
     problems: list[Problem] = []

@@ -26,11 +26,11 @@ class Pose:
 
 
 def laid_out(layout: str, drones: int, spacing: float, seed: int = 1) -> tuple[Pose, ...]:
-    """Returns where `drones` drones of a layout start, neighbours `spacing` m apart.
+    """Returns the start positions of `drones` drones in a layout, with neighbours `spacing` m apart.
 
     Args:
         layout: one of `LAYOUTS`.
-        seed: of the layout "random", whose drones are at least `spacing` apart.
+        seed: seed of the layout "random", in which drones are at least `spacing` apart.
     """
     return tuple(Pose(north, east) for north, east in LAYOUTS[layout](drones, spacing, seed))
 
@@ -41,13 +41,13 @@ def _line(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
 
 
 def _grid(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
-    """Rows of a square, from the origin to east and north."""
+    """Returns positions in rows of a square, from the origin to east and north."""
     side = math.isqrt(drones - 1) + 1
     return [(spacing * (i // side), spacing * (i % side)) for i in range(drones)]
 
 
 def _ring(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
-    """Around the origin, clockwise from the north."""
+    """Returns positions on a circle around the origin, clockwise from the north."""
     if drones == 1:
         return [(0.0, 0.0)]
     radius = spacing / (2.0 * math.sin(math.pi / drones))
@@ -66,10 +66,10 @@ def _v(drones: int, spacing: float, _: int) -> list[tuple[float, float]]:
 
 
 def _random(drones: int, spacing: float, seed: int) -> list[tuple[float, float]]:
-    """Uniformly in a square around the origin with 4 spacing^2 for each drone, no two nearer than `spacing`.
+    """Returns random positions in a square around the origin with 4 spacing^2 per drone, all at least `spacing` apart.
 
-    Drone k takes the first of its own random positions that has room; discs of radius `spacing` around the drones
-    before it cover at most pi/4 of the square, so that each try succeeds with a chance of more than 0.2.
+    Drone k takes the first of its random positions that is far enough from the previous drones. Discs of radius
+    `spacing` around these cover at most pi/4 of the square, so each try succeeds with a probability of more than 0.2.
     """
     half = spacing * math.sqrt(drones)
     found = np.empty((drones, 2))
@@ -94,10 +94,10 @@ LAYOUTS: Mapping[str, Callable[[int, float, int], Sequence[tuple[float, float]]]
 
 
 def poses_of_file(file: Path) -> tuple[Pose, ...]:
-    """Returns the rows of a CSV file with the columns north, east and, where wanted, down and name.
+    """Returns the rows of a CSV file with the columns north, east and, optionally, down and name.
 
     Raises:
-        SystemDescriptionError: it cannot be read, or has another form; all problems at once.
+        SystemDescriptionError: the file cannot be read, or has another format; all problems are reported at once.
     """
     try:
         text = file.read_text(encoding="utf-8-sig")

@@ -1,18 +1,18 @@
-"""Swarms of any size written for the user: drones like those of a scenario, in a layout, each kind described once.
+"""Writes swarms of any size: drones like those of a scenario, in a layout, with one description per kind of drone.
 
-What is written is an ordinary system folder (`authoring.swarm`). Edit it, swap parts of it; nothing remembers that it
-was generated. The scenarios "line" and "grid" take the parts of a drone from the shipped system `line5`; any other
-scenario is a system, whose first drone is the pattern (`authoring.scenario`).
+The result is an ordinary system folder (`authoring.swarm`). It can be edited, and its parts can be swapped; it contains
+no trace of being generated. The scenarios "line" and "grid" take the parts of a drone from the shipped system `line5`;
+any other scenario is a system, whose first drone is the pattern (`authoring.scenario`).
 
 Agents that follow a law on a line which runs east (`cosim.verdict.Formation`) have the next drones to west and east as
-neighbours: on the line, in each row of the grid, else among all drones. News passes one neighbour per step: with a
-gain g of the law, the error of a section with m gaps between two drones that stay shrinks by
-1 - 2 g (1 - cos(pi / m)) per step, and fifty drones in one section would take thousands of steps. Long lines therefore
-consist of sections with at most five gaps. In lines and grids drones start `spacing` apart, but those that stay are
-twice as far from their western neighbour; the others spread evenly between them.
+neighbours: on the line, in each row of the grid, or otherwise among all drones. Information passes one neighbour per
+step. With a gain g of the law, the error of a section with m gaps between two stationary drones shrinks by 1 - 2 g (1 -
+cos(pi / m)) per step, so fifty drones in one section would take thousands of steps. Long lines therefore consist of
+sections with at most five gaps. In lines and grids, drones start `spacing` apart, but stationary drones are twice as
+far from their western neighbour; the other drones spread evenly between them.
 
-A system id of MAVLink has one byte, so ids repeat every 250 drones. The topologies written for laws on a line are
-local: drones with equal ids are never in reach of one node.
+A system id of MAVLink has one byte, so ids repeat every 250 drones. The topologies for laws on a line are local: drones
+with equal ids are never in reach of the same node.
 """
 
 from __future__ import annotations
@@ -59,10 +59,10 @@ def parts() -> dict[str, str]:
 
 
 def fleet_of(text: str) -> tuple[str, ...]:
-    """Returns the FMUs of "4xFIRST,1xSECOND": four times the first, then the second.
+    """Returns the FMUs of a text such as "4xFIRST,1xSECOND": four times the first, then the second.
 
     Raises:
-        SystemDescriptionError: it is not such a list.
+        SystemDescriptionError: the text is not such a list.
     """
     found: list[str] = []
     for item in text.split(","):
@@ -74,10 +74,10 @@ def fleet_of(text: str) -> tuple[str, ...]:
 
 
 def number_of_drones(drones: int | None, layout: str | None, fleet: Fleet) -> int:
-    """Returns how many drones are meant: `drones`, else the rows of a file of poses, else the longest list of FMUs.
+    """Returns the number of drones: `drones`, or the rows of a file of poses, or the longest list of FMUs.
 
     Raises:
-        SystemDescriptionError: nothing says it, or the file says something else.
+        SystemDescriptionError: nothing specifies the number, or the file has another number of rows.
     """
     is_file = layout is not None and layout not in LAYOUTS and Path(layout).is_file()
     rows = len(poses_of_file(Path(str(layout)))) if is_file else None
@@ -109,23 +109,24 @@ def new_system(
         scenario: "line" (west to east; the ends and in long lines every fifth drone or so stay, the others spread
             evenly by consensus), "grid" (rows of a square, each a line of its own, `spacing` m apart), or a system
             whose first drone is the pattern: a file, a folder or the name of a shipped one.
-        drones: how many; at least 3 where their law is one on a line.
-        folder: where; must not exist.
-        fmus: folder with the FMUs of `parts`, and where FMUs of models are looked for; None: those of the scenario.
-        layout: one of `LAYOUTS`, or a CSV file as `poses_of_file` reads it; None: that of the scenario, else "grid".
+        drones: number of drones; at least 3 if their law is one on a line.
+        folder: the folder to write, which must not exist.
+        fmus: folder with the FMUs of `parts` and of models; None: the FMUs of the scenario.
+        layout: one of `LAYOUTS`, or a CSV file in the format of `poses_of_file`; None: that of the scenario, or "grid".
         fleet: FMUs that replace parts of the drones.
-        spacing: m between neighbours at the start; in lines and grids of a law on a line, before a drone that stays,
-            twice as much, so that there is something to spread.
-        seed: of the layout "random".
-        until: stop time of the DefaultExperiment, s; None: when the errors of a law on a line have come down to 5 %,
-            else the scenario's.
-        note: called with the convergence of the law, and with the parts of the scenario left out.
+        spacing: distance between neighbours at the start, m; in lines and grids of a law on a line, it is doubled
+            before a stationary drone, so that the drones have to spread.
+        seed: seed of the layout "random".
+        until: stop time of the DefaultExperiment, s; None: the time at which the errors of a law on a line have
+            decreased to 5 %, or otherwise the scenario's.
+        note: called with the convergence of the law, and with the omitted parts of the scenario.
 
     Returns:
         The folder.
 
     Raises:
-        SystemDescriptionError: too few drones, the folder exists, or an FMU is missing or declares too little.
+        SystemDescriptionError: too few drones are requested, the folder exists, or an FMU is missing or lacks
+            declarations.
     """
     problems = _problems(scenario, drones, folder, spacing, layout)
     pattern = _pattern(scenario, fmus, problems)
@@ -193,7 +194,7 @@ def _pattern(scenario: str, fmus: Path | None, problems: list[Problem]) -> Scena
     """Returns the scenario whose drone is the pattern of all others.
 
     Raises:
-        SystemDescriptionError: with `problems`, or FMUs are missing or declare too little.
+        SystemDescriptionError: `problems` is not empty, or FMUs are missing or lack declarations.
     """
     if scenario not in SHAPES:
         if problems:
@@ -217,7 +218,7 @@ def _pattern(scenario: str, fmus: Path | None, problems: list[Problem]) -> Scena
 
 
 def _check_declared(fmus: Mapping[str, FmuDescription], folder: Path) -> None:
-    """Raises SystemDescriptionError if the FMUs do not declare all that a new system sets."""
+    """Raises SystemDescriptionError if the FMUs lack declarations of parameters that a new system sets."""
     has = declared(fmus)
     law = has.formation
     missing = [
@@ -252,12 +253,12 @@ def _kinds(drone: Drone, given: Sequence[Mapping[str, str]], folder: Path) -> li
     return found
 
 
-# ---- who stands where, and who listens to whom --------------------------------------------------------------------
+# ---- positions and neighbours -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """One drone: number from 1, where it starts, neighbours' numbers (0: none), and whether it stays."""
+    """One drone: its number (from 1), start position, neighbours' numbers (0: none), and whether it is stationary."""
 
     number: int
     pose: Pose
@@ -266,13 +267,13 @@ class _Row:
     stays: bool = False
 
     def position(self) -> tuple[float, ...]:
-        """North, east and, where it is not 0, down."""
+        """North, east and, unless it is 0, down."""
         horizontal = (self.pose.north, self.pose.east)
         return (*horizontal, self.pose.down) if self.pose.down else horizontal
 
 
 def _rows(shape: str, drones: int, spacing: float, seed: int, steered: Sequence[bool]) -> list[_Row]:
-    """The drones of a layout; `steered`: whether each follows a law on a line."""
+    """Returns the drones of a layout; `steered`: whether each of them follows a law on a line."""
     if shape in SHAPES and all(steered):
         return list(_line(drones, spacing) if shape == "line" else _grid(drones, spacing))
     poses = laid_out(shape, drones, spacing, seed) if shape in LAYOUTS else poses_of_file(Path(shape))
@@ -294,7 +295,7 @@ def _sections(drones: int) -> list[int]:
 
 
 def _line(drones: int, spacing: float, first: int = 1, north: float = 0.0) -> Iterator[_Row]:
-    """`drones` on a line, west to east."""
+    """Returns `drones` drones on a line, from west to east."""
     stays = {0, *accumulate(_sections(drones))}
     east = 0.0
     for i in range(drones):
@@ -305,7 +306,7 @@ def _line(drones: int, spacing: float, first: int = 1, north: float = 0.0) -> It
 
 
 def _grid(drones: int, spacing: float) -> Iterator[_Row]:
-    """Lines of about the square root of `drones`, one north of the other; none shorter than three."""
+    """Returns lines of about the square root of `drones`, from south to north, each with at least three drones."""
     side = max(3, round(drones**0.5))
     sizes = [side] * (drones // side)
     rest = drones - sum(sizes)
@@ -315,12 +316,12 @@ def _grid(drones: int, spacing: float) -> Iterator[_Row]:
         yield from _line(size, spacing, first=sum(sizes[:i]) + 1, north=spacing * i)
 
 
-# ---- how fast they spread -----------------------------------------------------------------------------------------
+# ---- convergence --------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class _Law:
-    """The convergence of the slowest section of a line: per step, and the time [s] at which its error is 5 %."""
+    """The convergence of the slowest section of a line: factor per step, and the time [s] at which its error is 5 %."""
 
     gaps: int
     rate: float
@@ -330,7 +331,7 @@ class _Law:
 
 
 def _law(kind: Declared, drone: Drone, rows: Sequence[_Row]) -> _Law:
-    """Returns the expected convergence of the declared law, with parameters of the agents and the pattern."""
+    """Returns the expected convergence of the declared law, with parameters of the agents and of the pattern."""
     law, agent = kind.formation, drone.fmus[kind.part]
     assert law is not None
     set_ = {one.name: one.value for binding in drone.system.parameter_bindings for one in binding.parameters}

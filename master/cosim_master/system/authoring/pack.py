@@ -1,11 +1,11 @@
-"""Packs a system into one .ssp that has everything it needs: documents, parameters, mappings, dictionaries and FMUs.
+"""Packs a system into one self-contained .ssp with documents, parameters, mappings, dictionaries and FMUs.
 
     SystemStructure.ssd    the system (and *.ssd, its variants)
-    resources/             everything that these refer to, and what that refers to
+    resources/             all files that these refer to, directly or indirectly
 
-Sources are rewritten to lead to the files in the archive; nothing else in a document changes, so that a run of the
-archive records what a run of the system does, bit for bit. The bytes of the archive follow from names and contents of
-its files alone. Files without references to them are left out. An .ssp that a component refers to is taken unchanged.
+Sources are rewritten to refer to the files in the archive. Nothing else in a document changes, so runs of the archive
+and of the system record the same values, bit for bit. The bytes of the archive depend only on the names and contents of
+its files. Files without references to them are omitted. An .ssp that a component refers to is included unchanged.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ def pack(system: str | Path, out: Path, *, variant: str | None = None, overwrite
     """Writes a system as one self-contained .ssp.
 
     Args:
-        system: .ssd, .ssp or folder. Of an .ssp or a folder the variants come along: the .ssd files beside the root
-            document that no other one refers to.
-        out: the archive to write; its folder is made if need be.
-        variant: which .ssd is packed, alone, as the archive's system.
+        system: .ssd, .ssp or folder. The variants of an .ssp or a folder are included: the .ssd files in the folder of
+            the root document that no other document refers to.
+        out: the archive to write; its folder is created if necessary.
+        variant: the only .ssd to be packed, as the archive's system.
         overwrite: whether `out` may exist.
 
     Raises:
-        SystemDescriptionError: the system is wrong, it is a multi-model or an FMU, or `out` exists or cannot be
-            written. Nothing has been written then.
+        SystemDescriptionError: the system is invalid, it is a multi-model or an FMU, or `out` exists or cannot be
+            written. Then nothing has been written.
     """
     given = Path(system)
     _refuse(given, out, overwrite=overwrite)
@@ -88,7 +88,7 @@ def _refuse(given: Path, out: Path, *, overwrite: bool) -> None:
 
 
 def _variants(root: Path) -> list[Path]:
-    """The .ssd files beside the root document that none of them refers to."""
+    """Returns the .ssd files in the folder of the root document that no document refers to."""
     documents = sorted(path for path in root.parent.glob("*.ssd") if path.is_file())
     parts = {
         reference.target
@@ -100,7 +100,7 @@ def _variants(root: Path) -> list[Path]:
 
 
 def _write(packing: _Packing, checked: CheckedSystem, out: Path) -> None:
-    """Writes the archive beside its place, checks that it is the same system, and moves it there."""
+    """Writes the archive to a temporary file, checks that it describes the same system, and moves it to its place."""
     part = out.with_name(f".{out.stem}.part.ssp")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -157,14 +157,14 @@ class _Packing:
         return candidate
 
     def _place(self, path: Path, *, document: bool) -> PurePosixPath:
-        """The place of a file, which is taken in on first use; files of one content and name share theirs."""
+        """Returns the place of a file, which is added on first use; files with the same content and name share one."""
         if path in self._places:
             return self._places[path]
         place = _RESOURCES / path.name
         if path.is_relative_to(self._base):
             inside = PurePosixPath(path.relative_to(self._base).as_posix())
             place = inside if inside.parts[0] == _RESOURCES.name else _RESOURCES / inside
-        # Not every tool undoes the escapes of a URI, so that names need none.
+        # Not every tool decodes the escapes of a URI, so names must not require any.
         place = PurePosixPath(*(_UNSAFE.sub("_", part) for part in place.parts))
         there = self.files.get(place)
         if not document and isinstance(there, Path) and there.read_bytes() == path.read_bytes():
@@ -197,7 +197,7 @@ class _Packing:
             self.files[place] = b"".join([*pieces, data[at:]])
 
     def _dialect(self, path: Path) -> PurePosixPath:
-        """The place of a MAVLink dialect; the files that it includes stay where they are beside it."""
+        """Returns the place of a MAVLink dialect; the files that it includes are placed in the same folder."""
         if path not in self._places:
             files = list(dict.fromkeys(_included(path, set())))
             top = Path(os.path.commonpath([file.parent for file in files]))
@@ -215,7 +215,7 @@ def _is_document(reference: Reference, target: Path) -> bool:
 
 
 def _included(path: Path, seen: set[Path]) -> Iterator[Path]:
-    """A dialect and all files that it includes; those that are built in need not be there."""
+    """Returns a dialect and all files that it includes; built-in files need not exist."""
     if path in seen:
         return
     seen.add(path)

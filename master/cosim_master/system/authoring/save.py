@@ -1,13 +1,13 @@
-"""Saves a changed system into its files; whatever has not changed stays byte for byte.
+"""Saves a changed system into its files; unchanged parts keep every byte.
 
     with read_system(path) as structure:
         system = replace(structure.system, connections=(*structure.system.connections, Connection(...)))
         save(structure, system)
 
-Elements, connectors, connections, parameter bindings, parameters and annotations can be added, removed and changed; so
-comments, layout, geometry and what other tools wrote stay where they are. What is written is read back and checked: a
-system is never saved that would not be read as it was meant, or that `check` refuses. Files of components (.ssd, .ssp)
-are systems of their own, to be changed in their own place.
+Elements, connectors, connections, parameter bindings, parameters and annotations can be added, removed and changed.
+Comments, layout, geometry and the contents written by other tools are preserved. The files are read back and checked: a
+system is saved only if it is read as intended and `check` accepts it. Files of components (.ssd, .ssp) are separate
+systems, which must be changed separately.
 """
 
 from __future__ import annotations
@@ -73,15 +73,15 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
     """Writes a changed system.
 
     Args:
-        structure: the result of `read_system`, without problems, still open.
+        structure: the result of `read_system`, without problems and still open.
         system: its new root system, made from `structure.system` with `dataclasses.replace`.
-        out: the target, which must not exist yet. A folder for a folder, an .ssp for an .ssp, and for an .ssd
-            another one in the same folder. None: `structure.path` itself. Sources that lead out of a folder are
-            rewritten to lead to the same files from the new one.
+        out: the target, which must not exist yet. A folder for a folder, an .ssp for an .ssp, and for an .ssd another
+            one in the same folder. None: `structure.path` itself. Sources that lead out of a folder are rewritten to
+            refer to the same files from the new one.
 
     Raises:
-        SystemDescriptionError: `check` refuses the new system, or it holds something that cannot be written;
-            everything is as it was then.
+        SystemDescriptionError: `check` refuses the new system, or it contains data that cannot be written; the files
+            are then unchanged.
         ValueError: `out` is not suitable.
 
     Returns:
@@ -115,7 +115,7 @@ def save(structure: SystemStructure, system: System, out: str | Path | None = No
 
 
 def _into_copy(structure: SystemStructure, system: System, changed: Mapping[Path, bytes], target: Path) -> None:
-    """Changes the copy of a folder or document, or removes it again."""
+    """Changes a copy of the folder or document, or removes it again after an error."""
     base, place = structure.document.parent, target.resolve()
     try:
         if target.is_dir():
@@ -140,7 +140,7 @@ def _write(texts: Mapping[Path, bytes]) -> None:
 
 
 def _replace(texts: Mapping[Path, bytes], structure: SystemStructure, system: System, document: Path) -> None:
-    """Writes files, reads the system back, and restores them if it differs from the one intended."""
+    """Writes files, reads the system back, and restores the files if the system differs from the intended one."""
     before = {path: path.read_bytes() for path in texts}
     try:
         _write(texts)
@@ -242,7 +242,7 @@ class _Changes:
         return []
 
     def _holders(self, file: _File, parent: Node, made: list[tuple[str, str]]) -> None:
-        """Inserts new lists where the standard wants them."""
+        """Inserts new lists at the position that the standard requires."""
         order = GRAMMAR[parent.tag].children
         anchored: dict[Node | None, list[str]] = {}
         for tag, text in sorted(made, key=lambda one: order.index(one[0])):
@@ -258,7 +258,7 @@ class _Changes:
                 file.edits += file.document.attribute(node, name, new)
 
     def _child(self, file: _File, node: Node, tags: Sequence[str], text: str | None) -> None:
-        """Gives an element the one child it may have of some tags, or none."""
+        """Sets, replaces or removes the only child that an element may have among some tags."""
         found = next((child for child in node.children if child.tag in tags), None)
         if found is not None and text is not None:
             file.edits.append(Edit(found.start, found.end, text.encode("ascii", "xmlcharrefreplace")))
@@ -297,7 +297,7 @@ class _Changes:
         self._holders(file, node, made)
 
     def _common(self, file: _File, node: Node, old: Any, new: Any) -> list[tuple[str, str]]:
-        """Connectors, parameter bindings and annotations, which all kinds of elements have."""
+        """Handles connectors, parameter bindings and annotations, which all kinds of elements have."""
         made = self._list(
             file,
             node,
@@ -436,7 +436,7 @@ def _Lenient() -> etree.XMLParser:
 
 
 def _connection_key(old: Sequence[Connection]) -> Callable[[Connection], Any]:
-    """Connections have no name: the same ends, or else the same place in the file, make the same connection."""
+    """Returns a key for a connection, which has no name: its ends, or else its place in the file, identify it."""
     ends = {_ends(item): item.where for item in old}
     counts: dict[Where, int] = {}
     for item in old:
@@ -445,7 +445,7 @@ def _connection_key(old: Sequence[Connection]) -> Callable[[Connection], Any]:
     def key(item: Connection) -> Any:
         if _ends(item) in ends:
             return _ends(item)
-        # One line may hold several connections; then only their ends tell them apart.
+        # If one line contains several connections, only their ends distinguish them.
         same = [known for known, where in ends.items() if where == item.where]
         return same[0] if len(same) == 1 and counts[item.where] == 1 else _ends(item)
 

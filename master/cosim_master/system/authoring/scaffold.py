@@ -1,6 +1,6 @@
-"""Starting points for models of one's own: a documented file that builds and flies as it is.
+"""Writes starting points for new models: documented files that build and fly without changes.
 
-The texts are templates that come with the models (`shipped.templates`); this module knows none of them.
+The texts are templates of the models' package (`shipped.templates`); this module does not depend on their contents.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ __all__ = ["commands_of", "new_model"]
 
 
 def new_model(kind: str, file: Path) -> str:
-    """Writes a starting point of a kind ("agent") for a model that has the name of the file: my_law.py has MyLaw.
+    """Writes a starting point of a kind ("agent") for a model named after the file: my_law.py contains MyLaw.
 
     Returns:
         The name of the model.
 
     Raises:
-        SystemDescriptionError: there is no such kind, the file exists or cannot be written, or its name is not that of
-            a Python module.
+        SystemDescriptionError: the kind does not exist, the file exists or cannot be written, or its name is not that
+            of a Python module.
     """
     templates = shipped.templates()
     if kind not in templates:

@@ -1,9 +1,9 @@
-"""A system as the pattern of a swarm of any size: its first drone, what all its drones have in common, its annotations.
+"""Extracts the pattern of a swarm from a system: its first drone, the values common to all drones, its annotations.
 
-A drone of a system is an element of the root that consists of FMUs. Its system id, place and neighbours are its own;
-start values that the drones share are the scenario's. The settings of the radio are kept, links and outages, which
-name drones, are not; but links that are alike for all drones, as those of a ring, are made for any number of them, and
-a start value that rises evenly from drone to drone goes on rising.
+A drone of a system is an element of the root that consists of FMUs. Its system id, position and neighbours belong to
+the drone; start values common to all drones belong to the scenario. The settings of the radio are kept, except links
+and outages, which name drones. However, links that follow the same pattern for all drones, as in a ring, are created
+for any number of drones, and a start value that rises evenly from drone to drone continues to rise.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ class Scenario:
     Attributes:
         drone: the first drone, with the start values that all drones of the system have.
         network: attributes of the annotation of the network.
-        annotations: those of the root system, without network and recording.
+        annotations: annotations of the root system, without network and recording.
         stop_time: s; None if the system names none.
-        numbered: paths below a drone of parameters that hold its system id in every drone, though they are declared as
-            nothing: whatever tells drones apart.
-        rising: start values that rise evenly: path below a drone, value of the first one, rise from one to the next.
-        ways: the links of a listed topology; None if they are not alike for all drones.
-        notes: parts left out, for the user.
+        numbered: paths below a drone of parameters that equal its system id in every drone, without being declared as
+            such, since they distinguish drones.
+        rising: start values that rise evenly: path below a drone, value of the first drone, rise from drone to drone.
+        ways: the links of a listed topology; None if they do not follow the same pattern for all drones.
+        notes: the omitted parts, for the user.
     """
 
     drone: Drone
@@ -79,7 +79,7 @@ def scenario_of(system: str | Path) -> Scenario:
     """Reads a system as a scenario.
 
     Raises:
-        SystemDescriptionError: it is wrong, it has no drones, or it has parts that belong to no drone.
+        SystemDescriptionError: the system is invalid, has no drones, or has parts that do not belong to a drone.
     """
     with read_system(system) as structure:
         if structure.archives:
@@ -124,14 +124,14 @@ def scenario_of(system: str | Path) -> Scenario:
 
 
 def _inside(element: Element) -> System | None:
-    """The system that a drone is; None for an FMU or a dictionary."""
+    """Returns the system of a drone; None for an FMU or a dictionary."""
     if isinstance(element, Component):
         return element.content
     return element if isinstance(element, System) else None
 
 
 def _refuse_what_cannot_be_repeated(first: Element, inside: System) -> None:
-    """Raises SystemDescriptionError if a drone is not FMUs from files of their own, wired inside of it."""
+    """Raises SystemDescriptionError unless a drone consists of FMUs in separate files that are connected inside it."""
     packed = isinstance(first, Component) and first.type == SSP_TYPE
     parts = [one for one in inside.elements if isinstance(one, Component) and one.type == FMU_TYPE]
     if packed or len(parts) != len(inside.elements) or inside.connectors or inside.signal_dictionaries:
@@ -143,7 +143,7 @@ def _refuse_what_cannot_be_repeated(first: Element, inside: System) -> None:
 
 
 def _of_each(fmus: Mapping[str, FmuDescription]) -> set[str]:
-    """Paths below a drone of the parameters that `Swarm` sets for each one, since their meanings are declared."""
+    """Returns paths below a drone of parameters that `Swarm` sets for each drone, since their meanings are declared."""
     has = declared(fmus)
     own = {*has.start, *has.system_ids}
     if has.formation is not None:
@@ -155,7 +155,7 @@ def _of_each(fmus: Mapping[str, FmuDescription]) -> set[str]:
 def _shared(
     checked: CheckedSystem, drones: Sequence[str], parts: Collection[str], own: Collection[str]
 ) -> tuple[dict[str, Value], list[str]]:
-    """Returns start values common to all these drones, by path below the drone, and the paths of those that differ."""
+    """Returns start values common to all these drones, by path below the drone, and the paths of differing ones."""
     starts = {one.name: one.start_values for one in checked.instances}
     tables = [
         {f"{part}.{name}": value for part in parts for name, value in starts[f"{drone}.{part}"].items()}

@@ -1,6 +1,6 @@
 """The references of a system's documents to other files: attributes, and the bytes of their values.
 
-The new value of a reference replaces these bytes and leaves every other one unchanged.
+A new value of a reference replaces only these bytes.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class Reference:
 
     Attributes:
         elements: names from the root system (excluded) to the component; empty for other references.
-        start, stop: where its value is in the bytes of the file.
-        target: the file it leads to, absolute; None if its value is not a relative path.
+        start, stop: position of its value in the bytes of the file.
+        target: absolute path of the referenced file; None if its value is not a relative path.
         fragment: the part after "#".
-        type: of a component, as it is written.
-        dialect: whether it leads to a MAVLink dialect; its value is then a path and not a URI.
+        type: type of a component, as written.
+        dialect: whether it refers to a MAVLink dialect; its value is then a path and not a URI.
     """
 
     elements: tuple[str, ...]
@@ -51,7 +51,7 @@ class Reference:
     dialect: bool = False
 
     def written(self, path: str) -> bytes:
-        """The value of the attribute if the file is at `path`, relative to the document; the fragment stays."""
+        """Returns the attribute's value if the file is at `path`, relative to the document, with the same fragment."""
         posix = Path(path).as_posix()
         if self.dialect:
             return escape(posix, {'"': "&quot;", "'": "&apos;"}).encode("ascii", "xmlcharrefreplace")
@@ -59,7 +59,7 @@ class Reference:
 
 
 def references(data: bytes, document: Path, shown: str) -> list[Reference]:
-    """Every reference of a document to another file, in order."""
+    """Returns every reference of a document to another file, in order."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
         raise _refusal(shown, ENCODING.text())
     found: list[Reference] = []

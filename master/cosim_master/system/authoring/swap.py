@@ -1,7 +1,7 @@
-"""Changes a system in its files: `swap` gives components another FMU and leaves every other byte as it is.
+"""Changes a system in its files: `swap` replaces the FMU of components and keeps every other byte.
 
-Only `source` attributes are touched, in the bytes of the file: comments, layout, geometry and everything foreign
-stay. A system is never written that `check` would refuse.
+Only the bytes of `source` attributes are changed: comments, layout, geometry and contents of other tools are preserved.
+A system that `check` would refuse is never written.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ __all__ = ["documents", "rebased", "swap"]
 def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | None = None) -> Path:
     """Replaces the FMU of one component of a system, or of all that a pattern matches.
 
-    An .ssd that serves other components too is copied, once for all that change alike, and only the references to it
-    are redirected; one whose every user changes is changed itself. Sources that lead out of the system's folder are
-    rewritten to lead to the same files from the new place.
+    An .ssd that other components also use is copied, once for all components with the same change, and only their
+    references are redirected. If all its users change, the .ssd itself is changed. Sources that lead out of the
+    system's folder are rewritten to refer to the same files from the new place.
 
     Args:
         system: .ssd, .ssp or folder.
         component: hierarchical name of the component ("drone3.vehicle"), or a pattern of such names ("drone*.vehicle").
-        fmu: the FMU it gets; an .ssp takes a copy of it into resources/.
+        fmu: the new FMU; an .ssp stores a copy of it in resources/.
         out: the new system: an .ssp or a folder, which must not exist. None changes `system` itself.
 
     Returns:
         The path written: `out`, or `system`.
 
     Raises:
-        SystemDescriptionError: the system is wrong, the component does not exist, or the FMU does not fit its
-            connectors and parameters; every mismatch at once. Nothing has been written then.
+        SystemDescriptionError: the system is invalid, the component does not exist, or the FMU does not match its
+            connectors and parameters; all mismatches are reported at once. Then nothing has been written.
     """
     with read_system(system) as structure:
         chains = _chains(structure, component)
@@ -87,7 +87,7 @@ def _walk(system: System, name: str, chain: tuple[Element, ...]) -> Iterator[tup
 
 
 def _chains(structure: SystemStructure, component: str) -> list[tuple[Element, ...]]:
-    """The elements from the root system (excluded) to each component (included) that a name or pattern stands for."""
+    """Returns the elements from the root system (excluded) to each component (included) that a pattern means."""
     everything = list(_walk(structure.system, "", ()))
     fmus = {name: chain for name, chain in everything if isinstance(chain[-1], Component) and _is_fmu(chain[-1])}
     names = [component]
@@ -108,7 +108,7 @@ def _chain(
     found: Sequence[tuple[Element, ...]],
     fmus: Mapping[str, tuple[Element, ...]],
 ) -> tuple[Element, ...]:
-    """The one of the elements found under a name, if it is an FMU that can be swapped."""
+    """Returns the only element found under a name, if it is an FMU that can be swapped."""
     if not found:
         raise _refusal(str(structure.path), f'there is no component "{component}"; {near(component, fmus)}')
     if len(found) > 1:
@@ -137,9 +137,9 @@ def _is_fmu(component: Component) -> bool:
 
 
 def _check_fit(structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path) -> None:
-    """Checks the changed system. A parameter that the new FMU lacks is a mismatch here, not a note."""
+    """Checks the changed system. Here, a parameter that the new FMU lacks is a mismatch, not a note."""
     gone = {one[-1].where for one in chains if isinstance(one[-1], Component) and one[-1].source is None}
-    # That the old FMU is missing may be why it is swapped.
+    # The old FMU may be swapped because it is missing.
     problems = [
         problem
         for problem in structure.problems
@@ -174,7 +174,7 @@ def _exchanged(system: System, path: tuple[str, ...], targets: set[tuple[str, ..
 
 
 def documents(structure: SystemStructure) -> Iterator[Path]:
-    """The .ssd files of a system: its root, those of components, and the variants beside the root."""
+    """Returns the .ssd files of a system: its root, those of components, and the variants in the folder of the root."""
     yield structure.document
     if structure.path.suffix.lower() != ".ssd":
         yield from structure.document.parent.glob("*.ssd")
@@ -186,8 +186,9 @@ def documents(structure: SystemStructure) -> Iterator[Path]:
 
 
 def rebased(data: bytes, old: Path, new: Path, base: Path) -> bytes:
-    """The bytes of a document that moves from `old` to `new`: sources that lead out of the folder `base`, which moves
-    with it, are rewritten to lead to the same files."""
+    """Returns a document that moves from `old` to `new` with its folder `base`.
+
+    Sources that lead out of `base` are rewritten to refer to the same files."""
     pieces, at = [], 0
     for reference in references(data, old, str(old)):
         if reference.target is None or reference.target.is_relative_to(base):
@@ -240,7 +241,7 @@ class _Edition:
         return PurePosixPath(path.relative_to(self.base).as_posix()) if path.is_relative_to(self.base) else None
 
     def _take_over(self) -> None:
-        """The files of the old system that the new one has too, unchanged at first."""
+        """Adds the files of the old system to the new one, unchanged at first."""
         given = self.structure.path
         if given.is_dir() or given.suffix.lower() == ".ssp":
             members = [path for path in sorted(self.base.rglob("*")) if path.is_file()]
@@ -256,7 +257,7 @@ class _Edition:
             self.places[path] = relative
 
     def _reachable(self) -> set[Path]:
-        """The documents of the system and every existing file they lead to."""
+        """Returns the documents of the system and every existing file that they refer to."""
         found = set(self.documents)
         for document in self.documents:
             found_here = references(document.read_bytes(), document, str(document))
@@ -277,7 +278,7 @@ class _Edition:
                 placed[document, own[document]] = self.places[document]
             for one in changes:
                 place = self._copy_name(document, wanted[one])
-                self.files[place] = document  # the name is taken
+                self.files[place] = document  # reserves the name
                 placed[document, one] = place
                 copies.append((document, one, place))
         for document in [path for path in self.places if path in self.documents]:
@@ -311,7 +312,7 @@ class _Edition:
     def _redirected(
         self, change: _Change, placed: Mapping[tuple[Path, _Change], PurePosixPath]
     ) -> dict[tuple[str, ...], PurePosixPath | Path]:
-        """Returns the new targets of the sources that a change concerns, by the names that lead to them."""
+        """Returns the new targets of the sources that a change affects, by the names that lead to them."""
         fmu = self._packed(self.fmu) if self.packing else self.fmu
         return {names: fmu if inner is None else placed[inner, deeper] for names, inner, deeper in change}
 
@@ -329,7 +330,7 @@ class _Edition:
         return candidate
 
     def _packed(self, path: Path) -> PurePosixPath:
-        """The place in the archive of a file from outside; it is taken in on first use."""
+        """Returns the place of an external file in the archive; it is added on first use."""
         if path not in self.places:
             folder = PurePosixPath("resources")
             same = folder / path.name
@@ -375,7 +376,7 @@ class _Edition:
         self.places.setdefault(document, place)
 
     def write(self) -> None:
-        """Writes the new system: all of it beside its place first, so that a failure leaves no half-written files."""
+        """Writes the new system to a temporary place first, so that a failure leaves no half-written files."""
         if self.in_place and not self.packing:
             self._write_changed()
             return
@@ -400,7 +401,7 @@ class _Edition:
             shutil.rmtree(part, ignore_errors=True)
 
     def _write_changed(self) -> None:
-        # Copies first: the document that refers to them is replaced last, when everything it needs is there.
+        # Copies are written first: the document that refers to them is replaced last, when all files exist.
         changed = [
             (self.base / place, content if isinstance(content, bytes) else content.read_bytes())
             for place, content in self.files.items()

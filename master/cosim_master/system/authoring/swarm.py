@@ -1,4 +1,4 @@
-"""A swarm built in Python, and saved as SSP and nothing else.
+"""Builds a swarm in Python and saves it as ordinary SSP.
 
     swarm = Swarm("pair")
     swarm.add("west", position=(0.0, 0.0), stays=True)
@@ -9,11 +9,11 @@
     swarm.save("pair")
     simulate(swarm)
 
-What is written is an ordinary system folder: one .ssd for each kind of drone, to which the drones of the root SSD
-refer, and one .ssv with the differences between them. The result has no trace of being generated.
+The result is an ordinary system folder: one .ssd for each kind of drone, to which the drones of the root SSD refer, and
+one .ssv with the differences between them. It has no trace of being generated.
 
-Drones are made of the parts of a scenario, which other FMUs may replace. Where a drone starts, its system id and its
-neighbours are set by the parameters that the FMUs declare for it.
+Drones consist of the parts of a scenario, which other FMUs may replace. The start position of a drone, its system id
+and its neighbours are set by the parameters that the FMUs declare for them.
 """
 
 from __future__ import annotations
@@ -84,19 +84,19 @@ class _Member:
 
 
 class Swarm:
-    """Drones, the radio links and connections between them: a system that is being written.
+    """A system under construction: drones, and the radio links and connections between them.
 
     Args:
-        name: of the system.
+        name: name of the system.
         like: the system whose first drone is the pattern of all drones, and whose radio they have: a file, a folder, or
             the name of a shipped one.
         network: attributes of the annotation of the network that replace those of `like`, e.g. {"loss": 0.1}.
-        stop_time: of the DefaultExperiment, s; None: that of `like`.
-        recorded_every: s between two rows of a recording.
-        fmus: folder in which FMUs of models are looked for before those that come with this project.
+        stop_time: stop time of the DefaultExperiment, s; None: that of `like`.
+        recorded_every: time between two rows of a recording, s.
+        fmus: folder in which FMUs of models are searched before those of this project.
 
     Attributes:
-        notes: the parts of `like` left out, for the user.
+        notes: the omitted parts of `like`, for the user.
 
     Raises:
         SystemDescriptionError: `like` is not the pattern of a swarm.
@@ -126,18 +126,18 @@ class Swarm:
         self._recorded_every = recorded_every
         self._fmus = fmus
         self._members: dict[str, _Member] = {}
-        self._drones = self._systems = 0  # how many drones, and how many members with a system id
+        self._drones = self._systems = 0  # numbers of drones, and of members with a system id
         self._links: dict[tuple[str, str], None] = {}
         self._connections: dict[tuple[str, str], Connection] = {}  # by the end of each
         self._known: dict[Path, FmuDescription] = {}
         self._kinds: dict[tuple[tuple[str, Path], ...], Drone] = {(): self._drone}
         self._folder: Path | None = None
 
-    # ---- what it consists of -----------------------------------------------------------------------------------------
+    # ---- contents ----------------------------------------------------------------------------------------------------
 
     @property
     def members(self) -> tuple[str, ...]:
-        """Names of all drones and FMUs, as they were added."""
+        """The names of all drones and FMUs, in the order in which they were added."""
         return tuple(self._members)
 
     def add(
@@ -154,11 +154,13 @@ class Swarm:
         """Adds a drone, or with `fmu` a single FMU of the root.
 
         Args:
-            name: of its component, "drone1", "drone2", ... if it is empty.
-            position: where it starts, (north, east) or (north, east, down) [m]; where its FMU starts if it is empty.
-            system_id: MAVLink's; that of the first drone is 1 and of each further one the next, from 250 on again 1.
-            stays: it keeps its place, if its agent follows a law in which some do.
-            values: start values by PART.VARIABLE, "agent.altitude"; of a single FMU by variable. Arrays take sequences.
+            name: name of its component; "drone1", "drone2", ... if it is empty.
+            position: start position, (north, east) or (north, east, down) [m]; if it is empty, that of its FMU.
+            system_id: its MAVLink system id; by default 1 for the first drone and the next number for each further one;
+                after 250, 1 follows.
+            stays: it is stationary, if its agent follows a law with stationary agents.
+            values: start values by PART.VARIABLE ("agent.altitude"), or by variable for a single FMU. Arrays require
+                sequences.
             fmu: the single FMU.
             parts: FMUs that replace parts of the drone, or are added to it, `vehicle="Mine"`. An FMU is a file or
                 the name of a model that has been built.
@@ -167,7 +169,8 @@ class Swarm:
             The name.
 
         Raises:
-            SystemDescriptionError: the name is taken, the FMU or variable does not exist, or a value has no place.
+            SystemDescriptionError: the name is already used, the FMU or variable does not exist, or a value cannot be
+                assigned.
         """
         given = name or f"drone{self._drones + 1}"
         if given in self._members:
@@ -201,7 +204,7 @@ class Swarm:
         return given
 
     def connect(self, first: str, second: str) -> None:
-        """Connects two drones by radio, or a port with a port.
+        """Connects two drones by radio, or two ports.
 
         Drones, "drone1" and "drone2", get a radio link; the topology of the network is then "listed". If their agents
         follow a law on a line, `second` is the eastern neighbour of `first`. Ports, "wind.velocity" and
@@ -209,7 +212,8 @@ class Swarm:
         other an input.
 
         Raises:
-            SystemDescriptionError: the drone or port does not exist, the ports do not fit, or there is a neighbour.
+            SystemDescriptionError: the drone or port does not exist, the ports are incompatible, or a drone already has
+                this neighbour.
         """
         ends = [self._end(one) for one in (first, second)]
         if all(not port for _, port in ends):
@@ -224,7 +228,7 @@ class Swarm:
 
     @property
     def system(self) -> System:
-        """The root system, with the systems of drones inside, as `read_system` reads it once it is saved."""
+        """Returns the root system with the systems of drones inside, equal to that of `read_system` after saving."""
         return self._root(Path())[0]
 
     def save(self, folder: str | Path) -> Path:
@@ -272,10 +276,10 @@ class Swarm:
         return target
 
     def __fspath__(self) -> str:
-        """The folder that it was saved to, so that `simulate(swarm)` and whatever takes a path takes the swarm.
+        """Returns the folder that the swarm was saved to, so that `simulate` and other users of paths accept a swarm.
 
         Raises:
-            SystemDescriptionError: it has not been saved, or has been changed since.
+            SystemDescriptionError: the swarm has not been saved, or has been changed since.
         """
         if self._folder is None:
             raise self._wrong(self.name, "is not saved as it is: call save(FOLDER) first")
@@ -296,7 +300,7 @@ class Swarm:
         return {part: self._known[file] for part, file in files.items()}
 
     def _kind(self, parts: Mapping[str, str | Path]) -> Drone:
-        """The drone with these FMUs in place of its own; one object for all drones that are alike."""
+        """Returns the drone with these FMUs in place of its own; equal drones share one object."""
         fmus = self._described(parts)
         key = tuple(sorted((part, fmu.path) for part, fmu in fmus.items()))
         if key not in self._kinds:
@@ -349,7 +353,7 @@ class Swarm:
         self._links[pairs[0]] = None
 
     def _port(self, member: _Member, port: str) -> tuple[_Member, str, tuple[str, ...], str]:
-        """A port of a member: its part, its elements, and its causality."""
+        """Returns a port of a member: its part, its elements, and its causality."""
         part, _, name = port.rpartition(".")
         if part not in member.parts:
             known = [one for one in member.parts if one]
@@ -386,7 +390,7 @@ class Swarm:
     # ---- the description ---------------------------------------------------------------------------------------------
 
     def _root(self, folder: Path) -> tuple[System, dict[str, Drone]]:
-        """The root system as it is in a folder, and the drones by the file that describes them."""
+        """Returns the root system as it is in a folder, and the drones by the file that describes them."""
         kinds: dict[str, Drone] = {}
         files: dict[tuple[int, tuple[tuple[str, str], ...]], str] = {}
         elements = []
@@ -417,7 +421,7 @@ class Swarm:
         return root, kinds
 
     def _file(self, drone: Drone, kinds: Mapping[str, Drone]) -> str:
-        """A name for the document of a drone: the first is drone.ssd, others are named by the parts that differ."""
+        """Returns a name for a drone's document: the first is drone.ssd, others are named after differing parts."""
         if not kinds:
             return "drone.ssd"
         first = next(iter(kinds.values()))
@@ -496,7 +500,7 @@ def _annotation(kind: str, tag: str, attributes: Mapping[str, str]) -> Annotatio
 
 
 def _text(value: float | str) -> str:
-    """A number or a text as an attribute has it."""
+    """Returns a number or a text in the form of an attribute."""
     if isinstance(value, str):
         return value
     return str(value) if isinstance(value, int) else repr(float(value)).replace("inf", "INF")

@@ -1,1 +1,1 @@
-"""Flattening: from a structure to a checked system of instances, connections and start values, with names resolved."""
+"""Converts a structure to a checked, flat system of instances, connections and start values, with names resolved."""

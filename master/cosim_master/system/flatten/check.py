@@ -1,7 +1,7 @@
-"""Compares a described system with its FMUs and flattens it: everything a run needs, with all names resolved.
+"""Compares a described system with its FMUs and flattens it: the result has all data for a run, with names resolved.
 
-`check` raises every problem of every file, FMU, connection and parameter at once. Its result is plain data;
-no FMU has been loaded.
+`check` raises every problem of every file, FMU, connection and parameter at once. Its result is plain data; no FMU is
+loaded.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def check(structure: SystemStructure, overrides: Mapping[str, str] | None = None
     Args:
         structure: the result of `read_system`.
         overrides: start values by hierarchical name ("drone1.autopilot.WPNAV_SPEED") or pattern
-            ("drone*.vehicle.mass"), and settings of radio and recording ("network.loss"), as text. They win over
-            everything in the files, and of two for the same variable the later one wins.
+            ("drone*.vehicle.mass"), and settings of radio and recording ("network.loss"), as text. They override all
+            values in the files; of two values for the same variable, the later one takes precedence.
 
     Raises:
         SystemDescriptionError: all problems of the structure, its FMUs, connections and parameters.
@@ -80,10 +80,10 @@ def _interface(fmu: FmuDescription) -> str:
 
 
 def _positive(name: str, text: str | None) -> float | None:
-    """A number of <solver>, None where the attribute is absent.
+    """Returns a number of <solver>, or None if the attribute is absent.
 
     Raises:
-        ValueError: it is not a positive number.
+        ValueError: the text is not a positive number.
     """
     if text is None:
         return None
@@ -144,9 +144,9 @@ class _Check:
     def _initial_order(
         self, links: tuple[FlatConnection, ...], fmus: Mapping[str, FmuDescription]
     ) -> tuple[Stage, ...]:
-        """The stages of `CheckedSystem.init_order`.
+        """Returns the stages of `CheckedSystem.init_order`.
 
-        A local variable must not be read in initialization mode unless it is an unknown of it (FMI 2.0.5, 4.2.4).
+        In initialization mode, only local variables that are unknowns of this mode may be read (FMI 2.0.5, 4.2.4).
         """
         readable = []
         for index, link in enumerate(links):
@@ -166,7 +166,7 @@ class _Check:
         return tuple(Stage(tuple(readable[index] for index in stage.links), stage.loop) for stage in stages)
 
     def _described(self) -> dict[Path, FmuDescription | None]:
-        """The description of every FMU file, read once however many components use it."""
+        """Returns the description of every FMU file. A file is read once, however many components use it."""
         found: dict[Path, FmuDescription | None] = {}
         tables: dict[Path, list[Component]] = {}
         seen: set[int] = set()
@@ -215,11 +215,11 @@ class _Check:
             return None
 
     def _sized(self, fmus: Mapping[Path, FmuDescription | None]) -> dict[str, FmuDescription]:
-        """Returns descriptions of parts whose arrays the system resizes (structural parameters),
-        and of those for which it names one of two interfaces.
+        """Returns descriptions of parts with arrays resized by the system, or with an interface selected by it.
 
-        Arrays are ports, one for each element, so that everything depends on their sizes; what sets those is found by
-        going through all bindings once before. Whatever else is wrong then is found again.
+        Structural parameters determine the sizes of arrays. Each element of an array is a port, so the ports depend on
+        these sizes. The values of structural parameters are therefore collected in a first pass over all bindings.
+        Other problems found in this pass are found again later.
         """
         structural = (v.causality == "structuralParameter" for f in fmus.values() if f for v in f.variables.values())
         if self._implementations <= {"any"} and not any(structural):
@@ -263,7 +263,7 @@ class _Check:
             return None
 
     def _unique(self, parts: list[Part]) -> None:
-        """Gives components names of their own; the standard allows punning (SSP 2.0, section 5.2.3)."""
+        """Gives components unique names; the standard allows equal names (SSP 2.0, section 5.2.3)."""
         first: dict[str, Part] = {}
         for part in parts:
             name, number = part.name, 1
@@ -371,7 +371,7 @@ class _Check:
         return tuple(instances)
 
     def _step_size(self, part: Part) -> float | None:
-        """The communication step the system gives an FMU: our annotation's, else OMSimulator's."""
+        """Returns the communication step that the system sets for an FMU: our annotation's, or else OMSimulator's."""
         annotation = self._nearest(part, STEPPING)
         if annotation is not None:
             return self._stepping(annotation)
@@ -390,7 +390,7 @@ class _Check:
         return None
 
     def _named_by_omsimulator(self, part: Part) -> Named | None:
-        """The solver that OMSimulator's annotation of a component names, as a system around it has it."""
+        """Returns the solver that OMSimulator's annotation of a component names, as defined in a surrounding system."""
         own = (one for one in part.element.annotations if one.type == OMSIMULATOR)
         names = [settings_of_omsimulator(one).uses for one in own]
         if not names or (name := names[0]) is None:
@@ -399,7 +399,7 @@ class _Check:
         return None if annotation is None else settings_of_omsimulator(annotation).named[name]
 
     def _solver(self, part: Part) -> Choice | None:
-        """The solver the system gives an FMU for Model Exchange."""
+        """Returns the solver that the system sets for an FMU for Model Exchange."""
         annotation = self._nearest(part, SOLVER)
         if annotation is None:
             if (named := self._named_by_omsimulator(part)) is not None and named.solver is not None:
@@ -430,7 +430,7 @@ class _Check:
         return Choice(name, **numbers, restart=restart == "true")
 
     def _nearest(self, part: Part, kind: str, fits: Callable[[Annotation], bool] = lambda _: True) -> Annotation | None:
-        """The nearest annotation of a type around a part that fits."""
+        """Returns the nearest matching annotation of a type, on the part or on a surrounding system."""
         owner: Part | None = part
         while owner is not None:
             inner = owner.system.annotations if owner.system is not None else ()
@@ -467,7 +467,7 @@ class _Check:
         return step
 
     def _silent_clocks(self, instances: tuple[ComponentInstance, ...], links: tuple[FlatConnection, ...]) -> None:
-        """Triggered Clocks tick when another one makes them; time-based ones by themselves, connected or not."""
+        """Notes triggered Clocks that no other Clock drives, which never tick. Time-based Clocks tick by themselves."""
         driven = {link.target for link in links}
         for instance in instances:
             for v in instance.fmu.variables.values():
@@ -476,7 +476,7 @@ class _Check:
                     self.notes.append(SILENT_CLOCK.text(instance.name, v.name))
 
     def _wide_items(self, instances: tuple[ComponentInstance, ...], links: tuple[FlatConnection, ...]) -> None:
-        """Enumerations of which a value might be carried that the master cannot carry."""
+        """Reports enumerations with values that the master cannot represent, if a connection could carry one."""
         low, high = INTEGER_RANGES["Integer"]
         wide: dict[Path, list[tuple[Variable, str, int]]] = {}
         for one in instances:

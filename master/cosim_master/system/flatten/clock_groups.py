@@ -1,4 +1,4 @@
-"""Instances that Clocks tie together (FMI 3.0.2, sections 2.2.8, 2.3)."""
+"""Groups of instances that Clocks connect (FMI 3.0.2, sections 2.2.8, 2.3)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ __all__ = ["lockstep"]
 
 
 def lockstep(checked: CheckedSystem) -> tuple[tuple[int, ...], ...]:
-    """Groups of two or more instances, by number, that are connected by Clocks or by variables that belong to Clocks.
+    """Returns groups of at least two instances that are connected by Clocks or by variables that belong to Clocks.
 
-    Their events happen at one time, so they step together: to the next tick or event of any of them.
+    Instances are given by number. Their events are simultaneous, so they step together to the next tick or event of any
+    of them.
     """
     number = {one.name: i for i, one in enumerate(checked.instances)}
     clocked = {i for i, one in enumerate(checked.instances) if any(v.clock for v in one.fmu.variables.values())}

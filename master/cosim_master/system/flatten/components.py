@@ -1,7 +1,7 @@
-"""The parts of a running system and their ports: the same .ssd used by five drones is one `System` and five parts.
+"""The parts of a running system and their ports: an .ssd used by five drones is one `System` and five parts.
 
-What a connector leaves open (type, unit, items) is taken from the FMU, and whatever it says otherwise than the FMU is
-a problem. Array connectors of systems become one port per element. Connections are not looked at.
+Properties that a connector does not specify (type, unit, items) are taken from the FMU; a contradiction to the FMU is a
+problem. Array connectors of systems become one port per element. Connections are not handled here.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ __all__ = ["Part", "Port", "assemble", "element_name", "indices_of", "measure"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Port:
-    """A connector of a part, with what its file leaves out taken from the FMU. Compared by identity.
+    """A connector of a part, with properties missing in its file taken from the FMU. It is compared by identity.
 
     Attributes:
         variable: the FMU's variable, for a connector of an FMU.
-        entry: the signal it stands for, for a connector of a reference to a signal dictionary.
+        entry: the signal that it represents, for a connector of a reference to a signal dictionary.
         interval_variability: of a Clock; None if neither file declares it.
     """
 
@@ -71,13 +71,13 @@ class Part:
 
     Attributes:
         name: hierarchical name ("drone1.vehicle"); empty for the root system.
-        system: the contents of a system, or of a component that is one; None for an FMU.
+        system: the contents of a system, or of a component that contains a system; None for an FMU.
         fmu: None for systems, and for a component whose FMU could not be described.
-        broken: its file could not be read; it causes no further problems.
+        broken: its file could not be read; further problems of it are not reported.
         ports: by name; the elements of an array connector "A" are "A[1]", "A[1,2]".
-        shapes: of its array connectors.
-        open: array connectors of a system whose sizes its file does not say, until what they are connected to does.
-        dictionaries: the signals of the dictionaries it defines.
+        shapes: the shapes of its array connectors.
+        open: array connectors of a system without a size in its file, until a connection determines the size.
+        dictionaries: the signals of the dictionaries that it defines.
     """
 
     name: str
@@ -93,14 +93,14 @@ class Part:
     dictionaries: dict[str, Part] = field(default_factory=dict)
 
     def walk(self) -> Iterator[Part]:
-        """This part and all parts in it, outer before inner."""
+        """Yields this part and all parts in it, outer before inner."""
         yield self
         for child in self.children.values():
             yield from child.walk()
 
 
 def measure(root: System, problems: list[Problem]) -> bool:
-    """Returns whether a system is small enough to be expanded; a few "#id" can stand for billions of components.
+    """Returns whether a system is small enough to be expanded; a few "#id" can represent billions of components.
 
     Args:
         root: the root system.
@@ -109,7 +109,7 @@ def measure(root: System, problems: list[Problem]) -> bool:
     sizes: dict[int, tuple[int, int]] = {}
 
     def extent(system: System, level: int) -> tuple[int, int]:
-        """Parts in a system, and how deep they are nested."""
+        """Returns the number of parts in a system, and the depth of their nesting."""
         if level > MAX_DEPTH:
             return 1, MAX_DEPTH + 1
         if id(system) not in sizes:
@@ -136,13 +136,13 @@ def assemble(
     notes: list[str],
     sized: Mapping[str, FmuDescription] | None = None,
 ) -> Part:
-    """The tree of parts of a system.
+    """Returns the tree of parts of a system.
 
     Args:
         root: the root system.
         fmus: descriptions by source path; None for a file that could not be described.
         problems, notes: appended to.
-        sized: descriptions by hierarchical name that go before those by source path.
+        sized: descriptions by hierarchical name, which override those by source path.
     """
     assembly = _Assembly(fmus, problems, notes, sized or {})
     part = assembly.part(root, None)
@@ -202,7 +202,7 @@ class _Assembly:
             part.dictionaries.setdefault(dictionary.name, holder)
 
     def _reference(self, part: Part, element: SignalDictionaryReference) -> None:
-        """The ports of a reference; the dictionary is looked for from its system outwards (SSP 2.0, section 5.5)."""
+        """Returns the ports of a reference; the dictionary is searched from its system outwards (SSP 2.0, 5.5)."""
         around, known = part.parent, list[str]()
         while around is not None and element.dictionary not in around.dictionaries:
             known += around.dictionaries
@@ -262,7 +262,7 @@ class _Assembly:
             part.ports[name] = replace(port, name=name)
 
     def settle(self, root: Part) -> None:
-        """Gives array connectors of open size the size of what they are connected to, through however many systems."""
+        """Gives array connectors of open size the size of the connectors at the other end, through all systems."""
         waiting = [(part, name) for part in root.walk() for name in part.open]
         joined = _joined(root) if waiting else {}
         known = [(end, (part, name)) for part, name in waiting for end in joined.get((id(part), name), ())]
@@ -288,7 +288,7 @@ class _Assembly:
         self._ports(part, replace(connector, dimensions=tuple(Dimension(size) for size in shape)), port)
 
     def _system_port(self, part: Part, inner: Connector, outer: Connector | None) -> None:
-        """Adds a connector of a system; `outer` is its declaration at the component that stands for the system."""
+        """Adds a connector of a system; `outer` is its declaration at the component that represents the system."""
         if outer is not None:
             if outer.kind != inner.kind:
                 text = f'connector "{inner.name}" is {outer.kind} here and {inner.kind} inside, at {inner.where}'
@@ -364,7 +364,7 @@ class _Assembly:
         )
 
     def _fmu_array(self, part: Part, connector: Connector, fmu: FmuDescription) -> None:
-        """An array of FMI 3 as one connector: a port for each of its elements."""
+        """Returns an array of FMI 3 as one connector, with one port per element."""
         shape = fmu.shapes[connector.name]
         sizes = tuple(dimension.size for dimension in connector.dimensions)
         if (connector.dimensions and any(s not in (None, n) for s, n in zip(sizes, shape, strict=False))) or (
@@ -422,7 +422,7 @@ def _agree(sizes: Sequence[int | None], others: Sequence[int | None]) -> bool:
 
 
 def _joined(root: Part) -> dict[tuple[int, str], list[tuple[Part, str]]]:
-    """For each connector, by its part's id and its name: those it is connected to as a whole."""
+    """Returns, for each connector (by its part's id and its name), the connectors connected to it as a whole."""
     joined: dict[tuple[int, str], list[tuple[Part, str]]] = {}
     for part in root.walk():
         for one in () if part.system is None else part.system.connections:
@@ -437,22 +437,22 @@ def _joined(root: Part) -> dict[tuple[int, str], list[tuple[Part, str]]]:
 
 
 def _said(own: Unit | None, other: Unit | None) -> Unit | None:
-    """The unit of a connector: its own, or the other side's where its own says nothing or has no definition."""
+    """Returns the unit of a connector: its own, or the other side's if its own is missing or has no definition."""
     return own if own is not None and (own.base is not None or other is None) else other
 
 
 def _described(connector: Connector) -> tuple[Any, ...]:
-    """Type, unit, items, no variable, and MIME type, as `Port` has them."""
+    """Returns type, unit, items, no variable, and MIME type, as in `Port`."""
     return connector.type, connector.unit, connector.items, None, connector.mime_type
 
 
 def indices_of(shape: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
-    """The indices of all elements of an array, last index fastest; one empty tuple for a scalar."""
+    """Yields the indices of all elements of an array, last index fastest; one empty tuple for a scalar."""
     return product(*(range(1, size + 1) for size in shape))
 
 
 def element_name(name: str, indices: tuple[int, ...]) -> str:
-    """The name of an element of an array connector: "A[1,2]"; of a scalar, its own."""
+    """Returns the name of an element of an array connector, such as "A[1,2]"; for a scalar, its own name."""
     return f"{name}[{','.join(map(str, indices))}]" if indices else name
 
 
@@ -461,7 +461,7 @@ def _by(shape: tuple[int, ...]) -> str:
 
 
 def _exact(variable: Variable) -> str:
-    """The type of a variable in SSP's words: "UInt8" where FMI 3 has it so, "Integer" for the Int32 of both."""
+    """Returns the type of a variable in SSP's terms: "UInt8" for such a variable of FMI 3, "Integer" for Int32."""
     own = variable.fmi_type if variable.type in ("Real", "Integer") and variable.fmi_type else variable.type
     return SAME_TYPE.get(own, own)
 

@@ -20,9 +20,10 @@ _WHOLE = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "UInt32"
 
 
 def compatible(source: str | None, target: str | None) -> bool:
-    """Returns whether a value of type `source` may go to `target`: the same, widening without loss, or unknown.
+    """Returns whether a value of type `source` may be passed to `target`: equal, widening without loss, or unknown.
 
-    A Boolean goes to numbers, true as 1; SSP leaves such conversions to the implementation (SSP 2.0, 5.3.2.1).
+    A Boolean is converted to numbers, with true as 1; SSP leaves such conversions to the implementation (SSP 2.0,
+    5.3.2.1).
     """
     if source is None or target is None or source == target:
         return True
@@ -59,7 +60,7 @@ def listed(items: Mapping[str, int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class MappedEnd:
-    """One end of a mapping transformation: how messages call it, and its type and enumeration items where known."""
+    """One end of a mapping transformation: its name in messages, and its type and enumeration items if known."""
 
     name: str
     type: str | None
@@ -72,7 +73,7 @@ def mapping_entries(
     """Returns the entries of a mapping transformation as numbers; `problems` receives its errors.
 
     Returns:
-        Source value -> target value, complete only if there was no problem.
+        Source value -> target value; complete only without problems.
     """
 
     def problem(text: str) -> None:

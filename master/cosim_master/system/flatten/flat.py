@@ -1,6 +1,6 @@
-"""A checked system as plain data: instances, links between their variables, start values, all names resolved.
+"""A checked system as plain data: instances, links between their variables, start values, with all names resolved.
 
-`check` makes it; no FMU has been loaded.
+`check` creates it; no FMU is loaded.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ __all__ = ["Alias", "CheckedSystem", "ComponentInstance", "FlatConnection", "Own
 
 @dataclass(frozen=True, slots=True)
 class ComponentInstance:
-    """An FMU instance to be.
+    """The description of an FMU instance of a system.
 
     Attributes:
         name: hierarchical name ("drone1.vehicle"), unique.
         start_values: the values set by the system, in the FMU's units and types (enumerations as integers).
-        step_size: communication step in s: the system's, else the FMU's own, else None.
-        solver: of an FMU for Model Exchange, None for all others.
-        step_source: the origin of the step size, "system" or "FMU"; empty without one.
+        step_size: communication step in s: the system's, or the FMU's own, or None.
+        solver: solver of an FMU for Model Exchange, None for all others.
+        step_source: the origin of the step size, "system" or "FMU"; empty without a step size.
     """
 
     name: str
@@ -62,7 +62,7 @@ class ComponentInstance:
         return {name: float(value) for name, value in self.start_values.items() if variables[name].clock is not None}
 
     def effective_values(self) -> dict[str, Start]:
-        """Returns start values of all parameters and inputs: the system's if it sets one, else the FMU's."""
+        """Returns start values of all parameters and inputs: the system's value if it sets one, or the FMU's."""
         own = {
             variable.name: variable.start
             for variable in self.fmu.variables.values()
@@ -76,14 +76,14 @@ class ComponentInstance:
 
 @dataclass(frozen=True, slots=True)
 class FlatConnection:
-    """One variable driving another: value_target = factor * mapped(value_source) + offset.
+    """A link from one variable to another: value_target = factor * mapped(value_source) + offset.
 
-    Unit conversions and linear transformations of all connections on the way are in factor and offset, which are
-    1 and 0 for everything but Reals. Mapping transformations are in `mapping`: (source value, target value) of
-    Integers, Enumerations or Booleans, sorted; other values stay as they are.
-    `initial_only` links end at a parameter: exchanged while initializing only. `recoded` links carry packets between an
-    FMU of FMI 2 and one of FMI 3: "to bytes" or "to text" (base64); bytes are hexadecimal text in Python.
-    Where several links have one target, its value is their sum, in the order of `term`, which no other link has.
+    Factor and offset combine the unit conversions and linear transformations of all connections between them; they are
+    1 and 0 except for Reals. Mapping transformations are in `mapping`: (source value, target value) of Integers,
+    Enumerations or Booleans, sorted; other values are unchanged. `initial_only` links end at a parameter: they are
+    exchanged only during initialization. `recoded` links carry packets between an FMU of FMI 2 and one of FMI 3: "to
+    bytes" or "to text" (base64); bytes are hexadecimal text in Python. If several links have the same target, its value
+    is their sum, in the order of `term`; other links have no `term`.
     """
 
     source: tuple[str, str]
@@ -97,10 +97,10 @@ class FlatConnection:
     term: int | None = None
 
     def converted(self, value: Any) -> Any:
-        """The target's value for a value of the source.
+        """Returns the target's value for a value of the source.
 
         Raises:
-            FmuError: packets of FMI 2 that are not base64 text.
+            FmuError: packets of FMI 2 are not base64 text.
         """
         if self.recoded:
             if self.recoded == "to text":
@@ -131,7 +131,7 @@ class Alias:
 
 @dataclass(frozen=True, slots=True)
 class OwnedAnnotation:
-    """An annotation with the hierarchical name of the system or component it is on; empty for the root."""
+    """An annotation with the hierarchical name of its system or component; empty for the root."""
 
     owner: str
     annotation: Annotation
@@ -142,17 +142,17 @@ class CheckedSystem:
     """A system without known problems.
 
     Attributes:
-        structure: the structure checked; keep it open as long as files of an .ssp are needed.
+        structure: the checked structure; keep it open as long as files of an .ssp are needed.
         instances: sorted by name, drone2 before drone10.
         links: sorted by target.
-        start_time, stop_time: s; stop_time None if the system names none.
-        init_order: stages of links: in initialization mode get all sources of a stage, set its targets (of a loop
-            again and again), go on to the next.
+        start_time, stop_time: s; stop_time is None if the system does not specify it.
+        init_order: stages of links. In initialization mode, get all sources of a stage, set its targets (repeatedly in
+            a loop), and continue with the next stage.
         aliases: connectors of systems that are driven, sorted by name.
-        annotations: all of them, outer before inner.
-        unmatched: parameters of bindings that match nothing and are ignored.
+        annotations: all annotations, outer before inner.
+        unmatched: parameters of bindings without a match, which are ignored.
         notes: assumptions and ignored contents, for the user.
-        assignments: start values given to each variable (instance, name), in rising precedence.
+        assignments: start values given to each variable (instance, name), in order of increasing precedence.
         settings: attributes of our annotations that the run overrides, as text, by tag and name.
     """
 

@@ -1,12 +1,12 @@
 """The order in which values are exchanged while the FMUs are in Initialization Mode.
 
-An output that depends on inputs while initializing (InitialUnknowns, FMI 2.0.5, section 2.2.8) has its value only
-after those inputs have theirs. Links are put into stages: get the sources of a stage, set its targets, go on to the
-next. Links that form a loop (a strongly connected component of these dependencies) are a stage of their own, to be
-repeated until its values no longer change; see `loops`.
+An output that depends on inputs during initialization (InitialUnknowns, FMI 2.0.5, section 2.2.8) has its value only
+after these inputs have theirs. Links are divided into stages: get the sources of a stage, set its targets, and continue
+with the next stage. Links that form a loop (a strongly connected component of these dependencies) are a separate stage,
+which is repeated until its values no longer change; see `loops`.
 
-An FMU that does not say what an output depends on is taken by the standard's word: on all inputs. Loops that are there
-only because of that are found to be none at the first repetition.
+If an FMU does not declare the dependencies of an output, the standard's default applies: it depends on all inputs.
+Loops that exist only because of this default converge at the first repetition.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from cosim_master.fmi.description.read import FmuDescription
 
 __all__ = ["Stage", "components", "exchange_order"]
 
-_Node = tuple[str, str, str]  # what ("in", "out", "all" inputs of an instance), instance, variable
+_Node = tuple[str, str, str]  # kind ("in", "out", or "all" inputs of an instance), instance, variable
 _Ends = tuple[tuple[str, str], tuple[str, str]]
 _Any = TypeVar("_Any", bound=Hashable)
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """Links that are exchanged together, as indices; `loop` says that they depend on each other."""
+    """Links that are exchanged together, as indices; `loop` is True if they depend on each other."""
 
     links: tuple[int, ...]
     loop: bool = False
 
 
 def exchange_order(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription], notes: list[str]) -> tuple[Stage, ...]:
-    """Stages of links, as indices into `links`.
+    """Returns stages of links, as indices into `links`.
 
     Args:
         links: (source instance, variable), (target instance, variable).
@@ -68,7 +68,7 @@ def exchange_order(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription], n
 
 
 def _graph(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]) -> tuple[dict[_Node, list[_Node]], set[_Node]]:
-    """Returns edges from each node to those that need it, and the outputs whose dependencies are assumed."""
+    """Returns edges from each node to the nodes that depend on it, and the outputs whose dependencies are assumed."""
     edges: dict[_Node, list[_Node]] = {}
     assumed: set[_Node] = set()
     for source, target in links:
@@ -94,9 +94,9 @@ def _graph(links: Sequence[_Ends], fmus: Mapping[str, FmuDescription]) -> tuple[
 
 
 def components(edges: Mapping[_Any, Sequence[_Any]]) -> dict[_Any, int]:
-    """Number of the strongly connected component of each node, against the direction of the edges.
+    """Returns the number of each node's strongly connected component, counted against the direction of the edges.
 
-    Tarjan, Depth-first search and linear graph algorithms, SIAM J. Comput. 1 (1972), without recursion.
+    Source: R. Tarjan, Depth-first search and linear graph algorithms, SIAM J. Comput. 1 (1972); without recursion.
     """
     index: dict[_Any, int] = {}
     low: dict[_Any, int] = {}
@@ -136,9 +136,9 @@ def components(edges: Mapping[_Any, Sequence[_Any]]) -> dict[_Any, int]:
 def _levels(
     edges: Mapping[_Node, Sequence[_Node]], component: Mapping[_Node, int], members: Mapping[int, Sequence[_Node]]
 ) -> dict[int, int]:
-    """Longest distance of each component in links from one that needs nothing."""
+    """Returns the longest distance, in links, of each component from one without dependencies."""
     level = dict.fromkeys(members, 0)
-    for number in sorted(members, reverse=True):  # Tarjan numbers a component after all that need it
+    for number in sorted(members, reverse=True):  # Tarjan numbers a component after all that depend on it
         for node in members[number]:
             for target in edges[node]:
                 other = component[target]

@@ -1,10 +1,10 @@
-"""Applies parameter bindings: the start value of each variable of each FMU, and its origin.
+"""Applies parameter bindings: determines the start value of each variable of each FMU, and its origin.
 
-Precedence (SSP 2.0, section 5.2.3): a higher level of the hierarchy wins over a lower one, at one level the later
-binding wins; a component that is an .ssd counts as its root system with its own bindings after the system's. A name
-applies to everything it matches, and is ignored, with a note, if it matches nothing. In one set of parameters, where
-the standard is silent, a connector of a system wins over what it leads to, as the connection itself does. Under a
-parameter mapping only the named parameters are applied, under their new names.
+Precedence (SSP 2.0, section 5.2.3): a higher level of the hierarchy overrides a lower one, and at one level the later
+binding takes precedence. A component that is an .ssd counts as its root system, with the component's bindings after the
+system's. A name applies to all its matches, and is ignored, with a note, if it has none. Within one set of parameters,
+which the standard does not define, a connector of a system overrides the variables that it is connected to, as the
+connection itself does. With a parameter mapping, only the named parameters are applied, under their new names.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _NAMED = 5
 
 @dataclass(frozen=True, slots=True)
 class Unmatched:
-    """A parameter that matches nothing: its hierarchical name, and a suggestion."""
+    """A parameter without a match: its hierarchical name, and a suggestion."""
 
     name: str
     where: Where
@@ -55,8 +55,8 @@ class Assignment:
 
     Attributes:
         where: the parameter in its file.
-        owner: hierarchical name of the system or component that has the binding; empty for the root.
-        name: the name it was applied by, there.
+        owner: hierarchical name of the system or component with the binding; empty for the root.
+        name: the name by which it was applied there.
         text: the value as written, with its unit.
         value: the value for the variable, in its own unit and type.
     """
@@ -72,9 +72,9 @@ class Bindings:
     """Start values by instance name and variable name, after `apply` and then `override`.
 
     Attributes:
-        values: converted to unit and type of the variable; enumerations as integers.
-        unmatched: parameters that set nothing.
-        history: every value given to a variable, by instance and variable name; the last one counts.
+        values: values in unit and type of the variable; enumerations as integers.
+        unmatched: parameters that do not set any variable.
+        history: all values given to a variable, by instance and variable name; the last one applies.
     """
 
     def __init__(self, wiring: Wiring, problems: list[Problem], notes: list[str]) -> None:
@@ -88,7 +88,7 @@ class Bindings:
         self._notes = notes
 
     def apply(self, part: Part) -> None:
-        """Applies all bindings in `part`, inner ones first so that outer ones win."""
+        """Applies all bindings in `part`, inner bindings first so that outer ones override them."""
         for child in part.children.values():
             self.apply(child)
         bindings: tuple[ParameterBinding, ...] = part.element.parameter_bindings
@@ -98,7 +98,8 @@ class Bindings:
             if isinstance(part.element, SignalDictionaryReference):
                 self._notes.append(f"{binding.where}: a reference to a signal dictionary has no parameters to bind")
                 continue
-            # A set of parameters has no order: what connections bring counts, whatever stands where in it.
+            # A set of parameters has no order: values from connections take precedence, whatever their positions in the
+            # set.
             self._one_set = {}
             for name, parameter in sorted(self._mapped(part, binding), key=lambda item: _place(part, item[0])):
                 self._set(part, name, parameter)
@@ -138,10 +139,10 @@ class Bindings:
             self.unmatched.append(Unmatched(full, named[name].where, hint))
 
     def take_constants(self) -> None:
-        """Gives structural parameters the values of the constants that are connected to them; these win over all else.
+        """Sets structural parameters to the values of the constants connected to them, which override all other values.
 
-        Arrays have their sizes from them, which must be known before any FMU is loaded: the values of constants are
-        taken from descriptions.
+        Structural parameters determine the sizes of arrays, which must be known before any FMU is loaded. The values of
+        constants are therefore taken from descriptions.
         """
         for port, (connection, _) in self._wiring.incoming.items():
             variable, route = port.variable, self._wiring.route(port)
@@ -160,7 +161,7 @@ class Bindings:
             self._store_value(port.part, variable, value, parameter)
 
     def override(self, values: Mapping[str, str], hidden: Container[str] = ()) -> None:
-        """Sets by hierarchical name or pattern, over everything else; one that matches nothing is a problem here.
+        """Sets values by hierarchical name or pattern, which override all others; here, a name must have a match.
 
         Args:
             hidden: names of elements of the root system that hide settings of the run (see `reading.overrides`).
@@ -319,7 +320,7 @@ class Bindings:
             self._store_value(inner, variable, number, parameter)
 
     def _look_at_units(self, parameter: Parameter, kind: str, unit: Unit | None) -> None:
-        """Notes that a value is not converted because a unit has no definition."""
+        """Adds a note that a value is not converted because a unit has no definition."""
         if kind not in _FLOATS or parameter.unit is None or unit is None or parameter.suppress_unit_conversion:
             return
         try:
@@ -331,7 +332,7 @@ class Bindings:
             return  # a problem, reported where the value is converted
 
     def _backwards(self, port: Port, value: Value, start: Route, parameter: Parameter) -> None:
-        """Sets the variable that drives a connector of a system, so that the connector has the value."""
+        """Sets the variable that drives a connector of a system, so that the connector has the given value."""
         route = self._wiring.route(port)
         if route.source is None or route.source.variable is None:
             self._notes.append(f'{parameter.where}: "{parameter.name}" sets nothing: nothing drives {port}')
@@ -368,7 +369,7 @@ class Bindings:
         trouble, value = unsettable(variable), parameter.value
         unit = variable.unit
         if unit is None and (port := part.ports.get(variable.name)) is not None:
-            unit = port.unit  # that of its connector, where the FMU has none: connections convert to it, too
+            unit = port.unit  # that of its connector if the FMU has none, as for connections
         if trouble is None:
             trouble, value = converted(parameter, kind, unit, variable.items)
             self._look_at_units(parameter, kind, variable.unit)
@@ -378,7 +379,7 @@ class Bindings:
         self._store_value(part, variable, value, parameter)
 
     def _store_value(self, part: Part, variable: Variable, value: Value, parameter: Parameter) -> None:
-        """Gives a variable a start value that is in its own unit already."""
+        """Gives a variable a start value that is already in its own unit."""
         trouble = unsettable(variable)
         if trouble is None:
             trouble, value = of_type(variable, value)
@@ -393,7 +394,7 @@ class Bindings:
             self.history.setdefault((part.name, variable.name), []).append(made)
 
     def _look_at_set(self, part: Part, variable: Variable, name: str, value: Value, where: Where) -> None:
-        """Notes that a set of parameters gives one variable two values, under two names."""
+        """Adds a note that a set of parameters gives one variable two values, under two names."""
         if self._one_set is None:
             return
         before, first = self._one_set.setdefault((part.name, variable.name), (name, value))
@@ -409,9 +410,9 @@ def _shown(parameter: Parameter) -> str:
 
 
 def _owners(part: Part, name: str) -> Iterator[tuple[Part, str]]:
-    """Yields every component in which a hierarchical name may end, with the rest of the name there."""
+    """Yields every component in which a hierarchical name may end, with the remaining part of the name."""
     yield part, name
-    # Names of elements may contain dots, so every dot may be the one between an element and the rest.
+    # Names of elements may contain dots, so every dot may separate an element from the remaining name.
     dot = name.find(".")
     while dot >= 0:
         if (child := part.children.get(name[:dot])) is not None:
@@ -420,7 +421,7 @@ def _owners(part: Part, name: str) -> Iterator[tuple[Part, str]]:
 
 
 def _place(part: Part, name: str) -> int:
-    """Returns the rank of a name in the flow of values: driven ones first, then their sources, outer systems last."""
+    """Returns the rank of a name in the flow of values: driven names first, then their sources, outer systems last."""
     for owner, rest in _owners(part, name):
         port = owner.ports.get(rest) or owner.ports.get(element_name(rest, (1,) * len(owner.shapes.get(rest, ()))))
         if owner.fmu is None and port is not None:
@@ -432,7 +433,7 @@ def _place(part: Part, name: str) -> int:
 
 
 def _matches(part: Part, name: str) -> Iterator[tuple[Part, Variable | Port | None]]:
-    """Everything a hierarchical name stands for in `part`; None for a name that leads into a broken part."""
+    """Returns all matches of a hierarchical name in `part`; None for a name that leads into a broken part."""
     for owner, rest in _owners(part, name):
         if owner.broken:
             yield owner, None
@@ -444,7 +445,7 @@ def _matches(part: Part, name: str) -> Iterator[tuple[Part, Variable | Port | No
 
 
 def _hint(part: Part, name: str) -> str:
-    """Returns a suggestion for a name that matches nothing: near names at the level at which it fails."""
+    """Returns a suggestion for a name without a match: similar names at the level at which it fails."""
     rest, prefix = name, ""
     while part.fmu is None and part.system is not None:
         dots = [index for index, character in enumerate(rest) if character == "."]

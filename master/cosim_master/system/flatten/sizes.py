@@ -1,8 +1,8 @@
-"""Sizes of array connectors that are those of other connectors: sizeConnector (SSP 2.0, section 4.5.3).
+"""Sizes of array connectors that are given by other connectors: sizeConnector (SSP 2.0, section 4.5.3).
 
-An array of an FMU has the size that the FMU gives it, an array connector of a system that of what it is connected to
-(`components`). Sizes are checked here, when all connections are known: the other connector must be the structural
-parameter or the constant of an FMU, through however many systems, and have that value.
+The size of an FMU's array is determined by the FMU, that of a system's array connector by its connections
+(`components`). This module checks sizes when all connections are known: the other connector must be, or be connected
+through systems to, a structural parameter or a constant of an FMU with the same value.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def check_sizes(wiring: Wiring, values: Mapping[str, Mapping[str, Value]], probl
 
 
 def _connectors(part: Part) -> Iterator[Connector]:
-    """Returns the declarations of a component's connectors, at its use and in its own document."""
+    """Returns the declarations of a component's connectors, where it is used and in its own document."""
     if isinstance(part.element, System):
         yield from part.element.connectors
     else:
@@ -71,7 +71,7 @@ def _wrong(
 
 
 def _value(wiring: Wiring, values: Mapping[str, Mapping[str, Value]], port: Port) -> Value | None:
-    """The value of the structural parameter or constant of an FMU that a port is, leads to or comes from."""
+    """Returns the value of the structural parameter or constant of an FMU that a port is, drives or is driven by."""
     pending, seen = [port], set[Port]()
     while pending:
         one = pending.pop()

@@ -1,7 +1,7 @@
-"""The flow of values through a system: sources of FMU variables, and the conversions on the way.
+"""The flow of values through a system: sources of FMU variables, and the conversions between them.
 
-Every rule about connections is here: the allowed kinds, one writer per port, shapes, types, units, transformations,
-and the signals of dictionaries. It sets no values and orders nothing.
+This module contains all rules about connections: the allowed kinds, one writer per port, shapes, types, units,
+transformations, and the signals of dictionaries. It does not set values or determine an order.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ SENDING = ("output", "calculatedParameter", "constant", "local")
 class Route:
     """The source of a port's value: value = factor * mapped(source) + offset, in `unit`, as `type`.
 
-    `source` is None while nothing drives the port; type and unit are then its own. `mapping` holds whole numbers and
+    `source` is None while nothing drives the port; type and unit are then its own. `mapping` contains integers and
     booleans that are replaced by others.
     """
 
@@ -77,7 +77,7 @@ class Route:
 def _packets(route: Route, target: Port) -> bool:
     """Returns whether a route carries packets between FMUs of different FMI versions.
 
-    They are base64 text in a String of FMI 2, bytes in a Binary of FMI 3.
+    Packets are base64 text in a String of FMI 2, bytes in a Binary of FMI 3.
     """
     ends = [port.variable for port in (route.source, target) if port is not None]
     both = {route.type, target.type} == {"String", "Binary"}
@@ -85,15 +85,15 @@ def _packets(route: Route, target: Port) -> bool:
 
 
 class Wiring:
-    """The connections of a system by the flow of values: per port its source and its targets.
+    """The connections of a system by the flow of values: the source and the targets of each port.
 
     Attributes:
         incoming: the connection into a port and its source.
         outgoing: the connections out of a port and their destinations.
-        further: the other connections into a port whose value is the sum of several.
-        unit_gaps: connections that join a port with a unit to one without.
-        truths: connections that join a Boolean to a number.
-        findings: connections that join units of which one has no definition.
+        further: the additional connections into a port whose value is a sum.
+        unit_gaps: connections between a port with a unit and one without.
+        truths: connections between a Boolean and a number.
+        findings: connections between units of which one has no definition.
     """
 
     def __init__(self, root: Part, problems: list[Problem]) -> None:
@@ -115,7 +115,7 @@ class Wiring:
             self.route(target)
 
     def _share_signals(self) -> None:
-        """Connects the signals of dictionaries: from the one reference that is written to all others."""
+        """Connects the signals of dictionaries: from the only reference that is written to all others."""
         ports = [
             port
             for part in self.root.walk()
@@ -148,7 +148,7 @@ class Wiring:
             self._flow(connection, *ends)
 
     def _directed(self, part: Part, connection: Connection, start: Port, end: Port) -> tuple[Port, Port] | None:
-        """Source and target of a connection, by owner and kind."""
+        """Returns source and target of a connection, by owner and kind."""
         ports = (start, end)
         owners = ["system" if port.part is part else "element" for port in ports]
         kinds = [_KINDS if port.kind == "unspecified" else (port.kind,) for port in ports]
@@ -187,7 +187,7 @@ class Wiring:
         return None
 
     def _same_variability(self, connection: Connection, start: Port, end: Port) -> None:
-        """A Clock of an element and one of the system must tick alike (SSP 2.0, 5.3.2.1)."""
+        """Checks that a Clock of an element and one of the system tick in the same way (SSP 2.0, 5.3.2.1)."""
         kinds = start.interval_variability, end.interval_variability
         of_system = connection.start_element is None or connection.end_element is None
         if of_system and None not in kinds and kinds[0] != kinds[1]:
@@ -245,7 +245,7 @@ class Wiring:
         return (), [port]
 
     def route(self, port: Port) -> Route:
-        """Returns the source of a port, through any number of systems."""
+        """Returns the source of a port, which may be connected through several systems."""
         chain: list[Port] = []
         while port not in self._routes and (found := self.incoming.get(port)) is not None:
             if port in chain:
@@ -266,7 +266,7 @@ class Wiring:
         return route
 
     def hop(self, route: Route, connection: Connection, target: Port) -> Route:
-        """A route extended by one connection: unit conversion first, then the transformation (SSP 2.0, 4.5.2)."""
+        """Returns a route with one more connection: unit conversion first, then the transformation (SSP 2.0, 4.5.2)."""
         if not compatible(route.type, target.type) and not _packets(route, target):
             source = self.incoming[target][1]
             self._problem(connection.where, NARROWING.text(source, route.type, target, target.type))

@@ -1,1 +1,1 @@
-"""Readers of system files of all kinds; each returns a `structure`."""
+"""Readers of system files of all formats; each returns a `structure`."""

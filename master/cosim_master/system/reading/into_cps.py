@@ -1,12 +1,11 @@
-"""Reads INTO-CPS multi-models: the JSON files of the co-simulation engine Maestro, as a system like any other.
+"""Reads INTO-CPS multi-models, the JSON files of the co-simulation engine Maestro, as systems.
 
-    mm.json        fmus, connections and parameters; the run's algorithm and times too if it is a full configuration
-    coe.json       how to run a multi-model (of the INTO-CPS application): `multimodel_path`, algorithm, times
+    mm.json        fmus, connections and parameters; a full configuration also has algorithm and times of the run
+    coe.json       configuration of a run (of the INTO-CPS application): `multimodel_path`, algorithm, times
 
-Instances have the names they have there, "{key}.instance". The algorithm is Maestro's fixed-step Jacobi, which is ours;
-with stabilisation it is our fixed-point iteration, and var-step is an algorithm of its own (docs/masters.md). Fault
-injection and model swaps are refused. Keys that tell Maestro what to log or to show are ignored, with a note; unknown
-ones are findings.
+Instances keep their names, "{key}.instance". Maestro's fixed-step Jacobi corresponds to ours, and with stabilisation to
+our fixed-point iteration; var-step is a separate algorithm (docs/masters.md). Fault injection and model swaps are
+refused. Keys that control Maestro's logs and displays are ignored, with a note; unknown keys are findings.
 """
 
 from __future__ import annotations
@@ -93,13 +92,13 @@ _TOLERANCE = 1e-8
 
 
 def read_multimodel(path: str | Path) -> SystemStructure:
-    """Reads a multi-model or the configuration of a run of one.
+    """Reads a multi-model, or the configuration of a run of a multi-model.
 
     Returns:
-        The structure; its `problems` hold its errors, as with every system.
+        The structure; its errors are in `problems`, as for every system.
 
     Raises:
-        SystemDescriptionError: the file, or the multi-model it names, is not JSON or not of this kind at all.
+        SystemDescriptionError: the file, or the multi-model that it names, is not JSON or not a multi-model.
     """
     given = Path(path)
     file = _Json(given)
@@ -163,7 +162,7 @@ class _Json:
         return found
 
     def where(self, text: str | None = None) -> Where:
-        """The line on which a string of the file first is, as it is written there."""
+        """Returns the first line of the file that contains a string, as it is written there."""
         if text is None:
             return Where(str(self.path))
         for written in (json.dumps(text), json.dumps(text, ensure_ascii=False)):
@@ -173,10 +172,10 @@ class _Json:
 
 
 def _multimodel_of(configuration: _Json, notes: list[str]) -> Path:
-    """The multi-model that a run's configuration names: its path is relative to the project's folder.
+    """Returns the multi-model that a run's configuration names, by a path relative to the project's folder.
 
-    If that file does not exist, since the project was moved or renamed, it is the only multi-model in the folder of
-    the configuration or in the one above, where the application keeps it.
+    If this file does not exist, since the project was moved or renamed, the only multi-model in the folder of the
+    configuration or in its parent folder is used, where the application stores it.
     """
     named = str(configuration.content["multimodel_path"])
     path = Path(named.replace("\\", "/"))
@@ -196,7 +195,7 @@ def _multimodel_of(configuration: _Json, notes: list[str]) -> Path:
 
 
 def _configuration_beside(model: _Json, notes: list[str]) -> _Json | None:
-    """The configuration of a run where the multi-model has none, if there is just one to choose."""
+    """Returns the only configuration of a run in the folder of a multi-model; None if several or none exist."""
     if "algorithm" in model.content and "endTime" in model.content:
         return None
     folder = model.path.parent
@@ -221,10 +220,10 @@ class _Reading:
         self._start: float | None = None
         self._stop: float | None = None
 
-    # ---- how to run it -----------------------------------------------------------------------------------------------
+    # ---- the run -----------------------------------------------------------------------------------------------------
 
     def keys(self, file: _Json) -> None:
-        """Brings the keys that are read into one spelling; notes the others."""
+        """Converts the keys that are read to one spelling, and adds notes for the others."""
         known = {_simplified(word): key for key, words in _READ.items() for word in (key, *words)}
         known |= {_simplified(key): key for key in _REFUSED}
         content: dict[str, Any] = {}
@@ -250,7 +249,7 @@ class _Reading:
         file.content = content
 
     def configuration(self, file: _Json) -> None:
-        """Algorithm, times and stabilisation."""
+        """Reads the algorithm, the times and the stabilisation."""
         content = file.content
         for key, refusal in _REFUSED.items():
             if content.get(key):
@@ -262,7 +261,7 @@ class _Reading:
         self._stabilisation(file, content)
 
     def _stabilisation(self, file: _Json, content: Mapping[str, Any]) -> None:
-        """Iteration of every step until its outputs no longer change: our fixed-point iteration."""
+        """Reads the stabilisation: every step is iterated until its outputs no longer change (our fixed point)."""
         wanted = content.get("stabalizationEnabled", False)
         if not isinstance(wanted, bool):
             self._problem(file, "stabalizationEnabled", f"stabilisation: {shown(wanted)} is not true or false")
@@ -310,7 +309,7 @@ class _Reading:
             return None
         return float(value)
 
-    # ---- what it consists of -----------------------------------------------------------------------------------------
+    # ---- the system --------------------------------------------------------------------------------------------------
 
     def structure(self, model: _Json) -> SystemStructure:
         for key in dict.fromkeys(model.repeated):
@@ -359,7 +358,7 @@ class _Reading:
         return found
 
     def _located(self, model: _Json, key: str, source: str) -> Path | None:
-        """The file of an FMU: as it is named, else below a folder FMUs around, where the application keeps them."""
+        """Returns the file of an FMU: by its path, or else in a surrounding folder FMUs, as used by the application."""
         text = unquote(urlsplit(source).path) if source.lower().startswith("file:") else source.replace("\\", "/")
         named = Path(text)
         candidates = []
@@ -372,7 +371,7 @@ class _Reading:
         return None
 
     def _end(self, model: _Json, text: Any, fmus: Mapping[str, Path | None]) -> tuple[str, str] | None:
-        """Instance and variable of "{key}.instance.variable"; the variable may contain dots."""
+        """Returns instance and variable of "{key}.instance.variable"; the name of the variable may contain dots."""
         match = _END.fullmatch(text) if isinstance(text, str) and speakable(text) else None
         if match is None:
             written = text if isinstance(text, str) else None
@@ -448,12 +447,12 @@ class _Reading:
 
 
 def _simplified(key: str) -> str:
-    """A key without the marks in which spellings differ: small letters, no "_", no "-"."""
+    """Returns a key without the differences between spellings: lower case, without "_" and "-"."""
     return key.lower().replace("_", "").replace("-", "")
 
 
 def _is_file(path: Path) -> bool:
-    """Returns whether such a file exists; False for names that no file can have."""
+    """Returns whether such a file exists; False for invalid names of files."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -461,7 +460,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _parameter(name: str, value: Any, where: Where) -> Parameter | None:
-    """Numbers without a fraction fit variables of either kind."""
+    """Returns the parameter for a variable of either type: integral numbers are valid for both."""
     if isinstance(value, bool):
         return Parameter(name, "Boolean", value, where)
     if isinstance(value, int | float):

@@ -1,4 +1,4 @@
-"""Values of JSON: which of them can be used, and how a message shows them."""
+"""Values of JSON: checks of their validity, and their representation in messages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["finite", "shown", "speakable"]
 
 
 def finite(value: float) -> bool:
-    """Returns whether a number is finite as a double, too."""
+    """Returns whether a number is also finite as a double."""
     try:
         return math.isfinite(value)
     except OverflowError:
@@ -23,6 +23,6 @@ def speakable(text: str) -> bool:
 
 
 def shown(value: Any) -> str:
-    """The value as JSON, shortened."""
+    """Returns the value as JSON, shortened."""
     text = json.dumps(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -6,13 +6,14 @@
       <oms:VariableStepSolver description="cvode" relativeTolerance=... .../>  taken over for FMUs for Model Exchange
       <oms:FixedStepSolver description="euler" stepSize=... .../>              the same
 
-Since OMSimulator 3, a system names solvers, and components say which of them is theirs:
+Since OMSimulator 3, a system names solvers, and each component refers to one of them:
 
     <oms:SimulationInformation name="solver" method="cvode" relativeTolerance="1e-6"/>    of a system
     <oms:SimulationInformation name="solver"/>                                            of a component
 
-`cvode` and `euler` integrate an FMU that has both interfaces by its Model Exchange; `oms_ma` with a `fixedStepSize`
-is the step of its FMUs. Names count, namespaces do not: they differ between its versions.
+`cvode` and `euler` select the Model Exchange interface of an FMU that has both interfaces; `oms_ma` with a
+`fixedStepSize` sets the step of its FMUs. Only local names are compared, since the namespaces differ between versions
+of OMSimulator.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _NAMED = {"name", "method", "tolerance", "relativeTolerance", "fixedStepSize"}
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A solver with a name: `solver` is "cvode" or "euler", None for a master of co-simulation; `step` in s."""
+    """A named solver: `solver` is "cvode" or "euler", None for a master of co-simulation; `step` in s."""
 
     solver: str | None
     step: float | None
@@ -56,8 +57,8 @@ class Settings:
     Attributes:
         named: the solvers of a system, by name.
         uses: the name of a component's solver.
-        step: of the master, s; None if it names none of one size.
-        solver: "cvode" or "euler", with its `solver_step` (s) or `tolerance` (relative); None if it names none.
+        step: step of the master, s; None if it has no fixed step.
+        solver: "cvode" or "euler", with its `solver_step` (s) or `tolerance` (relative); None if not specified.
         notes: the settings adopted, and those not adopted.
     """
 
@@ -71,7 +72,7 @@ class Settings:
 
 
 def settings(annotation: Annotation) -> Settings:
-    """The settings that OMSimulator has written into an annotation."""
+    """Returns the settings that OMSimulator has written into an annotation."""
     found: dict[str, dict[str, str]] = {}
     named: dict[str, Named] = {}
     uses: str | None = None
@@ -112,7 +113,7 @@ def settings(annotation: Annotation) -> Settings:
 
 
 def _named(given: Mapping[str, str]) -> tuple[Named, str]:
-    """A solver with a name, and the note on it."""
+    """Returns a named solver, and the note on it."""
     name, method = given["name"], given["method"]
     solver = method if method in ("cvode", "euler") else None
     step = _positive(given.get("fixedStepSize")) if method in ("oms_ma", "euler") else None

@@ -1,13 +1,13 @@
-"""Reads OspSystemStructure.xml of the Open Simulation Platform (libcosim), as a system like any other.
+"""Reads OspSystemStructure.xml of the Open Simulation Platform (libcosim) as a system.
 
     Simulator            an FMU: a component, with its step size and start values
-    VariableConnection   a connection; which of the two variables drives the other follows from their causality
+    VariableConnection   a connection; the causality of the two variables determines its direction
     ...GroupConnection   connections between the variables of groups, which NAME_OspModelDescription.xml lists
     LinearTransformation, Sum, VectorSum
                          functions: an input is factor * output + offset, or the sum of several outputs, without delay
 
-As in libcosim units are not converted, and the simulators' steps are whole multiples of the base step. FMUs of
-proxyfmu are run in this process. The variable step of the algorithm "ecco" is refused.
+As in libcosim, units are not converted, and the simulators' steps are integral multiples of the base step. FMUs of
+proxyfmu run in this process. The variable step of the algorithm "ecco" is refused.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ _End = tuple[str, str]
 
 @dataclass(slots=True)
 class _Function:
-    """A function: its number of inputs, the variables in each, and their connections."""
+    """A function: its number of inputs, the variables of each input, and their connections."""
 
     kind: str
     inputs: int
@@ -111,7 +111,7 @@ class _Function:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """A variable group: its variables, and the groups inside, in the order of the file."""
+    """A variable group: its variables, and the groups inside it, in the order of the file."""
 
     variables: tuple[str, ...]
     groups: tuple[_Group, ...]
@@ -124,10 +124,10 @@ def read_osp(path: Path) -> SystemStructure:
     """Reads an OspSystemStructure.xml.
 
     Returns:
-        The structure; its `problems` hold its errors, as with every system.
+        The structure; its errors are in `problems`, as for every system.
 
     Raises:
-        SystemDescriptionError: the file cannot be read, or is not of this kind at all.
+        SystemDescriptionError: the file cannot be read, or has another format.
     """
     file = File(path.absolute(), str(path))
     root = parsed(file)
@@ -327,13 +327,13 @@ class _Reading:
         return simulator, groups[name]
 
     def _groups(self, simulator: str, element: etree._Element) -> dict[str, _Group]:
-        """The variable groups of an FMU: from the file of its model's name beside the FMU or beside this one."""
+        """Returns the variable groups of an FMU, from the file named after its model, next to the FMU or this file."""
         source = self._sources[simulator]
         if source is None:
             return {}
         try:
             models = [describe(source.path).model_name, source.path.stem]
-        except SystemDescriptionError:  # said by `check`
+        except SystemDescriptionError:  # reported by `check`
             models = [source.path.stem]
         names = [f"{model}_OspModelDescription.xml" for model in dict.fromkeys(models)]
         places = [folder / name for name in names for folder in (source.path.parent, self.file.path.parent)]
@@ -406,7 +406,7 @@ class _Reading:
             function.sources[number] = ends
 
     def _apply(self, function: _Function) -> None:
-        """The connections that a function stands for; inputs of it that nothing is connected to are 0."""
+        """Adds the connections that a function represents; its unconnected inputs are 0."""
         for targets, where in function.targets:
             for i, target in enumerate(targets):
                 for _, sources in sorted(function.sources.items()):

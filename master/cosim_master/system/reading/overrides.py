@@ -1,8 +1,8 @@
 """Settings of radio and recording that a run overrides: `network.loss`, `recording.interval`.
 
-Their names are the attributes of the annotations org.uav-cosim.network and org.uav-cosim.recording, behind the tag of
-the annotation's element. An element of the root system that is called so wins: what begins with its name is then a
-variable, and the annotation alone can set the radio or the recording.
+Their names consist of the tag of the annotation's element and an attribute of the annotations org.uav-cosim.network and
+org.uav-cosim.recording. An element of the root system with the name of the tag takes precedence: names that begin with
+it are then variables, and only the annotation can set the radio or the recording.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ SETTINGS = ("network", "recording")
 
 
 def apart(overrides: Mapping[str, str], structure: SystemStructure) -> tuple[dict[str, str], dict[str, dict[str, str]]]:
-    """The overrides of variables, and those of settings: their texts by tag and attribute."""
+    """Returns the overrides of variables, and those of settings as texts by tag and attribute."""
     tags = set(SETTINGS) - hidden(structure)
     variables: dict[str, str] = {}
     settings: dict[str, dict[str, str]] = {}
@@ -31,5 +31,5 @@ def apart(overrides: Mapping[str, str], structure: SystemStructure) -> tuple[dic
 
 
 def hidden(structure: SystemStructure) -> set[str]:
-    """The settings that a run cannot override, since an element of the root system has their name."""
+    """Returns the settings that a run cannot override, since an element of the root system has their name."""
     return set(SETTINGS) & {element.name for element in structure.system.elements}

@@ -1,7 +1,7 @@
-"""Reads a system: an .ssd file, an .ssp archive or a folder, and everything it refers to, into a `SystemStructure`.
+"""Reads a system (an .ssd file, an .ssp archive or a folder) and all files that it refers to as a `SystemStructure`.
 
-SSP 1.0 and 2.0. Whatever cannot be run is a problem with file and line, whatever the standard has not is reported
-with the valid alternatives; geometry is for drawing only and is skipped.
+SSP 1.0 and 2.0 are supported. Features that cannot be run are problems with file and line. Contents unknown to the
+standard are reported with the valid alternatives. Geometry is skipped, since it is for drawing only.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ __all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE
 
 
 def read_system(path: str | PathLike[str], variant: str | None = None) -> SystemStructure:
-    """Reads a system structure and everything it refers to, except the inside of FMUs.
+    """Reads a system structure and all files that it refers to, except the contents of FMUs.
 
     Args:
         path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, a multi-model (.json), an FMU, which
-            then is the only component of a system, or the name of a shipped system where there is no such file.
-        variant: which .ssd at the root of the archive or folder: the name of the description in it, or of its file.
-            None: SystemStructure.ssd.
+            is then the only component of a system, or, if no such file exists, the name of a shipped system.
+        variant: selects an .ssd at the root of the archive or folder, by the name of the description in it, or of its
+            file. None: SystemStructure.ssd.
 
     Returns:
-        The structure. What is wrong with its files is in `problems`, so that `check` can report it together with
-        what is wrong with the FMUs and connections; close it to remove an unpacked archive.
+        The structure. The errors in its files are in `problems`, so that `check` can report them together with the
+        errors of FMUs and connections. Close it to remove an unpacked archive.
 
     Raises:
         SystemDescriptionError: the root document cannot be read, or the variant does not exist.
@@ -83,7 +83,7 @@ def read_system(path: str | PathLike[str], variant: str | None = None) -> System
 
 
 def _shipped(name: str) -> Path:
-    """The folder of a shipped system.
+    """Returns the folder of a shipped system.
 
     Raises:
         SystemDescriptionError: the system does not exist, or its FMUs cannot be built.
@@ -101,7 +101,7 @@ def _shipped(name: str) -> Path:
 
 
 def _chosen(folder: File, variant: str | None, files: Files) -> File:
-    """The root document of a folder or unpacked archive (SSP 2.0, section 3)."""
+    """Returns the root document of a folder or unpacked archive (SSP 2.0, section 3)."""
     documents = {
         path.name: File(path, f"{folder.shown}/{path.name}", folder.boundary)
         for path in sorted(folder.path.glob("*.ssd"))
@@ -109,7 +109,7 @@ def _chosen(folder: File, variant: str | None, files: Files) -> File:
     }
     default = documents.get(ROOT_DOCUMENT, File(folder.path / ROOT_DOCUMENT, f"{folder.shown}/{ROOT_DOCUMENT}"))
     if variant is None:
-        # A folder may hold what components refer to; in an archive only resources/ may.
+        # A folder may contain .ssd files that components refer to; in an archive, only resources/ may.
         others = [name for name in documents if name != ROOT_DOCUMENT]
         if others and folder.boundary is not None:
             listed = ", ".join(others)

@@ -1,7 +1,7 @@
 """A single FMU as a system, for runs of `X.fmu` alone.
 
-The system has one component, named as the model in it, and no connections: all outputs are signals, all parameters
-and inputs can be set. Start and stop time are those of the FMU's DefaultExperiment.
+The system has one component, named after the model in the FMU, and no connections: all outputs are signals, and all
+parameters and inputs can be set. Start and stop time are those of the FMU's DefaultExperiment.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ _FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 
 def read_fmu(path: Path) -> SystemStructure:
-    """The system of one FMU.
+    """Returns the system of one FMU.
 
     Raises:
-        SystemDescriptionError: all that is wrong with the FMU.
+        SystemDescriptionError: the FMU is invalid; all problems are reported at once.
     """
     fmu = describe(path)
     where, file = Where(str(path)), path.absolute()
@@ -65,9 +65,10 @@ _MOST_STEPS = 50_000
 
 
 def output_interval(span: float) -> float:
-    """A step for an FMU that proposes none, s: 1, 2 or 5 times a power of ten, 500 or more of which make `span` s.
+    """Returns a step [s] for an FMU that proposes none: 1, 2 or 5 times a power of ten, at most a 500th of `span`.
 
-    Where that takes far more (from 1e-5 to 1e8 s), the span is divided into equal steps, 500 or a few more.
+    If no such step divides the span into 500 to 50 000 steps (as from 1e-5 to 1e8 s), the span is divided into 500 or
+    slightly more equal steps.
     """
     ticks = round(span * 1e9)
     if ticks < 500:
@@ -79,7 +80,7 @@ def output_interval(span: float) -> float:
 
 
 def as_model_exchange(structure: SystemStructure) -> SystemStructure:
-    """The system of one FMU with the FMU's interface for Model Exchange, whatever else it has."""
+    """Returns the system of one FMU with the FMU's interface for Model Exchange, whatever other interfaces it has."""
     if structure.path.suffix.lower() != ".fmu":
         return structure
     elements = tuple(
@@ -90,9 +91,10 @@ def as_model_exchange(structure: SystemStructure) -> SystemStructure:
 
 
 def full_names(structure: SystemStructure, values: Mapping[str, str]) -> dict[str, str]:
-    """Values by hierarchical name, where the names of variables suffice for a system that is one FMU.
+    """Returns values by hierarchical name; for a system of one FMU, the given names may be names of variables.
 
-    Settings of radio and recording keep their names; a variable called so needs the name of the model before it.
+    Settings of radio and recording keep their names; a variable with such a name must be preceded by the name of the
+    model.
     """
     if structure.path.suffix.lower() != ".fmu":
         return dict(values)

@@ -1,11 +1,12 @@
-"""Components that are CSV or Parquet files: rows over time, described as an FMU whose outputs are the columns.
+"""Components that are CSV or Parquet files: tables over time, described as an FMU with the columns as outputs.
 
-    "time","v","n"           the first column is time in s, rising; two rows of one time are a jump
+    "time","v","n"           the first column is time in s, ascending; two rows at one time are a jump
     0,1.5,0
     0.5,2,1
 
-Types are those of the component's connectors. A Real is linear between rows, and held where the type of the component
-says so ("text/csv; interpolation=hold"); Integers and Booleans are held. `fmi.slaves.table` is its instance.
+Types are those of the component's connectors. A Real is linear between rows, unless the type of the component requires
+that it is held ("text/csv; interpolation=hold"); Integers and Booleans are held. `fmi.slaves.table` implements the
+instance.
 """
 
 from __future__ import annotations
@@ -38,14 +39,15 @@ _ABLE = Capabilities(canHandleVariableCommunicationStepSize=True, canGetAndSetFM
 
 
 def describe_table(path: Path, components: Sequence[Component]) -> FmuDescription:
-    """Reads a file of rows over time.
+    """Reads a table of values over time.
 
     Args:
-        path: .csv text or Parquet, as the type of the components says.
-        components: those whose source it is; their connectors declare the types of the columns.
+        path: .csv text or Parquet, according to the type of the components.
+        components: the components with this source; their connectors declare the types of the columns.
 
     Raises:
-        SystemDescriptionError: all that is wrong with the file, and components that disagree about it.
+        SystemDescriptionError: the file is invalid, or components contradict each other; all problems are reported at
+            once.
     """
     return _Reading(path, components).description()
 
@@ -101,7 +103,7 @@ class _Reading:
         )
 
     def _agreed(self) -> tuple[str, bool]:
-        """The MIME type of all components, and whether values are held."""
+        """Returns the MIME type of all components, and whether values are held."""
         first = self._components[0]
         for other in self._components[1:]:
             if other.type != first.type:
@@ -142,7 +144,7 @@ class _Reading:
         return Column(np.array(values, dtype=np.float64 if kind == "Real" else np.int32), held or kind != "Real")
 
     def _known(self, names: Sequence[str]) -> None:
-        """Problems for connectors without a column, and columns of one name."""
+        """Reports connectors without a column, and columns with the same name."""
         for name, connector in self._wanted.items():
             if name not in names[1:]:
                 text = f'{self._path.name} has no column "{name}"; {near(name, names[1:])}'
@@ -151,7 +153,7 @@ class _Reading:
                 self._problem(1, f'column "{name}" is there twice')
 
     def _value(self, line: int, name: str, text: str) -> float | int:
-        """The value of a cell; 0 after a problem."""
+        """Returns the value of a cell; 0 after a problem."""
         kind = self._wanted[name].type or "Real"
         text = text.strip()
         number = _number(text)

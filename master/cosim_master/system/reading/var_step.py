@@ -1,10 +1,10 @@
-"""The algorithm var-step of a multi-model: steps of sizes that constraints decide, as the annotation of our master.
+"""The algorithm var-step of a multi-model: step sizes chosen by constraints, converted to the annotation of our master.
 
     "algorithm": {"type": "var-step", "size": [1e-6, 1], "initsize": 0.1,
                   "constraints": {"full": {"type": "zerocrossing", "ports": ["{t}.tank.level"], "abstol": 0.01}}}
 
-Types of values and unknown keys are judged here, all else by the reader of the annotation, which has the line of the
-constraint.
+Types of values and unknown keys are checked here. The reader of the annotation makes all other checks; it has the line
+of the constraint.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ class VarStep:
 
     Args:
         algorithm: the object.
-        where: the line of a key.
+        where: returns the line of a key.
         problem: called with a key and its problem.
 
     Attributes:
         first: the first step, s.
-        notes: settings that are not taken literally.
+        notes: settings that are not used literally.
     """
 
     def __init__(self, algorithm: Mapping[str, Any], where: Callable[[str], Where], problem: _Note) -> None:
@@ -105,7 +105,7 @@ class VarStep:
                 self._problem(key, f"{of}: there is no key {shown(key)}; valid: {', '.join(known)}")
 
     def annotation(self) -> Annotation:
-        """The annotation of a master, each constraint with the line that it is from."""
+        """Returns the annotation of a master, in which each constraint has its line in the multi-model."""
         steps = {
             "minimumStep": repr(max(self._shortest, _FINEST)),
             "maximumStep": repr(max(self._longest, _FINEST)),
@@ -123,7 +123,7 @@ class VarStep:
 
 
 def _place(element: etree._Element, where: Where) -> None:
-    """Gives an element its line in the file, for problems."""
+    """Sets the line of an element in its file, for problems."""
     element.sourceline = where.line or 0  # type: ignore[assignment]
 
 

@@ -1,7 +1,7 @@
-"""Reading the elements of our own annotations: typed attributes, and every problem with its line.
+"""Reads the elements of our own annotations: typed attributes, and every problem with its line.
 
-A run may override attributes (`CheckedSystem.settings`): what it gives is read in place of what is written, or of the
-default where there is no annotation.
+A run may override attributes (`CheckedSystem.settings`): its values replace the written values, or the defaults if the
+annotation does not exist.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ _OPTION = Where("--set")
 
 
 class Attributes:
-    """The attributes of one element (of none: all defaults). Problems go into a list shared by all readers.
+    """The attributes of one element (without one: all defaults). Problems are added to a list shared by all readers.
 
     Args:
         given: attributes that a run overrides, by name, as text.
-        tag: of the element, and prefix of overridden attributes: "network" for "network.loss".
+        tag: tag of the element, and prefix of overridden attributes: "network" for "network.loss".
     """
 
     def __init__(
@@ -67,17 +67,17 @@ class Attributes:
             self.problem(f'{name}="{text}"{expected}')
 
     def text(self, name: str, default: str) -> str:
-        """An attribute as it is written."""
+        """Returns an attribute as written."""
         self._read.add(name)
         written = default if self.element is None else self.element.get(name, default)
         return self._given.get(name, written)
 
     def optional(self, name: str, low: float, high: float) -> float | None:
-        """A number as `number` reads it; None if the attribute is not there."""
+        """Returns a number as `number` does, or None if the attribute is missing."""
         return self.number(name, low, low, high) if self.text(name, "").strip() else None
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
-        """A number from low to high; INF is infinity, as in XML Schema."""
+        """Returns a number between `low` and `high`; INF is infinity, as in XML Schema."""
         text = self.text(name, "").strip()
         if not text:
             return default
@@ -91,7 +91,7 @@ class Attributes:
         return value
 
     def integer(self, name: str, default: int, low: int, high: int) -> int:
-        """A whole number from low to high."""
+        """Returns an integer between `low` and `high`."""
         text = self.text(name, "").strip()
         if not text:
             return default
@@ -112,7 +112,7 @@ class Attributes:
         return text
 
     def children(self, *tags: str) -> dict[str, list[Attributes]]:
-        """Readers of the children by tag; a child with another tag is a problem."""
+        """Yields readers of the children by tag; a child with another tag is a problem."""
         found: dict[str, list[Attributes]] = {tag: [] for tag in tags}
         for child in () if self.element is None else self.element:
             if not isinstance(child.tag, str):
@@ -135,9 +135,9 @@ class Attributes:
 
 
 def root_annotation(checked: CheckedSystem, type: str, tag: str, problems: list[Problem]) -> Attributes:
-    """The one element `tag` of an annotation that belongs to the root system or to the description itself.
+    """Returns the only element `tag` of an annotation of the root system or of the description itself.
 
-    The attributes that the run gives for this tag override those that are written.
+    Attributes that the run sets for this tag override the written ones.
     """
     given = checked.settings.get(tag, {})
     owned = [one for one in checked.annotations if one.annotation.type == type]

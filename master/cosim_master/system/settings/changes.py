@@ -1,6 +1,6 @@
-"""Values that a run changes while it is going on: tunable parameters, and inputs that nothing is connected to.
+"""Values that change during a run: tunable parameters, and unconnected inputs.
 
-Between two steps FMI 2 allows no others to be set (FMI 2.0.5, section 4.2.4).
+FMI 2 does not allow setting other variables between two steps (FMI 2.0.5, section 4.2.4).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _WHERE = Where("--at")
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Before the step that begins at base step `k`, `variable` of instance number `instance` gets `value`."""
+    """Before the step that begins at base step `k`, `variable` of instance number `instance` is set to `value`."""
 
     k: int
     instance: int
@@ -32,14 +32,14 @@ class Change:
 
 
 def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[float, str, str]]) -> tuple[Change, ...]:
-    """Checks changes and puts them into the order of time; of two at one time the later one in `wanted` wins.
+    """Checks changes and sorts them by time; of two at the same time, the later one in `wanted` takes precedence.
 
     Args:
-        wanted: time in s, hierarchical name or pattern of variables, their new value as text (of an enumeration the
-            item's name).
+        wanted: time in s, hierarchical name or pattern of variables, their new value as text (for an enumeration, the
+            name of an item).
 
     Raises:
-        SystemDescriptionError: all that is wrong with them.
+        SystemDescriptionError: the changes are invalid; all problems are reported at once.
     """
     if not wanted:
         return ()
@@ -68,10 +68,10 @@ def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[floa
 
 
 def _targets(name: str, variables: Mapping[str, tuple[int, Variable]], driven: Container[str]) -> list[str]:
-    """The variables that a name or pattern stands for, all of which can be changed.
+    """Returns the variables that match a name or pattern, all of which can be changed.
 
     Raises:
-        ValueError: it does not exist, or one of them cannot be changed.
+        ValueError: no variable matches, or one of them cannot be changed.
     """
     if name in variables:
         _check_changeable(variables[name][1], driven=name in driven)
@@ -92,7 +92,7 @@ def _targets(name: str, variables: Mapping[str, tuple[int, Variable]], driven: C
 
 
 def _base_step(clock: TimeGrid, time: float) -> int | None:
-    """The base step that begins at `time`, None if none does."""
+    """Returns the base step that begins at `time`, or None if none does."""
     ticks = time * 1e9 * clock.per_ns - clock.start
     if not abs(ticks) < 2**62:
         return None

@@ -1,4 +1,4 @@
-"""Constraints that decide the sizes of steps, as Maestro has them: the children of a `master` with var-step.
+"""Constraints that determine the sizes of steps, as in Maestro: the children of a `master` with var-step.
 
     <master algorithm="var-step" minimumStep="1e-6" maximumStep="1">
       <constraint name="full" type="zerocrossing" order="1" abstol="0.01">
@@ -7,8 +7,8 @@
       </constraint>
     </master>
 
-`type`: "zerocrossing", "boundeddifference", "samplingrate" or "fmumaxstepsize". The other attributes are Maestro's own
-words; docs/masters.md describes each constraint. Reads settings; steps nothing.
+`type`: "zerocrossing", "boundeddifference", "samplingrate" or "fmumaxstepsize". The other attributes are named as in
+Maestro; docs/masters.md describes each constraint. This module only reads settings.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ class Constraint:
     """One constraint.
 
     Attributes:
-        name: by which messages call it.
+        name: its name in messages.
         type: one of `TYPES`.
-        ports: instance and variable of each; a zero crossing of two ports is that of their difference.
-        order: of the extrapolation to a zero crossing.
+        ports: instance and variable of each port; a zero crossing of two ports is that of their difference.
+        order: order of the extrapolation to a zero crossing.
         abstol, reltol: tolerances.
-        safety: makes steps shorter the larger it is.
-        skip_discrete: whether a step that a sampling instant has cut short decides less about the next one.
+        safety: larger values make steps shorter.
+        skip_discrete: whether a step cut short by a sampling instant has less influence on the next one.
         first, interval: sampling instants, ns.
     """
 
@@ -68,12 +68,12 @@ class Constraint:
 
 
 def memory_of(constraints: Sequence[Constraint]) -> int:
-    """Returns how many numbers of memory step sizes by these constraints need: see `algorithms.constraints`."""
+    """Returns the number of values that step sizes with these constraints store: see `algorithms.constraints`."""
     return 4 + sum(1 + 7 * len(one.ports) for one in constraints)
 
 
 def constraints_of(checked: CheckedSystem, children: Sequence[Attributes]) -> tuple[Constraint, ...]:
-    """Reads the constraints of a master; problems go where those of its readers go."""
+    """Reads the constraints of a master; problems are added to those of its readers."""
     ports = {
         f"{instance.name}.{name}": ((instance.name, name), variable)
         for instance in checked.instances

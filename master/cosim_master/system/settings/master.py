@@ -7,17 +7,16 @@
     </ssc:Annotation>
 
 `algorithm`: "jacobi" (the default), "gauss-seidel", "fixed-point", "quasi-newton", "richardson" or "var-step";
-docs/masters.md describes the guarantees of each, and its limits.
-`order`: of instances that depend on each other, as far as it is to be a certain one.
-`tolerance`, `iterations`, `relaxation`: of the two that iterate. `tolerance`, `minimumStep`, `maximumStep` (s): of
-Richardson. `minimumStep`, `maximumStep` and `constraint`, see `constraints`: of var-step.
-`nan`: "refuse" (the default) ends a run with an output that is NaN, "allow" does not.
-`extrapolation`: 1 gives Real inputs their derivatives along, of all connections or of one.
-`connection`: the one that drives the input `to`. `delay` in s: the input at t is the output of t - delay, until then
-`start` (in the input's unit; without it, what the input starts with). A delayed connection takes no part in the
-exchange of initialization.
+docs/masters.md describes the guarantees of each, and its limits. `order`: a prescribed order of instances that depend
+on each other; it may be incomplete. `tolerance`, `iterations`, `relaxation`: settings of the two iterating algorithms.
+`tolerance`, `minimumStep`, `maximumStep` (s): settings of Richardson. `minimumStep`, `maximumStep` and `constraint`
+(see `constraints`): settings of var-step. `nan`: "refuse" (the default) ends a run with an output that is NaN, "allow"
+does not. `extrapolation`: 1 also sets the derivatives of Real inputs, for all connections or for one. `connection`: the
+connection that drives the input `to`. `delay` in s: the input at t is the output at t - delay. Before the first such
+value, it is `start` (in the input's unit; by default the input's start value). A delayed connection is not part of the
+exchange during initialization.
 
-Reads settings and puts instances in order; steps nothing.
+This module reads settings and determines the order of instances.
 """
 
 from __future__ import annotations
@@ -52,16 +51,16 @@ ANNOTATION = "org.uav-cosim.master"
 
 @dataclass(frozen=True, slots=True)
 class Traits:
-    """Traits of a master algorithm that other modules need.
+    """Properties of a master algorithm that other modules need.
 
     Attributes:
-        attributes: of <master>, those that not every algorithm has.
+        attributes: the attributes of <master> that only some algorithms have.
         ordered: instances step one after the other, in the order of `MasterSettings.sequence`; otherwise all at once.
         iterating: instances that depend on each other repeat the step until their outputs agree.
-        in_python: a `Steps` of `execution.algorithms.choice` makes all steps; otherwise the compiled loop makes those
-            that are not iterated.
-        variable: the size of steps is decided while the run goes on.
-        constrained: constraints decide it; otherwise the error of all continuous outputs does.
+        in_python: a `Steps` of `execution.algorithms.choice` makes all steps; otherwise the compiled loop makes the
+            steps that are not iterated.
+        variable: step sizes are determined during the run.
+        constrained: constraints determine step sizes; otherwise the error of all continuous outputs does.
     """
 
     attributes: tuple[str, ...] = ()
@@ -73,7 +72,7 @@ class Traits:
 
     @property
     def by_error(self) -> bool:
-        """True if the error of all continuous outputs decides the size of steps."""
+        """True if the error of all continuous outputs determines step sizes."""
         return self.variable and not self.constrained
 
 
@@ -96,7 +95,7 @@ Target = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """A delayed connection: by so many ns, with a value for the time before."""
+    """A delayed connection: its delay in ns, and the value before the first delayed one."""
 
     ns: int
     start: Start
@@ -105,21 +104,21 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class MasterSettings:
-    """The master of a system.
+    """The settings of a system's master algorithm.
 
     Attributes:
-        groups: numbers of the instances in the order in which they step; those of a group depend on each other. Empty
-            for Jacobi.
-        loops: the groups that depend on themselves, if they are iterated.
+        groups: numbers of the instances in the order in which they step; the instances of a group depend on each other.
+            Empty for Jacobi.
+        loops: the groups with a loop of dependencies, if they are iterated.
         delays: by input.
-        extrapolated: inputs that are given their derivatives.
-        tolerance: by how much the outputs of a loop may still change, or by how much the error of a step may grow in a
-            second; relative to 1 or to their size.
-        iterations: how often a loop is stepped at most, until they do not change by more.
-        relaxation: the part of a change that a fixed-point iteration makes.
+        extrapolated: inputs whose derivatives are set.
+        tolerance: largest remaining change of the outputs of a loop, or largest growth of the error per second;
+            relative to 1 or to the magnitude of the outputs, whichever is larger.
+        iterations: largest number of steps of a loop until the outputs converge within the tolerance.
+        relaxation: the fraction of a change that a fixed-point iteration applies.
         minimum_step, maximum_step: of variable steps, ns; 0 leaves them to the algorithm.
-        constraints: those that decide the steps of var-step.
-        irreversible: the first instances that cannot go back to an earlier state, where steps of var-step are then
+        constraints: the constraints that determine the steps of var-step.
+        irreversible: the first instances that cannot go back to an earlier state; if any exist, steps of var-step are
             never repeated.
         nan: whether outputs may be NaN.
     """
@@ -142,7 +141,7 @@ class MasterSettings:
 
     @property
     def variable(self) -> bool:
-        """True if step sizes are decided during the run."""
+        """True if step sizes are determined during the run."""
         return ALGORITHMS[self.algorithm].variable
 
     @property
@@ -152,17 +151,17 @@ class MasterSettings:
 
     @property
     def constrained(self) -> bool:
-        """True if constraints decide step sizes, so that steps end on any nanosecond."""
+        """True if constraints determine step sizes, so that steps may end at any nanosecond."""
         return ALGORITHMS[self.algorithm].constrained
 
     @property
     def shows_error(self) -> bool:
-        """True if the error of all continuous outputs decides step sizes."""
+        """True if the error of all continuous outputs determines step sizes."""
         return ALGORITHMS[self.algorithm].by_error
 
     @property
     def memory(self) -> int:
-        """The number of values that the size of the next step depends on."""
+        """The number of values that determine the size of the next step."""
         return memory_of(self.constraints) if self.constrained else int(self.variable)
 
     @property
@@ -175,8 +174,8 @@ class MasterSettings:
 
         Args:
             base: base step, in ticks.
-            periods: of each instance, in base steps.
-            per_ns: ticks of a nanosecond.
+            periods: period of each instance, in base steps.
+            per_ns: ticks per nanosecond.
 
         Raises:
             SystemDescriptionError: delays that are not multiples of it, or of a base step far below all steps; loops
@@ -214,10 +213,10 @@ class MasterSettings:
 
 
 def master_settings_of(checked: CheckedSystem) -> MasterSettings:
-    """The master of a checked system.
+    """Returns the master settings of a checked system.
 
     Raises:
-        SystemDescriptionError: the annotation is wrong; all problems at once.
+        SystemDescriptionError: the annotation is invalid; all problems are reported at once.
     """
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "master", problems)
@@ -269,7 +268,7 @@ def master_settings_of(checked: CheckedSystem) -> MasterSettings:
 
 
 def connected(checked: CheckedSystem, master: MasterSettings) -> CheckedSystem:
-    """The system as it is initialized: delayed connections begin with their start values."""
+    """Returns the system for initialization: delayed connections begin with their start values."""
     if not master.delays:
         return checked
     starts: dict[str, dict[str, Start]] = {}
@@ -361,7 +360,7 @@ def _extrapolated(
 
 
 def _start(child: Attributes, instance: ComponentInstance, variable: Variable, text: str) -> Start:
-    """The value of a delayed input until the first value arrives."""
+    """Returns the value of a delayed input until the first delayed value arrives."""
     if not text.strip():
         return instance.effective_values().get(variable.name, 0)
     try:
@@ -372,7 +371,7 @@ def _start(child: Attributes, instance: ComponentInstance, variable: Variable, t
 
 
 def _ranks(checked: CheckedSystem, reader: Attributes, order: Sequence[str]) -> list[int]:
-    """For each instance its place in a declared order; those that are not declared come after."""
+    """Returns the position of each instance in a declared order; undeclared instances come last."""
     names = [one.name for one in checked.instances]
     for name in order:
         if name not in names:
@@ -386,7 +385,7 @@ def _groups(
 ) -> tuple[tuple[int, ...], ...]:
     """Returns groups of instances that depend on each other, each after the groups whose outputs it needs.
 
-    Among groups that do not need each other, and inside a group, the declared order decides, then that of the names.
+    Independent groups, and the instances of a group, are sorted by the declared order, then by name.
     """
     number = {one.name: i for i, one in enumerate(checked.instances)}
     edges: dict[int, list[int]] = {i: [] for i in number.values()}
@@ -422,7 +421,7 @@ def _immediate(links: Sequence[FlatConnection], delays: Mapping[Target, Delay]) 
 
 
 def _numbers(reader: Attributes, algorithm: str) -> tuple[float, int, float, int, int]:
-    """Tolerance, iterations and relaxation; minimum and maximum step."""
+    """Returns tolerance, iterations and relaxation; minimum and maximum step."""
     tolerance = reader.number("tolerance", 1e-4 if ALGORITHMS[algorithm].by_error else 1e-8, 1e-15, 1.0)
     iterations = reader.integer("iterations", 50, 1, 100_000)
     relaxation = reader.number("relaxation", 1.0, 1e-6, 2.0)
@@ -439,13 +438,13 @@ def _numbers(reader: Attributes, algorithm: str) -> tuple[float, int, float, int
 def _loops(
     checked: CheckedSystem, groups: Sequence[tuple[int, ...]], delays: Mapping[Target, Delay]
 ) -> tuple[tuple[int, ...], ...]:
-    """The groups that depend on themselves."""
+    """Returns the groups that contain a loop of dependencies."""
     to_itself = {link.source[0] for link in _immediate(checked.links, delays) if link.source[0] == link.target[0]}
     return tuple(group for group in groups if len(group) > 1 or checked.instances[group[0]].name in to_itself)
 
 
 def _refuse(checked: CheckedSystem, loops: Sequence[Sequence[int]], algorithm: str, problems: list[Problem]) -> None:
-    """Members of loops that cannot be iterated."""
+    """Adds problems for members of loops that cannot be iterated."""
     for one in (checked.instances[i] for loop in loops for i in loop):
         flags = one.fmu.capabilities
         if not flags.canGetAndSetFMUstate:
@@ -463,7 +462,7 @@ def _refuse_steps(
     irreversible: Sequence[str],
     problems: list[Problem],
 ) -> None:
-    """Adds the problems of variable steps. If FMUs cannot go back, events cannot be located either."""
+    """Adds the problems of variable steps. If FMUs cannot go back, events cannot be located, either."""
     needed = ["canGetAndSetFMUstate"] if ALGORITHMS[algorithm].by_error else []
     for one in checked.instances:
         for flag in (*needed, "canHandleVariableCommunicationStepSize"):

@@ -10,31 +10,29 @@
       </network>
     </ssc:Annotation>
 
-`topology`: "broadcast" (everybody hears everybody), "nearest" (the `neighbours` nearest nodes; with an `axis`, a
-vector in NED, that many on each side along it), "listed" (the `link` elements). `latency` and `jitter` in s: a packet
-takes latency plus a uniformly distributed part of jitter; `loss`: probability per packet and hearer; `range` in m.
-`link`: `between` two nodes, which are both ways, or `from` one `to` another. With names it makes a link of the topology
-"listed". With `latency`, `jitter` or `loss` it also says what they are there, in any topology; what it does not say
-stays as it was, and of several links that say it of the same nodes the last one counts. Patterns (`*`, `?`) describe
-the links of all nodes that they match and make none. The links of gateways are their own.
-`outage`: the node neither sends nor hears by radio from start to stop (s, default for ever); a packet on its way is
-lost if its hearer is out when it arrives.
-`partition`: nodes by name or pattern that are cut off from all others from start to stop.
-`jamming`: a circle around a place (north, east, radius in m) in which no node hears from start to stop.
-`burstStart`, `burstEnd`: probabilities, per packet of a sender, that a burst of losses begins and ends on the way to a
-hearer; `burstLoss`: of a loss within one. A `link` may have them.
-`sensitivity`: in dBm; packets received with less are lost. They are sent with `power` (dBm), lose `pathLoss` (dB) in
-the first metre and 10 `exponent` dB per decade of distance behind it; `shadowing`: standard deviation in dB of the
-difference that a pair of nodes makes to it; `rayleigh`: whether packets fade.
-`bitErrors`: probability that a bit is wrong; the packet then arrives and its CRC is wrong. `duplicates`: probability
-that a packet arrives a second time, up to the jitter later.
-`medium`: "none" (packets take no time on the air), "own" (each node sends its packets one after the other), "shared"
-(all nodes do), "aloha" (all nodes in slots of length `slot`, in s, each packet in one of the next `window`; packets of
-one slot collide). `rate`: in baud, ten per byte; a packet that waits longer than `queue`, in s, is lost.
-`position`: where below a node its NED position is, in m. Without it, it is the output that the only FMU of the node
-declares as such, else the one that the convention of names has (`cosim.vehicle`).
-`dialect`: a MAVLink XML file, found from the system's document, with messages that ardupilotmega does not have: their
-packets are checked and routed as any others. Tools that do not know the annotation ignore it.
+`topology`: "broadcast" (all nodes hear each other), "nearest" (the `neighbours` nearest nodes; with an `axis`, a vector
+in NED, this number of nodes on each side along it), "listed" (the `link` elements). `latency` and `jitter` in s: a
+packet takes latency plus a uniformly distributed part of jitter; `loss`: probability per packet and hearer; `range` in
+m. `link`: `between` two nodes (in both directions), or `from` one `to` another. With names, it creates a link of the
+topology "listed". With `latency`, `jitter` or `loss`, it also sets these values for its nodes, in any topology; other
+values are unchanged, and of several links that set a value for the same nodes, the last one applies. Patterns (`*`,
+`?`) describe the links of all matching nodes and do not create links. Gateways have their own links. `outage`: the node
+neither sends nor receives by radio from start to stop (s, by default for ever); a packet in flight is lost if its
+receiver has an outage on arrival. `partition`: nodes by name or pattern that are cut off from all others from start to
+stop. `jamming`: a circle around a place (north, east, radius in m) in which no node hears from start to stop.
+`burstStart`, `burstEnd`: probabilities, per packet of a sender, that a burst of losses begins and ends on the link to a
+receiver; `burstLoss`: probability of a loss within a burst. A `link` may have them. `sensitivity`: in dBm; packets
+received with less are lost. They are sent with `power` (dBm), lose `pathLoss` (dB) in the first metre and 10 `exponent`
+dB per decade of distance after it; `shadowing`: standard deviation in dB of the additional loss of a pair of nodes;
+`rayleigh`: whether packets fade. `bitErrors`: probability that a bit is inverted; the packet then arrives with a wrong
+CRC. `duplicates`: probability that a packet arrives a second time, up to the jitter later. `medium`: "none" (packets
+take no time on the air), "own" (each node sends its packets one after the other), "shared" (all nodes together send
+their packets one after the other), "aloha" (all nodes send in slots of length `slot`, in s, each packet in one of the
+next `window`; packets in the same slot collide). `rate`: in baud, ten per byte; a packet that waits longer than
+`queue`, in s, is lost. `position`: path, below a node, of its NED position in m. By default, it is the output that the
+only FMU of the node declares as its position, or else the one with the conventional name (`cosim.vehicle`). `dialect`:
+a MAVLink XML file, relative to the system's document, with messages that ardupilotmega does not contain: their packets
+are checked and routed like all others. Other tools ignore the annotation.
 """
 
 from __future__ import annotations
@@ -117,7 +115,7 @@ _OF_SIGNALS = ("power", "pathLoss", "exponent", "shadowing", "rayleigh")
 class Endpoint:
     """A pair of packet ports of one instance; either may be missing.
 
-    `line`: TELEMETRY or SERIAL, where the pair is for gateways alone.
+    `line`: TELEMETRY or SERIAL, if the pair is for gateways only.
     """
 
     instance: str
@@ -135,8 +133,8 @@ class Endpoint:
 class Node:
     """A radio node with one antenna: an instance's parent system (an instance of the root system is its own node).
 
-    `position`: instance and variables of its NED position [m], where it has one. `lines`: endpoints that gateways may
-    use; they are among `endpoints` when one does. `autopilots`: names of the instances that declare to be autopilots.
+    `position`: instance and variables of its NED position [m], if it has one. `lines`: endpoints that gateways may use;
+    those in use are also among `endpoints`. `autopilots`: names of the instances that declare to be autopilots.
     """
 
     name: str
@@ -150,7 +148,8 @@ class Node:
 class Gateway:
     """A node that represents real programs, and the link to it; times in s.
 
-    `wired`: name of the endpoint it is wired to; None: it is on the air and reaches every node, whatever the topology.
+    `wired`: name of the endpoint that it is wired to; None: it is on the air and reaches every node, whatever the
+    topology.
     """
 
     name: str
@@ -162,9 +161,9 @@ class Gateway:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """The channel between some nodes and others; None takes the network's value. Times in s.
+    """The channel between some nodes and others; None uses the network's value. Times in s.
 
-    `source` and `target` are names or patterns as they were written, `senders` and `hearers` the nodes that they match.
+    `source` and `target` are names or patterns as written, `senders` and `hearers` the matching nodes.
     """
 
     source: str
@@ -181,7 +180,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Partition:
-    """From start to stop [s] the nodes of these names are cut off from all others."""
+    """The nodes with these names are cut off from all others between start and stop [s]."""
 
     nodes: tuple[str, ...]
     start: float
@@ -190,7 +189,7 @@ class Partition:
 
 @dataclass(frozen=True, slots=True)
 class Jamming:
-    """From start to stop [s] no node hears that is within `radius` of a place [m], at any height."""
+    """Nodes within `radius` of a place [m], at any height, do not hear anything between start and stop [s]."""
 
     north: float
     east: float
@@ -201,7 +200,7 @@ class Jamming:
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """Nodes by name, and the radio between them. Times in s, lengths in m. Of `channels` the last one counts."""
+    """Nodes by name, and the radio between them. Times in s, lengths in m. The last of several `channels` applies."""
 
     nodes: tuple[Node, ...] = ()
     gateways: tuple[Gateway, ...] = ()
@@ -239,10 +238,10 @@ class Network:
 
 
 def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
-    """The network of a checked system. `seed` replaces the annotation's.
+    """Returns the network of a checked system. `seed` replaces the annotation's.
 
     Raises:
-        SystemDescriptionError: the annotation is wrong; all problems at once.
+        SystemDescriptionError: the annotation is invalid; all problems are reported at once.
     """
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "network", problems)
@@ -298,7 +297,7 @@ def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tu
 
 
 def _lines(instance: ComponentInstance, ports: Sequence[Variable]) -> list[Endpoint]:
-    """The lines to gateways of an instance that has other packet ports besides."""
+    """Returns the lines to gateways of an instance that also has other packet ports."""
     by_name = {v.name: v for v in ports}
     found = []
     for line in (TELEMETRY, SERIAL):
@@ -309,7 +308,7 @@ def _lines(instance: ComponentInstance, ports: Sequence[Variable]) -> list[Endpo
 
 
 def _ends_of_line(fmu: FmuDescription, role: Role) -> tuple[str, str]:
-    """Names of the input and the output that an FMU declares as a line, or of those that are one by convention."""
+    """Returns the names of the input and the output that an FMU declares as a line, or of the conventional ones."""
     declared = [fmu.variables[name] for name, verdict in fmu.verdicts.items() if verdict is role]
     inputs = [v.name for v in declared if v.causality == "input"]
     outputs = [v.name for v in declared if v.causality == "output"]
@@ -317,7 +316,7 @@ def _ends_of_line(fmu: FmuDescription, role: Role) -> tuple[str, str]:
 
 
 def _declared_positions(instances: Sequence[ComponentInstance]) -> dict[str, tuple[tuple[str, Variable], ...]]:
-    """Returns, by node, the variables that its only FMU with a position declares as such."""
+    """Returns, by node, the variables that its only FMU with a position declares as the position."""
     found: dict[str, list[tuple[tuple[str, Variable], ...]]] = {}
     for instance in instances:
         node = instance.name.rpartition(".")[0] or instance.name
@@ -330,7 +329,7 @@ def _declared_positions(instances: Sequence[ComponentInstance]) -> dict[str, tup
 
 
 def with_gateways(network: Network, gateways: Sequence[Gateway]) -> Network:
-    """The network with these gateways, and with the lines that they use."""
+    """Returns the network with these gateways, and with the lines that they use."""
     wired = {gateway.wired for gateway in gateways}
 
     def endpoints(node: Node) -> Iterator[Endpoint]:
@@ -393,7 +392,7 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
     elif settings.sensitivity > -math.inf or settings.jamming:
         _check_positions(reader, nodes, "sensitivity and jamming")
     for name in ("axis", "neighbours"):
-        # Where the run has another topology than the file, what the file says of its own is left out.
+        # If the run has another topology than the file, settings of the file's topology are ignored.
         meant = reader.overridden(name) or not reader.overridden("topology")
         if settings.topology != "nearest" and meant and reader.text(name, ""):
             reader.problem(f'{name} is for topology="nearest", this is "{settings.topology}"')
@@ -409,13 +408,13 @@ def _check_positions(reader: Attributes, nodes: Sequence[Node], what: str) -> No
 
 
 def _effects(reader: Attributes) -> dict[str, Any]:
-    """Fields of `Network` that are numbers of effects."""
+    """Returns the fields of `Network` with numbers of effects."""
     plain = Network()
     return {name: reader.number(text, getattr(plain, name), low, high) for name, (text, low, high) in _EFFECTS.items()}
 
 
 def _check_effects(reader: Attributes, settings: Network) -> None:
-    """Complain about attributes that do not go together."""
+    """Reports attributes that cannot be combined."""
     ways = [(settings.burst_start, settings.burst_end)]
     for one in settings.channels:
         start = settings.burst_start if one.burst_start is None else one.burst_start
@@ -464,7 +463,7 @@ def _jamming(child: Attributes) -> Jamming:
 
 
 def _span(child: Attributes, what: str) -> tuple[float, float]:
-    """Start and stop, s."""
+    """Returns start and stop, s."""
     start = child.number("start", 0.0, 0.0, 1e9)
     stop = child.number("stop", math.inf, 0.0, math.inf)
     if stop <= start:
@@ -476,7 +475,7 @@ def _dialect(reader: Attributes, folder: Path) -> tuple[Message, ...]:
     name = reader.text("dialect", "")
     if not name:
         return ()
-    from cosim.build.dialects import read_xml  # what else builds FMUs would be loaded by every run
+    from cosim.build.dialects import read_xml  # otherwise every run would import the modules that build FMUs
 
     try:
         return tuple(read_xml(folder / name).values())
@@ -506,7 +505,7 @@ def _axis(reader: Attributes) -> tuple[float, float, float] | None:
 def _links(
     children: Sequence[Attributes], nodes: Mapping[str, Node], topology: str
 ) -> tuple[frozenset[tuple[str, str]], tuple[Channel, ...]]:
-    """The links that `link` elements make, and the channels that they describe."""
+    """Returns the links that `link` elements create, and the channels that they describe."""
     links: set[tuple[str, str]] = set()
     described: list[tuple[Attributes, Channel]] = []
     for child in children:
@@ -530,12 +529,12 @@ def _links(
 
 
 def _only_makes(reader: Attributes, link: Attributes) -> bool:
-    """Returns whether a link belongs to the topology of the file only, while the run has another one."""
+    """Returns whether a link only creates a link of the file's topology, while the run has another topology."""
     return reader.overridden("topology") and not _describes(link)
 
 
 def _describes(link: Attributes) -> bool:
-    """Returns whether a link describes how packets travel there."""
+    """Returns whether a link sets properties of transmission."""
     return any(link.text(text, "") for text, _ in _OF_LINKS.values())
 
 
@@ -558,7 +557,7 @@ def _matching(end: str, nodes: Mapping[str, Node]) -> tuple[str, ...]:
 def _linkable(
     child: Attributes, ends: tuple[str, str], nodes: Mapping[str, Node], topology: str, *, describes: bool
 ) -> bool:
-    """Returns whether a link has nodes at its ends, and makes or describes a connection."""
+    """Returns whether a link has nodes at its ends, and creates or describes a connection."""
     known = True
     for end in ends:
         if not _matching(end, nodes):

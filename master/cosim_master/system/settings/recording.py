@@ -1,4 +1,4 @@
-"""The recording that a system asks for: the annotation org.uav-cosim.recording."""
+"""The recording that a system specifies: the annotation org.uav-cosim.recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RECORDING = "org.uav-cosim.recording"
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The recording: rows every `interval` s (None: every base step), patterns of signals, and whether with packets.
+    """The recording: a row every `interval` s (None: every base step), patterns of signals, and whether with packets.
 
     <recording xmlns="https://uav-cosim.org/ns/1" interval="0.0125" signals="*.position* *.target" packets="true"/>
     """
@@ -30,10 +30,10 @@ class Recording:
 
 
 def recording_of(checked: CheckedSystem, record: Sequence[str]) -> Recording:
-    """The recording that a system asks for; `record` are patterns of signals in place of its own.
+    """Returns the recording that a system specifies; `record` has patterns of signals that replace its own.
 
     Raises:
-        SystemDescriptionError: the annotation is wrong.
+        SystemDescriptionError: the annotation is invalid.
     """
     problems: list[Problem] = []
     reader = root_annotation(checked, RECORDING, "recording", problems)

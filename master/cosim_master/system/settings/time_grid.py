@@ -1,11 +1,11 @@
 """The clock of a run: an integer count of ticks, a base step, and each instance's period in base steps.
 
-A tick is a nanosecond, or a whole part of one where a step size is a fraction such as 1/30 s: communication points are
-start + k*base in ticks, exactly, and never accumulated. FMUs get the nearest double of a point and of a step. What has
-whole nanoseconds (radio, events of Clocks) takes the nearest one.
+A tick is a nanosecond, or an integral fraction of one if a step size is a fraction such as 1/30 s. Communication points
+are start + k*base in ticks; they are exact and never accumulated. FMUs receive the nearest double of a point and of a
+step. Radio and events of Clocks use whole nanoseconds, the nearest ones.
 
-Whose step size acts: --step of the command line; else the nearest annotation org.uav-cosim.stepping, on the component
-or a system around it; else the proposal of the FMU (DefaultExperiment).
+The step size of an FMU is, in this order of precedence: --step of the command line; the nearest annotation
+org.uav-cosim.stepping, on the component or a surrounding system; the proposal of the FMU (DefaultExperiment).
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class TimeGrid:
     """The clock of a run: start and base step in ticks, number of base steps, and periods of instances in base steps.
 
     Attributes:
-        per_ns: ticks of a nanosecond.
-        sources: of each instance, the origin of its step size: "--step", "system" or "FMU".
+        per_ns: ticks per nanosecond.
+        sources: for each instance, the origin of its step size: "--step", "system" or "FMU".
     """
 
     start: int
@@ -52,7 +52,7 @@ class TimeGrid:
 
     @property
     def grids(self) -> tuple[int, ...]:
-        """The different periods, where no instance steps by the base step; else none."""
+        """The different periods, if no instance steps by the base step; otherwise none."""
         return () if 1 in self.periods else tuple(sorted(set(self.periods)))
 
     def seconds(self, steps: int) -> float:
@@ -60,15 +60,15 @@ class TimeGrid:
         return steps * self.base / (_NANO * self.per_ns)
 
     def time(self, k: int) -> float:
-        """Communication point t_k, s."""
+        """Returns the communication point t_k, s."""
         return (self.start + k * self.base) / (_NANO * self.per_ns)
 
 
 def exact(seconds: float) -> Fraction | None:
-    """A step size as a fraction of nanoseconds; None if it is not a positive number.
+    """Returns a step size as a fraction in nanoseconds; None if it is not a positive number.
 
-    Whole nanoseconds are taken as they are, other numbers for the simplest fraction with a denominator of at most
-    100000 that is as near as ten digits can tell (0.03333333333 is 1/30), else as they are written.
+    Whole nanoseconds are exact. Another number is interpreted as the simplest fraction with a denominator of at most
+    100000 that equals it to ten digits (0.03333333333 is 1/30), or else as written.
     """
     if not math.isfinite(seconds) or seconds <= 0:
         return None
@@ -82,7 +82,7 @@ def exact(seconds: float) -> Fraction | None:
 
 
 def _ticks(seconds: float) -> int | None:
-    """Nanoseconds of a time in s, None if it is not a whole number of them."""
+    """Returns a time in s as nanoseconds; None if it is not a whole number of them."""
     if not math.isfinite(seconds):
         return None
     ticks = round(seconds * _NANO)
@@ -95,10 +95,10 @@ def time_grid(
     """Chooses the clock.
 
     Args:
-        until: stop time in s; the system's DefaultExperiment where None.
-        step: step size in s of all instances, whatever system and FMUs say.
-        gridless: the master decides the sizes of steps, which end on no grid: the base step is a nanosecond, and the
-            step sizes are those of first steps.
+        until: stop time in s; None uses the system's DefaultExperiment.
+        step: step size in s of all instances, which overrides system and FMUs.
+        gridless: the master chooses the sizes of steps, which do not end on a grid: the base step is a nanosecond, and
+            the step sizes are those of the first steps.
 
     Raises:
         SystemDescriptionError: no stop time, no step size, start or stop within a nanosecond, or a run whose end an
@@ -151,7 +151,7 @@ def _gridless(
 
 
 def _with_tables(instances: Sequence[ComponentInstance], sizes: Sequence[Fraction]) -> list[Fraction]:
-    """Step sizes of all instances, where tables without one have a new value whenever any other instance steps."""
+    """Returns the step sizes of all instances; tables without one have a new value whenever another instance steps."""
     per_ns = math.lcm(*(size.denominator for size in sizes))
     shared = Fraction(math.gcd(*(int(size * per_ns) for size in sizes)), per_ns)
     given = iter(sizes)
@@ -169,7 +169,7 @@ def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Frac
     ticks = [int(size * per_ns) for size in sizes]
     base, total = math.gcd(*ticks), length * per_ns
     if per_ns > 1 and 2 * abs(total - round(total / base) * base) < per_ns:
-        total = round(Fraction(total, base)) * base  # the stop time is a fraction, too, as well as it can be written
+        total = round(Fraction(total, base)) * base  # the stop time is a fraction, too, as written with limited digits
     per_second = _NANO * per_ns
     if total % base:
         nearest = ((total // base + 1) * base + start * per_ns) / per_second
@@ -193,7 +193,7 @@ def _clock(checked: CheckedSystem, start: int, length: int, sizes: Sequence[Frac
 
 
 def _step_notes(instances: Sequence[ComponentInstance], sources: Sequence[str], step: float | None) -> list[str]:
-    """Returns notes on surprising sources of step sizes: --step over the system, and proposals of other tools' FMUs."""
+    """Returns notes on unexpected origins of step sizes: --step over the system, and proposals of other tools' FMUs."""
     if step is not None:
         over = [one.name for one in instances if one.step_source == "system" and one.step_size != step]
         listed = ", ".join(over[:3]) + (f" and {len(over) - 3} more" if len(over) > 3 else "")
@@ -224,7 +224,7 @@ def _fractions(instances: Sequence[ComponentInstance], sizes: Sequence[Fraction]
 
 
 def _unlike(checked: CheckedSystem, sizes: Sequence[int], per_second: int) -> list[Problem]:
-    """Instances that are tied together by Clocks and have different step sizes."""
+    """Adds problems for instances that are connected by Clocks and have different step sizes."""
     problems = []
     for members in lockstep(checked):
         steps = {sizes[i] for i in members}

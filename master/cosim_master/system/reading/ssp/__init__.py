@@ -1,1 +1,1 @@
-"""SSP's own files: their grammar, their parts."""
+"""Readers of SSP's own files: their grammar, and their parts."""

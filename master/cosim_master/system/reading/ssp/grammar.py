@@ -1,7 +1,7 @@
-"""The grammar of SSP's files: which elements and attributes are legal where, and which of them we cannot run.
+"""The grammar of SSP's files: the legal elements and attributes at each place, and those that are not supported.
 
-SSP 1.0 and 2.0, sections 4 to 8; what only 2.0 has is marked as later and refused in a file that says 1.0. Geometry
-is legal everywhere the standard has it and is not looked into.
+It covers SSP 1.0 and 2.0, sections 4 to 8. Features of version 2.0 are marked as later, and refused in a file of
+version 1.0. Geometry is accepted wherever the standard allows it, and its contents are not checked.
 """
 
 from __future__ import annotations

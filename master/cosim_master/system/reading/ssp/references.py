@@ -1,7 +1,7 @@
-"""Files that SSP files refer to: resolves URIs, unpacks archives, and caches the contents.
+"""Handles the files that SSP files refer to: resolves URIs, unpacks archives, and caches the contents.
 
-A relative URI is resolved against the file it is in (RFC 3986) and must not lead out of the archive that file came
-from. The contents of the files are not interpreted here.
+A relative URI is resolved against the file that contains it (RFC 3986), and must not lead out of the archive of this
+file. The contents of the files are not interpreted here.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ class File:
     """A file, or a member of an archive.
 
     Attributes:
-        path: the file, or the archive it is in.
-        shown: as the user would name it.
-        boundary: the unpacked archive the file is in and must not lead out of; None for files of the user's own.
+        path: the file, or the archive that contains it.
+        shown: the name that the user would use.
+        boundary: the unpacked archive that contains the file, and that references must not leave; None for the user's
+            own files.
         member: its name in the archive, empty for a file.
     """
 
@@ -60,7 +61,7 @@ class Target:
 
 @dataclass(slots=True)
 class Files:
-    """The files read for one structure: every file once, however many components refer to it."""
+    """The files read for one structure. Each file is read once, however many components refer to it."""
 
     problems: list[Problem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -72,10 +73,10 @@ class Files:
     """Of the system that is being read."""
 
     def unpacked(self, file: File) -> File:
-        """The folder with the members of an archive, unpacked on first use.
+        """Returns the folder with the members of an archive, which is unpacked on first use.
 
         Raises:
-            SystemDescriptionError: not an archive, or one that is refused.
+            SystemDescriptionError: the file is not an archive, or the archive is refused.
         """
         key = file.path.resolve()
         if key not in self.folders:
@@ -135,10 +136,10 @@ def read_reference(uri: str) -> tuple[str | None, Target]:
 
 
 def read_source(base: File, uri: str) -> tuple[str | None, File | None, str]:
-    """Returns the problem with the URI of an FMU, or None; its file; and a note if it is not taken literally.
+    """Returns the problem with the URI of an FMU, or None; its file; and a note if the URI is not used literally.
 
-    A file relative to `base`, an absolute one (file:), or one that a server of proxyfmu would run: proxyfmu://HOST?file=
-    PATH, where HOST says where; it is run here. A server that knows an FMU by its GUID only has no file for us.
+    The file is relative to `base`, absolute (file:), or one that a server of proxyfmu would run
+    (proxyfmu://HOST?file=PATH); the latter is run here. An FMU that a server identifies only by its GUID has no file.
     """
     nowhere = "write the path of a file, or proxyfmu://localhost?file=PATH"
     try:
@@ -161,10 +162,10 @@ def read_source(base: File, uri: str) -> tuple[str | None, File | None, str]:
 
 
 def parsed(file: File) -> etree._Element:
-    """The root element of an XML file.
+    """Returns the root element of an XML file.
 
     Raises:
-        SystemDescriptionError: cannot be read, is too large or not well-formed.
+        SystemDescriptionError: the file cannot be read, is too large or is not well-formed.
     """
     if file.member:
         data = archive.read_member(file.path, file.member, file.shown, limit=_MAX_DOCUMENT_BYTES)

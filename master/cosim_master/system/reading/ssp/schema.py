@@ -1,7 +1,7 @@
 """Validates SSP files against the official XML schemas of SSP 1.0 and 2.0.1, with line numbers.
 
-The schemas are data files of the package pyssp-standard (which is not imported); nothing is fetched. What our own
-grammar reports comes first; the schemas add the rest.
+The schemas are data files of the package pyssp-standard (which is not imported); nothing is downloaded. Problems found
+by our own grammar are reported first; the schemas add the others.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def schema_folder(version: int) -> Path:
 
 @lru_cache(maxsize=2)
 def _schema(version: int) -> etree.XMLSchema:
-    """All schemas of a version as one, so that parameter sets and mappings inside an .ssd are validated too."""
+    """Returns all schemas of a version as one, so that parameter sets and mappings in an .ssd are also validated."""
     folder = schema_folder(version)
     imports = "".join(
         f'<xs:import namespace="{namespace}" schemaLocation="{(folder / f"SystemStructure{name}.xsd").as_uri()}"/>'
@@ -52,7 +52,7 @@ def _schema(version: int) -> etree.XMLSchema:
 
 
 class _Released(etree.Resolver):
-    """The installed schemas of SSP 2.0 as SSP 2.0.1 has them: values of enumeration items have 64 bits."""
+    """Converts the installed schemas of SSP 2.0 to SSP 2.0.1, in which values of enumeration items have 64 bits."""
 
     def resolve(self, url: str, public: str | None, context: Any) -> Any:  # type: ignore[override]  # noqa: ARG002
         if not url.endswith("/ssp2/SystemStructureCommon.xsd"):
@@ -65,11 +65,11 @@ class _Released(etree.Resolver):
 
 
 def validate(root: etree._Element, version: int, shown: str, known: Iterable[Problem]) -> list[Problem]:
-    """Returns the schema's errors in a document, except on lines where a problem is known already.
+    """Returns the schema's errors in a document, except on lines with an already known problem.
 
     Args:
-        root: its root element.
-        version: the schema's, 1 or 2.
+        root: the root element of the document.
+        version: the version of the schema, 1 or 2.
         shown: the document's name.
         known: problems found so far.
     """
@@ -77,7 +77,7 @@ def validate(root: etree._Element, version: int, shown: str, known: Iterable[Pro
     if schema.validate(root):
         return []
     lines = {problem.where.line for problem in known if problem.where.path == shown}
-    # On elements inside a refused one libxml2 repeats itself; one message per line says enough.
+    # libxml2 reports several errors for the contents of a refused element; one message per line suffices.
     found: dict[int, Problem] = {}
     for entry in cast("Iterable[Any]", schema.error_log):
         if entry.line not in lines:
@@ -88,5 +88,5 @@ def validate(root: etree._Element, version: int, shown: str, known: Iterable[Pro
 
 
 def _plain(message: str) -> str:
-    """A message of libxml2 without the namespaces, which make it unreadable."""
+    """Returns a message of libxml2 without the namespaces, which make it unreadable."""
     return re.sub(r"\{http://ssp-standard[.]org/[^}]*\}", "", message)

@@ -1,6 +1,6 @@
 """Reads the common parts of SSP's files (SSP 2.0, section 4): versions, units, enumerations, types, transformations.
 
-It knows nothing of systems or parameter sets; those are in `ssd` and `ssv`.
+Systems and parameter sets are read by `ssd` and `ssv`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _ANNOTATED = tuple(SSD + name for name in ("SystemStructureDescription", "System
 
 
 def read_version(reader: Reader, root: etree._Element) -> None:
-    """Notes the SSP version of a file; a problem if it is neither 1.x nor 2.x."""
+    """Stores the SSP version of a file; versions other than 1.x and 2.x are a problem."""
     version = root.get("version", "1.0").strip()
     if not re.fullmatch(r"[12][.][0-9]+(-.*)?", version):
         reader.problem(root, f'version "{version}" of SSP is not supported; valid: "1.0", "2.0"')
@@ -52,9 +52,9 @@ def read_version(reader: Reader, root: etree._Element) -> None:
 
 
 def note_ignored(root: etree._Element, reader: Reader, notes: list[str]) -> None:
-    """Notes legal contents that have no effect: meta data, signatures, and annotations in unexpected places.
+    """Adds notes on legal contents without effect: meta data, signatures, and annotations in unexpected places.
 
-    Annotations of systems, components and the file itself are looked at later, by `check`.
+    Annotations of systems, components and the file itself are examined later, by `check`.
     """
     for element in root.iter(SSC + "Annotation", *META):
         if element.tag in META:
@@ -111,7 +111,7 @@ class Definitions:
 
     def _enumerations(self, root: etree._Element, namespace: str) -> None:
         reader = self._reader
-        # 64 bits since SSP 2.0.1, whose files say that they are of version 2.0.
+        # The values have 64 bits since SSP 2.0.1, whose files state version 2.0.
         low, high = INTEGER_RANGES["Integer" if reader.version < 2 else "Int64"]
         for holder in root.iterfind(namespace + "Enumerations"):
             for element in reader.children(holder, GRAMMAR[namespace + "Enumerations"]):
@@ -133,7 +133,7 @@ class Definitions:
 def read_connector(
     reader: Reader, element: etree._Element, children: Sequence[etree._Element], kind: str, defined: Definitions
 ) -> Connector:
-    """A connector or an entry of a signal dictionary; `children` are its legal children."""
+    """Returns a connector or an entry of a signal dictionary; `children` are its legal children."""
     unit, enumeration, items, type_name, mime_type = None, None, None, None, None
     dimensions: tuple[Dimension, ...] = ()
     in_dictionary, variability, clocks = kind == "inout" and element.get("kind") is None, None, []
@@ -176,7 +176,7 @@ def read_connector(
 def read_dimensions(
     reader: Reader, children: Sequence[etree._Element], *, sizes_only: bool = False
 ) -> tuple[Dimension, ...]:
-    """The <Dimension> elements among `children` (section 4.5.3); `sizes_only`: where a size must be written out."""
+    """Returns the <Dimension> elements among `children` (section 4.5.3); with `sizes_only`, a size must be a number."""
     found = []
     total = 1
     for child in children:
@@ -201,7 +201,7 @@ def read_dimensions(
 
 
 def read_transformation(reader: Reader, children: Sequence[etree._Element]) -> Transformation | None:
-    """The transformation among the children of a connection or mapping entry (section 4.5.2)."""
+    """Returns the transformation among the children of a connection or mapping entry (section 4.5.2)."""
     for child in children:
         if child.tag not in TRANSFORMATIONS:
             continue
@@ -237,7 +237,7 @@ def _mapping(reader: Reader, element: etree._Element, held: Sequence[etree._Elem
 
 
 def typed_value(reader: Reader, element: etree._Element, kind: str, text: str) -> Value:
-    """A value of an SSP type as it is written in an attribute; a problem and something of its type if it is not one."""
+    """Returns a value of an SSP type from an attribute; after a problem, it returns any value of the type."""
     wanted: str
     if kind in ("Real", "Float32"):
         if (number := double(text)) is not None:

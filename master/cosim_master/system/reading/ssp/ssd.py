@@ -1,6 +1,6 @@
-"""Reads one system structure description (.ssd) with everything it refers to: SSP 2.0, section 5.
+"""Reads one system structure description (.ssd) with all files that it refers to: SSP 2.0, section 5.
 
-No FMU is opened, except for parameter sets that an FMU brings along (sourceBase="component").
+No FMU is opened, except for parameter sets inside it (sourceBase="component").
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Document:
     Args:
         file: the file.
         files: the files read so far.
-        stack: the systems that are being read around it (document and id), against recursion.
+        stack: the surrounding systems that are being read (document and id), to detect recursion.
 
     Raises:
         SystemDescriptionError: the file is not an .ssd; all other errors go to `files.problems`.
@@ -84,11 +84,11 @@ class Document:
         self.by_id = {item.get("id", ""): item for item in self.root.iter(SSD + "System") if item.get("id")}
 
     def validate(self) -> None:
-        """Holds the document against the schema, after everything else."""
+        """Validates the document against the schema, after all other checks."""
         _validate(self.root, self.file, self.files, self.reader.version)
 
     def system(self) -> System:
-        """The root system of the document."""
+        """Returns the root system of the document."""
         found = self.root.find(SSD + "System")
         if found is None:
             where = self.reader.where(self.root)
@@ -112,7 +112,7 @@ class Document:
         return times[0], times[1]
 
     def annotations(self, element: etree._Element) -> tuple[Annotation, ...]:
-        """The annotations of an element."""
+        """Returns the annotations of an element."""
         return tuple(
             Annotation(item.get("type", ""), item, self.reader.where(item))
             for item in element.iterfind(f"{ANNOTATIONS}/{SSC}Annotation")
@@ -214,7 +214,7 @@ class Document:
     def _source(
         self, element: etree._Element, kind: str, connectors: tuple[Connector, ...]
     ) -> tuple[File | None, System | None, str | None]:
-        """The file of a component, the system inside it, and the fragment of its URI."""
+        """Returns the file of a component, the system inside it, and the fragment of its URI."""
         uri, where = element.get("source"), self.reader.where(element)
         if uri is None:
             if self.reader.version < 2:
@@ -254,7 +254,7 @@ class Document:
         return file, None, None
 
     def _embedded(self, element: etree._Element, name: str) -> System | None:
-        """The system of this document with the given id (section 5.4, "source")."""
+        """Returns the system of this document with the given id (section 5.4, "source")."""
         found = self.by_id.get(name)
         if found is None:
             text = f'source "#{name}": no system of this file has the id "{name}"; {near(name, self.by_id)}'
@@ -297,7 +297,7 @@ class Document:
         return self.files.once(key, read, None)
 
     def _variant(self, element: etree._Element, folder: File, variant: str | None) -> File:
-        """The .ssd at the root of an unpacked archive: the default one, or the one that the fragment names."""
+        """Returns the .ssd at the root of an unpacked archive: the default one, or the one that the fragment names."""
         name = ROOT_DOCUMENT if variant is None else variant
         file = File(folder.path / name, f"{folder.shown}/{name}", folder.path)
         if variant is not None and (PurePosixPath(name).name != name or not is_file(file.path)):
@@ -356,9 +356,9 @@ class Document:
         )
 
     def _owner(self, element: etree._Element, attribute: str) -> str | None:
-        """The element that an end of a connection names; None for the system itself.
+        """Returns the element that an end of a connection names; None for the system itself.
 
-        Names of elements must not be empty (section 5.2), so that "" can stand for the system only.
+        Names of elements must not be empty (section 5.2), so "" can only represent the system.
         """
         name = element.get(attribute)
         if name != "":
@@ -466,7 +466,7 @@ class Document:
             element.set("version", version)
 
     def _file(self, element: etree._Element, uri: str, component: File | None) -> File | None:
-        """The file that `source` of a binding, mapping or dictionary names, by its `sourceBase`."""
+        """Returns the file that `source` of a binding, mapping or dictionary names, by its `sourceBase`."""
         base = self.reader.choice(element, "sourceBase", ("SSD", "component"), "SSD")
         trouble, target = read_reference(uri)
         found = None
@@ -498,7 +498,7 @@ def _rooted(file: File, tag: str) -> etree._Element:
 
 
 def _validate(root: etree._Element, file: File, files: Files, version: int) -> None:
-    """Checks a file against the schema of its version, or of the newest version of its inline contents."""
+    """Validates a file against the schema of its version, or of the latest version of its inline contents."""
     inner = root.iter(SSV + "ParameterSet", SSM + "ParameterMapping", SSB + "SignalDictionary")
     newest = max([version, *(2 for item in inner if item.get("version", "").startswith("2"))])
     files.problems += validate(root, newest, file.shown, files.problems)

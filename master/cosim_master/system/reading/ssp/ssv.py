@@ -1,6 +1,6 @@
 """Reads parameter sets (SSV), parameter mappings (SSM) and signal dictionaries (SSB), each a file or inline in an SSD.
 
-SSP 2.0, sections 6 to 8. What a parameter sets is not known here.
+It implements SSP 2.0, sections 6 to 8. The targets of parameters are determined elsewhere.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _BY_CHILDREN = ("String", "Enumeration", "Binary")
 
 
 def _within(reader: Reader, root: etree._Element) -> Reader:
-    """A reader of the same file for an element that says itself of which version it is."""
+    """Returns a reader of the same file for an element that specifies its own version."""
     inner = Reader(reader.shown, reader.problems, reader.version)
     read_version(inner, root)
     return inner
@@ -77,7 +77,7 @@ def _parameter(reader: Reader, element: etree._Element, defined: Definitions) ->
 
 
 def _values(reader: Reader, element: etree._Element, kind: str, shape: tuple[int, ...]) -> list[Value] | None:
-    """The values of a parameter, last index fastest; None after a problem."""
+    """Returns the values of a parameter, last index fastest; None after a problem."""
     texts: list[tuple[etree._Element, str]]
     held = reader.children(element, GRAMMAR[str(element.tag)])
     name, text = local_name(element), element.get("value")
@@ -103,7 +103,7 @@ def _values(reader: Reader, element: etree._Element, kind: str, shape: tuple[int
 
 
 def read_parameter_mapping(reader: Reader, root: etree._Element) -> tuple[MappingEntry, ...]:
-    """The entries of an ssm:ParameterMapping."""
+    """Returns the entries of an ssm:ParameterMapping."""
     reader = _within(reader, root)
     entries: dict[str, MappingEntry] = {}
     held = reader.children(root, GRAMMAR[SSM + "ParameterMapping"])
@@ -126,7 +126,7 @@ def read_parameter_mapping(reader: Reader, root: etree._Element) -> tuple[Mappin
 
 
 def read_signal_dictionary(reader: Reader, root: etree._Element) -> dict[str, Connector]:
-    """The entries of an ssb:SignalDictionary, by name."""
+    """Returns the entries of an ssb:SignalDictionary, by name."""
     reader = _within(reader, root)
     held: Sequence[etree._Element] = reader.children(root, GRAMMAR[SSB + "SignalDictionary"])
     defined = Definitions(reader, root, SSB)
