@@ -30,16 +30,16 @@ NETWORK, RECORDING = "org.uav-cosim.network", "org.uav-cosim.recording"
 
 @dataclass(frozen=True, slots=True)
 class Ways:
-    """Links that are alike for all drones: each is linked to those so many places behind it.
+    """Links in the same pattern for all drones: each drone is linked to those `steps` places after it.
 
-    `closed`: the first drone is behind the last.
+    `closed`: the first drone follows the last one.
     """
 
     steps: tuple[int, ...]
     closed: bool
 
     def between(self, drones: int) -> list[tuple[int, int]]:
-        """Returns the links of so many drones, as pairs of places from 0 on."""
+        """Returns the links of this number of drones, as pairs of places counted from 0."""
         found: dict[tuple[int, int], None] = {}
         for i in range(drones):
             for step in self.steps:
@@ -214,7 +214,7 @@ def _network(system: System, drones: Sequence[str]) -> tuple[dict[str, str], Way
 
 
 def _ways(links: Sequence[Mapping[str, str]], drones: Sequence[str]) -> Ways | None:
-    """Returns links if they go both ways, describe nothing, and are alike for all drones."""
+    """Returns links if they are two-way, set no properties, and follow the same pattern for all drones."""
     place = {name: i for i, name in enumerate(drones)}
     pairs: set[frozenset[int]] = set()
     for link in links:

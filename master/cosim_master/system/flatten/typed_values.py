@@ -35,7 +35,7 @@ def converted(
     """Returns the problem with a parameter for a variable of type `kind`; or None, and the converted value.
 
     First the unit is converted, then the transformation of a parameter mapping is applied (SSP 2.0, section 7.1.1).
-    An Enumeration stays an item's name where the items are not known.
+    The value of an Enumeration remains the name of an item if the items are not known.
     """
     value, given = parameter.value, SAME_TYPE.get(parameter.type, parameter.type)
     if kind in _FLOATS and (given in _FLOATS or given in INTEGER_RANGES):
@@ -60,7 +60,7 @@ def converted(
 
 
 def _by_table(parameter: Parameter, kind: str, items: Mapping[str, int] | None) -> tuple[str | None, Value]:
-    """Returns a value other than a Real after the mapping transformation of a parameter mapping, if there is one."""
+    """Returns a value other than a Real after the mapping transformation of a parameter mapping, if one exists."""
     value, table = parameter.value, parameter.transformation
     if isinstance(table, LinearTransformation):
         return f"cannot be transformed: a LinearTransformation needs a Real, but it is {kind}", value
