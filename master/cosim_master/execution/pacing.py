@@ -34,9 +34,9 @@ from cosim_master.verdict.watch import Watch
 __all__ = ["Checkpoints", "interrupts", "run"]
 
 _SLICE = 0.05
-"""Wall-clock seconds between looks at progress and pacing."""
+"""Wall-clock seconds between updates of progress and pace."""
 _SHORT_SLICE = 0.02
-"""The same where something has to be exchanged with real programs."""
+"""The same, if packets are exchanged with real programs."""
 _KEEP = 0.5
 """Wall-clock seconds after which new rows and packets are made readable."""
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP")

@@ -23,16 +23,16 @@ class Outcome(StrEnum):
     """The outcome of a run."""
 
     RUNNING = "running"
-    """It has not, says its manifest. If no process records it any more, the process was killed."""
+    """The run has not ended, according to its manifest. If no process records it any more, the process was killed."""
     DONE = "done"
     INTERRUPTED = "interrupted"
-    """Ctrl-C, SIGTERM or SIGHUP."""
+    """The run was ended by Ctrl-C, SIGTERM or SIGHUP."""
     TERMINATED = "terminated"
-    """An FMU wants the simulation to end."""
+    """An FMU requested the end of the simulation."""
     FAILED = "failed"
-    """An FMU failed, perhaps only when it was to be terminated, after all had been simulated; or the recording did."""
+    """An FMU failed, perhaps only during its termination after a complete simulation; or the recording failed."""
     KILLED = "killed"
-    """The process was killed, says a manifest that `uav-cosim repair` has completed."""
+    """The process was killed, according to a manifest that `uav-cosim repair` has completed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,7 @@ _CAUSES = (
     "recording",
     "versions",
 )
-"""Entries of a manifest on the inputs of a run, besides its instances."""
+"""Entries of a manifest for the inputs of a run, in addition to its instances."""
 
 
 @dataclass(frozen=True, slots=True)

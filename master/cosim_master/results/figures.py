@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_altitude", "draw_errors", "draw_positions", "draw_snapshots", "figures"]
 
 SNAPSHOTS = (1, 9, 17)
-"""Steps whose begins are shown in space, if the run got that far; else its first, middle and last step."""
+"""Steps whose begins are shown in space, if the run reached them; otherwise its first, middle and last step."""
 
 _NAMED = 20  # with more drones, names would cover the picture
 _WIDTH = 7.0  # inches: two columns of a journal

@@ -27,7 +27,7 @@ __all__ = ["Array", "Drone", "Flight", "read_flight"]
 Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 _ROWS = 5000
-"""Instants kept: far more than a figure has dots."""
+"""Instants kept: far more than a figure can resolve."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,9 +46,9 @@ from cosim_master.system.settings.network import Network
 __all__ = ["EPOCH", "Recorder"]
 
 _CHANGING = ("outcome", "simulated_s", "wall_s", "real_time_factor", "packets")
-"""Keys of the manifest that change while the run goes on."""
+"""Keys of the manifest that change during the run."""
 EPOCH = 1_735_689_600_000_000
-"""Microseconds from 1970 to 2025-01-01T00:00:00Z, where the clock of .tlog files begins."""
+"""Microseconds from 1970 to 2025-01-01T00:00:00Z, the begin of the clock of .tlog files."""
 
 
 class Recorder:

@@ -54,7 +54,7 @@ class Player:
 
 
 UNKNOWN = Player({}, {})
-"""An instance that the manifest does not know."""
+"""An instance that is not in the manifest."""
 
 
 @dataclass(frozen=True, slots=True)

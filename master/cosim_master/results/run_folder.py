@@ -23,7 +23,7 @@ _RESULTS = ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog
 _DRAWN = (".png", ".svg", ".pdf", ".html")
 _STAMP = "uav-cosim, signals.parquet sha256 "
 _HEAD = 65536
-"""The number of bytes within which a figure's stamp lies."""
+"""Number of bytes at the begin of a figure that contain its stamp."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ DISCARD = (DO_STEP, STATUS.index("fmi2Discard"))
 
 _FAILED = (STATUS.index("fmi2Error"), STATUS.index("fmi2Fatal"))
 _MOST_INPUTS = 8
-"""More are not told with a failure."""
+"""Largest number of inputs named in the message of a failure."""
 
 
 def reached(plan: Plan) -> float:

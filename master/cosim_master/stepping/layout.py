@@ -52,19 +52,20 @@ class Layout:
     mapped: tuple[tuple[int, int, int, int], ...]
     """Rows of `Plan.mapped`."""
     signals: Mapping[str, tuple[tuple[str, Variable], ...]]
-    """Per kind the recorded signals (name, variable), in the order of instances; `wide` ones have two columns."""
+    """Recorded signals (name, variable) per kind, in the order of instances; `wide` ones have two columns."""
     constants: tuple[tuple[float, ...], tuple[int, ...]]
-    """Reals and integers, behind all outputs: values of the elements of an array that nothing is connected to, while
-    others are; source -1 of an input is the first of them."""
+    """Reals and integers after all outputs: values of unconnected elements of partly connected arrays; source -1 of an
+    input is the first of them.
+    """
     strings: tuple[FlatConnection, ...]
     string_signals: tuple[tuple[str, ComponentInstance, Variable], ...]
     delays: tuple[Delayed, ...] = ()
     links: tuple[FlatConnection, ...] = ()
-    """All of numbers."""
+    """Links of numbers."""
 
 
 TERM = -1
-"""In place of a delay: a further term of a sum."""
+"""Replaces a delay: a further term of a sum."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,7 @@ class Observer(Protocol):
     """An observer of a run."""
 
     every: int
-    """Base steps between two looks; 0: this observer has nothing to look at in this system."""
+    """Base steps between two looks; 0: this observer has no values to observe in this system."""
 
     def initialised(self, seen: Seen) -> None: ...
     def stepped(self, seen: Seen) -> None: ...
@@ -106,7 +106,7 @@ def _value(seen: Seen, kind: str, place: int, variable: Variable) -> float | int
 
 
 MakeObserver = Callable[[View], Observer]
-"""Makes an observer of a run; its class, where that takes a `View` and nothing else."""
+"""A function that returns an observer of a run; its class, if its only argument is a `View`."""
 
 
 class Observed(Protocol):

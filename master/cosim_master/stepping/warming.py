@@ -28,7 +28,7 @@ from cosim_master.stepping.kernels.tables import Plan
 __all__ = ["EVERY_RUN", "compile_loop", "types_of"]
 
 EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes")
-"""Kernels that no run does without."""
+"""Kernels that every run requires."""
 
 _STRUCTURED = {
     Plan: {

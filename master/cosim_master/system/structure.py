@@ -59,7 +59,7 @@ Kind: TypeAlias = Literal[
 Value: TypeAlias = float | int | bool | str
 MAX_DEPTH = 60
 MAX_PARTS = 200_000
-"""The deepest nesting of systems, and how many elements and connectors a system may have."""
+"""The deepest nesting of systems, and the largest number of elements and connectors of a system."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,13 +23,13 @@ __all__ = ["FEW", "Approach"]
 Array: TypeAlias = np.ndarray[Any, Any]
 
 FEW = 32
-"""Up to so many bodies are compared each with each."""
+"""Largest number of bodies for which all pairs are compared."""
 _PIECE = 1 << 15
-"""Pairs that are looked at in one go."""
+"""Pairs that are processed at once."""
 _FAR = 1 << 20
-"""Cells from the middle to the outermost."""
+"""Largest number of cells from the middle to the outermost cell."""
 _AROUND = [offset for offset in product((-1, 0, 1), repeat=3) if offset > (0, 0, 0)]
-"""One of each two opposite cells around a cell."""
+"""One of each two opposite neighbours of a cell."""
 
 
 @dataclass(slots=True)

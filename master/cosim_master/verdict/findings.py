@@ -10,8 +10,9 @@ from typing import Any, Literal
 __all__ = ["Finding", "Judgement", "Number", "Severity"]
 
 Severity = Literal["failure", "warning", "note"]
-"""A failure: the swarm did not do what it was to do. A warning: it may be why, or is doubtful. A note: it may be meant;
-nothing is wrong if it is."""
+"""A failure: the swarm did not perform its task. A warning: a possible cause, or doubtful. A note: nothing is wrong if
+it is intended.
+"""
 Number = float | int | str
 _ORDER: tuple[Severity, ...] = ("failure", "warning", "note")
 

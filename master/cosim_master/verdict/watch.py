@@ -37,17 +37,17 @@ Array: TypeAlias = np.ndarray[Any, Any]
 _INTERVAL = 0.1
 """s of simulated time between two looks."""
 _LOOKS = {False: 64, True: 10}
-"""Looks that are worked through together, of few vehicles and of many (`approach.FEW`)."""
+"""Looks that are evaluated together, for few vehicles and for many (`approach.FEW`)."""
 _PATIENCE = 10.0
-"""s that a vehicle may stay where it is after it was commanded."""
+"""s for which a vehicle may remain at its place after a command."""
 _MOVED = 0.5
-"""m from the start at which a vehicle that is not on the ground has flown."""
+"""m from the start beyond which a vehicle that is not on the ground has flown."""
 _AWAY = 3.0
-"""s that a vehicle may be farther than `Limits.deviation` from where its autopilot wants it, or on the ground."""
+"""s for which a vehicle may be farther than `Limits.deviation` from its desired position, or on the ground."""
 _LOW = 1.0
-"""m that an autopilot wants a vehicle higher that has come down."""
+"""m by which the desired height of an autopilot must exceed that of a vehicle that has come down."""
 _LATE = 1.0
-"""s that an agent may begin its work late."""
+"""s by which an agent may begin its work late."""
 
 
 def watched(checked: CheckedSystem) -> frozenset[tuple[str, str]]:
@@ -74,7 +74,7 @@ class _Agent:
     reason: int = 0
     began: float = math.nan
     last: int = -(2**31)
-    """The state that was seen last; no state before the first look."""
+    """The last state observed; no valid state before the first look."""
 
     def text_of(self, value: int) -> str:
         items = self.instance.fmu.variables[self.variable].items or {}

@@ -24,11 +24,11 @@ from cosim_master.view.traffic import traffic
 __all__ = ["replay"]
 
 _AT_ONCE = 256
-"""Columns read at once: of a thousand drones all of them would not fit into memory."""
+"""Columns read at once: all columns of a thousand drones would not fit into memory."""
 _PLOTTED = 10
-"""Curves in a plot that the page begins with."""
+"""Number of curves in each initial plot of the page."""
 _WORDS = 9
-"""Enumerations and Booleans that the page shows of a vehicle."""
+"""Number of enumerations and Booleans of a vehicle that the page shows."""
 
 
 def replay(run: Path) -> tuple[dict[str, Any], Block]:

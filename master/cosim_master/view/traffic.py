@@ -28,7 +28,7 @@ _LOGGED = 20_000
 _LINKS = 2_000
 _NOBODY = 65535
 _SAME = ("sent", "source", "sequence", "message", "system", "component")
-"""Columns that tell packets apart: rows of one packet, for several nodes, have the same."""
+"""Columns that identify packets: rows of one packet, for several nodes, have equal values there."""
 
 
 def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantum: float) -> dict[str, Any]:

@@ -61,7 +61,7 @@ _GPS_FIX_2D = 2  # GPS_FIX_TYPE
 
 _RETRY = 1.0  # s between repetitions of a command, and between own heartbeats
 SLACK = 1e-9
-"""Of times that are multiples of the step size up to rounding [s]."""
+"""Tolerance for times that are multiples of the step size up to rounding [s]."""
 
 CONVERSATION: tuple[Variable, ...] = (
     Memory("payload", dtype="u1", shape=255),
@@ -78,7 +78,7 @@ CONVERSATION: tuple[Variable, ...] = (
     Memory("answer", dtype="i4"),  # its MAV_RESULT, -1 before
     Memory("confirmation", dtype="i4"),  # number of its repetitions
 )
-"""What an agent remembers of it; it also has `sysid`, `refusal` and the packet output `mavlink_tx`."""
+"""Memory of an agent for the conversation; it also needs `sysid`, `refusal` and the packet output `mavlink_tx`."""
 
 
 # ---- receiving ---------------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from cosim_models.agents.kit import ERRORS, STEP_SIZE, VELOCITY, agent_kernels, 
 __all__ = ["FormationFlight", "Shape", "formation", "place_of"]
 
 _PLACES = 32
-"""Places of a table, at most."""
+"""Largest number of places in a table."""
 
 
 class Shape(IntEnum):

@@ -73,7 +73,7 @@ STEP_SIZE = 0.0125
 """Communication step for which agents are made [s]."""
 
 NOTHING_NEW, POSITION, VELOCITY, ACCELERATION = 0, 1, 2, 4
-"""What a law returns: the set-points that hold, added; NOTHING_NEW: none is sent."""
+"""Results of a law: the set-points that are valid, added; NOTHING_NEW: none is sent."""
 
 
 class Task(IntEnum):

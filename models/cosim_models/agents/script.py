@@ -97,7 +97,7 @@ SCRIPT: tuple[Variable, ...] = (
 )
 
 NEVER = -1.0
-"""An age or a time of what has not been heard yet [s]."""
+"""The age or the time of a message that has not been heard yet [s]."""
 
 _STATUS_INTERVAL = 1e6  # us, of EKF_STATUS_REPORT and GPS_RAW_INT
 _REACHED = 0.95  # fraction of the altitude at which the take-off ends

@@ -21,7 +21,7 @@ __all__ = ["fmu_document", "fmu_tables", "profile_tables", "system_document", "s
 
 
 _FEW = 30
-"""So many variables of an FMU fit on a screen."""
+"""Number of variables of an FMU that fit on a screen."""
 
 
 def _table(*columns: str) -> Table:

@@ -20,7 +20,7 @@ from cosim_master.results.read import has_packets, packets
 __all__ = ["overview", "overview_tables", "signal_table"]
 
 _MESSAGES, _FINDINGS, _GATEWAYS, _NAMES = 7, 3, 2, 6
-"""Lines of each kind that fit on a screen of 24 lines, a prompt among them; names of a list that is not shortened."""
+"""Lines of each kind that fit on a screen of 24 lines with a prompt; names of a list that is not shortened."""
 
 
 def overview(folder: Path) -> dict[str, Any]:

@@ -29,26 +29,27 @@ __all__ = ["StepSizes"]
 _RELAX_STRONGLY, _RELAX, _TIGHTEN, _TIGHTEN_STRONGLY, _REPEAT = 3.0, 1.2, 0.5, 0.01, 0.25
 """Factors of step sizes."""
 _WELL_WITHIN = 0.5
-"""Part of the tolerance of a zero crossing."""
+"""Fraction of the tolerance of a zero crossing."""
 _CLOSE, _NEAR, _FAR = 1.8, 3.0, 30.0
 """Steps to a zero crossing: up to the first, steps are tightened; beyond the others, relaxed and strongly relaxed."""
 _BINS = ((0.2, _RELAX_STRONGLY), (0.4, _RELAX), (0.6, 1.0))
-"""Parts of the tolerance of a difference, divided by 1 + safety, and the step factors up to each."""
+"""Fractions of the tolerance of a difference, divided by 1 + safety, and the step factors up to each of them."""
 _PAST_WEIGHT = 0.7
-"""Of the error of extrapolation, while it falls."""
+"""Weight of the previous error of extrapolation, while the error decreases."""
 _LEAST = 5e-324
 
 _SIZE, _CONTINUOUS, _CUT, _POINTS = range(4)
-"""In the memory: the present step, and the last one that no instant has cut short, s; what has cut the present one;
-how many points there have been, up to 3."""
+"""Places in the memory: the current step, and the last one that no instant cut short, s; the cause that cut the current
+one short; the number of points so far, up to 3.
+"""
 _HEAD = 4
 _BY_NOTHING, _BY_SAMPLING, _BY_RUN = 0.0, 1.0, 2.0
 """Causes that cut a step short: none, a sampling instant, or the run (a row, a change, an event, its end, an FMU)."""
 _X, _X1, _X2, _D1, _D2, _ERROR, _H1 = range(7)
-"""Of a port: its value now, one and two steps ago, its derivatives, the error of extrapolating it, the step before."""
+"""Places of a port: its value now, one and two steps ago, its derivatives, its extrapolation error, the step before."""
 _PORT = 7
 _RULE = 1
-"""Of a constraint: of a zero crossing its state, of a difference the factor that it has decided on."""
+"""Place of a constraint: the state of a zero crossing, or the step factor chosen for a difference."""
 _APPROACHING, _DISTANCING, _CROSSED = 1.0, 2.0, 3.0
 
 

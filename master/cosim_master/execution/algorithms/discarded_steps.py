@@ -29,7 +29,7 @@ from cosim_master.stepping.kernels.tables import BASE, ENDED, EVERY, FINER, LAST
 __all__ = ["FINEST", "Discarded", "Grid", "cannot_be_repeated", "judge_failures"]
 
 FINEST = 1000
-"""A step is divided into at most so many. An FMU that discards even those will never do it."""
+"""A step is divided into at most this number of steps. An FMU that discards even these will discard any."""
 
 _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 

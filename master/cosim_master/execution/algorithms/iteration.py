@@ -47,7 +47,7 @@ class _Loop:
     reals: NDArray[np.int64]
     wholes: NDArray[np.int64]
     names: tuple[str, ...]
-    """Of the reals, then of the integers and booleans."""
+    """Names of the reals, then of the integers and booleans."""
 
 
 class Iteration:
@@ -70,7 +70,7 @@ class Iteration:
         if alone:
             self._parts.append(np.array(alone, dtype=np.int64))
         self.evaluations = 0
-        """How often loops have been stepped."""
+        """The number of steps of loops so far."""
 
     def step(self, time: float) -> None:
         """Exchanges and steps all instances, beginning at `time` [s].

@@ -29,7 +29,7 @@ from cosim_master.system.settings.master import MasterSettings
 __all__ = ["VariableStep"]
 
 _SHORTEST, _LONGEST = 1_000, 1_000_000_000
-"""Steps, ns, where the system says nothing: those of Maestro."""
+"""Bounds of steps, ns, if the system specifies none: those of Maestro."""
 
 
 class VariableStep:

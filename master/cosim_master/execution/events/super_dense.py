@@ -37,9 +37,9 @@ __all__ = ["EndedByEvent", "Events"]
 
 _MOST_ITERATIONS = 100
 _MOST_STEPS = 10_000
-"""In one communication step."""
+"""Largest number of steps within one communication step."""
 _KEPT = object()
-"""In place of a value: the input keeps its value."""
+"""Replaces a value: the input keeps its value."""
 
 
 class EndedByEvent(CosimError):

@@ -56,7 +56,7 @@ class Driver:
     ) -> None:
         self._state, self._writing, self._on_failure, self._steps = state, writing, on_failure, steps
         self.on_room: Callable[[], None] = lambda: None
-        """Is called after the blocks have been written out: nothing recorded before that can be taken back."""
+        """Called after the blocks have been written out: data recorded before can no longer be taken back."""
         self._served = {
             BLOCK_FULL: self._block_full,
             NEED_PLACES: self._need_places,

@@ -11,7 +11,7 @@ from cosim_master.stepping.kernels.threads import work
 __all__ = ["Workers", "threads_for"]
 
 _WORTH_THREADS = 64
-"""Free instances from which on several threads step by default."""
+"""Least number of free instances for which several threads step by default."""
 
 
 def threads_for(free: int, wanted: int | None) -> int:

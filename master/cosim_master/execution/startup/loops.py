@@ -21,7 +21,7 @@ from cosim_master.diagnostics.errors import LoopError
 __all__ = ["TOLERANCE", "settle"]
 
 TOLERANCE = 1e-10
-"""A real is settled if it changes by no more than this, relative to 1 or the size it begins with."""
+"""A real has converged if it changes by at most this, relative to 1 or to its initial magnitude."""
 _ROUNDS, _NEWTON_STEPS, _HALVINGS = 30, 40, 12
 _LARGEST_JACOBIAN = 400
 _DIFFERENCE = 1e-6

@@ -46,7 +46,7 @@ _TYPES: Mapping[object, tuple[str, tuple[str, ...], int]] = {
     Role.START_POSITION: ("parameter", ("Real",), 3),
     Role.SYSTEM_ID: ("parameter", ("Integer",), 1),
 }
-"""Causality, types and number of elements of variables that may have a verdict, but for ports and Rotors."""
+"""Causality, types and number of elements of variables that may have a verdict, except for ports and Rotors."""
 _ROLES = {role.value: role for role in Role}
 
 

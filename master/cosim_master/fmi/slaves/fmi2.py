@@ -38,7 +38,7 @@ _LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int,
 _ALLOCATE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t)
 _FREE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 CALLBACK_TYPES = (_LOGGER, _ALLOCATE, _FREE)
-"""Of logger, allocateMemory and freeMemory."""
+"""Types of logger, allocateMemory and freeMemory."""
 _STEP_FINISHED = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int)
 
 _LONGEST_STEP = "fmi2GetMaxStepSize"
@@ -54,8 +54,9 @@ _C_TYPES: dict[str, Any] = {
 
 
 _INITIALIZES_ANEW = ("20-sim",)
-"""How the generationTool begins of FMUs that are known to initialize their parameters anew during start-up: what is
-set is set once more in initialization mode, as FMI 2.0.5 allows for variables with initial="exact" (section 4.2.4)."""
+"""Prefixes of the generationTool of FMUs that are known to initialize their parameters again during start-up: values
+are set again in initialization mode, as FMI 2.0.5 allows for variables with initial="exact" (section 4.2.4).
+"""
 
 
 class _Callbacks(ctypes.Structure):

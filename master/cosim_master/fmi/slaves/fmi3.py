@@ -55,7 +55,7 @@ _C_TYPES: dict[str, Any] = {
 }
 
 _OF_FMI2 = {"fmi2DoStep": "fmi3DoStep", "fmi2GetReal": "fmi3GetFloat64", "fmi2GetString": "fmi3GetBinary"}
-"""Functions of FMI 2 that the loop's tables name, and those of FMI 3 that are called."""
+"""Functions of FMI 2 that the loop's tables name, and the functions of FMI 3 that are called instead."""
 
 
 class Instance3:

@@ -29,7 +29,7 @@ __all__ = ["Exchanged2", "Exchanged3"]
 _OK, _DISCARD, _ERROR = 0, 2, 3
 _TUNABLE = ("parameter", "tunable")
 _CHATTER = 1000
-"""So many events at one time, and the model will never go on."""
+"""Number of events at one time after which the model is considered stuck."""
 _STEP2 = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int)
 _STEP3 = ctypes.CFUNCTYPE(
     ctypes.c_int,

@@ -21,7 +21,7 @@ from cosim_master.fmi.description.read import FmuDescription
 __all__ = ["compiled"]
 
 _UNPREFIXED = ("FMI2_OVERRIDE_FUNCTION_PREFIX", "FMI3_OVERRIDE_FUNCTION_PREFIX", "DISABLE_PREFIX")
-"""Functions are called by their names alone, as in a binary."""
+"""Functions have plain names, without a prefix, as in a binary."""
 _LOG_LINES = 40
 _MICROSOFT = {
     "_strdup": "strdup",
@@ -30,7 +30,7 @@ _MICROSOFT = {
     "_snprintf": "snprintf",
     "_vsnprintf": "vsnprintf",
 }
-"""Functions that only Microsoft's C library has under these names, and their names elsewhere."""
+"""Functions with names that only Microsoft's C library uses, and their names elsewhere."""
 
 
 def compiled(fmu: FmuDescription, folder: Path) -> Path:

@@ -44,7 +44,7 @@ __all__ = ["Address", "Air", "Gateways", "Parser", "gateways_of"]
 
 _ADDRESS = re.compile(r"(?P<kind>\w+):(?:(?P<host>[^:,]*):)?(?P<port>\d+)(?:\+(?P<step>\d+))?")
 _WAITING = 512
-"""Packets of one gateway that may wait for each of their readers before nothing more is read from its socket."""
+"""Packets of a gateway that may wait for each of their readers before reading from its socket is suspended."""
 
 
 class Air(Protocol):

@@ -21,13 +21,13 @@ from cosim.packets import packet_length, payload_length, payload_start, signed, 
 __all__ = ["REFUSALS", "Signing", "read_key"]
 
 REFUSALS = ("unsigned", "bad signature", "replayed")
-"""Why a packet is dropped."""
+"""Reasons for dropping a packet."""
 
 _EPOCH = 1_420_070_400
 """2015-01-01T00:00:00Z in seconds from 1970; timestamps count 10 us from there."""
 _TICK = 1e-5
 _OLDEST = 6_000_000
-"""By how much the first packet of a stream may be older than the newest of all streams: one minute."""
+"""Largest age of the first packet of a stream relative to the newest packet of all streams: one minute."""
 
 
 def read_key(path: Path) -> bytes:

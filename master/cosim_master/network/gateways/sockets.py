@@ -17,13 +17,13 @@ __all__ = ["KINDS", "Report", "Socket", "TcpServer", "Udp", "open_socket"]
 KINDS = ("tcp", "udpin", "udpout")
 
 Report: TypeAlias = Callable[[str], None]
-"""Is called with messages about a socket."""
+"""A callback for messages about a socket."""
 
 _PIECE = 65536
 _BACKLOG = 1 << 20
 """Bytes that may wait for a TCP client that does not read."""
 _SILENCE = 60.0
-"""Seconds after which a UDP peer that has said nothing is forgotten."""
+"""Seconds without packets after which a UDP peer is removed."""
 _FAREWELL = 0.5
 """Seconds for which closing waits for a TCP client to take the remaining bytes."""
 
@@ -34,7 +34,7 @@ class Socket(Protocol):
     stream: bool
     """Whether packets may be cut and joined: TCP."""
     port: int
-    """That it is bound to."""
+    """The port that it is bound to."""
 
     def start(self) -> None:
         """Accepts connections from now on. Earlier clients are refused, since they expect answers."""

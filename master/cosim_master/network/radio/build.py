@@ -45,7 +45,7 @@ __all__ = ["GATEWAY_BYTES", "grown", "make_radio", "packet_counts"]
 _NANO = 1_000_000_000
 _MEDIA = {"none": 0, "own": tables.OWN, "shared": tables.SHARED, "aloha": tables.ALOHA}
 GATEWAY_BYTES = 1 << 16
-"""Bytes that can be taken out of a gateway at a time."""
+"""Bytes that can be taken out of a gateway at once."""
 
 
 def _hash(name: str) -> int:

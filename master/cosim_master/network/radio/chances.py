@@ -24,7 +24,7 @@ __all__ = [
 
 LOSS, JITTER = 0, 1
 BURST, IN_BURST, FADING, SHADOW, DUPLICATE, DUPLICATE_JITTER, SLOT, ERROR = 16, 17, 18, 19, 21, 22, 23, 64
-"""The last part of a key: what a random number is for. SHADOW takes two, ERROR all that follow."""
+"""The last part of a key: the purpose of a random number. SHADOW uses two keys, ERROR all that follow."""
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)

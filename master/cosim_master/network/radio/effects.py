@@ -43,7 +43,7 @@ from cosim_master.network.radio.tables import (
 __all__ = ["damage", "distance2", "effect", "first_error"]
 
 _FORGOTTEN = 60.0
-"""A chain that would have been kept so many mean times is taken to have been good: exp(-60) of all cases."""
+"""A chain whose state would have been kept for this many mean times is assumed to be good: exp(-60) of all cases."""
 
 
 @kernel

@@ -26,7 +26,7 @@ from cosim_master.network.radio.topology import find_hearers
 __all__ = ["collided", "departure", "listen_to_slot", "next_slot_over", "put_into_slot"]
 
 _SENDS = 1 << 32
-"""Counts for a node that sends in a slot, beside 1 for each sender that it hears."""
+"""Added for a node that sends in a slot, in addition to 1 for each sender that it hears."""
 
 
 @kernel

@@ -26,8 +26,9 @@ from cosim_master.network.radio.tables import (
 __all__ = ["arrived", "deliver", "log_packet", "put", "record_event", "take_out"]
 
 LOG_HEAD = 16
-"""Bytes before a packet in the log block: time in ns (8), 2*node + 1 if the node sent it (4), length (4). What goes to
-a gateway by a line of its own is in no vehicle's log: its node is one more than there are."""
+"""Bytes before a packet in the log block: time in ns (8), 2*node + 1 if the node sent it (4), length (4). Packets to a
+gateway by its own line are not in the log of any vehicle: their node is the number of nodes.
+"""
 
 
 @kernel

@@ -105,7 +105,7 @@ EVENT = np.dtype(
         ("outcome", "i4"),
     ]
 )
-"""One packet on its way to one node: times in ns (arrival -1 where it is lost), endpoint, node, header, outcome."""
+"""One packet on its way to one node: times in ns (arrival -1 if it is lost), endpoint, node, header, outcome."""
 
 
 ENDPOINT = np.dtype(
@@ -123,8 +123,9 @@ ENDPOINT = np.dtype(
 
 
 ON_AIR, SWARM, GROUND, CABLE = range(4)
-"""Whom an endpoint hears and reaches: bus, other nodes and gateways on the air; the same without gateways; gateways on
-the air alone; the gateway that is wired to it alone."""
+"""The endpoints that an endpoint hears and reaches: bus, other nodes and gateways on the air; the same without
+gateways; only gateways on the air; only the gateway that is wired to it.
+"""
 
 
 NODE = np.dtype(
@@ -185,7 +186,7 @@ CHANNEL = np.dtype(
         ("burst_loss", "f8"),
     ]
 )
-"""The channel from nodes of one kind to nodes of another, where it differs from SETTINGS."""
+"""The channel from nodes of one kind to nodes of another, if it differs from SETTINGS."""
 
 
 PLACE = np.dtype(
@@ -200,15 +201,15 @@ PLACE = np.dtype(
         ("sent", "i8"),  # and when; `logged` is then the system that it is for
     ]
 )
-"""One packet in flight; its bytes are the same row of `Radio.data`. The last three columns are for the medium alone."""
+"""One packet in flight; its bytes are the same row of `Radio.data`. The last three columns are for the medium only."""
 
 
 COUNTED, LOGGED = 1, 2
-"""Values of PLACE.logged besides 0: a packet by radio counts as delivered, one by wire is logged only."""
+"""Values of PLACE.logged other than 0: a packet by radio counts as delivered, a packet by wire is only logged."""
 
 
 DEFINITION = np.dtype([("message", "i8"), ("crc_extra", "i8"), ("target_system", "i8")])
-"""A message of the system's own dialect, as routing needs it; offset of its target_system in the payload, or -1."""
+"""A message of the system's own dialect, as required for routing; offset of its target_system in the payload, or -1."""
 
 
 GATEWAY = np.dtype(
@@ -256,13 +257,14 @@ ROLES = declared(
     PASSING="gateways",  # a run with gateways has no checkpoints
     BUFFER="hearers events log",
 )
-"""Of each array of `Radio`, tables as a whole."""
+"""The role of each array of `Radio`; tables have a single role."""
 
 
 _FIRST = len(OUTCOMES)
 DELIVERED, DEFERRED, FREE_PLACE, FREE_PLACES, IN_FLIGHT, USED_EVENTS, USED_LOG, WAITING = range(_FIRST, _FIRST + 8)
-"""Places in `Radio.counters`: packets delivered; put off since a port was full; first free place and how many there
-are; places in use; rows of events and bytes of log in use; packets that wait for their slot."""
+"""Places in `Radio.counters`: packets delivered; packets deferred because a port was full; first free place and number
+of free places; places in use; rows of events and bytes of log in use; packets that wait for their slot.
+"""
 
 
 COUNTERS = _FIRST + 8

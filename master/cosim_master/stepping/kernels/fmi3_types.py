@@ -35,13 +35,14 @@ from cosim_master.stepping.kernels.fmi_calls import (
 __all__ = ["OUT_OF_RANGE", "PACKED", "TYPED", "WIDE_WIDTHS", "WIDTHS", "call3"]
 
 OUT_OF_RANGE = -5
-"""In place of a status: an integer does not fit into the variable's type, or into 32 bits."""
+"""Replaces a status: an integer does not fit into the variable's type, or into 32 bits."""
 
 _PLAIN, _BINARY, _FLOAT32, _INT8, _UINT8, _INT16, _UINT16, _UINT32, _INT64, _UINT64, _BOOLEAN = range(1, 12)
 _WIDE, _WIDE_UINT32 = 12, 13
 PACKED = 14
 """`width` of a CALL row whose values are the plan's own, and whose numbers of references and of values are less than
-65536: `values` is where they are, and both numbers are in `n`, that of values in the upper half."""
+65536: `values` is the address of the values, and `n` contains both numbers, that of values in the upper half.
+"""
 WIDTHS = {
     "Float64": _PLAIN,
     "Int32": _PLAIN,
@@ -58,7 +59,7 @@ WIDTHS = {
 }
 """`width` of a CALL row by FMI 3 type; 0 is FMI 2."""
 WIDE_WIDTHS = {"Int64": _WIDE, "UInt64": _WIDE, "UInt32": _WIDE_UINT32}
-"""The same, where values have two places in the plan."""
+"""The same for types whose values have two places in the plan."""
 TYPED = np.dtype(
     [
         ("values", "u8"),

@@ -239,7 +239,7 @@ def _no_threads(*_: int) -> int:
 get_or_set: Any = _plain_get_or_set if PLAIN else intrinsic(_get_or_set)
 """fmi2GetXXX or fmi2SetXXX(instance, references, n, values) -> status"""
 do_step2: Any = _plain_do_step2 if PLAIN else intrinsic(_do_step2)
-"""fmi2DoStep(instance, t, h, final) -> status; t and h in s; `final`: no state of before t will be restored"""
+"""fmi2DoStep(instance, t, h, final) -> status; t and h in s; `final`: no state from before t will be restored"""
 get_or_set3: Any = _plain_get_or_set3 if PLAIN else intrinsic(_get_or_set3)
 """fmi3GetXXX or fmi3SetXXX(instance, references, n, values, n_values) -> status"""
 get_or_set_binary: Any = _plain_get_or_set_binary if PLAIN else intrinsic(_get_or_set_binary)
@@ -267,10 +267,10 @@ byte_at: Any = _plain_byte_at if PLAIN else intrinsic(_byte_at)
 atomic_load: Any = _no_threads if PLAIN else intrinsic(_load)
 """The int64 at an address, as every thread sees it."""
 atomic_add: Any = _no_threads if PLAIN else intrinsic(_add)
-"""Add to the int64 at an address; returns what it was."""
+"""Adds to the int64 at an address; returns its previous value."""
 exchange_if: Any = _no_threads if PLAIN else intrinsic(_exchange_if)
-"""exchange_if(address, expected, value): replace the int64 if it is still `expected`; returns whether it was."""
+"""exchange_if(address, expected, value): replaces the int64 if it still equals `expected`; returns whether it did."""
 nanoseconds: Any = _no_threads if PLAIN else intrinsic(_nanoseconds)
 """Monotonic time."""
 rest: Any = _no_threads if PLAIN else kernel(_rest)
-"""Wait for other threads, the longer the more `spins` have passed."""
+"""Waits for other threads; the wait becomes longer as `spins` increases."""

@@ -78,7 +78,7 @@ __all__ = [
 ]
 
 DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE, STEPS_DUE = 0, 1, 2, 3, 4, 5, 6
-"""Why `run` returned."""
+"""Reasons for which `run` returns."""
 
 DELIVER, STEP, SEND = 0, 1, 2
 """Phases of a macro step, in `Plan.clock[PHASE]`."""
@@ -100,20 +100,22 @@ FUNCTIONS = (
 """FMI functions, indexed by `Instance.failed[0]`."""
 SET_STRING, DO_STEP, GET_REAL, GET_STRING = 4, 5, 6, 9
 NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
-"""In place of a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped since
-another instance of its FMU answered fmi2Fatal."""
+"""Replace a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped because another
+instance of its FMU answered fmi2Fatal.
+"""
 ANSWERS = 32
-"""Bytes of what an FMI 3 instance answers: event handling needed, terminate simulation, early return (a byte each), at
-8 the last successful time, s. And for the loop: at 16 the time of its next event, s, at 24 whether it uses Event Mode,
-at 25 whether its step has still to be begun (BEGIN) or to be ended (END) by `super_dense`, or what that has got from it
-to be shown at its end (SHOW)."""
+"""Bytes of the answers of an FMI 3 instance: event handling needed, terminate simulation, early return (a byte each),
+at 8 the last successful time, s. For the loop: at 16 the time of its next event, s; at 24 whether it uses Event Mode;
+at 25 whether `super_dense` must still begin its step (BEGIN) or end it (END), or has outputs to be shown at its end
+(SHOW).
+"""
 BEGIN, END, SHOW = 1, 2, 3
 NO_EVENT = 0xFFFF00
-"""Of the first four bytes of ANSWERS, those that say that there is more to a step than an event."""
+"""Bits of the first four bytes of ANSWERS that indicate more than an event in the step."""
 LEFT = -8
-"""In place of a status: the step is left to Event Mode."""
+"""Replaces a status: the step is left to Event Mode."""
 ENDED, EARLY = -6, -7
-"""In place of a status: an FMI 3 FMU wants the simulation to end; it has not simulated all of the step."""
+"""Replace a status: an FMI 3 FMU requests the end of the simulation; it has not simulated the whole step."""
 FATAL = 4
 
 
@@ -135,7 +137,7 @@ INSTANCE = np.dtype(
     ],
     align=True,
 )
-"""Small, because with thousands of instances memory traffic costs more than computation."""
+"""This record is small, since memory traffic costs more than computation with thousands of instances."""
 FEED = np.dtype(
     [
         ("instance", "u4"),
@@ -158,7 +160,8 @@ CALL = np.dtype(
         ("width", "u2"),  # 0 is FMI 2; of FMI 3 see `fmi3_types`
     ]
 )
-"""A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan. Small as well."""
+"""A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan. It is small, too.
+"""
 WIRE = np.dtype([("factor", "f8"), ("offset", "f8")])
 """input = factor * output[source] + offset"""
 DELAY = np.dtype(
@@ -203,28 +206,31 @@ PORTS = np.dtype(
     ],
     align=True,
 )
-"""The packet ports of one endpoint. Those of an instance follow each other."""
+"""The packet ports of one endpoint. The endpoints of an instance are consecutive."""
 
 K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, EVENTFUL, ORDER, FINER, FINAL = range(
     15
 )
 PER_NS, NAN_ALLOWED = 15, 16
-"""Places in `Plan.clock`. START and BASE in ticks, of which PER_NS make a nanosecond; REALS_IN, REALS_OUT: how many of
-the inputs and outputs are real; BLOCK: how many instances a thread takes at a time, 0 without threads. EVENTFUL: how
-many instances use Event Mode. ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: into how many parts
-base steps are divided now. FINAL: whether no FMU state of before a step is restored after it. NAN_ALLOWED: whether
-outputs may be NaN."""
+"""Places in `Plan.clock`. START and BASE in ticks, of which PER_NS make a nanosecond; REALS_IN, REALS_OUT: number of
+real inputs and outputs; BLOCK: number of instances that a thread takes at a time, 0 without threads. EVENTFUL: number
+of instances that use Event Mode. ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: number of parts
+into which base steps are currently divided. FINAL: whether no FMU state from before a step is restored after it.
+NAN_ALLOWED: whether outputs may be NaN.
+"""
 JACOBI, IN_ORDER, BY_PYTHON = 0, 1, 2
 
 TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
-"""Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a
-flag that ends the workers, failures. Blocks are counted through from the first step on, so that a thread that comes
-late can never take one of an earlier step, and no thread waits for an idle one."""
+"""Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a flag
+that ends the workers, failures. Blocks are numbered consecutively from the first step on, so that a late thread can
+never take a block of an earlier step, and no thread waits for an idle one.
+"""
 
 COPY, SIGN = 2**40, 2**41
-"""Keys in `Plan.mapped`, which no integer of 32 bits is. COPY: the row before the others of its mapping, that takes the
-value as it is. A row with another key replaces it where the value is the key (mapping transformations of SSP). SIGN:
-the upper half that makes 64 bits of a value of 32. A source of -1 - i is an integer of 64 bits at i and i + 1."""
+"""Keys in `Plan.mapped` outside the range of 32-bit integers. COPY: the first row of a mapping, which copies the value
+unchanged. A row with another key replaces the value if it equals the key (mapping transformations of SSP). SIGN: the
+upper half that extends a 32-bit value to 64 bits. A source of -1 - i is a 64-bit integer at i and i + 1.
+"""
 
 
 class Plan(NamedTuple):
@@ -286,4 +292,4 @@ ROLES = declared(
     PASSING="instances.period instances.failed ports.got ports.got_size clock native",
     BUFFER="scratch real_block int_block ticks shared",
 )
-"""Of each array of `Plan`, and of each column of its tables where they differ."""
+"""The role of each array of `Plan`, and of each column of its tables if their roles differ."""

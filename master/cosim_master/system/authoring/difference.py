@@ -12,7 +12,7 @@ from cosim_master.system.structure import Annotation
 __all__ = ["difference"]
 
 _PLACES = ("where", "document", "content", "source")
-"""Fields that say where something was read, or is."""
+"""Fields with the place from which an item was read, or where it is."""
 
 
 def difference(wanted: Any, found: Any, what: str) -> str | None:

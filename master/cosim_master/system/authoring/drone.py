@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 _HERE = Where("")
-"""Where descriptions stand that no file holds."""
+"""The place of descriptions that are not in a file."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,7 +90,9 @@ LAYOUTS: Mapping[str, Callable[[int, float, int], Sequence[tuple[float, float]]]
     "v": _v,
     "random": _random,
 }
-"""Positions (north, east) of that many drones so far apart, by name; the seed is for "random"."""
+"""Functions by name of a layout that return positions (north, east) for a number of drones and a spacing; the seed is
+for "random".
+"""
 
 
 def poses_of_file(file: Path) -> tuple[Pose, ...]:

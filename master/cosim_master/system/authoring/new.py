@@ -42,14 +42,14 @@ __all__ = ["SHAPES", "Fleet", "fleet_of", "new_system", "number_of_drones", "par
 SHAPES = ("line", "grid")
 """Scenarios that are not systems: layouts of drones with the parts of `_DRONE`."""
 _SECTION = 5
-"""Gaps between two drones that stay, at most."""
+"""Largest number of gaps between two stationary drones."""
 _SETTLED = 0.05
 _DRONE = ("line5", "drone.ssd")
-"""The shipped system and its document from which the parts of a drone are taken."""
+"""The shipped system, and its document, that provide the parts of a drone."""
 _NETWORK = {"latency": "0.02", "seed": "1"}
 _FMUS = Path("fmus")
 Fleet: TypeAlias = Mapping[str, Sequence[str]]
-"""By name of a part, the FMUs that drones have in its place: the first drone the first, and so on, again and again."""
+"""FMUs by name of the part that they replace: the first drone uses the first one, and so on, cyclically."""
 
 
 def parts() -> dict[str, str]:

@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 Scope: TypeAlias = Mapping[str, str]
-"""Namespaces by prefix, where the text is to stand."""
+"""Namespaces by prefix at the future place of the text."""
 
 
 def listed(scope: Scope, plural: str, texts: list[str]) -> list[str]:

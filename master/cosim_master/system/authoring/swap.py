@@ -200,8 +200,9 @@ def rebased(data: bytes, old: Path, new: Path, base: Path) -> bytes:
 
 
 _Change: TypeAlias = tuple[tuple[tuple[str, ...], Path | None, Any], ...]
-"""The changes of a document: names that lead to a component, and the document and its change behind that component,
-or None and nothing for one that gets the FMU. Components whose documents change alike share one."""
+"""The changes of a document: names that lead to a component, and the document and the change of this component, or None
+and no change for a component with the new FMU. Components with the same changes share a document.
+"""
 
 
 class _Edition:
@@ -226,9 +227,9 @@ class _Edition:
         self.files: dict[PurePosixPath, Path | bytes] = {}
         """Content by path in the new system: a file to copy, or the bytes themselves."""
         self.places: dict[Path, PurePosixPath] = {}
-        """Where files of the old system are in the new one."""
+        """Places in the new system for files of the old one."""
         self.documents = set(documents(structure))
-        """The documents that may have to change; those in archives of their own never do."""
+        """The documents that may have to change, except those in nested archives, which never change."""
         self.done: set[tuple[Path, tuple[str, ...]]] = set()
         """The components whose source has been written, by document and names."""
         self.targets = {tuple(element.name for element in chain) for chain in chains}

@@ -56,7 +56,7 @@ IDS = 250
 _SCENARIO = "line5"
 _PARAMETERS = "drones.ssv"
 _RECORDED_EVERY = 0.1
-"""s; every base step of thousands of drones would be a flood."""
+"""s; rows at every base step of thousands of drones would be far too many."""
 _HERE = Where("")
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 

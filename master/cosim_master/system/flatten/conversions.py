@@ -16,7 +16,7 @@ from cosim_master.system.structure import MappingTransformation
 __all__ = ["MappedEnd", "compatible", "listed", "mapping_entries", "mime_types_differ"]
 
 _WHOLE = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "UInt32", "Int64", "UInt64")
-"""Types of whole numbers. An Enumeration goes wherever an Integer goes."""
+"""Integral types. An Enumeration may be connected wherever an Integer may."""
 
 
 def compatible(source: str | None, target: str | None) -> bool:

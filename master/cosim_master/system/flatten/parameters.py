@@ -37,7 +37,7 @@ _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 _FLOATS = ("Real", "Float32")
 _OPTION = Where("--set")
 _NAMED = 5
-"""How many variables a message names."""
+"""Number of variables that a message names."""
 
 
 @dataclass(frozen=True, slots=True)

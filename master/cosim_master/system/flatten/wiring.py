@@ -53,7 +53,7 @@ _ALLOWED = frozenset(
 _KINDS = tuple(dict.fromkeys(kind for row in _ALLOWED for kind in (row[1], row[3])))
 _USUAL = ("input", "output", "parameter", "calculatedParameter")
 SENDING = ("output", "calculatedParameter", "constant", "local")
-"""Kinds of an FMU's connectors from which values may come."""
+"""Kinds of an FMU's connectors that may be sources."""
 
 
 @dataclass(frozen=True, slots=True)

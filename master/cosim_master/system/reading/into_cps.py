@@ -58,7 +58,7 @@ _REFUSED = {
     "faultInjectConfigurationPath": FAULTS,
     "faultInjectInstances": FAULTS,
 }
-"""Contents that would change the numbers, and are not supported."""
+"""Contents that would change the results, and are not supported."""
 _READ = {
     "fmus": (),
     "connections": (),
@@ -78,16 +78,16 @@ _READ = {
     "global_relative_tolerance": ("relativeTolerance",),
     "fixedPointIteration": ("fixedPointIterations",),
 }
-"""Keys that are read, as Maestro or the INTO-CPS application spell them, and their other spellings."""
+"""Keys that are read, in the spelling of Maestro or the INTO-CPS application, and their other spellings."""
 _STRUCTURE = ("fmus", "connections", "parameters")
 _WITHOUT_EFFECT = (
     "livestream livegraphcolumns livegraphvisiblerowcount liveloginterval logvariables logginon loggingon visible "
     "overrideloglevel enablealllogcategoriesperinstance simulationprogramdelay parallelsimulation reportprogress "
     "graphs postprocessingscript loglevels simulationloglevel multimodelcrc id name description author version"
 )
-"""Keys without influence on values, in small letters without "_" and "-"."""
+"""Keys without influence on values, in lower case without "_" and "-"."""
 _ITERATIONS = 5
-"""Tries of a step that Maestro makes with stabilisation, where nothing else is given."""
+"""Maestro's default number of iterations of a step with stabilisation."""
 _TOLERANCE = 1e-8
 
 

@@ -32,7 +32,7 @@ __all__ = ["DEFAULT_STEP", "OMSIMULATOR", "Named", "Settings", "settings"]
 
 OMSIMULATOR = "org.openmodelica"
 DEFAULT_STEP = 1e-3
-"""The step of its master where a system names none, s."""
+"""The default step of its master, s."""
 
 _MASTERS = ("FixedStepMaster", "VariableStepMaster")
 _SOLVERS = ("FixedStepSolver", "VariableStepSolver")

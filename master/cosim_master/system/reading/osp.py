@@ -45,7 +45,7 @@ _FMU_TYPE = "application/x-fmu-sharedlibrary"
 _OSP = "{http://opensimulationplatform.com/MSMI/OSPSystemStructure}"
 _MODEL = "{http://opensimulationplatform.com/MSMI/OSPModelDescription}"
 _BASE_STEP = 0.1
-"""libcosim's base step in s where the file names none."""
+"""libcosim's default base step, s."""
 _SIGNAL = re.compile(r"in\[([0-9]+)\]")
 
 

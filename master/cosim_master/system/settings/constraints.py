@@ -35,7 +35,7 @@ _FOR = {
     "rate": (SAMPLING,),
     "startTime": (SAMPLING,),
 }
-"""Which types an attribute is for."""
+"""The types of constraints to which an attribute applies."""
 _FINEST, _COARSEST = -9, 6
 """Exponents of ten of the unit of sampling, in s."""
 

@@ -85,10 +85,12 @@ ALGORITHMS = {
     "richardson": Traits(("tolerance", "minimumStep", "maximumStep"), variable=True),
     "var-step": Traits(("minimumStep", "maximumStep"), variable=True, constrained=True),
 }
-"""By the attribute `algorithm`."""
+"""Traits by the value of the attribute `algorithm`."""
 _LONGEST = 1_000_000_000
 _FINEST_DELAY = 10_000
-"""Base steps of the shortest step up to which delayed connections, which remember a value for each, are possible."""
+"""Largest number of base steps in the shortest step for which delayed connections, which store a value per base step,
+are possible.
+"""
 Target = tuple[str, str]
 """An input: instance and variable."""
 

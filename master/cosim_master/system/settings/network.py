@@ -74,10 +74,11 @@ __all__ = [
 
 ANNOTATION = "org.uav-cosim.network"
 _BY_CONVENTION = f"{VEHICLE}.{POSITION}"
-"""Where below a node its position is, if neither the annotation nor an FMU says it."""
+"""Path of a node's position, if neither the annotation nor an FMU specifies it."""
 TELEMETRY, SERIAL = "telemetry", "serial"
-"""Lines to gateways alone, for ground stations by radio and for the one that is wired. FMUs declare their ports, or
-name them by convention (`cosim.vehicle`)."""
+"""Lines for gateways only: for ground stations by radio, and for the wired gateway. FMUs declare their ports, or name
+them by convention (`cosim.vehicle`).
+"""
 _LINES = {TELEMETRY: Role.TELEMETRY, SERIAL: Role.SERIAL}
 
 
@@ -89,7 +90,7 @@ _OF_LINKS: Mapping[str, tuple[str, float]] = {
     "burst_end": ("burstEnd", 1.0),
     "burst_loss": ("burstLoss", 1.0),
 }
-"""Fields of `Channel` that the attributes of a link set: the attribute, from 0 to its greatest value."""
+"""Fields of `Channel` that the attributes of a link set: the attribute, and its largest value; the least is 0."""
 _EFFECTS: Mapping[str, tuple[str, float, float]] = {
     "burst_start": ("burstStart", 0.0, 1.0),
     "burst_end": ("burstEnd", 0.0, 1.0),
@@ -105,9 +106,9 @@ _EFFECTS: Mapping[str, tuple[str, float, float]] = {
     "queue": ("queue", 0.0, 3600.0),
     "slot": ("slot", 0.0, 3600.0),
 }
-"""Fields of `Network` that effects have: the attribute, its least and its greatest value."""
+"""Fields of `Network` for effects: the attribute, its least and its largest value."""
 _OF_MEDIA = {"rate": ("own", "shared"), "queue": ("own", "shared", "aloha"), "slot": ("aloha",), "window": ("aloha",)}
-"""Attributes of the media that have them."""
+"""Attributes of media, and the media that have them."""
 _OF_SIGNALS = ("power", "pathLoss", "exponent", "shadowing", "rayleigh")
 
 

@@ -24,7 +24,7 @@ __all__ = ["TimeGrid", "exact", "time_grid"]
 
 _NANO = 1_000_000_000
 _LARGEST_DENOMINATOR = 100_000
-"""Of a fraction of a second that is recognised in a decimal number."""
+"""Largest denominator of a fraction of a second that is recognised in a decimal number."""
 _LARGEST_TICK = 1 << 62
 
 

@@ -37,7 +37,7 @@ SSB = "{http://ssp-standard.org/SSP1/SystemStructureSignalDictionary}"
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
 TYPES_2 = ("Float64", "Float32", *(f"{sign}Int{width}" for sign in ("", "U") for width in (8, 16, 32, 64)))
 SAME_TYPE = {"Float64": "Real", "Int32": "Integer"}
-"""Names of SSP 2.0 for types that SSP 1.0 has: only the older ones are used after reading."""
+"""Names of SSP 2.0 for types of SSP 1.0: after reading, only the older names are used."""
 KINDS = ("input", "output", "parameter", "calculatedParameter", "inout")
 KINDS_2 = ("structuralParameter", "constant", "local", "unspecified")
 ANNOTATIONS = SSD + "Annotations"

@@ -70,7 +70,7 @@ class Files:
     read: dict[Any, Any] = field(default_factory=dict)
     unpacked_bytes: int = 0
     depth: int = 0
-    """Of the system that is being read."""
+    """Nesting depth of the system that is being read."""
 
     def unpacked(self, file: File) -> File:
         """Returns the folder with the members of an archive, which is unpacked on first use.
