@@ -47,7 +47,7 @@ def near(name: str, names: Iterable[str]) -> str:
 
 
 def near_pattern(pattern: str, names: Iterable[str]) -> str:
-    """Returns patterns that a user may have meant by one that matches no name, as the end of a sentence.
+    """Returns patterns that a user may have meant instead of one without a match, as the end of a sentence.
 
     Names that differ only in their numbers, as in a swarm, are combined: "drone*.vehicle.mass".
     """

@@ -1,7 +1,7 @@
 """One run: instances of a checked system are initialized, stepped, observed and freed.
 
-    with Execution(checked, ...) as execution: instantiate, initialize, collect outputs at t0 execution.advance(k) macro
-        steps up to base step k, any number of times
+    with Execution(checked, ...) as execution:      instantiate, initialize, collect outputs at t0
+        execution.advance(k)                        macro steps up to base step k, any number of times
     ...                                             recordings completed, instances terminated and freed
 
 The order of calls is that of FMI 2.0.5, section 4.2.4. If an FMU fails, the recording remains: files are completed

@@ -1,8 +1,9 @@
 """Roles of the arrays of a run, declared with the arrays: they determine the contents of snapshots and checkpoints.
 
-CONSTANT the same from the first step to the last (or the same again in a new run of the system) STATE the future
-depends on it: in snapshots, and in the files of checkpoints PASSING changes, but is computed again when a run is
-resumed from files: in snapshots only BUFFER empty or meaningless whenever a snapshot is made
+CONSTANT   the same from the first step to the last (or the same again in a new run of the system)
+STATE      the future depends on it: in snapshots, and in the files of checkpoints
+PASSING    changes, but is computed again when a run is resumed from files: in snapshots only
+BUFFER     empty or meaningless whenever a snapshot is made
 """
 
 from __future__ import annotations

@@ -176,7 +176,7 @@ class Parameter:
     """A value for a variable, of a `Connector`'s types; an "Enumeration" is an item's name, a "Binary" is hexadecimal.
 
     Attributes:
-        shape: of an array, empty for a scalar.
+        shape: shape of an array, empty for a scalar.
         elements: the values of an array, last index fastest; `value` is then the first one.
         transformation: applied by a parameter mapping to the value, after unit conversion.
         suppress_unit_conversion: the value is used unchanged, whatever its unit.

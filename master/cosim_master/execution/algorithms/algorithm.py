@@ -16,9 +16,10 @@ __all__ = ["Algorithm", "verify_rollback"]
 class Algorithm(Protocol):
     """Steps a run.
 
-    algorithm.prepare() once, when all initial outputs have been collected, or restored algorithm.advance(k_stop) any
-    number of times algorithm.settle() before a checkpoint algorithm.close() before the instances are freed, even if
-    `prepare` was never called
+    algorithm.prepare()           once, when all initial outputs have been collected, or restored
+    algorithm.advance(k_stop)     any number of times
+    algorithm.settle()            before a checkpoint
+    algorithm.close()             before the instances are freed, even if `prepare` was never called
     """
 
     @property

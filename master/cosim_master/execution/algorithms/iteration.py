@@ -9,8 +9,8 @@ values x for the outputs that its members exchange at the end of the step. The s
 F(x) differ, all members go back and step again with other values:
 
     fixed point     x + relaxation * (F(x) - x)
-    quasi-Newton F(x) + W c, where c minimizes |V c + F(x) - x|; the columns of V and W are the differences of F(x) - x
-        and F(x) to those of earlier iterations in this step
+    quasi-Newton    F(x) + W c, where c minimizes |V c + F(x) - x|; the columns of V and W are the differences of
+                    F(x) - x and F(x) to those of earlier iterations in this step
 
 (IQN-ILS: Degroote, Bathe, Vierendeels, Performance of a new partitioned procedure versus a monolithic procedure in
 fluid-structure interaction, Computers and Structures 87, 2009.)

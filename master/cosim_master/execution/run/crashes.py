@@ -5,7 +5,7 @@
 The signal arrives in the FMU's own code, in the thread that stepped it. A Python function may run there, but the run
 cannot continue after it. The function identifies the FMU from the stack, reports it, and completes the recording; then
 the signal ends the process as usual. This is best effort: the crash may have damaged the heap, so the function has a
-time limit of seconds.
+time limit of a few seconds.
 """
 
 from __future__ import annotations

@@ -67,8 +67,9 @@ def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implement
         implementation: "CoSimulation", "ModelExchange", or "any", which prefers co-simulation.
 
     Raises:
-        SystemDescriptionError: the file is not a ZIP archive, has no readable modelDescription.xml, another FMI
-            version, not that interface, or no library for this platform; all problems are reported at once.
+        SystemDescriptionError: the file is not a ZIP archive or has no readable modelDescription.xml, or the FMU has
+            another FMI version, lacks this interface, or has no library for this platform; all problems are reported
+            at once.
     """
     shown = str(path)
     names = archive.member_names(Path(path), shown)

@@ -80,10 +80,12 @@ class FlatConnection:
 
     Factor and offset combine the unit conversions and linear transformations of all connections between them; they are
     1 and 0 except for Reals. Mapping transformations are in `mapping`: (source value, target value) of Integers,
-    Enumerations or Booleans, sorted; other values are unchanged. `initial_only` links end at a parameter: they are
-    exchanged only during initialization. `recoded` links carry packets between an FMU of FMI 2 and one of FMI 3: "to
-    bytes" or "to text" (base64); bytes are hexadecimal text in Python. If several links have the same target, its value
-    is their sum, in the order of `term`; other links have no `term`.
+    Enumerations or Booleans, sorted; other values are unchanged.
+
+    `initial_only` links end at a parameter: they are exchanged only during initialization. `recoded` links carry packets
+    between an FMU of FMI 2 and one of FMI 3: "to bytes" or "to text" (base64); bytes are hexadecimal text in Python.
+
+    If several links have the same target, its value is their sum, in the order of `term`; other links have no `term`.
     """
 
     source: tuple[str, str]

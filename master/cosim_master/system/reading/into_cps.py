@@ -460,7 +460,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _parameter(name: str, value: Any, where: Where) -> Parameter | None:
-    """Returns the parameter for a variable of either type: integral numbers are valid for both."""
+    """Returns a JSON value as a parameter; an integral number is an Integer, which Reals also accept."""
     if isinstance(value, bool):
         return Parameter(name, "Boolean", value, where)
     if isinstance(value, int | float):

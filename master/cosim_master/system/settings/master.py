@@ -7,14 +7,16 @@
     </ssc:Annotation>
 
 `algorithm`: "jacobi" (the default), "gauss-seidel", "fixed-point", "quasi-newton", "richardson" or "var-step";
-docs/masters.md describes the guarantees of each, and its limits. `order`: a prescribed order of instances that depend
-on each other; it may be incomplete. `tolerance`, `iterations`, `relaxation`: settings of the two iterating algorithms.
-`tolerance`, `minimumStep`, `maximumStep` (s): settings of Richardson. `minimumStep`, `maximumStep` and `constraint`
-(see `constraints`): settings of var-step. `nan`: "refuse" (the default) ends a run with an output that is NaN, "allow"
-does not. `extrapolation`: 1 also sets the derivatives of Real inputs, for all connections or for one. `connection`: the
-connection that drives the input `to`. `delay` in s: the input at t is the output at t - delay. Before the first such
-value, it is `start` (in the input's unit; by default the input's start value). A delayed connection is not part of the
-exchange during initialization.
+docs/masters.md describes the guarantees of each, and its limits.
+`order`: a prescribed order of instances that depend on each other; it may be incomplete.
+`tolerance`, `iterations`, `relaxation`: settings of the two iterating algorithms. `tolerance`, `minimumStep`,
+`maximumStep` (s): settings of Richardson. `minimumStep`, `maximumStep` and `constraint` (see `constraints`): settings
+of var-step.
+`nan`: "refuse" (the default) ends a run with an output that is NaN, "allow" does not.
+`extrapolation`: 1 also sets the derivatives of Real inputs, for all connections or for one.
+`connection`: the connection that drives the input `to`. `delay` in s: the input at t is the output at t - delay. Before
+the first such value, it is `start` (in the input's unit; by default the input's start value). A delayed connection is
+not part of the exchange during initialization.
 
 This module reads settings and determines the order of instances.
 """

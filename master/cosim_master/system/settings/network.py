@@ -13,26 +13,30 @@
 `topology`: "broadcast" (all nodes hear each other), "nearest" (the `neighbours` nearest nodes; with an `axis`, a vector
 in NED, this number of nodes on each side along it), "listed" (the `link` elements). `latency` and `jitter` in s: a
 packet takes latency plus a uniformly distributed part of jitter; `loss`: probability per packet and hearer; `range` in
-m. `link`: `between` two nodes (in both directions), or `from` one `to` another. With names, it creates a link of the
+m.
+`link`: `between` two nodes (in both directions), or `from` one `to` another. With names, it creates a link of the
 topology "listed". With `latency`, `jitter` or `loss`, it also sets these values for its nodes, in any topology; other
 values are unchanged, and of several links that set a value for the same nodes, the last one applies. Patterns (`*`,
-`?`) describe the links of all matching nodes and do not create links. Gateways have their own links. `outage`: the node
-neither sends nor receives by radio from start to stop (s, by default for ever); a packet in flight is lost if its
-receiver has an outage on arrival. `partition`: nodes by name or pattern that are cut off from all others from start to
-stop. `jamming`: a circle around a place (north, east, radius in m) in which no node hears from start to stop.
+`?`) describe the links of all matching nodes and do not create links. Gateways have their own links.
+`outage`: the node neither sends nor receives by radio from start to stop (s, by default for ever); a packet in flight
+is lost if its receiver has an outage on arrival.
+`partition`: nodes by name or pattern that are cut off from all others from start to stop.
+`jamming`: a circle around a place (north, east, radius in m) in which no node hears from start to stop.
 `burstStart`, `burstEnd`: probabilities, per packet of a sender, that a burst of losses begins and ends on the link to a
-receiver; `burstLoss`: probability of a loss within a burst. A `link` may have them. `sensitivity`: in dBm; packets
-received with less are lost. They are sent with `power` (dBm), lose `pathLoss` (dB) in the first metre and 10 `exponent`
-dB per decade of distance after it; `shadowing`: standard deviation in dB of the additional loss of a pair of nodes;
-`rayleigh`: whether packets fade. `bitErrors`: probability that a bit is inverted; the packet then arrives with a wrong
-CRC. `duplicates`: probability that a packet arrives a second time, up to the jitter later. `medium`: "none" (packets
-take no time on the air), "own" (each node sends its packets one after the other), "shared" (all nodes together send
-their packets one after the other), "aloha" (all nodes send in slots of length `slot`, in s, each packet in one of the
-next `window`; packets in the same slot collide). `rate`: in baud, ten per byte; a packet that waits longer than
-`queue`, in s, is lost. `position`: path, below a node, of its NED position in m. By default, it is the output that the
-only FMU of the node declares as its position, or else the one with the conventional name (`cosim.vehicle`). `dialect`:
-a MAVLink XML file, relative to the system's document, with messages that ardupilotmega does not contain: their packets
-are checked and routed like all others. Other tools ignore the annotation.
+receiver; `burstLoss`: probability of a loss within a burst. A `link` may have them.
+`sensitivity`: in dBm; packets received with less are lost. They are sent with `power` (dBm), lose `pathLoss` (dB) in
+the first metre and 10 `exponent` dB per decade of distance after it; `shadowing`: standard deviation in dB of the
+additional loss of a pair of nodes; `rayleigh`: whether packets fade.
+`bitErrors`: probability that a bit is inverted; the packet then arrives with a wrong CRC. `duplicates`: probability
+that a packet arrives a second time, up to the jitter later.
+`medium`: "none" (packets take no time on the air), "own" (each node sends its packets one after the other), "shared"
+(all nodes together send their packets one after the other), "aloha" (all nodes send in slots of length `slot`, in s,
+each packet in one of the next `window`; packets in the same slot collide). `rate`: in baud, ten per byte; a packet that
+waits longer than `queue`, in s, is lost.
+`position`: path, below a node, of its NED position in m. By default, it is the output that the only FMU of the node
+declares as its position, or else the one with the conventional name (`cosim.vehicle`).
+`dialect`: a MAVLink XML file, relative to the system's document, with messages that ardupilotmega does not contain:
+their packets are checked and routed like all others. Other tools ignore the annotation.
 """
 
 from __future__ import annotations
