@@ -82,8 +82,9 @@ class FlatConnection:
     1 and 0 except for Reals. Mapping transformations are in `mapping`: (source value, target value) of Integers,
     Enumerations or Booleans, sorted; other values are unchanged.
 
-    `initial_only` links end at a parameter: they are exchanged only during initialization. `recoded` links carry packets
-    between an FMU of FMI 2 and one of FMI 3: "to bytes" or "to text" (base64); bytes are hexadecimal text in Python.
+    `initial_only` links end at a parameter: they are exchanged only during initialization. `recoded` links carry
+    packets between an FMU of FMI 2 and one of FMI 3: "to bytes" or "to text" (base64); bytes are hexadecimal text in
+    Python.
 
     If several links have the same target, its value is their sum, in the order of `term`; other links have no `term`.
     """
