@@ -46,7 +46,7 @@ _ENUMERATIONS = (
 _TYPES = {
     "u": "Real", "value": "Real", "y": "Real", "k": "Real", "gain": "Real", "length": 'Real unit="m"',
     "temperature": 'Real unit="K"', "far": 'Real unit="km"', "warm": 'Real unit="degC"', "n": "Integer",
-    "count": "Integer", "flag": "Boolean", "off": "Boolean",
+    "count": "Integer", "flag": "Boolean", "on": "Boolean", "off": "Boolean",
 }  # fmt: skip
 _INPUTS = ("u", "length", "temperature", "n", "flag")
 
@@ -135,6 +135,12 @@ def cases() -> list[Case]:
         f'<?xml version="1.0" encoding="UTF-8"?>\n<ssm:ParameterMapping {_HEAD} version="1.0">'
         '<ssm:MappingEntry source="height" target="k"/></ssm:ParameterMapping>'
     )
+    gap = ssm.replace("<ssm:MappingEntry", '<ssm:MappingEntry source="" target="gain"/><ssm:MappingEntry')
+    distance = (
+        _bound({"length": "3"})
+        .replace('value="3"', 'value="3" unit="km"')
+        .replace("</ssv:Parameters>", f"</ssv:Parameters>{_UNITS.replace('ssd:', 'ssv:')}")
+    )
     external = (
         '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/values.ssv">{}'
         "</ssd:ParameterBinding></ssd:ParameterBindings>"
@@ -160,6 +166,8 @@ def cases() -> list[Case]:
             _component("source", "value") + _component("sink", "u", "y"), _wire("sink.u", "source.value"))),
         Case("connectors without a type", "5.2.1", 6.0, _system(untyped, _wire("source.value", "sink.u"))),
         Case("an Integer connected to a Real", "5.3.2", 6.0, _pair("count", "u")),
+        Case("a Boolean connected to a Real", "5.3.2.1", 2.0, _pair("on", "u")),
+        Case("a Boolean connected to an Integer", "5.3.2.1", 1.0, _pair("on", "n")),
         Case("a component of a nested system", "5.3", 6.0, _system(
             _component("source", "value") + nested, _wire("source.value", "inside.u"))),
         Case("linear transformation, factor and offset", "5.3.2.2", 14.0,
@@ -175,6 +183,9 @@ def cases() -> list[Case]:
         Case("units that differ by a factor", "5.3.2", 3000.0, _pair("far", "length")),
         Case("units that differ by an offset", "5.3.2", 276.15, _pair("warm", "temperature")),
         Case("inline parameter values", "5.2.3", 10.0, _pair("value", "u", of_source=_bound({"k": "5"}))),
+        Case("a value in another unit than the connector", "6", 3006.0, _system(
+            _component("source", "value") + _component("sink", "u", "length", "y", bindings=distance),
+            _wire("source.value", "sink.u"))),
         Case("of two bindings the later one", "5.2.3", 14.0, _pair(
             "value", "u", of_source=_bound({"k": "5"}, {"k": "7"}))),
         Case("the outer of two bindings", "5.2.3", 14.0, _pair(
@@ -184,6 +195,8 @@ def cases() -> list[Case]:
              {"resources/values.ssv": ssv}),
         Case("a parameter mapping (.ssm)", "7", 8.0, _pair("value", "u", of_source=mapping),
              {"resources/values.ssv": other, "resources/names.ssm": ssm}),
+        Case("an entry of a mapping with an empty source", "7", 8.0, _pair("value", "u", of_source=mapping),
+             {"resources/values.ssv": other, "resources/names.ssm": gap}),
         Case("a CSV file as a component (text/csv)", "5.4", 6.0, _system(
             file + _component("sink", "u", "y"), _wire("source.value", "sink.u")),
             {"resources/values.csv": "time,value\n0,3\n2,3\n"}),
@@ -360,8 +373,9 @@ def table(names: dict[str, str], results: dict[str, dict[str, float | str]]) -> 
         "is given the name; OMSimulator requires its own annotation that names a master and is given one. The table",
         "is written by `python benchmarks/engines.py --write docs/engines.md`, with `OMSIMULATOR` set to a build of",
         f'OMSimulator. An engine that was not given a system is marked "{NOT_RUN}". The FMUs of the last rows are',
-        "parts of a system; alone, FMPy runs FMUs for Model Exchange and of FMI 3.0 as well. Results of systems",
-        "that are part of those engines are in [other-engines-files.md](other-engines-files.md#what-was-measured).",
+        "parts of a system; alone, FMPy runs FMUs for Model Exchange and of FMI 3.0 as well. Connections of different",
+        "types may be refused (5.3.2.1); if they are accepted, true is 1. Results of systems that are part of those",
+        "engines are in [other-engines-files.md](other-engines-files.md#what-was-measured).",
         "",
         "| rule | section | by the standard | " + " | ".join(f"{n} {v}" for n, v in names.items()) + " |",
         "|---|---|---|" + "---|" * len(names),

@@ -21,6 +21,7 @@ def start(m: Any) -> int:
     m.far = m.k
     m.warm = m.k
     m.count = 3
+    m.on = True
     m.off = False
     m.y = m.gain * m.u + m.length + m.temperature + m.n + m.flag + 100.0 * (m.level - 1)
     return 0
@@ -49,6 +50,7 @@ class Switchboard(Model):
         Output("far", unit="km", description="k"),
         Output("warm", unit="degC", description="k"),
         Output("count", type=int, description="3"),
+        Output("on", type=bool, description="true"),
         Output("off", type=bool, description="false"),
         Output("y", unit="1", description="what came in"),
     )

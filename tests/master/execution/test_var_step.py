@@ -20,6 +20,7 @@ import pytest
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.prepare import prepare
+from cosim_master.execution.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import convert
 from cosim_master.system.flatten.check import check
@@ -298,6 +299,40 @@ def test_a_discarded_step_is_tried_shorter(linears: Any, tmp_path: Path, monkeyp
         assert result.outcome == outcome
     assert "0.05 s is the shortest step" in str(result.error)
     assert times(tmp_path / "0.001")[1] == 0.025
+
+
+def discarding(stricts: Any, sizes: str, out: Path) -> RunResult:
+    stricts.fmu(flags=ABLE)
+    settings = f'<master xmlns="https://uav-cosim.org/ns/1" algorithm="var-step" {sizes}/>'
+    after = stricts.workshop.annotation("org.uav-cosim.master", settings)
+    part = stricts.component("a", mode=2, when=0.5, longest=0.1, u=1.0)
+    system = stricts.workshop.ssd("strict.ssd", stricts.workshop.system(part, "", after=after))
+    return simulate(system, RunOptions(out=out, until=0.85))
+
+
+def test_a_step_is_tried_again_to_the_last_successful_time(stricts: Any, tmp_path: Path) -> None:
+    """From 0.5 s on, the FMU discards steps longer than 0.1 s and names the time that it can reach; y' = 1.
+
+    Every step begins with the full size, from the time reached: as Maestro does after a discarded step.
+    """
+    result = discarding(stricts, 'maximumStep="0.5"', tmp_path / "out")
+    assert (result.outcome, stricts.complaints) == ("done", []), result.error
+    assert times(tmp_path / "out") == [0.0, 0.5, 0.6, 0.7, 0.8, 0.85]
+    assert stricts.steps[-8:] == [
+        *("a 0 + 0.5", "a 0.5 + 0.35", "a 0.5 + 0.1", "a 0.6 + 0.25", "a 0.6 + 0.1"),
+        *("a 0.7 + 0.15", "a 0.7 + 0.1", "a 0.8 + 0.05"),
+    ]
+    y = pq.read_table(tmp_path / "out" / "signals.parquet")["a.y"].to_pylist()
+    assert y == pytest.approx([0.0, 0.5, 0.6, 0.7, 0.8, 0.85], abs=1e-12)
+
+
+def test_no_discarded_step_is_tried_shorter_than_the_shortest(stricts: Any, tmp_path: Path) -> None:
+    """0.1 s would do; 0.35 s / 4 is less than 0.2 s, which is tried instead."""
+    result = discarding(stricts, 'minimumStep="0.2" maximumStep="0.5"', tmp_path / "out")
+    assert result.outcome == "failed"
+    text = "it could not step from 0.5 s to 0.7 s, only to 0.6 s; 0.2 s is the shortest step"
+    assert text in str(result.error)
+    assert times(tmp_path / "out") == [0.0, 0.5]
 
 
 # ---- what is refused -------------------------------------------------------------------------------------------------

@@ -61,10 +61,11 @@ class Discarded(Exception):
 
     Args:
         failures: returns the errors, given the reason why the steps are not repeated.
+        reached: the first of the times that the instances name as their last successful one, s; None if none does.
     """
 
-    def __init__(self, failures: Callable[[str], list[FmuError]], shrink: float) -> None:
-        self.failures, self.shrink = failures, shrink
+    def __init__(self, failures: Callable[[str], list[FmuError]], shrink: float, reached: float | None = None) -> None:
+        self.failures, self.shrink, self.reached = failures, shrink, reached
 
 
 def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = True) -> None:
@@ -110,7 +111,8 @@ def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = T
         _terminate(state, sorted(ends), can_end_here=can_end_here and len(ends) == len(failed))
     if unrepeatable:
         raise RunFailed(failures(unrepeatable))
-    raise Discarded(failures, shrink)
+    named = [last for _, last in waiting if last is not None and time < last < math.inf]
+    raise Discarded(failures, shrink, min(named, default=None))
 
 
 def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_here: bool) -> None:

@@ -34,10 +34,14 @@ _NEVER = 1 << 60
 
 
 class Rejected(Exception):
-    """A step that must be changed: it must end at `end` [ns] because of an event, or otherwise be shorter."""
+    """A step that must be changed: it must end at `end` [ns] because of an event, or otherwise be shorter.
 
-    def __init__(self, end: int | None = None) -> None:
-        self.end = end
+    Args:
+        reached: the time that the FMUs that discard the step name as their last successful one, ns; None if none does.
+    """
+
+    def __init__(self, end: int | None = None, *, reached: int | None = None) -> None:
+        self.end, self.reached = end, reached
 
 
 class Trial:
@@ -104,8 +108,9 @@ class Trial:
             else:
                 try:
                     self.on_failure(last)
-                except Discarded:
-                    raise Rejected from None
+                except Discarded as discarded:
+                    reached = None if discarded.reached is None else round(discarded.reached * 1e9)
+                    raise Rejected(reached=reached) from None
                 raise_failures(state.plan, state.layout, state.slaves)
 
     def close(self) -> None:

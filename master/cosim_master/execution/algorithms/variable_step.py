@@ -128,8 +128,7 @@ class VariableStep:
                 violated = sizes.violated(self._values())
             except Rejected as rejected:
                 trial.restore()
-                event = h if rejected.end is None else rejected.end - t
-                h = sizes.cut(event) if event < h else sizes.tightened()
+                h = self._shorter(rejected, t, h)
                 continue
             if not violated or not self._can_return or h <= self._shortest:
                 break
@@ -138,6 +137,14 @@ class VariableStep:
         for name in violated:
             count, first = self._violations.get(name, (0, t / 1e9))
             self._violations[name] = (count + 1, first)
+
+    def _shorter(self, rejected: Rejected, t: int, h: int) -> int:
+        """Returns the size in place of `h`, ns: to the event or the time reached, a quarter where neither is named."""
+        if rejected.end is not None and rejected.end - t < h:
+            return self._sizes.cut(rejected.end - t)
+        if rejected.reached is not None and self._shortest <= rejected.reached - t < h:
+            return self._sizes.cut(rejected.reached - t)
+        return self._sizes.tightened()
 
     def _values(self) -> list[float]:
         """Returns the values of the ports of all constraints."""
