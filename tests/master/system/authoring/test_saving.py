@@ -398,6 +398,6 @@ def test_what_is_inside_of_another_file_is_changed_there(folder: Path, workshop:
     with read_system(folder) as structure:
         content = structure.system.elements[2].content  # type: ignore[union-attr]
         assert content is not None
-        with pytest.raises(SystemDescriptionError, match='what is inside of "part" is a file of its own'):
+        with pytest.raises(SystemDescriptionError, match='"part" is defined in a file of its own: change it there'):
             save(structure, element(structure.system, "part", content=replace(content, elements=())))
     assert before == (file.read_bytes(), part.read_bytes())
