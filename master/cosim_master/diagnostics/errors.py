@@ -176,7 +176,7 @@ class NotConverged(CosimError):
 
     Attributes:
         residuals: name of each output -> the remaining change of its value.
-        time: begin of the step, s.
+        time: start of the step, s.
     """
 
     def __init__(self, algorithm: str, time: float, iterations: int, rows: Sequence[tuple[str, float, float]]) -> None:
@@ -193,7 +193,7 @@ class StepTooSmall(CosimError):
     """The tolerance cannot be met by steps of the minimum size.
 
     Attributes:
-        time: begin of the step, s.
+        time: start of the step, s.
         errors: name of each output whose error exceeds the tolerance -> its error.
     """
 

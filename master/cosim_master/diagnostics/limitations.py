@@ -23,7 +23,7 @@ class Limitation:
     Attributes:
         standard: the standard and, after a comma, the section. The standard is also the heading in the table.
         feature: name of the feature.
-        outcome: "error" (nothing is run), "failure" (the run ends there as failed), "note" (ignored, and said),
+        outcome: "error" (nothing is run), "failure" (the run ends there as failed), "note" (ignored, and reported),
             "silent" (ignored).
         words: the message, with {} for names and values; empty for "silent".
     """

@@ -268,7 +268,7 @@ class Execution:
         return failure
 
     def end(self, manifest: Callable[[Sequence[FmuError]], Mapping[str, Any]]) -> tuple[FmuError, ...]:
-        """Terminates and frees all instances; returns the errors of this. Call once, after `finish`.
+        """Terminates and frees all instances; returns the errors. Call it once, after `finish`.
 
         Args:
             manifest: returns a new manifest after such errors, which replaces the one written by `finish`.

@@ -6,7 +6,7 @@
 
 A continuous Real is interpolated linearly, other values are held. Before the first row and after the last row, the
 values of these rows apply. At a jump, the values of its last row apply from that time on, except for a jump in the very
-first row, which applies only after that time; both rules are those of FMPy. Values are set at the begin of a step.
+first row, which applies only after that time; both rules are those of FMPy. Values are set at the start of a step.
 """
 
 from __future__ import annotations

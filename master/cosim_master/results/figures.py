@@ -5,7 +5,7 @@
     errors      distance of every mobile drone to the law's fixed point, even spacing, and the law's bound
     altitude    heights over time, and the smallest distance between any two drones
 
-Without agents there are no steps: positions then have three axes, and snapshots are taken at begin, middle and end.
+Without agents, a run has no steps: positions then have three axes, and snapshots are taken at start, middle and end.
 Each figure contains the digest of its data as "Source"; a new run in the same folder removes the figure. The same run
 gives the same bytes: fonts and style are Matplotlib's defaults, whatever its configuration.
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_altitude", "draw_errors", "draw_positions", "draw_snapshots", "figures"]
 
 SNAPSHOTS = (1, 9, 17)
-"""Steps whose begins are shown in space, if the run reached them; otherwise its first, middle and last step."""
+"""Steps whose starts are shown in space, if the run reached them; otherwise its first, middle and last step."""
 
 _NAMED = 20  # with more drones, names would cover the picture
 _WIDTH = 7.0  # inches: two columns of a journal
@@ -123,7 +123,7 @@ def draw_positions(flight: Flight) -> Figure:
 
 
 def draw_snapshots(flight: Flight) -> Figure | None:
-    """Draws all drones in space (not to scale) at the begin of three steps; returns None without positions."""
+    """Draws all drones in space (not to scale) at the start of three steps; returns None without positions."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator

@@ -1,4 +1,4 @@
-"""The drones of a recording: actual and desired positions, begins of steps, and the law that they follow.
+"""The drones of a recording: actual and desired positions, starts of steps, and the law that they follow.
 
 `roles` assigns outputs to drones. Step #k begins when the first mobile agent begins it; its set-points are reached
 gradually, until step #k+1 begins.

@@ -48,7 +48,7 @@ __all__ = ["EPOCH", "Recorder"]
 _CHANGING = ("outcome", "simulated_s", "wall_s", "real_time_factor", "packets")
 """Keys of the manifest that change during the run."""
 EPOCH = 1_735_689_600_000_000
-"""Microseconds from 1970 to 2025-01-01T00:00:00Z, the begin of the clock of .tlog files."""
+"""Microseconds from 1970 to 2025-01-01T00:00:00Z, the origin of the clock of .tlog files."""
 
 
 class Recorder:

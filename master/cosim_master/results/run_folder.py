@@ -23,7 +23,7 @@ _RESULTS = ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog
 _DRAWN = (".png", ".svg", ".pdf", ".html")
 _STAMP = "uav-cosim, signals.parquet sha256 "
 _HEAD = 65536
-"""Number of bytes at the begin of a figure that contain its stamp."""
+"""Number of bytes at the start of a figure that contain its stamp."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Observers of a run: they receive the values of all fetched outputs at instants of simulated time.
 
     observer = make(view)          once, when the system has been checked and no FMU is loaded yet
-    observer.initialised(seen)     once, at the start of the run, or at the checkpoint that it goes on from
+    observer.initialised(seen)     once, at the start of the run, or at the checkpoint that it resumes from
     observer.stepped(seen)         at every multiple of `observer.every` base steps, and at the end of the run
     observer.closed()              once after `initialised`, when the run has ended, however it did
 

@@ -34,7 +34,7 @@ _AROUND = [offset for offset in product((-1, 0, 1), repeat=3) if offset > (0, 0,
 
 @dataclass(slots=True)
 class Contact:
-    """Two bodies within the contact distance: begin of the contact [s], least distance [m] and its time [s]."""
+    """Two bodies within the contact distance: start of the contact [s], least distance [m] and its time [s]."""
 
     since: float
     distance: float

@@ -33,7 +33,7 @@ def known_before(
 
     Args:
         changed: the values set during the run: instance, variable and value.
-        span: begin and end of the run, s.
+        span: start and end of the run, s.
     """
     set_later = {(instance, variable.name) for instance, variable, _ in changed}
     return [

@@ -15,12 +15,12 @@ class Spells:
     """The spells in which each of `count` conditions held.
 
     Attributes:
-        first: begin of the first spell, s; NaN without any.
+        first: start of the first spell, s; NaN without any.
         longest: length of the longest spell, s; a spell that was seen at one instant only is 0 s long.
         total: total length of all spells, s.
         open: whether the condition holds at the last instant.
         worst, worst_time: the greatest value seen in a spell, and its time; -inf without any.
-        since: begin of the last spell, s.
+        since: start of the last spell, s.
         last: the last instant, s.
     """
 

@@ -257,7 +257,7 @@ class Watch:
             )
 
     def _beside(self, name: str) -> int:
-        """Returns the only vehicle in the system of an instance; -1 if there is none, or several."""
+        """Returns the only vehicle in the system of an instance; -1 if none or several exist."""
         found = [b for b, body in enumerate(self.bodies) if body.group == _group(name)]
         return found[0] if len(found) == 1 else -1
 

@@ -74,7 +74,7 @@ class Motion:
             self._steps[mobile] = values.astype(np.int64) if so_far is None else np.maximum(so_far, values)
 
     def steps(self, time: Array) -> list[tuple[int, float]]:
-        """Returns number and begin of each step of the agents' algorithm; the first mobile agent begins them."""
+        """Returns number and start of each step of the agents' algorithm; the first mobile agent begins them."""
         begun = self._steps.get(True, self._steps.get(False))
         if begun is None or not len(begun):
             return []

@@ -141,7 +141,7 @@ class LineAgent(Model):
         Memory("start_latitude", dtype="i4"),  # degE7
         Memory("start_position"),  # m on the line
         Memory("period_step", dtype="i4"),  # number of the current period
-        Memory("step_at"),  # s, begin of the current step
+        Memory("step_at"),  # s, start of the current step
     )
     kernels = (start, advance)
     errors = ERRORS

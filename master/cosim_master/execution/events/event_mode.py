@@ -76,7 +76,7 @@ class EventMode:
         return any(self._one(i).pending for i in self.events.numbers)
 
     def next_event(self) -> float:
-        """Returns the time of the next event that an FMU has announced, s; infinity if there is none."""
+        """Returns the time of the next event that an FMU has announced, s; infinity if none exists."""
         return min((self._one(i).next_event for i in self.events.numbers), default=math.inf)
 
     def returned_early(self) -> float:

@@ -4,7 +4,7 @@
     events.begin()                         in initialization mode: intervals of Clocks
     events.settle(now, numbers)            the instances are in Event Mode: iterate, and out of it into Step Mode
     at_end = events.finish(members, t, end, ...)
-                                           the rest of a step in which there is an event: these FMUs alone, up to `end`
+                                           the rest of a step with an event: these FMUs alone, up to `end`
     events.settle(now, events.enter(at_end), others)
                                            events at the communication point, together
 

@@ -35,7 +35,7 @@ _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
 
 
 def cannot_be_serialised(slaves: Sequence[Slave]) -> str:
-    """Returns the instances that prevent checkpoints, and the reasons; empty if there are none."""
+    """Returns the instances that prevent checkpoints, and the reasons; empty if none exist."""
     lacking = []
     for one in slaves:
         flags = [flag for flag in _FLAGS if not getattr(one.fmu.capabilities, flag)]

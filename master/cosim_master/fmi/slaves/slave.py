@@ -20,12 +20,12 @@ class Slave(Protocol):
 
     The order of calls is (FMI 2.0.5, section 4.2.4; FMI 3.0.2, section 4.2):
 
-    slave.configure(...)                    structural parameters, where there are any
+    slave.configure(...)                    structural parameters, if any exist
     slave.setup_experiment(start, stop)     then `set` of parameters
-    slave.enter_initialization_mode()       then `set` and `get`, as often as it takes
+    slave.enter_initialization_mode()       then `set` and `get`, any number of times
     slave.exit_initialization_mode()        then steps, by the address of `step_address`, `set` and `get` between them
-    slave.terminate()                       where it is legal: after a completed step, once
-    slave.free()                            where it is legal: not after a fatal error
+    slave.terminate()                       if it is legal: after a completed step, once
+    slave.free()                            if it is legal: not after a fatal error
 
     After an error, only `free` is legal; after a fatal error, no call is legal for any instance of that FMU.
     `terminate` and `free` make only legal calls.
@@ -34,7 +34,7 @@ class Slave(Protocol):
         fmi: major version.
         time: time of the next call, s; set it before calls that may fail, for their errors.
         lines: the last lines that the FMU has logged.
-        event_mode: whether there is Event Mode (see `EventSlave`).
+        event_mode: whether it has Event Mode (see `EventSlave`).
         next_event: end of the time that the loop may step it, s: its next event, or that of an instance stepping
             together with it.
         pending: BEGIN or END of the loop's tables, if the loop has left a step to Event Mode; otherwise 0.

@@ -87,5 +87,5 @@ def listen_to_slot(r: Radio, reals: NDArray[np.float64], end: int) -> None:
 
 @kernel
 def collided(r: Radio, other: int) -> bool:
-    """Returns whether node `other` can receive nothing in the slot last evaluated."""
+    """Returns whether node `other` cannot receive any packet in the slot last evaluated."""
     return bool(r.media[r.along.size + other] > 1)

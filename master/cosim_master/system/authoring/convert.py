@@ -1,6 +1,6 @@
 """Writes systems for other engines, and multi-models and structures of OSP as SSPs: a file, and FMUs in resources/.
 
-    convert(system, folder)              SystemStructure.ssd with everything that a run of ours needs
+    convert(system, folder)              SystemStructure.ssd with all data that a run of ours needs
     convert(system, folder, "libcosim")  OspSystemStructure.xml
     convert(system, folder, ENGINE)      SystemStructure.ssd as ENGINE reads it: flat, typed connectors, plain names
 

@@ -55,7 +55,7 @@ def _wrong(
     size_connector: str,
     size: tuple[int, ...],
 ) -> str:
-    """Returns the problem with the declared size of a connector; empty if there is none."""
+    """Returns the problem with the declared size of a connector; empty if none exists."""
     port = part.ports.get(size_connector)
     if port is None:
         hint = near(
