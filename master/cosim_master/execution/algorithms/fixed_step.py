@@ -108,7 +108,7 @@ class FixedStep:
         self._saved_at = time.perf_counter()
 
     def _repeat(self, discarded: Discarded) -> None:
-        """Goes back to the begin of the discarded step, and divides the steps that begin there."""
+        """Goes back to the start of the discarded step, and divides the steps that begin there."""
         assert self._snapshot is not None
         state, writing = self._state, self._writing
         rows, reached = writing.by_signal(), int(state.plan.clock[K])
