@@ -1,6 +1,7 @@
-# make demo   set up, build the FMUs, fly the paper's scenario, leave its figures in out/line5
+# make demo   set up, build the FMUs of the paper's scenario, fly it, leave its figures in out/line5
 # make test   set up, build the FMUs, then lint, types, import contracts and all tests
 # make fmus   build the FMUs that changed into fmus/
+# make docs   the documentation as a site into site/: open site/index.html
 # make wheel  a wheel for this platform into dist/, with systems and FMUs
 # make sdist  all sources into dist/, from which the others work
 
@@ -9,9 +10,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 COSIM := $(BIN)/uav-cosim
 
-.PHONY: demo test fmus lint wheel sdist clean
+# Hundreds of processes import the same sources.
+unexport PYTHONDONTWRITEBYTECODE
 
-demo: fmus
+.PHONY: demo test fmus lint docs wheel sdist clean
+
+demo: $(VENV)/installed
+	$(COSIM) build line5 -o fmus
 	$(COSIM) run master/systems/line5 -o out/line5
 	$(COSIM) plot out/line5
 
@@ -37,13 +42,17 @@ $(VENV)/installed: $(VENV)/bin/python pyproject.toml
 	touch $@
 
 $(VENV)/tested: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[build,plot,test,clients]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[build,export,live,plot,docs,test,clients]'
 	touch $@
+
+docs: $(VENV)/tested
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs/site -d build/docs . site
 
 wheel: $(VENV)/installed
 	rm -rf build
 	$(BIN)/python -m cosim_master.system.shipped build/shipped
 	$(BIN)/python -m cosim_master.stepping.warming build/compiled
+	$(BIN)/python -m cosim_master.fmi.isolation.building build/compiled
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w dist .
 	rm -rf build
 
@@ -52,4 +61,4 @@ sdist: $(VENV)/tested
 	$(BIN)/python -c 'from setuptools import build_meta; build_meta.build_sdist("dist")' > /dev/null
 
 clean:
-	rm -rf out build dist fmus/*.fmu
+	rm -rf out build dist site fmus/*.fmu

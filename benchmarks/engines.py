@@ -321,7 +321,8 @@ def available(names: list[str]) -> dict[str, str]:
         if name == "OMSimulator":
             if program := os.environ.get("OMSIMULATOR"):
                 told = subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout
-                found[name] = told.split()[1].partition("-")[0].removeprefix("v")
+                release, _, commit = told.split()[1].removeprefix("v").partition("-g")
+                found[name] = f"{release.partition('-')[0]} ({commit.partition('-')[0]})" if commit else release
             continue
         try:
             found[name] = version(_PACKAGES[name])

@@ -1,19 +1,12 @@
 /* The floor under every co-simulation master: the FMI calls of a system and the exchange of its values, and nothing
-   else. One thread, no checks but of the status.
-
-   floor DESCRIPTION        what overhead.py writes; then on stdin
-       run N                step N times; answers the seconds that took
-       values               answers all outputs, reals first
+   else. One thread, no checks but of the status. See floor.h for its dialogue.
 
    One step, Jacobi: every input = factor * output + offset, from the outputs before the step; then for each instance
    fmi2SetXXX, fmi2DoStep, fmi2GetXXX. */
 
-#include <dlfcn.h>
 #include <stdarg.h>
+#include <stddef.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
 
 enum { REAL, INTEGER, BOOLEAN, KINDS };
 static const char *KIND[] = {"Real", "Integer", "Boolean"};
@@ -36,7 +29,10 @@ typedef struct {
     GetOrSet *set[KINDS], *get[KINDS];
     long first_in[KINDS], last_in[KINDS], first_out[KINDS], last_out[KINDS];
 } Instance;
-typedef struct { long source; double factor, offset; } Wire;
+
+#include "floor.h"
+
+static Reference *in_reference, *out_reference;
 
 static void say(void *environment, const char *name, int status, const char *category, const char *format, ...) {
     va_list arguments;
@@ -49,52 +45,6 @@ static void say(void *environment, const char *name, int status, const char *cat
 }
 static const Callbacks CALLBACKS = {say, calloc, free, NULL, NULL};
 
-static void fail(const char *what) {
-    fprintf(stderr, "floor: %s\n", what);
-    exit(1);
-}
-static void *memory(size_t n, size_t size) {
-    void *p = calloc(n ? n : 1, size);
-    if (!p) fail("no memory");
-    return p;
-}
-static void *symbol(void *library, const char *prefix, const char *rest) {
-    char name[64];
-    snprintf(name, sizeof name, "%s%s", prefix, rest);
-    void *found = dlsym(library, name);
-    if (!found) fail(name);
-    return found;
-}
-static FILE *description;
-static long number(void) {
-    long value;
-    if (fscanf(description, "%ld", &value) != 1) fail("the description ends early");
-    return value;
-}
-static double real(void) {
-    double value;
-    if (fscanf(description, "%lf", &value) != 1) fail("the description ends early");
-    return value;
-}
-static char *word(void) {
-    char text[4096];
-    if (fscanf(description, "%4095s", text) != 1) fail("the description ends early");
-    return strdup(text);
-}
-
-static long n_instances, n_in, n_out, reals_in, reals_out;
-static Instance *instances;
-static Wire *wires;
-static Reference *in_reference, *out_reference;
-static double *real_in, *real_out;
-static int *int_in, *int_out;
-static long start, step_size; /* ns */
-static long k;
-
-static void check(int status, const char *function) {
-    if (status > 1) fail(function);
-}
-
 static void open_all(void) {
     char *library_file = word(), *guid = word(), *resources = word();
     start = number(), step_size = number();
@@ -106,13 +56,9 @@ static void open_all(void) {
     int (*setup)(void *, int, double, double, int, double) = symbol(library, "fmi2SetupExperiment", "");
     int (*enter)(void *) = symbol(library, "fmi2EnterInitializationMode", "");
     int (*leave)(void *) = symbol(library, "fmi2ExitInitializationMode", "");
-    n_instances = number(), n_in = number(), n_out = number(), reals_in = number(), reals_out = number();
-    instances = memory(n_instances, sizeof *instances);
-    wires = memory(n_in, sizeof *wires);
+    read_sizes();
     in_reference = memory(n_in, sizeof *in_reference);
     out_reference = memory(n_out, sizeof *out_reference);
-    real_in = memory(reals_in, sizeof *real_in), real_out = memory(reals_out, sizeof *real_out);
-    int_in = memory(n_in - reals_in, sizeof *int_in), int_out = memory(n_out - reals_out, sizeof *int_out);
     for (long i = 0; i < n_instances; i++) {
         Instance *m = instances + i;
         char name[32];
@@ -132,7 +78,7 @@ static void open_all(void) {
     }
     for (long j = 0; j < n_in; j++) {
         in_reference[j] = (Reference)number();
-        wires[j].source = number(), wires[j].factor = real(), wires[j].offset = real();
+        read_wire(wires + j);
     }
     for (long j = 0; j < n_out; j++) out_reference[j] = (Reference)number();
 }
@@ -168,28 +114,4 @@ static void step_all(void) {
         collect(m);
     }
     k++;
-}
-
-int main(int argc, char **argv) {
-    char line[64];
-    if (argc != 2 || !(description = fopen(argv[1], "r"))) fail("usage: floor DESCRIPTION");
-    open_all();
-    fclose(description);
-    for (long i = 0; i < n_instances; i++) collect(instances + i);
-    while (fgets(line, sizeof line, stdin)) {
-        if (!strncmp(line, "run ", 4)) {
-            long steps = atol(line + 4);
-            struct timespec a, b;
-            clock_gettime(CLOCK_MONOTONIC, &a);
-            while (steps-- > 0) step_all();
-            clock_gettime(CLOCK_MONOTONIC, &b);
-            printf("%.9f\n", (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec));
-        } else {
-            for (long j = 0; j < reals_out; j++) printf("%.17g ", real_out[j]);
-            for (long j = 0; j < n_out - reals_out; j++) printf("%d ", int_out[j]);
-            printf("\n");
-        }
-        fflush(stdout);
-    }
-    return 0;
 }

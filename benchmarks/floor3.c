@@ -1,20 +1,13 @@
 /* What floor.c is for FMI 2, for FMI 3.0: the FMI calls of a system and the exchange of its values, and nothing else.
-
-   floor3 DESCRIPTION       what overhead.py writes; then on stdin, as for floor.c
-       run N                step N times; answers the seconds that took
-       values               answers all outputs, reals first
+   One thread, no checks but of the status. See floor.h for its dialogue.
 
    One step, Jacobi: every input = factor * output + offset, from the outputs before the step; then for each instance
    fmi3SetXXX, fmi3DoStep, fmi3GetXXX, the same calls with the same value references as ours. Reals are doubles, all else are
    ints: values of other types are converted in a buffer of the call. */
 
-#include <dlfcn.h>
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
 
 typedef uint32_t Reference;
 typedef int GetOrSet(void *, const Reference *, size_t, void *, size_t);
@@ -32,54 +25,14 @@ typedef struct {
     Call *first_set, *first_get, *last_get;
     long first_in[2], last_in[2];
 } Instance;
-typedef struct { long source; double factor, offset; } Wire;
+
+#include "floor.h"
+
+static Call *calls;
 
 static void say(void *environment, int status, const char *category, const char *message) {
     (void)environment; (void)status; (void)category;
     fprintf(stderr, "%s\n", message);
-}
-static void fail(const char *what) {
-    fprintf(stderr, "floor3: %s\n", what);
-    exit(1);
-}
-static void *memory(size_t n, size_t size) {
-    void *p = calloc(n ? n : 1, size);
-    if (!p) fail("no memory");
-    return p;
-}
-static void *symbol(void *library, const char *name) {
-    void *found = dlsym(library, name);
-    if (!found) fail(name);
-    return found;
-}
-static FILE *description;
-static long number(void) {
-    long value;
-    if (fscanf(description, "%ld", &value) != 1) fail("the description ends early");
-    return value;
-}
-static double real(void) {
-    double value;
-    if (fscanf(description, "%lf", &value) != 1) fail("the description ends early");
-    return value;
-}
-static char *word(void) {
-    char text[4096];
-    if (fscanf(description, "%4095s", text) != 1) fail("the description ends early");
-    return strdup(text);
-}
-
-static long n_instances, n_in, n_out, reals_in, reals_out;
-static Instance *instances;
-static Call *calls;
-static Wire *wires;
-static double *real_in, *real_out;
-static int *int_in, *int_out;
-static long start, step_size; /* ns */
-static long k;
-
-static void check(int status, const char *function) {
-    if (status > 1) fail(function);
 }
 
 static void read_call(Call *call, void *library) {
@@ -88,7 +41,7 @@ static void read_call(Call *call, void *library) {
     long at = number();
     bool sets = !strcmp(verb, "Set"), is_real = !strcmp(type, "Float64");
     snprintf(name, sizeof name, "fmi3%s%s", verb, type);
-    call->function = symbol(library, name);
+    call->function = symbol(library, name, "");
     call->n = (size_t)number(), call->n_values = (size_t)number();
     Reference *references = memory(call->n, sizeof *references);
     for (size_t i = 0; i < call->n; i++) references[i] = (Reference)number();
@@ -110,14 +63,10 @@ static void open_all(void) {
     if (!library) fail(dlerror());
     void *(*instantiate)(const char *, const char *, const char *, bool, bool, bool, bool, const Reference *, size_t, void *,
                          void (*)(void *, int, const char *, const char *), void *) =
-        symbol(library, "fmi3InstantiateCoSimulation");
-    int (*enter)(void *, bool, double, double, bool, double) = symbol(library, "fmi3EnterInitializationMode");
-    int (*leave)(void *) = symbol(library, "fmi3ExitInitializationMode");
-    n_instances = number(), n_in = number(), n_out = number(), reals_in = number(), reals_out = number();
-    instances = memory(n_instances, sizeof *instances);
-    wires = memory(n_in, sizeof *wires);
-    real_in = memory(reals_in, sizeof *real_in), real_out = memory(reals_out, sizeof *real_out);
-    int_in = memory(n_in - reals_in, sizeof *int_in), int_out = memory(n_out - reals_out, sizeof *int_out);
+        symbol(library, "fmi3InstantiateCoSimulation", "");
+    int (*enter)(void *, bool, double, double, bool, double) = symbol(library, "fmi3EnterInitializationMode", "");
+    int (*leave)(void *) = symbol(library, "fmi3ExitInitializationMode", "");
+    read_sizes();
     calls = memory(number(), sizeof *calls);
     Call *call = calls;
     for (long i = 0; i < n_instances; i++) {
@@ -126,7 +75,7 @@ static void open_all(void) {
         snprintf(name, sizeof name, "n%ld", i);
         m->handle = instantiate(name, token, resources, false, false, false, false, NULL, 0, NULL, say, NULL);
         if (!m->handle) fail("fmi3InstantiateCoSimulation");
-        m->do_step = symbol(library, "fmi3DoStep");
+        m->do_step = symbol(library, "fmi3DoStep", "");
         for (int kind = 0; kind < 2; kind++) m->first_in[kind] = number(), m->last_in[kind] = number();
         m->first_set = call;
         for (long n = number(); n > 0; n--) read_call(call++, library);
@@ -136,7 +85,7 @@ static void open_all(void) {
         check(enter(m->handle, false, 0.0, (double)start / 1e9, true, stop), "fmi3EnterInitializationMode");
         check(leave(m->handle), "fmi3ExitInitializationMode");
     }
-    for (long j = 0; j < n_in; j++) wires[j].source = number(), wires[j].factor = real(), wires[j].offset = real();
+    for (long j = 0; j < n_in; j++) read_wire(wires + j);
 }
 
 static void get(void *handle, const Call *call) {
@@ -155,6 +104,10 @@ static void set(void *handle, const Call *call) {
     check(call->function(handle, call->references, call->n, call->values, call->n_values), "fmi3Set");
 }
 
+static void collect(const Instance *m) {
+    for (const Call *call = m->first_get; call < m->last_get; call++) get(m->handle, call);
+}
+
 static void step_all(void) {
     double t = (double)(start + k * step_size) / 1e9, h = (double)step_size / 1e9;
     for (long i = 0; i < n_instances; i++) {
@@ -170,32 +123,7 @@ static void step_all(void) {
         for (const Call *call = m->first_set; call < m->first_get; call++) set(m->handle, call);
         check(m->do_step(m->handle, t, h, true, &event, &terminate, &early, &last), "fmi3DoStep");
         if (terminate || early) fail("fmi3DoStep has not done all of the step");
-        for (const Call *call = m->first_get; call < m->last_get; call++) get(m->handle, call);
+        collect(m);
     }
     k++;
-}
-
-int main(int argc, char **argv) {
-    char line[64];
-    if (argc != 2 || !(description = fopen(argv[1], "r"))) fail("usage: floor3 DESCRIPTION");
-    open_all();
-    fclose(description);
-    for (long i = 0; i < n_instances; i++)
-        for (const Call *call = instances[i].first_get; call < instances[i].last_get; call++) get(instances[i].handle, call);
-    while (fgets(line, sizeof line, stdin)) {
-        if (!strncmp(line, "run ", 4)) {
-            long steps = atol(line + 4);
-            struct timespec a, b;
-            clock_gettime(CLOCK_MONOTONIC, &a);
-            while (steps-- > 0) step_all();
-            clock_gettime(CLOCK_MONOTONIC, &b);
-            printf("%.9f\n", (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec));
-        } else {
-            for (long j = 0; j < reals_out; j++) printf("%.17g ", real_out[j]);
-            for (long j = 0; j < n_out - reals_out; j++) printf("%d ", int_out[j]);
-            printf("\n");
-        }
-        fflush(stdout);
-    }
-    return 0;
 }

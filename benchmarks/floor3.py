@@ -6,8 +6,9 @@ import ctypes
 from typing import Any
 
 from cosim_master.execution.execution import Execution
-from cosim_master.stepping.kernels.fmi3_types import PACKED, TYPED
+from cosim_master.stepping.kernels.fmi3_types import TYPED
 from cosim_master.stepping.kernels.tables import FUNCTIONS
+from cosim_master.stepping.kernels.widths import PACKED
 
 __all__ = ["calls_of"]
 

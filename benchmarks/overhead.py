@@ -33,6 +33,7 @@ from report import machine, show, write
 
 from cosim.build import build, load_models
 from cosim_master.execution.execution import Execution
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.stepping.layout import make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
@@ -65,13 +66,13 @@ class Ours:
 
     name = "uav-cosim"
 
-    def __init__(self, folder: Path, until: float, stack: ExitStack) -> None:
+    def __init__(self, folder: Path, until: float, stack: ExitStack, isolation: Isolation | None = None) -> None:
         checked = check(stack.enter_context(read_system(folder)))
         network = network_of(checked)
         self.clock = time_grid(checked, until)
         self.layout = make_layout(checked, network)
         self.execution = stack.enter_context(
-            Execution(checked, self.clock, self.layout, network, every=self.clock.steps, threads=1)
+            Execution(checked, self.clock, self.layout, network, every=self.clock.steps, threads=1, isolation=isolation)
         )
 
     def run(self, steps: int) -> float:
@@ -219,20 +220,24 @@ class Libcosim:
         return time.perf_counter() - began
 
 
+def load_tbb() -> None:
+    """Loads the library that ecospy needs: the tbb wheel puts it where the loader does not look."""
+    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
+
+
 class Ecos:
-    """Ecos' fixed-step algorithm, through ecospy."""
+    """Ecos' fixed-step algorithm, through ecospy; each FMU in a process of its own if `proxy`, which PATH must have."""
 
     name = "Ecos"
 
-    def __init__(self, ours: Ours, stack: ExitStack) -> None:
-        # The tbb wheel puts the library that ecospy needs where the loader does not look.
-        ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
+    def __init__(self, ours: Ours, stack: ExitStack, *, proxy: bool = False) -> None:
+        load_tbb()
         ecospy = import_module("ecospy")
         fmu = ours.execution.slaves[0].library.fmu
         n = len(ours.execution.slaves)
         structure = stack.enter_context(ecospy.EcosSimulationStructure())
         for i in range(n):
-            structure.add_model(f"n{i}", str(fmu.path))
+            structure.add_model(f"n{i}", f"proxyfmu://localhost?file={fmu.path}" if proxy else str(fmu.path))
         for i in range(n):
             for source, target in RINGS[fmu.model_name][1]:
                 structure.make_real_connection(f"n{i}::{source}", f"n{(i + 1) % n}::{target}")

@@ -37,7 +37,7 @@ from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import send
 from cosim_master.network.radio.tables import DELIVERED, Radio
 from cosim_master.stepping.layout import make_layout
-from cosim_master.system.authoring.new import new_system
+from cosim_master.system.authoring.swarm.new import new_system
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Network, network_of

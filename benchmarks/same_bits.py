@@ -37,6 +37,14 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "steps of 5 ms": ("line5", {"until": 20.0, "step": 0.005, "overrides": {"recording.interval": "0.01"}}),
     "changed": ("line5", {"until": 40.0, "at": [(20.0, "drone3.vehicle.wind[2]", "3")]}),
     "going on": ("line5", {"until": 30.0, "checkpoint_every": 10.0}),
+    "rendezvous": ("rendezvous", {"until": 30.0}),
+    "formation": ("formation", {"until": 30.0, "overrides": {"network.loss": "0.2"}}),
+    "flocking": ("flocking", {"until": 20.0}),
+    "coverage": ("coverage", {"until": 30.0}),
+    "guarded": ("guarded", {"until": 30.0, "overrides": {"network.loss": "0.2"}}),
+    "sweep": ("sweep", {"until": 30.0}),
+    "tracking": ("tracking", {"until": 30.0}),
+    "follower": ("follower", {"until": 30.0, "overrides": {"network.jitter": "0.05"}}),
 }
 
 

@@ -30,15 +30,16 @@ from report import machine, show, write
 from cosim.kernel import kernel
 from cosim_master.execution.execution import Execution
 from cosim_master.execution.options import Listener, RunOptions
-from cosim_master.execution.result import Progress
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import grown
 from cosim_master.network.radio.tables import Radio
-from cosim_master.results.recorder import Recorder
+from cosim_master.results.recording.packet_log import PacketLog
+from cosim_master.results.recording.signals import SignalRecorder
 from cosim_master.stepping.kernels import macro_step as stepping
 from cosim_master.stepping.kernels import tables
 from cosim_master.stepping.layout import make_layout
-from cosim_master.system.authoring.new import new_system
+from cosim_master.stepping.observation import Progress
+from cosim_master.system.authoring.swarm.new import new_system
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
@@ -65,18 +66,18 @@ def run_once(folder: Path, seconds: float, threads: int | None, began: float) ->
             first.append(time.time() - seen.wall - began)
 
     def timed(method: Any) -> Any:
-        def call(*arguments: Any) -> Any:
+        def call(*arguments: Any, **options: Any) -> Any:
             nonlocal recording
             before = time.perf_counter()
             try:
-                return method(*arguments)
+                return method(*arguments, **options)
             finally:
                 recording += time.perf_counter() - before
 
         return call
 
-    Recorder.rows = timed(Recorder.rows)  # type: ignore[method-assign]
-    Recorder.packets = timed(Recorder.packets)  # type: ignore[method-assign]
+    SignalRecorder.rows = timed(SignalRecorder.rows)  # type: ignore[method-assign]
+    PacketLog.packets = timed(PacketLog.packets)  # type: ignore[method-assign]
     with tempfile.TemporaryDirectory(prefix="uav-cosim-swarm-") as out:
         result = simulate(
             folder,
@@ -125,20 +126,20 @@ def _timed_steps(
 
     `spent` in ns: exchange, packets, then each FMU; its last three are the stopwatch.
     """
-    clock = p.clock
+    counters = p.counters
     stamp = spent[-3:]
-    while clock[tables.K] < k_stop:
-        k = clock[tables.K]
+    while counters[tables.K] < k_stop:
+        k = counters[tables.K]
         _lap(stamp)
         stepping._deliver_all(p, r, k)
         spent[1] += _lap(stamp)
         stepping.exchange(
             p.instances,
-            p.runs,
+            p.input_runs,
             p.sources,
             p.wires,
-            p.mirrors,
-            p.mapped,
+            p.int_to_real,
+            p.value_maps,
             p.real_out,
             p.int_out,
             p.real_in,
@@ -149,7 +150,7 @@ def _timed_steps(
         first = 0
         for n in range(ends.size):
             failed = stepping.step_some(
-                p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, grouped[first : ends[n]]
+                p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, grouped[first : ends[n]]
             )
             if failed > 0:
                 return tables.FAILED
@@ -159,7 +160,7 @@ def _timed_steps(
         if reason != tables.DONE:
             return int(reason)
         spent[1] += _lap(stamp)
-        clock[tables.K] = k + 1
+        counters[tables.K] = k + 1
     return tables.DONE
 
 

@@ -22,8 +22,9 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -33,35 +34,19 @@ __all__ = [
     "PLAIN",
     "cache_folder",
     "forget_unused",
-    "get_real",
-    "get_whole",
     "has_code",
     "imported_sources",
     "kernel",
-    "set_real",
-    "set_whole",
     "table",
 ]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-numba: Any
-try:
-    numba = import_module("numba")
-except ImportError:  # an interpreted FMU under a Python without numba: slower, same results
-    numba = None
+PLAIN = find_spec("numba") is None or os.environ.get("NUMBA_DISABLE_JIT", "").strip() not in ("", "0")
+"""True if kernels run as plain Python: numba is not installed, or NUMBA_DISABLE_JIT=1.
 
-if numba is not None and platform.machine() in ("x86_64", "AMD64") and numba.config.CPU_NAME is None:
-    # The stepping loop calls FMUs that are compiled for any x86-64. When the loop itself used AVX-512, a Quadrotor's
-    # step took 0.1 us longer, probably because wide and SSE code alternate on the same registers (ARCHITECTURE, section
-    # 5).
-    numba.config.CPU_NAME, numba.config.CPU_FEATURES = "x86-64-v2", ""
-
-if numba is not None:
-    from cosim.lowering import Kernel
-
-PLAIN = numba is None or bool(numba.config.DISABLE_JIT)
-"""True if kernels run as plain Python: numba is not installed, or NUMBA_DISABLE_JIT=1."""
+An interpreted FMU may run under a Python without numba: slower, with the same results.
+"""
 
 _OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy", "nogil": True, "_nrt": False}
 _UNUSED_AFTER = 14 * 24 * 3600.0
@@ -79,11 +64,31 @@ def kernel(function: F, *, inline: bool = False) -> F:
     """
     if PLAIN:
         return function
-    compiled = Kernel(function, targetoptions={**_OPTIONS, "forceinline": inline})
+    compiled = _dispatcher()(function, targetoptions={**_OPTIONS, "forceinline": inline})
     source = Path(function.__code__.co_filename)
-    if function.__closure__ is None and (source.parent / "__init__.py").is_file():
-        compiled.keep(_code_folders(source))
+    if function.__closure__ is None and _in_package(source.parent):
+        compiled.keep(partial(_code_folders, source))
     return cast(F, compiled)
+
+
+@cache
+def _in_package(folder: Path) -> bool:
+    return (folder / "__init__.py").is_file()
+
+
+@cache
+def _dispatcher() -> Any:
+    """Returns `cosim.lowering.Kernel`. numba takes half a second to import: programs without kernels do not wait."""
+    numba: Any = import_module("numba")
+
+    if platform.machine() in ("x86_64", "AMD64") and numba.config.CPU_NAME is None:
+        # The stepping loop calls FMUs that are compiled for any x86-64. When the loop itself used AVX-512, a
+        # Quadrotor's step took 0.1 us longer, probably because wide and SSE code alternate on the same registers
+        # (ARCHITECTURE, section 5).
+        numba.config.CPU_NAME, numba.config.CPU_FEATURES = "x86-64-v2", ""
+    from cosim.lowering import Kernel
+
+    return Kernel
 
 
 def table(rows: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -185,112 +190,3 @@ def forget_unused(folder: Path) -> None:
             shutil.rmtree(old, ignore_errors=True)
         else:
             old.unlink(missing_ok=True)
-
-
-# ---- access to record fields by offset -----------------------------------------------------------------------------
-# A kernel names a record's fields in its source. Lookup tables of fields (parameters that a ground station names) need
-# their byte offsets instead, which `cosim.model.record_layout` provides.
-
-
-def _get_real(record: Any, offset: int) -> float:
-    return float(record.getfield(np.float64, int(offset)))
-
-
-def _set_real(record: Any, offset: int, value: float) -> None:
-    record.setfield(value, np.float64, int(offset))
-
-
-def _get_whole(record: Any, offset: int) -> int:
-    return int(record.getfield(np.int32, int(offset)))
-
-
-def _set_whole(record: Any, offset: int, value: int) -> None:
-    record.setfield(value, np.int32, int(offset))
-
-
-if numba is not None and not numba.config.DISABLE_JIT:
-    from llvmlite import ir
-    from numba.core import cgutils
-    from numba.extending import intrinsic
-    from numba.np import arrayobj
-
-    def _reader(kind: Any) -> Any:
-        def read(typing: Any, record: Any, offset: Any) -> Any:  # noqa: ARG001 (numba prescribes the arguments)
-            def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-                address = builder.bitcast(arguments[0], cgutils.voidptr_t)
-                place = builder.gep(address, [arguments[1]])
-                return builder.load(builder.bitcast(place, context.get_value_type(kind).as_pointer()))
-
-            return kind(record, numba.types.int64), lower
-
-        return intrinsic(read)
-
-    def _writer(kind: Any) -> Any:
-        def write(typing: Any, record: Any, offset: Any, value: Any) -> Any:  # noqa: ARG001
-            def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-                address = builder.bitcast(arguments[0], cgutils.voidptr_t)
-                place = builder.gep(address, [arguments[1]])
-                builder.store(arguments[2], builder.bitcast(place, context.get_value_type(kind).as_pointer()))
-                return context.get_dummy_value()
-
-            return numba.types.void(record, numba.types.int64, kind), lower
-
-        return intrinsic(write)
-
-    class _OnStack:
-        """Context that allocates the memory for a copy on the stack and releases it."""
-
-        def __init__(self, context: Any, builder: Any) -> None:
-            self._context, self.nrt = context, self
-            self._before = cgutils.alloca_once(builder, cgutils.voidptr_t)
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._context, name)
-
-        def allocate(self, builder: Any, size: Any) -> Any:
-            save = builder.module.declare_intrinsic("llvm.stacksave.p0", (), ir.FunctionType(cgutils.voidptr_t, ()))
-            builder.store(builder.call(save, ()), self._before)
-            return builder.alloca(ir.IntType(8), size)
-
-        def free(self, builder: Any, _: Any) -> None:
-            kind = ir.FunctionType(ir.VoidType(), (cgutils.voidptr_t,))
-            restore = builder.module.declare_intrinsic("llvm.stackrestore.p0", (), kind)
-            builder.call(restore, (builder.load(self._before),))
-
-    _maybe_copy_source = arrayobj.maybe_copy_source
-
-    def _copy_source(context: Any, builder: Any, *arguments: Any) -> Any:
-        """Compiles ``m.v[1:] = m.v[:2]``: overlapping slices are copied through the stack, since kernels do not
-        allocate.
-        """
-        within = context if context.enable_nrt else _OnStack(context, builder)
-        return _maybe_copy_source(within, builder, *arguments)
-
-    arrayobj.maybe_copy_source = _copy_source
-
-    _get_real, _set_real = _reader(numba.types.float64), _writer(numba.types.float64)
-    _get_whole, _set_whole = _reader(numba.types.int32), _writer(numba.types.int32)
-
-
-@kernel
-def get_real(record: Any, offset: int) -> float:
-    """Returns the float64 at byte `offset` of a record; the offset is not checked."""
-    return _get_real(record, offset)
-
-
-@kernel
-def set_real(record: Any, offset: int, value: float) -> None:
-    """Writes the float64 at byte `offset` of a record; the offset is not checked."""
-    _set_real(record, offset, value)
-
-
-@kernel
-def get_whole(record: Any, offset: int) -> int:
-    """Returns the int32 at byte `offset` of a record; the offset is not checked."""
-    return _get_whole(record, offset)
-
-
-@kernel
-def set_whole(record: Any, offset: int, value: int) -> None:
-    """Writes the int32 at byte `offset` of a record; the offset is not checked."""
-    _set_whole(record, offset, value)

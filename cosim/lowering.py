@@ -18,7 +18,7 @@ import hashlib
 import os
 import pickle
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import __version__ as llvmlite_version
+from llvmlite import ir as llvm_ir
 from numba import __version__ as numba_version
 from numba import from_dtype
 from numba.core import cgutils, compiler, errors, types, typing
@@ -40,6 +41,7 @@ from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
+from numba.np import arrayobj
 
 __all__ = ["Kernel", "Lowered", "ShortRecord", "keep_only", "link", "saved_code"]
 
@@ -166,8 +168,13 @@ class _KeptCode(_Cache):  # type: ignore[misc]
     contain one.
     """
 
-    def __init__(self, function: Any, folders: Sequence[Path]) -> None:
-        self._function, self._folders = function, folders
+    def __init__(self, function: Any, find_folders: Callable[[], Sequence[Path]]) -> None:
+        self._function, self._find_folders = function, find_folders
+
+    @cached_property
+    def _folders(self) -> Sequence[Path]:
+        """The folders of this kernel: digests of sources are computed for kernels that Python calls only."""
+        return self._find_folders()
 
     @property
     def cache_path(self) -> str:
@@ -180,7 +187,6 @@ class _KeptCode(_Cache):  # type: ignore[misc]
         return f"{self._function.__qualname__}-{hashlib.sha256(what.encode()).hexdigest()[:24]}.kernel"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        target_context.refresh()
         name = self._name(sig, target_context)
         for folder in self._folders:
             file = folder / name
@@ -289,24 +295,40 @@ class _ForPython(_FunctionCompiler):  # type: ignore[misc]
         return result._replace(library=library, entry_point=entry)
 
 
+def _widened(one: Any) -> Any:
+    """Returns the type with which a kernel receives an argument of type `one` from another kernel.
+
+    Integers are passed as int64, whatever their width, and constants as values, so that a kernel is lowered once for
+    all of them. Types of less than 64 bits have no other arithmetic: numba computes with int64.
+    """
+    one = types.unliteral(one)
+    return types.int64 if isinstance(one, types.Integer) and one.bitwidth < 64 else one
+
+
 class Kernel(CPUDispatcher):  # type: ignore[misc]
     """numba's dispatcher for calls from Python; calling kernels receive only the IR."""
 
     targetdescr = _Target("cpu")
+    _compiler: Any
 
     def __init__(
         self, py_func: Any, locals: Any = None, targetoptions: Any = None, pipeline_class: Any = compiler.Compiler
     ) -> None:
         super().__init__(py_func, locals, targetoptions, pipeline_class)
-        self._lowerer = _Lowerer(py_func, self.targetdescr, self.targetoptions, self.locals, pipeline_class)
-        self._compiler = _ForPython(self)
+        self._pipeline_class = pipeline_class
         self._lowered: dict[tuple[Any, ...], Lowered] = {}
 
-    def keep(self, folders: Sequence[Path]) -> None:
-        """Loads machine code from `folders` and writes new code to the last of them."""
+    @cached_property
+    def _lowerer(self) -> _Lowerer:
+        return _Lowerer(self.py_func, self.targetdescr, self.targetoptions, self.locals, self._pipeline_class)
+
+    def keep(self, folders: Callable[[], Sequence[Path]]) -> None:
+        """Loads machine code from `folders`, which is called when it is needed, and writes new code to the last."""
         self._cache = _KeptCode(self.py_func, folders)
 
     def compile(self, sig: Any) -> Any:
+        if not isinstance(self._compiler, _ForPython):
+            self._compiler = _ForPython(self)
         with _without_collector():
             return super().compile(sig)
 
@@ -334,10 +356,49 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         signature, types = self._lowerer.fold_argument_types(args, kws)
-        lowered = self.lower(tuple(types))
+        types = tuple(map(_widened, types))
+        lowered = self.lower(types)
         name = self.py_func.__name__
         template = typing.make_concrete_template(f"CallTemplate({name})", key=name, signatures=[lowered.signature])
         return template, signature, types, {}
 
     def get_overload(self, sig: Any) -> Any:
         return self._lowered[tuple(normalize_signature(sig)[0])].library
+
+
+# ---- copies of slices ------------------------------------------------------------------------------------------------
+
+
+class _OnStack:
+    """Context that allocates the memory for a copy on the stack and releases it."""
+
+    def __init__(self, context: Any, builder: Any) -> None:
+        self._context, self.nrt = context, self
+        self._before = cgutils.alloca_once(builder, cgutils.voidptr_t)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def allocate(self, builder: Any, size: Any) -> Any:
+        save = builder.module.declare_intrinsic("llvm.stacksave.p0", (), llvm_ir.FunctionType(cgutils.voidptr_t, ()))
+        builder.store(builder.call(save, ()), self._before)
+        return builder.alloca(llvm_ir.IntType(8), size)
+
+    def free(self, builder: Any, _: Any) -> None:
+        kind = llvm_ir.FunctionType(llvm_ir.VoidType(), (cgutils.voidptr_t,))
+        restore = builder.module.declare_intrinsic("llvm.stackrestore.p0", (), kind)
+        builder.call(restore, (builder.load(self._before),))
+
+
+_maybe_copy_source = arrayobj.maybe_copy_source
+
+
+def _copy_source(context: Any, builder: Any, *arguments: Any) -> Any:
+    """Compiles ``m.v[1:] = m.v[:2]``: overlapping slices are copied through the stack, since kernels do not
+    allocate.
+    """
+    within = context if context.enable_nrt else _OnStack(context, builder)
+    return _maybe_copy_source(within, builder, *arguments)
+
+
+arrayobj.maybe_copy_source = _copy_source

@@ -28,6 +28,7 @@ __all__ = [
     "Reason",
     "Role",
     "Rotors",
+    "Values",
     "Verdict",
     "complaints",
     "references",
@@ -79,6 +80,16 @@ class Bound:
     least: float = -inf
     of: str = ""
     text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """An input that accepts only these values, or an output that has no other ones, of an enumeration.
+
+    From both, a master sees before anything runs which autopilot fits a vehicle.
+    """
+
+    values: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +156,10 @@ class Role(Enum):
     """Output of 3 Reals: position of a body, NED from the local origin [m]."""
     ATTITUDE = "Attitude"
     """Output of 4 Reals: unit quaternion w, x, y, z that rotates FRD of a body into NED."""
+    VELOCITY = "Velocity"
+    """Output of 3 Reals: velocity of a body over ground, NED [m/s]."""
+    ANGULAR_VELOCITY = "AngularVelocity"
+    """Output of 3 Reals: angular velocity of a body, FRD [rad/s]."""
     ON_GROUND = "OnGround"
     """Boolean output of a body: true while the body stands on the ground."""
     ARMED = "Armed"
@@ -153,6 +168,12 @@ class Role(Enum):
     """Output of 3 Reals: commanded position of the connected vehicle at this time, NED from the local origin [m]."""
     START_POSITION = "StartPosition"
     """Parameter of 3 Reals: initial position of a body, NED from the local origin [m]."""
+    ORIGIN_LATITUDE = "OriginLatitude"
+    """Real parameter: geodetic latitude of the local origin [rad]."""
+    ORIGIN_LONGITUDE = "OriginLongitude"
+    """Real parameter: geodetic longitude of the local origin [rad]."""
+    ORIGIN_ALTITUDE = "OriginAltitude"
+    """Real parameter: altitude of the local origin above mean sea level [m]."""
     SYSTEM_ID = "SystemId"
     """Integer parameter: the MAVLink system id of the instance."""
     TELEMETRY = "Telemetry"
@@ -163,7 +184,7 @@ class Role(Enum):
     """Input that may stay unconnected, because its start value is meaningful."""
 
 
-Verdict: TypeAlias = Condition | Reason | Bound | Formation | Rotors | Role
+Verdict: TypeAlias = Condition | Reason | Bound | Formation | Rotors | Values | Role
 
 
 class Declared(Protocol):
@@ -190,13 +211,18 @@ _PLACES: Mapping[object, tuple[str, tuple[str, ...], tuple[int, ...]]] = {
     Formation: ("output", ("Real",), _SCALAR),
     Role.POSITION: ("output", ("Real",), _VECTOR),
     Role.ATTITUDE: ("output", ("Real",), (4,)),
+    Role.VELOCITY: ("output", ("Real",), _VECTOR),
+    Role.ANGULAR_VELOCITY: ("output", ("Real",), _VECTOR),
     Role.ON_GROUND: ("output", ("Boolean",), _SCALAR),
     Role.ARMED: ("output", ("Boolean",), _SCALAR),
     Role.DESIRED_POSITION: ("output", ("Real",), _VECTOR),
     Role.START_POSITION: ("parameter", ("Real",), _VECTOR),
+    Role.ORIGIN_LATITUDE: ("parameter", ("Real",), _SCALAR),
+    Role.ORIGIN_LONGITUDE: ("parameter", ("Real",), _SCALAR),
+    Role.ORIGIN_ALTITUDE: ("parameter", ("Real",), _SCALAR),
     Role.SYSTEM_ID: ("parameter", ("Integer",), _SCALAR),
 }
-"""Role, kinds and shape of the variables that may have a verdict, except those of `_complaint_of_port` and Rotors."""
+"""Role, kinds and shape of the variables that may have a verdict, except for ports, Rotors and Values."""
 
 
 def complaints(variables: Iterable[Declared]) -> list[str]:
@@ -212,6 +238,10 @@ def complaints(variables: Iterable[Declared]) -> list[str]:
             continue
         if isinstance(verdict, Rotors):
             found += _complaints_of_rotors(v, verdict, known)
+            continue
+        if isinstance(verdict, Values):
+            if v.role not in ("input", "output") or v.kind != "Enumeration" or v.shape:
+                found.append(f"{v.name}: verdict Values is for a scalar input or output of kind Enumeration")
             continue
         role, kinds, shape = _PLACES[verdict if isinstance(verdict, Role) else type(verdict)]
         if v.role != role or v.kind not in kinds or v.shape != shape:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import zipfile
@@ -9,30 +10,49 @@ from pathlib import Path
 
 import pytest
 from filelock import FileLock
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from cosim.build import build_all, models_of_package
+from cosim_master.fmi.slaves.isolated import Isolation
+from tests.cosim.shipped import models_with_kernels
 
 ROOT = Path(__file__).parents[1]
 FMUS = ROOT / "fmus"
 
+_ZIG = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "zig"
+os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", str(_ZIG))
+"""zig compiles the C runtime into its cache: tests with another cache folder take it from there."""
 
-settings.register_profile("project", deadline=None)
+settings.register_profile("search", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("project", settings.get_profile("search"), derandomize=True)
 settings.load_profile("project")
-"""No example may fail for the time it takes: kernels are compiled when they are first called."""
+"""The same examples in every run (`--hypothesis-profile=search` takes others each time), and none fails for the time
+it takes: kernels are compiled when they are first called, and machines are busy."""
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """FMUs run in the process of the test unless it says otherwise: many write their calls to a file of the test."""
+    monkeypatch.setattr("cosim_master.execution.preparation.isolating.DEFAULT", Isolation("none"))
 
 
 LONGEST = (
     "scenarios/test_builds_agree.py",
     "test_readme.py",
-    "models/autopilot/test_autopilot_mavlink.py",
+    "cosim/test_build.py",
     "master/cli/test_terminal.py",
     "test_benchmarks.py",
-    "cosim/test_fmi3_build.py",
-    "models/autopilot/test_autopilot_builds.py",
-    "master/system/test_ssp_fuzz.py",
-    "scenarios/test_pymavlink_flies.py",
-    "models/autopilot/test_client_replays.py",
+    "cosim/test_compiled_fmu.py",
+    "models/agents/test_agents_page.py",
+    "cosim/test_messages.py",
+    "master/view/test_page.py",
+    "cosim/test_packets.py",
+    "master/cli/test_cli.py",
+    "master/system/authoring/test_scaffold.py",
+    "master/system/test_conformance.py",
+    "master/system/authoring/test_new.py",
+    "test_contributing.py",
+    "cosim/test_models_page.py",
 )
 """Files that take longest, in order: where tests run side by side, one of them that began last would run alone."""
 
@@ -48,8 +68,8 @@ def _folder_of_all(tmp_path_factory: pytest.TempPathFactory, worker_id: str, fmi
     if worker_id != "master":
         shared = shared.parent  # of all workers of this run
     with FileLock(shared / f"fmi{fmi}.lock"):
-        models = models_of_package("cosim_models")
-        for _ in build_all([m for m in models if fmi == 2 or m.kernels is not None], FMUS, fmi=fmi):
+        models = models_of_package("cosim_models") if fmi == 2 else models_with_kernels().values()
+        for _ in build_all(list(models), FMUS, fmi=fmi):
             pass
     return FMUS
 
@@ -62,7 +82,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
 
 @pytest.fixture(scope="session")
 def fmi3_fmus(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
-    """The same folder, with every model that has kernels also built as FMI 3.0: NAME.fmi3.fmu."""
+    """The same folder, with the models that tests of builds go through also built as FMI 3.0: NAME.fmi3.fmu."""
     return _folder_of_all(tmp_path_factory, worker_id, 3)
 
 

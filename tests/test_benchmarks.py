@@ -47,6 +47,16 @@ def test_overhead_of_fmi_3_is_compared_with_a_program_that_computes_the_same(tmp
 
 
 @pytest.mark.slow
+def test_isolated_fmus_compute_the_same(tmp_path: Path) -> None:
+    rows = benchmark("isolation", tmp_path, "--instances", "3", "--rounds", "1", "--scale", "0.01")["rows"]
+    assert [(row["fmu"], row["instances"]) for row in rows] == [("Relay", 3), ("Quadrotor", 3)]
+    assert all(
+        set(row["us_per_fmu_step"]) == {"none", "foreign", "foreign, in turn", "instance", "instance, in turn"}
+        for row in rows
+    )
+
+
+@pytest.mark.slow
 def test_swarm_flies_and_accounts_for_every_phase(tmp_path: Path, fmus: Path) -> None:
     words = ("--drones", "3", "--seconds", "2", "--fmus", str(fmus))
     (row,) = benchmark("swarm", tmp_path, *words)["rows"]

@@ -306,7 +306,7 @@ def _within(unchecked: Any, size: int) -> Any:
     return intrinsic(lambda typing, record, offset: check(typing, record, offset))
 
 
-_fields: Any = import_module("cosim.kernel")
+_fields: Any = import_module("cosim.fields")
 _BY_OFFSET = {
     id(getattr(_fields, name)): _within(getattr(_fields, f"_{name}"), size)
     for name, size in (("get_real", 8), ("set_real", 8), ("get_whole", 4), ("set_whole", 4))

@@ -199,21 +199,22 @@ def _place_of(kernel: Any) -> str:
 
 def _reason(error: Exception | None, kernel: Any) -> str:
     """Extracts location (file:line) and cause from a numba message; the innermost cause is reported."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Failed in")]
+    message = re.sub(r"\x1b\[[0-9;]*m", "", str(error))  # with colorama installed, numba writes in colours
+    lines = [line.strip() for line in message.splitlines() if line.strip() and not line.startswith("Failed in")]
     where = _place_of(kernel)
-    places = re.findall(r"(?: at |^File \")(.+\.py)(?: \(|\", line )(\d+)", str(error), re.MULTILINE)
+    places = re.findall(r"(?: at |^File \")(.+\.py)(?: \(|\", line )(\d+)", message, re.MULTILINE)
     own = [(str(Path(file).resolve()), int(line)) for file, line in places if "numba" not in Path(file).parts]
     if own:
         where = place(*own[0])
     elif getattr(error, "loc", None) is not None and error.loc.filename != __file__:  # type: ignore[union-attr]
         where = place(error.loc.filename, error.loc.line)  # type: ignore[union-attr]
-    if re.search("Only accept returning of array passed|NRT required", str(error)):
+    if re.search("Only accept returning of array passed|NRT required", message):
         return f"{where}: it creates an array; declare a Memory in the record instead"
-    text = str(error) if type(error) is TypeError else f"{type(error).__name__}: {error}"
+    text = message if type(error) is TypeError else f"{type(error).__name__}: {message}"
     text = lines[0] if type(error).__module__.startswith("numba") else text
-    if used := re.search(r"^ *>>> (.+)$", str(error), re.MULTILINE):
+    if used := re.search(r"^ *>>> (.+)$", message, re.MULTILINE):
         text = f"there is no {used[1]}"
-    if unlike := re.search(r"Cannot unify (.+) and (.+) for '(\w+)", str(error)):
+    if unlike := re.search(r"Cannot unify (.+) and (.+) for '(\w+)", message):
         one, other = (_in_words(kind) for kind in unlike.group(1, 2))
         text = f"{unlike[3]} is {one} in one place and {other} in another; give it one type"
     return f"{where}: {text}" + (f" {lines[1]}" if text.endswith(":") and len(lines) > 1 else "")

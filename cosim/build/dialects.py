@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from keyword import iskeyword
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -96,7 +97,7 @@ _BUILT_IN = frozenset(
 
 def _message(element: ElementTree.Element, path: Path, problems: list[str]) -> Message | None:
     name, number = element.get("name", ""), element.get("id", "")
-    if _NAME.fullmatch(name) is None or not number.isdigit() or not 0 <= int(number) < 2**24:
+    if _NAME.fullmatch(name) is None or iskeyword(name) or not number.isdigit() or not 0 <= int(number) < 2**24:
         text = f'{path}: message name="{name}" id="{number}": a name and an id from 0 to 16777215 are valid'
         problems.append(text)
         return None
@@ -109,8 +110,11 @@ def _message(element: ElementTree.Element, path: Path, problems: list[str]) -> M
             kind = _FIELD_TYPE.fullmatch(child.get("type", ""))
             size = type_size(kind["type"]) if kind is not None else 0
             label = child.get("name", "")
-            if kind is None or size == 0 or _NAME.fullmatch(label) is None:
+            if kind is None or size == 0 or _NAME.fullmatch(label) is None or iskeyword(label):
                 problems.append(f'{path}: {name} has a field name="{label}" type="{child.get("type", "")}"')
+                continue
+            if not child.get("units", "").isprintable():  # a line break would end the comment that they become
+                problems.append(f"{path}: {name}.{label} has units={child.get('units')!r}: printable text is valid")
                 continue
             declared.append((label, kind["type"], int(kind["count"] or 0), child.get("units", ""), extension))
     fields = _placed(declared)

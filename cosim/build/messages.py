@@ -12,6 +12,7 @@ import importlib
 import keyword
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -140,6 +141,7 @@ class Message:
         return next((field.offset for field in self.fields if field.name == name), -1)
 
 
+@cache
 def read_dialect() -> dict[str, Message]:
     """Returns all messages of pymavlink's ardupilotmega dialect by name, ordered by id.
 

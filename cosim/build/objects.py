@@ -1,7 +1,8 @@
 """Cache of models' object code in the user's cache folder, keyed by a digest of all inputs.
 
-FMI 2 and FMI 3 builds, tests and several checkouts share it: the same sources, record, tools and target give the same
-object. Only models of packages are cached, because the local imports of a single file are not tracked.
+FMI 2 and FMI 3 builds, tests and several checkouts share it: the same kernels, sources, record, tools and target give
+the same object. So do models that differ in start values only, such as the multirotors. Only models of packages are
+cached, because the local imports of a single file are not tracked.
 """
 
 from __future__ import annotations
@@ -10,13 +11,13 @@ import hashlib
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
-from cosim.build.sources import Sources
+from cosim.build.sources import Sources, sources_of_module
 from cosim.kernel import cache_folder, forget_unused, imported_sources
 from cosim.model import Model
 
@@ -49,12 +50,26 @@ def object_code(
 
 
 def _digest(model: type[Model], sources: Sources, dtype: np.dtype[np.void], how: str) -> str:
-    digest = hashlib.sha256(f"{model.__module__}.{model.__qualname__} {dtype.descr} {how}".encode())
+    digest = hashlib.sha256(f"{dtype.descr} {how} ".encode())
     digest.update(f"{sys.version_info[:2]} {sys.platform} {platform.machine()}".encode())
     for tool in ("numba", "llvmlite", "numpy"):
         digest.update(f"{tool} {version(tool)} ".encode())
-    for name, of in sorted(sources.digests.items()):
-        digest.update(f"{name} {of} ".encode())
+    for text in _origin(model, sources):
+        digest.update(text)
     for file in sorted(imported_sources(Path(__file__).with_name("compiled.py"))):
         digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def _origin(model: type[Model], sources: Sources) -> Iterator[bytes]:
+    """Yields texts that determine the kernels of a model: their names, and the sources of their modules.
+
+    A kernel that closes over others, such as an agent's over its law, is determined by the sources of the model.
+    """
+    functions = [getattr(kernel, "py_func", kernel) for kernel in model.kernels or ()]
+    if not functions or any(function.__closure__ for function in functions):
+        yield f"{model.__module__}.{model.__qualname__} {sorted(sources.digests.items())}".encode()
+        return
+    for function in functions:
+        of_module = sources_of_module(function.__module__)
+        yield f"{function.__module__}.{function.__qualname__} {sorted(of_module.digests.items())}".encode()

@@ -13,14 +13,14 @@ import importlib.util
 import re
 import sys
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from cosim.model import Model
 
-__all__ = ["Sources", "sources_of"]
+__all__ = ["Sources", "sources_of", "sources_of_module"]
 
 _USES_COSIM = re.compile(rb"^(?:from|import) cosim\b", re.MULTILINE)
 _NAMESPACE = uuid.UUID("6b1f3a52-5a0e-4b52-9a70-3f7d0c1e9a11")
@@ -45,13 +45,22 @@ def sources_of(model: type[Model]) -> Sources:
     Raises:
         ValueError: a file cannot be found or read.
     """
-    module = sys.modules[model.__module__]
-    if module.__file__ is None:
-        raise ValueError(f"{model.__module__} has no source file")
-    ours = {"cosim", model.__module__.partition(".")[0]}
+    return sources_of_module(model.__module__)
+
+
+def sources_of_module(module: str) -> Sources:
+    """Returns the closure of a module that has been imported.
+
+    Raises:
+        ValueError: as `sources_of`.
+    """
+    root = sys.modules[module].__file__
+    if root is None:
+        raise ValueError(f"{module} has no source file")
+    ours = {"cosim", module.partition(".")[0]}
     files: dict[str, Path] = {}
     packages: set[str] = set()
-    waiting = {model.__module__: Path(module.__file__)}
+    waiting = {module: Path(root)}
     for name in ("cosim", "cosim.model"):
         if file := _find(name):
             waiting[name] = file
@@ -60,7 +69,7 @@ def sources_of(model: type[Model]) -> Sources:
         files[name] = file
         if file.name == "__init__.py":
             packages.add(name)
-        for imported in _imports(name, file):
+        for imported in _imports(name, file, file.read_bytes()):
             top = imported.partition(".")[0]
             if top not in ours and top != imported and _is_made_for_cosim(imported):
                 ours.add(top)
@@ -87,10 +96,11 @@ def _is_made_for_cosim(module: str) -> bool:
     return file is not None and file.is_file() and _USES_COSIM.search(file.read_bytes()) is not None
 
 
-def _imports(name: str, file: Path) -> set[str]:
-    """Returns every dotted name that `file` may import, including parent packages."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(file.read_bytes(), str(file))):
+@cache
+def _imports(name: str, file: Path, text: bytes) -> frozenset[str]:
+    """Returns every dotted name that `file`, which contains `text`, may import, including parent packages."""
+    names = {name}
+    for node in _statements(ast.parse(text, str(file)).body):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -98,5 +108,13 @@ def _imports(name: str, file: Path) -> set[str]:
                 raise ValueError(f"{file}:{node.lineno}: write absolute imports; an FMU's modules are top-level")
             assert node.module is not None
             names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    names.add(name)
-    return {".".join(parts[:i]) for n in names if (parts := n.split(".")) for i in range(1, len(parts) + 1)} - {name}
+    found = {".".join(parts[:i]) for n in names if (parts := n.split(".")) for i in range(1, len(parts) + 1)}
+    return frozenset(found - {name})
+
+
+def _statements(nodes: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """Yields statements, also those within others. Most nodes of a module are expressions, which import nothing."""
+    for node in nodes:
+        yield node
+        for field in ("body", "orelse", "handlers", "finalbody", "cases"):
+            yield from _statements(getattr(node, field, ()))

@@ -10,6 +10,7 @@
         <Neighbour id="left_sysid" gain="epsilon"/>
       </Formation>
       <Rotors variable="speed" count="n" forward="x" right="y" down="z" direction="turns"/>
+      <Values variable="airframe" values="1 2 3"/>
       <Optional variable="wind"/>
       <Telemetry variable="telemetry_rx"/>
     </Verdicts>
@@ -25,7 +26,7 @@ from dataclasses import asdict
 from xml.etree.ElementTree import Element, SubElement
 
 from cosim.model import Variable
-from cosim.verdict import Bound, Condition, Formation, Reason, Role, Rotors, Verdict
+from cosim.verdict import Bound, Condition, Formation, Reason, Role, Rotors, Values, Verdict
 
 __all__ = ["verdicts"]
 
@@ -52,6 +53,8 @@ def _element(name: str, verdict: Verdict) -> Element:
         for what in ("by", "reason"):
             if other := getattr(verdict, what):
                 element.set(what, other)
+    elif isinstance(verdict, Values):
+        element.set("values", " ".join(str(int(value)) for value in verdict.values))
     elif isinstance(verdict, Reason):
         for value, text in verdict.texts:
             SubElement(element, "Text", value=str(int(value))).text = text

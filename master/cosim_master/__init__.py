@@ -27,23 +27,23 @@ if TYPE_CHECKING:
     from cosim_master.diagnostics.errors import SystemDescriptionError as SystemDescriptionError
     from cosim_master.execution.options import Listener as Listener
     from cosim_master.execution.options import RunOptions as RunOptions
-    from cosim_master.execution.prepare import Prepared as Prepared
-    from cosim_master.execution.result import Outcome as Outcome
-    from cosim_master.execution.result import Progress as Progress
-    from cosim_master.execution.result import RunResult as RunResult
+    from cosim_master.execution.outcome.result import Outcome as Outcome
+    from cosim_master.execution.outcome.result import RunResult as RunResult
+    from cosim_master.execution.preparation.prepare import Prepared as Prepared
     from cosim_master.execution.simulate import simulate as simulate
     from cosim_master.results.comparison import compare as compare
     from cosim_master.results.read import packets as packets
     from cosim_master.results.read import signals as signals
     from cosim_master.stepping.observation import Observer as Observer
+    from cosim_master.stepping.observation import Progress as Progress
     from cosim_master.stepping.observation import Seen as Seen
     from cosim_master.stepping.observation import View as View
     from cosim_master.system.authoring.convert import convert as convert
-    from cosim_master.system.authoring.new import new_system as new_system
     from cosim_master.system.authoring.pack import pack as pack
     from cosim_master.system.authoring.save import save as save
     from cosim_master.system.authoring.swap import swap as swap
-    from cosim_master.system.authoring.swarm import Swarm as Swarm
+    from cosim_master.system.authoring.swarm.new import new_system as new_system
+    from cosim_master.system.authoring.swarm.swarm import Swarm as Swarm
     from cosim_master.system.flatten.check import check as check
     from cosim_master.system.flatten.flat import CheckedSystem as CheckedSystem
     from cosim_master.system.reading.read import read_system as read_system
@@ -56,23 +56,23 @@ _WHERE = {
     "LoopError": "diagnostics.errors",
     "NotConverged": "diagnostics.errors",
     "Observer": "stepping.observation",
-    "Outcome": "execution.result",
-    "Prepared": "execution.prepare",
-    "Progress": "execution.result",
+    "Outcome": "execution.outcome.result",
+    "Prepared": "execution.preparation.prepare",
+    "Progress": "stepping.observation",
     "RecordingFailed": "diagnostics.errors",
     "RunFailed": "diagnostics.errors",
     "RunOptions": "execution.options",
-    "RunResult": "execution.result",
+    "RunResult": "execution.outcome.result",
     "RunTerminated": "diagnostics.errors",
     "Seen": "stepping.observation",
     "StepTooSmall": "diagnostics.errors",
-    "Swarm": "system.authoring.swarm",
+    "Swarm": "system.authoring.swarm.swarm",
     "SystemDescriptionError": "diagnostics.errors",
     "View": "stepping.observation",
     "check": "system.flatten.check",
     "compare": "results.comparison",
     "convert": "system.authoring.convert",
-    "new_system": "system.authoring.new",
+    "new_system": "system.authoring.swarm.new",
     "pack": "system.authoring.pack",
     "packets": "results.read",
     "read_system": "system.reading.read",

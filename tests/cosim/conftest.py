@@ -33,6 +33,11 @@ def compiled_plant(samples: SimpleNamespace, tmp_path_factory: pytest.TempPathFa
 
 
 @pytest.fixture(scope="session")
+def plant3(samples: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(samples.Plant, tmp_path_factory.mktemp("fmi3"), fmi=3).file
+
+
+@pytest.fixture(scope="session")
 def interpreted_plant(samples: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
     built = build(samples.Plant, tmp_path_factory.mktemp("interpreted"), interpreted=True)
     assert not built.compiled

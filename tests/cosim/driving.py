@@ -64,10 +64,12 @@ def set_input(m: Any, one: FlatVariable, new: Any) -> None:
         m[name][one.index] = new
 
 
-def drive_record(model: type[Model], steps: int) -> np.ndarray[Any, Any]:
-    """The bytes of the record after start and after every step: shape (steps + 1, record size)."""
-    assert model.kernels is not None
-    start, advance = model.kernels
+def drive_record(model: type[Model], steps: int, kernels: Any = None) -> np.ndarray[Any, Any]:
+    """The bytes of the record after start and after every step: shape (steps + 1, record size).
+
+    `kernels`: start and advance, by default the model's own, which are compiled just in time.
+    """
+    start, advance = kernels or model.kernels
     m = model.record()
     rows = []
     assert start(m) == 0

@@ -28,6 +28,7 @@ from cosim import Model
 from cosim.build import build
 from cosim.model import record_layout
 from tests.cosim.shipped import models_with_kernels
+from tests.models.shipped_kernels import kernels
 
 MODELS = models_with_kernels()
 every_model = pytest.mark.parametrize("name", sorted(MODELS))
@@ -132,9 +133,9 @@ def elf_symbols(data: bytes) -> tuple[set[str], set[str]]:
 
 @every_model
 def test_record_fmu_and_plain_python_agree(name: str, fmus: Path, tmp_path: Path) -> None:
-    """Just in time, as plain Python and in the FMU: the same bits after every step."""
+    """The kernels' object code, plain Python and the FMU: the same bits after every step."""
     model = MODELS[name]
-    rows = driving.drive_record(model, STEPS)
+    rows = driving.drive_record(model, STEPS, kernels(model))
     plain = tmp_path / "plain.npy"
     script = [sys.executable, str(Path(__file__).with_name("driving.py")), model.__module__, name, "60", str(plain)]
     subprocess.run(script, check=True, env={**os.environ, "NUMBA_DISABLE_JIT": "1"})

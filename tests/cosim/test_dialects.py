@@ -114,6 +114,12 @@ FIELD = '<field type="float" name="x"/>'
             'message name="not a name" id="60000": a name and',
         ),
         ('<message id="60000" name="X"><field type="int" name="x"/></message>', 'X has a field name="x" type="int"'),
+        ('<message id="60000" name="X"><field type="float" name="lambda"/></message>', 'X has a field name="lambda"'),
+        ('<message id="60000" name="None"><field type="float" name="x"/></message>', 'message name="None" id="60000"'),
+        (
+            '<message id="60000" name="X"><field type="float" name="x" units="ms]&#10;import os"/></message>',
+            "X.x has units='ms]\\nimport os': printable text is valid",
+        ),
         ('<message id="60000" name="X"></message>', "X has 0 fields of 0 bytes: 1 to 255, of different names"),
         ('<message id="60000" name="X"><field type="double[32]" name="x"/></message>', "X has 1 fields of 256 bytes"),
         (f'<message id="60000" name="X">{FIELD}{FIELD}</message>', "X has 2 fields of 8 bytes: 1 to 255, of different"),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim import Memory, Model, Parameter
-from cosim.kernel import get_real, get_whole, set_real, set_whole
+from cosim.fields import get_real, get_whole, set_real, set_whole
 from cosim.model import record_layout
 
 

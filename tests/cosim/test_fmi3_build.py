@@ -1,10 +1,8 @@
-"""FMI 3.0 FMUs: their description, their numbers in FMPy, saved states, any order of calls."""
+"""FMI 3.0 FMUs: their description, their numbers in FMPy, saved states."""
 
 from __future__ import annotations
 
 import importlib.util
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -23,10 +21,10 @@ from cosim.build import CannotCompile, build
 from cosim.build.description3 import PACKET_MIME_TYPE, exported
 from cosim.vehicle import MOTION_INPUTS
 from tests.cosim.shipped import models_with_kernels
+from tests.models.shipped_kernels import kernels
 
 MODELS = models_with_kernels()
 every_model = pytest.mark.parametrize("name", sorted(MODELS))
-SEQUENCES = 500
 TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Int64", "Packets": "Binary"}
 
 
@@ -40,11 +38,6 @@ def _load(file: str) -> ModuleType:
 
 
 driving = _load("driving")
-
-
-@pytest.fixture(scope="session")
-def plant3(samples: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(samples.Plant, tmp_path_factory.mktemp("fmi3"), fmi=3).file
 
 
 def instance(file: Path, folder: Path, *, initialise: bool = True, **options: Any) -> FMU3Slave:
@@ -138,7 +131,7 @@ def test_terminals_of_vehicle_and_autopilot_plug_into_each_other(fmi3_fmus: Path
 @every_model
 def test_the_same_bits_as_the_record(name: str, fmi3_fmus: Path, tmp_path: Path) -> None:
     model, steps = MODELS[name], 120
-    rows = driving.drive_record(model, steps)
+    rows = driving.drive_record(model, steps, kernels(model))
     fmu = instance(fmi3_fmus / f"{name}.fmi3.fmu", tmp_path)
     for step in range(steps + 1):
         assert read(model, fmu) == driving.read_record(model, rows[step]), f"after step {step}"
@@ -213,15 +206,3 @@ class Clockwork(Model):
 def test_no_variable_is_called_time() -> None:
     with pytest.raises(ValueError, match=r"Clockwork\.time: in FMI 3 this is the independent variable"):
         exported(Clockwork)
-
-
-@pytest.mark.slow
-def test_any_calls_in_any_order(plant3: Path, tmp_path: Path) -> None:
-    folder = Path(fmpy.extract(str(plant3), str(tmp_path)))
-    (library,) = (folder / "binaries").glob(f"{fmpy.platform_tuple}/*")
-    token = fmpy.read_model_description(str(plant3)).guid
-    script = Path(__file__).with_name("call_order_fuzz3.py")
-    command = [sys.executable, "-X", "faulthandler", str(script), str(library), token, str(SEQUENCES)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-6000:]}"
-    assert done.stdout.strip() == f"sequences: {SEQUENCES}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import platform
 import subprocess
 import sys
@@ -62,6 +63,23 @@ def test_kernels_are_compiled_anew_where_a_callee_in_another_file_changes_and_on
     _code_folders.cache_clear()
     _imported.cache_clear()
     assert _code_folders(own) != before
+
+
+def test_the_sources_of_a_kernel_are_read_when_it_is_called_and_not_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A program that imports hundreds of kernels calls a few of them."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    file = written(tmp_path, a="from cosim.kernel import kernel\n\n\n@kernel\ndef f(x):\n    return x + 1.0\n")
+    spec = importlib.util.spec_from_file_location("some_package.a", file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    before = _code_folders.cache_info().misses
+    spec.loader.exec_module(module)
+    assert _code_folders.cache_info().misses == before
+    assert module.f(1.0) == 2.0
+    assert _code_folders.cache_info().misses == before + 1
+    assert [path.name.partition("-")[0] for path in (tmp_path / "cache").rglob("*.kernel")] == ["f"]
 
 
 def test_the_loop_does_not_depend_on_the_command_line() -> None:

@@ -195,7 +195,7 @@ def test_constants_with_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) ->
 def test_definitions_that_disagree_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generator, "_base_fields", lambda path: {"SENSOR_OFFSETS": ["other"]})
     with pytest.raises(ValueError, match=r"ardupilotmega: HEARTBEAT has fields .*'autopilot'.* but base fields None"):
-        generator.read_dialect()
+        generator.read_dialect.__wrapped__()  # what it read before is kept
 
 
 def digest() -> str:

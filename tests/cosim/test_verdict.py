@@ -12,7 +12,7 @@ from cosim import Input, Model, Output, PacketInput, Parameter
 from cosim.build.description import model_description
 from cosim.build.description3 import model_description3
 from cosim.build.verdicts import verdicts
-from cosim.verdict import Bound, Condition, Formation, Neighbour, Reason, Role, Rotors, complaints
+from cosim.verdict import Bound, Condition, Formation, Neighbour, Reason, Role, Rotors, Values, complaints
 
 
 class Task(IntEnum):
@@ -53,6 +53,7 @@ VARIABLES = (
     Parameter("x", shape=2, unit="m"),
     Parameter("turns", shape=2),
     Output("spin", shape=2, unit="rad/s", verdict=Rotors("n", forward="x", right="x", down="x", direction="turns")),
+    Input("kind", type=Task, start=Task.wait, verdict=Values((Task.wait, Task.fly))),
     PacketInput("cable", capacity=300, verdict=Role.SERIAL),
     PacketInput("radio", capacity=300, verdict=Role.TELEMETRY),
 )
@@ -69,6 +70,7 @@ WRITTEN = [
     '<Neighbour id="west" gain="gain" /><Neighbour id="west" gain="0.25" /></Formation>',
     '<Attitude variable="heading" />',
     '<Rotors variable="spin" count="n" forward="x" right="x" down="x" direction="turns" />',
+    '<Values variable="kind" values="1 2" />',
     '<Serial variable="cable" />',
     '<Telemetry variable="radio" />',
 ]
@@ -137,6 +139,14 @@ def test_fmi_3_has_them_as_an_annotation() -> None:
         (
             Output("y", verdict=Rotors("n", "x", "x", "x", "x")),
             "y: verdict Rotors is for an output of kind Real, an array with an element for each rotor",
+        ),
+        (
+            Parameter("p", type=Task, start=Task.wait, verdict=Values((1,))),
+            "p: verdict Values is for a scalar input or output of kind Enumeration",
+        ),
+        (
+            Output("y", type=int, verdict=Values((1,))),
+            "y: verdict Values is for a scalar input or output of kind Enumeration",
         ),
         (
             Output("y", type=int, verdict=Condition(failed=(1,), by="y")),

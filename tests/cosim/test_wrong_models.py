@@ -24,7 +24,7 @@ from enum import IntEnum
 import numpy as np
 
 from cosim import Input, Memory, Model, Output, PacketOutput, Parameter, kernel
-from cosim.kernel import get_whole, set_real
+from cosim.fields import get_whole, set_real
 
 SIZES = {{"small": 1}}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -12,6 +12,7 @@ import pytest
 
 from cosim.kernel import cache_folder
 from cosim_master.fmi.description.read import platform
+from tests.master.view.browser import chromium
 
 NAMESPACES = (
     'xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
@@ -278,3 +279,18 @@ def dynamics(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
     from tests.master.dynamics import Dynamics
 
     return Dynamics(tmp_path, tmp_path_factory.getbasetemp())
+
+
+@pytest.fixture(scope="session")
+def one_browser() -> Iterator[Any]:
+    """Chromium, one for all tests: playwright refuses a second one in the same thread."""
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def browser(one_browser: Any) -> Iterator[Any]:
+    """Chromium; pages that the tests of a file leave open are closed, since each takes much of a processor."""
+    yield one_browser
+    for context in one_browser.contexts:
+        context.close()

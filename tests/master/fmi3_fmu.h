@@ -3,19 +3,7 @@
    What is not allowed is written to the file that STRICT3_LOG names and is fmi3Error; `note` writes to that of
    STRICT3_CALLS. An instance is a struct that begins with INSTANCE. */
 
-#include <math.h>
-#include <stdarg.h>
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
+#include "observed.h"
 
 typedef void (*Logger)(void *, int, const char *, const char *);
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
@@ -29,18 +17,6 @@ enum { OK, WARNING, DISCARD, ERROR, FATAL };
 typedef struct {
     INSTANCE;
 } Common;
-
-static void write_line(const char *variable, const char *format, ...) {
-    const char *path = getenv(variable);
-    FILE *file = path ? fopen(path, "a") : NULL;
-    if (!file) return;
-    va_list rest;
-    va_start(rest, format);
-    vfprintf(file, format, rest);
-    va_end(rest);
-    fputc('\n', file);
-    fclose(file);
-}
 
 static int complain_of(const Common *s, const char *format, ...) {
     char text[256];

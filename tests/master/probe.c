@@ -5,12 +5,9 @@
    10: fmi2ExitInitializationMode fails; 11: abort() in fmi2FreeInstance; 12: fmi2Terminate fails; 13: the String
    output cannot be got after `when`; 14: abort(), 15: a write to nowhere, 16: hanging, in a step from `when` on. A GUID "none" is refused, "mute" without a word, "global" gets one handle for all. */
 
-#include <math.h>
+#include "observed.h"
+
 #include <signal.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #ifndef _WIN32
 #include <unistd.h>
 #endif
@@ -35,24 +32,7 @@ typedef struct {
     double time;
 } Probe;
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
-static void say(const Probe *p, const char *format, ...) {
-    const char *path = getenv("PROBE_LOG");
-    FILE *file = path ? fopen(path, "a") : NULL;
-    if (!file) return;
-    va_list rest;
-    va_start(rest, format);
-    fprintf(file, "%s: ", p->name);
-    vfprintf(file, format, rest);
-    fputc('\n', file);
-    va_end(rest);
-    fclose(file);
-}
+#define say(p, format, ...) write_line("PROBE_LOG", "%s: " format, (p)->name, ##__VA_ARGS__)
 
 static Probe only; /* the one instance of the GUID "global" */
 

@@ -23,11 +23,11 @@ PORTS = "u:input n:input b:input s:input e:input p:parameter y:output m:output c
 
 
 @cache
-def compiled(source: Path, folder: Path) -> bytes:
-    """The library made of a C file."""
+def compiled(source: Path, folder: Path, *more: str) -> bytes:
+    """The library made of a C file, with more flags of the compiler."""
     library = folder / f"{source.stem}{SUFFIX[platform()]}"
-    flags = ["-std=gnu11", "-O1", "-shared", "-fPIC", str(source), "-o", str(library)]
-    subprocess.run([sys.executable, "-m", "ziglang", "cc", *flags], check=True)
+    flags = ["-std=gnu11", "-O1", "-shared", "-fPIC", f"-I{Path(__file__).parent}", str(source), "-o", str(library)]
+    subprocess.run([sys.executable, "-m", "ziglang", "cc", *flags, *more], check=True)
     return library.read_bytes()
 
 

@@ -49,7 +49,7 @@ class Scripted:
         self.lines: list[str] = []
         self.library = self
         self.resources = Path("nowhere")
-        self.python = False
+        self.python = self.isolated = False
         self.event_mode, self.pending, self.next_event = False, 0, float("inf")
         self.has_answers = self.initializes_anew = False
         self.time: float | None = None

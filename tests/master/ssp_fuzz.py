@@ -31,7 +31,8 @@ from lxml import etree
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.fmi.description.read import FmuDescription, platform
-from cosim_master.system.flatten import check as checking
+from cosim_master.system.flatten import descriptions
+from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.structure import SystemStructure
 from tests.master.conftest import SUFFIX, Workshop
@@ -217,7 +218,7 @@ class Finding:
 @contextmanager
 def described_once() -> Any:
     """FMUs are described once per file; what is fuzzed are systems."""
-    original: Callable[..., FmuDescription] = checking.describe
+    original: Callable[..., FmuDescription] = descriptions.describe
     known: dict[Any, FmuDescription] = {}
 
     def describe(path: Path, sizes: Mapping[str, int] | None = None, implementation: str = "any") -> FmuDescription:
@@ -228,11 +229,11 @@ def described_once() -> Any:
             known[key] = original(path, sizes, implementation)
         return known[key]
 
-    checking.describe = describe  # type: ignore[assignment]
+    descriptions.describe = describe  # type: ignore[assignment]
     try:
         yield
     finally:
-        checking.describe = original  # type: ignore[assignment]
+        descriptions.describe = original  # type: ignore[assignment]
 
 
 def attempt(
@@ -243,7 +244,7 @@ def attempt(
     outcome, finding = "accepted", None
     try:
         with read(given) as structure:
-            checking.check(structure)
+            check(structure)
     except SystemDescriptionError as error:
         outcome = "refused"
         if any(not problem.message.strip() for problem in error.problems):

@@ -12,16 +12,7 @@
    well once fmi2SetFMUstate has been called.
    At any time: 8 fmi2SetReal discards values above 100. */
 
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
+#include "observed.h"
 
 typedef void (*Logger)(void *, const char *, int, const char *, const char *, ...);
 typedef struct {
@@ -55,13 +46,7 @@ typedef struct {
 
 static int corrupted = 0; /* fmi2Fatal is for all instances */
 
-static void line(const char *variable, const char *name, const char *what, const char *why) {
-    const char *path = getenv(variable);
-    FILE *file = path ? fopen(path, "a") : NULL;
-    if (!file) return;
-    fprintf(file, "%s: %s%s\n", name, what, why);
-    fclose(file);
-}
+#define line(variable, name, what, why) write_line(variable, "%s: %s%s", name, what, why)
 
 /* Whether a call may be made at all; strings handed out before are spoilt by it. */
 static int entered(Strict *p, const char *function, int states) {

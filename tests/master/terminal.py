@@ -18,8 +18,12 @@ from types import TracebackType
 import pyte
 
 COMMAND = str(Path(sys.executable).with_name("uav-cosim"))
-_LAUNCHER = "import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); os.execv(sys.argv[1], sys.argv[1:])"
-"""The terminal becomes the one that Ctrl-C in it interrupts."""
+_LAUNCHER = """
+import fcntl, os, signal, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)  # the terminal becomes the one that Ctrl-C in it interrupts
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored by all that a shell without job control starts with &
+os.execv(sys.argv[1], sys.argv[1:])
+"""
 _COLOUR = re.compile(rb"\x1b\[[0-9;]*[1-9][0-9;]*m")
 PATIENCE = 300.0
 """Seconds that nothing takes, however slow the machine."""
@@ -30,7 +34,7 @@ class Terminal:
 
     Attributes:
         bytes: all that was written.
-        screens: what was to be seen, after each read.
+        screens: what was to be seen: after each read, and before each return to the beginning of a line.
     """
 
     def __init__(
@@ -115,6 +119,7 @@ class Terminal:
         except OSError:  # Linux says so when the other end is closed
             return False
         self.bytes += data
-        self._stream.feed(data)
-        self.screens.append(self.lines)
+        for part in re.split(rb"(?=\r)", data):  # one read may bring a line and what erases it
+            self._stream.feed(part)
+            self.screens.append(self.lines)
         return bool(data)

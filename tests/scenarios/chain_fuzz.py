@@ -26,12 +26,14 @@ from cosim_master.network.radio.build import grown, make_radio
 from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import admit, send
 from cosim_master.network.radio.tables import MALFORMED, USED_EVENTS, USED_LOG, Radio
-from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node
+from cosim_master.system.settings.network import Gateway, Network
+from cosim_master.system.settings.nodes import Endpoint, Node
 from cosim_models.agents.line_agent import LineAgent
 from cosim_models.autopilot.autopilot import Autopilot
 from tests.master.packet_fuzz import good as good_packets
 from tests.master.packet_fuzz import sent as packets_sent
 from tests.master.scripted import variable
+from tests.models.shipped_kernels import kernels
 
 LINK, AUTOPILOT, AGENT, JAMMER, GATEWAY = 0, 0, 1, 2, 3
 MODELS = (Autopilot, LineAgent)
@@ -64,8 +66,8 @@ class Chain:
         for model in MODELS:
             memory, m = twin(bytearray(model.record().tobytes()), model)
             m["sysid" if model is LineAgent else "SYSID_THISMAV"] = SYSTEM
-            assert model.kernels is not None
-            assert model.kernels[0](m) == 0
+            start, _ = kernels(model)
+            assert start(m) == 0
             self.instances.append((model, memory, m))
         self.steps = 0
         self.counts = Counter[str]()
@@ -121,10 +123,11 @@ class Chain:
         found = _packets(data)
         assert sum(map(len, found)) == arrived, where
         self.counts["delivered"] += len(found)
+        _, advance = kernels(model)
         if not found:
             copied, other = twin(memory, model)
-            assert step_with(model, other, b"", t) == 0, where
-        assert step_with(model, m, data, t) == 0, where
+            assert step_with(model, other, b"", t, advance) == 0, where
+        assert step_with(model, m, data, t, advance) == 0, where
         if not found:
             assert without_input(memory, m) == without_input(copied, other), where
             self.counts["compared"] += 1

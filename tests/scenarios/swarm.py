@@ -50,8 +50,8 @@ class Swarm:
     def stop(self) -> dict[str, Any]:
         """End the run as Ctrl-C does; its manifest."""
         self.process.send_signal(signal.SIGINT)
-        code = self.process.wait(60)
-        self._reader.join(10)
+        code = self.process.wait(300)
+        self._reader.join(60)
         assert code == 130, self.lines
         manifest: dict[str, Any] = json.loads((self.out / "manifest.json").read_text())
         return manifest
@@ -71,5 +71,5 @@ def running(out: Path, *options: str, system: str = "line5-script", pace: float 
             process.kill()
         process.wait(10)
         assert process.stderr is not None
-        swarm._reader.join(10)
+        swarm._reader.join(60)
         process.stderr.close()

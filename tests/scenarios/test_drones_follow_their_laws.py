@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cosim_master import RunOptions, simulate
 from tests.scenarios.flights import SYSTEMS, Flight, fly
 
 Array = NDArray[np.float64]
@@ -83,3 +84,52 @@ def test_three_follow_as_arducopter_does(flown: Callable[[str], Flight]) -> None
     way = places(flown("follower"))[-1]
     assert way[1:3] - way[0] == pytest.approx(np.array([[6.0, -12.2], [-6.0, -12.2]]), abs=0.35)
     assert way[3] - way[2] == pytest.approx((0.0, -12.2), abs=0.35)
+
+
+def test_four_circle_a_fifth_at_equal_angles(flown: Callable[[str], Flight]) -> None:
+    flight = flown("tracking")
+    way = places(flight)
+    n, e = (way[-1, :4] - way[-1, 4]).T
+    assert np.hypot(n, e) == pytest.approx(np.full(4, 15.0), abs=1.0)
+    angles = np.sort(np.arctan2(e, n))
+    assert np.diff(angles) == pytest.approx(np.full(3, 0.5 * np.pi), abs=0.1)
+    assert way[-1, 4] - way[-101, 4] == pytest.approx((8.0, 6.0), abs=0.5)  # at 1 m/s, for 10 s
+    assert separation(way[:, :4]).min() > 4.0
+
+
+def test_three_complete_the_sweep_after_the_fourth_has_landed(flown: Callable[[str], Flight]) -> None:
+    """Every cell has had a drone within 0.3 of it to its middle, by the true positions."""
+    flight = flown("sweep")
+    cells = (places(flight)[flight["time"] > BEGIN] + 40.0) / 10.0
+    index = np.floor(cells).astype(int)
+    near = (np.abs(cells - index - 0.5) <= 0.35).all(axis=2) & (index >= 0).all(axis=2) & (index < 8).all(axis=2)
+    visited = {tuple(cell) for cell in index[near]}
+    assert len(visited) == 64
+    assert [flight[f"drone{i}.agent.swept"][-1] for i in (1, 2, 3)] == [1.0, 1.0, 1.0]
+    assert flight["drone4.vehicle.position[3]"][-1] == pytest.approx(0.0, abs=0.1)
+    assert 0.2 < flight["drone4.agent.swept"][-1] < 1.0
+
+
+def test_five_keep_their_distance_and_their_leader_stops_at_the_fence(flown: Callable[[str], Flight]) -> None:
+    """They exchange their places on the way; without the guard two of them would come within 2.5 m of each other."""
+    way = places(flown("guarded"))
+    assert separation(way).min() > 5.5
+    assert way[..., 0].max() < 45.5
+    assert way[-1, 0] == pytest.approx((45.0, 0.0), abs=0.3)
+    s = 12.0 * np.sqrt(0.5)
+    assert way[-1, 1:, 1] == pytest.approx([-s, s, -2.0 * s, 2.0 * s], abs=0.5)
+
+
+@pytest.mark.parametrize("system", ["guarded", "tracking", "sweep"])
+def test_a_run_has_the_same_bits_with_two_threads_and_when_it_is_resumed(
+    system: str, fmus: Path, tmp_path: Path
+) -> None:
+    given: dict[str, Any] = {"until": 26.0, "checkpoint_every": 24.0}
+    lossy = {"network.loss": "0.2"}
+    simulate(SYSTEMS / system, RunOptions(out=tmp_path / "whole", threads=1, overrides=lossy, **given))
+    simulate(SYSTEMS / system, RunOptions(out=tmp_path / "threads", threads=2, overrides=lossy, **given))
+    simulate(SYSTEMS / system, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'whole'}@24", **given))
+    for name in ("signals.parquet", "packets.parquet"):
+        expected = (tmp_path / "whole" / name).read_bytes()
+        assert (tmp_path / "threads" / name).read_bytes() == expected
+        assert (tmp_path / "rest" / name).read_bytes() == expected

@@ -54,7 +54,7 @@ def by_fmpy(file: Path, fmu: FmuDescription, _folder: Path) -> np.ndarray:
 
 def by_package(tool: str, file: Path, fmu: FmuDescription) -> np.ndarray:
     command = [sys.executable, str(STEPPER), tool, str(file), repr(fmu.step_size), str(STEPS), *outputs_of(fmu)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == 0, done.stderr
     rows = [line.removeprefix("ROW ") for line in done.stdout.splitlines() if line.startswith("ROW ")]
     return np.array([[float(number) for number in row.split()] for row in rows])
@@ -66,10 +66,11 @@ def by_omsimulator(file: Path, fmu: FmuDescription, folder: Path) -> np.ndarray:
     assert step is not None
     options = [f"--resultFile={result}", f"--stopTime={STEPS * step}", f"--stepSize={step}", "--mode=cs"]
     command = [os.environ["OMSIMULATOR"], *options, f"--tempDir={folder}", str(file)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     assert result.exists(), done.stdout + done.stderr
-    rows = list(csv.reader(result.open()))
-    at = [next(i for i, head in enumerate(rows[0]) if head.endswith(f".{name}")) for name in outputs_of(fmu)]
+    rows = list(csv.reader(result.read_text().splitlines()))
+    heads = [f".{head}" for head in rows[0]]  # version 2 begins them with the name of the model
+    at = [next(i for i, head in enumerate(heads) if head.endswith(f".{name}")) for name in outputs_of(fmu)]
     found = {round(float(row[0]) / step): [float(row[i]) for i in at] for row in rows[1:]}
     return np.array([found[k] for k in range(1, STEPS + 1)])
 

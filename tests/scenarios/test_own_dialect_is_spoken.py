@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from cosim.build import build
 from cosim_master.cli import app
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.result import RunResult
+from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 
 XML = """<?xml version="1.0"?>

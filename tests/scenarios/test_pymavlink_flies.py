@@ -13,7 +13,7 @@ from pymavlink import mavutil
 
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.recorder import EPOCH
+from cosim_master.results.recording.packet_log import EPOCH
 from tests.scenarios.flights import SYSTEMS, fly
 from tests.scenarios.swarm import START_UP, Swarm, running
 
@@ -34,7 +34,7 @@ class Client:
         self.wait("HEARTBEAT", lambda m: m.autopilot == 3, START_UP)
         self.link.mav.request_data_stream_send(vehicle, 1, 0, STREAMS, 1)
 
-    def wait(self, kind: str, condition: Callable[[Any], Any] = lambda _: True, seconds: float = 30.0) -> Any:
+    def wait(self, kind: str, condition: Callable[[Any], Any] = lambda _: True, seconds: float = 120.0) -> Any:
         end = time.monotonic() + seconds
         seen = None
         while time.monotonic() < end:
@@ -92,15 +92,15 @@ def test_a_port_with_a_key_obeys_who_signs(tmp_path: Path, fmus: Path) -> None:
     with running(tmp_path / "out", "--ports", f"tcp:0,sign={tmp_path / 'key'}", pace=PACE) as swarm:
         address = f"tcp:127.0.0.1:{swarm.port('@drone1')}"
         stranger: Any = mavutil.mavlink_connection(address, source_system=255)
-        assert stranger.wait_heartbeat(timeout=10) is not None  # it can listen
+        assert stranger.wait_heartbeat(timeout=60) is not None  # it can listen
         stranger.mav.command_long_send(1, 1, MODE, 0, 1, GUIDED, 0, 0, 0, 0, 0)
         assert stranger.recv_match(type="COMMAND_ACK", blocking=True, timeout=2) is None
         stranger.close()
         friend: Any = mavutil.mavlink_connection(address, source_system=255)
         friend.setup_signing(KEY)
-        assert friend.wait_heartbeat(timeout=10).get_signed()
+        assert friend.wait_heartbeat(timeout=60).get_signed()
         friend.mav.command_long_send(1, 1, MODE, 0, 1, GUIDED, 0, 0, 0, 0, 0)
-        assert friend.recv_match(type="COMMAND_ACK", blocking=True, timeout=5).result == ACCEPTED
+        assert friend.recv_match(type="COMMAND_ACK", blocking=True, timeout=60).result == ACCEPTED
         friend.close()
         counts = swarm.stop()["gateways"]["@drone1"]
     assert (counts["received"], counts["unsigned"], counts["connections"]) == (1, 1, 2)
@@ -115,7 +115,7 @@ def test_a_ground_station_flies_two_vehicles_by_radio(tmp_path: Path, fmus: Path
             client.link, client.vehicle = hello, vehicle
             _greet(swarm, client)
             client.take_off(5.0)
-        heard = {hello.recv_match(type="HEARTBEAT", blocking=True, timeout=10).get_srcSystem() for _ in range(30)}
+        heard = {hello.recv_match(type="HEARTBEAT", blocking=True, timeout=60).get_srcSystem() for _ in range(30)}
         assert heard == {1, 2, 3, 4, 5}
         hello.close()
         manifest = swarm.stop()
@@ -205,7 +205,8 @@ def test_nothing_listens_beyond_loopback(options: tuple[str, ...], tmp_path: Pat
     expected = 7 if options else 0
     with running(tmp_path / "out", *options) as swarm:
         end = time.monotonic() + START_UP
-        while not (tmp_path / "out" / "signals.parquet").exists() and time.monotonic() < end:
+        while not (tmp_path / "out" / "unfinished" / "signals.arrows").exists():
+            assert time.monotonic() < end, "the run does not begin"
             time.sleep(0.1)
         while sum("listens on" in line for line in swarm.lines) < expected and time.monotonic() < end:
             time.sleep(0.1)

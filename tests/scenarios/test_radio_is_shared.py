@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from cosim_master import RunOptions, RunResult, simulate
-from cosim_master.system.authoring.new import new_system
+from cosim_master.system.authoring.swarm.new import new_system
 from tests.scenarios.flights import copy_of
 from tests.scenarios.test_radio_is_bad import with_radio
 
@@ -16,23 +18,34 @@ EVERYTHING = (
     'loss="0.05" latency="0.01" jitter="0.1" burstStart="0.05" burstEnd="0.3" sensitivity="-55" exponent="2.5" '
     'shadowing="4" rayleigh="true" bitErrors="0.0002" duplicates="0.1" queue="0.3"'
 )
-MEDIA = {"shared": 'medium="shared" rate="9600"', "aloha": 'medium="aloha" slot="0.02" window="6"'}
+MEDIA = {
+    "shared": 'medium="shared" rate="9600"',
+    "aloha": 'medium="aloha" slot="0.02" window="6"',
+    "csma": 'medium="csma" rate="9600" backoff="0.1" sensing="0.001"',
+}
+LOST = {"shared": "queue", "aloha": "collision", "csma": "collision"}
+"""The cause of loss that each medium adds."""
 SCHEDULE = '<partition nodes="drone1 drone2" start="5" stop="7"/><jamming east="50" radius="5" start="8" stop="9"/>'
 CAUSES = ("channel", "burst", "signal", "errors", "partition", "jammed")
 
 
 @pytest.fixture(scope="module", params=MEDIA)
-def everything(request: pytest.FixtureRequest, fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def everything(
+    request: pytest.FixtureRequest, fmus: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, str]:
+    """A system with all effects and a medium, and the cause of loss that this adds."""
     attributes = f"{EVERYTHING} {MEDIA[request.param]}"
     folder = tmp_path_factory.mktemp(request.param)
-    return copy_of("line5", folder, fmus, lambda text: with_radio(text, attributes, SCHEDULE))
+    return copy_of("line5", folder, fmus, lambda text: with_radio(text, attributes, SCHEDULE)), LOST[request.param]
 
 
 def test_with_all_effects_a_run_is_the_same_whatever_the_threads_and_when_it_is_resumed(
-    everything: Path, tmp_path: Path
+    everything: tuple[Path, str], tmp_path: Path
 ) -> None:
+    system, cause_of_medium = everything
+
     def ran(name: str, **options: object) -> RunResult:
-        result = simulate(everything, RunOptions(out=tmp_path / name, **options))  # type: ignore[arg-type]
+        result = simulate(system, RunOptions(out=tmp_path / name, **options))  # type: ignore[arg-type]
         assert result.outcome == "done"
         return result
 
@@ -46,9 +59,19 @@ def test_with_all_effects_a_run_is_the_same_whatever_the_threads_and_when_it_is_
     counts = whole.packets
     assert all(counts[f"lost: {cause}"] > 0 for cause in CAUSES), counts
     assert counts["duplicates"] > 0
-    assert counts["lost: collision" if "aloha" in str(everything) else "lost: queue"] > 0, counts
+    assert counts[f"lost: {cause_of_medium}"] > 0, counts
     assert counts["sent"] == counts["delivered"] + counts["lost"] + counts["in flight"]
     assert counts["lost"] == sum(n for cause, n in counts.items() if cause.startswith("lost: "))
+    links = [json.loads((tmp_path / name / "manifest.json").read_text())["links"] for name in ("whole", "rest")]
+    assert links[0] == links[1]
+    of_links: Counter[str] = Counter()
+    for one in links[0]["worst"]:
+        of_links.update({"sent": one["sent"], "lost": one["lost"], "arrived or in flight": one["delivered"]})
+        of_links.update({f"lost: {cause}": n for cause, n in one["causes"].items()})
+    addressed = {name: n for name, n in counts.items() if name.startswith("lost: ") and n and name != "lost: no route"}
+    assert {name: n for name, n in of_links.items() if name.startswith("lost: ")} == addressed
+    assert of_links["sent"] == counts["sent"] - counts["lost: no route"]
+    assert of_links["arrived or in flight"] == counts["delivered"] + counts["in flight"]
 
 
 @pytest.mark.slow

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
-from cosim_master.execution.result import Progress
 from cosim_master.execution.simulate import simulate
+from cosim_master.stepping.observation import Progress
 from tests.scenarios.flights import SYSTEMS, copy_of, fly
 from tests.scenarios.test_radio_is_bad import with_radio
 
@@ -121,4 +121,4 @@ def test_what_keeps_a_run_from_going_on_is_said(line5: Path, tmp_path: Path) -> 
         simulate(SYSTEMS / "line5", RunOptions(out=tmp_path / "on", origin=origin))
     assert "not a multiple of the base step" in refused(checkpoint_every=0.0001)
     (tmp_path / "run" / "checkpoints" / "1" / "state.npz").write_bytes(b"PK")
-    assert "the checkpoint is damaged" in refused()
+    assert "1 is damaged: state.npz has not the digest that checkpoint.json contains" in refused()

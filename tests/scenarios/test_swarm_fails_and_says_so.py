@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from cosim_master.cli import app
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.system.authoring.new import new_system
+from cosim_master.system.authoring.swarm.new import new_system
 from cosim_master.verdict.findings import Finding
 from tests.scenarios.flights import SYSTEMS
 

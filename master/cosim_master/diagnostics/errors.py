@@ -120,6 +120,13 @@ class RecordingFailed(CosimError):
         super().__init__(f"{file}: cannot be written: {reason}; what was recorded until then stays readable")
 
 
+def printable(text: str) -> str:
+    """Returns a text of an FMU with control characters escaped, such as those that command a terminal."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
 class FmuError(CosimError):
     """An FMU failed.
 
@@ -128,7 +135,8 @@ class FmuError(CosimError):
         function: the FMI function that was called.
         status: the status in the standard's words ("fmi2Error"), or the error in the answer.
         time: simulation time of the call in s, None before initialization.
-        log: the last lines that the FMU logged; in the message, consecutive equal lines are shown once.
+        log: the last lines that the FMU logged, control characters escaped; in the message, consecutive equal lines
+            are shown once.
     """
 
     def __init__(
@@ -136,9 +144,9 @@ class FmuError(CosimError):
     ) -> None:
         self.instance = instance
         self.function = function
-        self.status = status
+        self.status = status = printable(status)
         self.time = time
-        self.log = tuple(log)
+        self.log = tuple(printable(line.rstrip("\r\n")) for line in log)
         at = "" if time is None else f" at t = {time:.9g} s"
         said = [line for line in self.log if not line.startswith(_WRAPPER)] or self.log
         lines = [f"{instance}: {function} failed{at}: {status}", *(f"    {line}" for line in _together(said))]

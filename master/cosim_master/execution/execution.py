@@ -2,39 +2,42 @@
 
     with Execution(checked, ...) as execution:      instantiate, initialize, collect outputs at t0
         execution.advance(k)                        macro steps up to base step k, any number of times
-    ...                                             recordings completed, instances terminated and freed
+    ...                                             instances terminated and freed
 
-The order of calls is that of FMI 2.0.5, section 4.2.4. If an FMU fails, the recording remains: files are completed
-before instances are freed, since some FMUs crash the process when they are freed.
+The order of calls is that of FMI 2.0.5, section 4.2.4. `Observers` records a run: it steps an `Execution`, and hands
+the contents of its `blocks` over to the recorders. Close it before the instances are freed, since some FMUs crash the
+process when they are freed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from cosim_master.diagnostics.errors import FmuError, Problem, RecordingFailed, RunFailed, SystemDescriptionError
+from cosim_master.diagnostics.errors import FmuError, Problem, RunFailed, SystemDescriptionError
 from cosim_master.diagnostics.limitations import CHECKPOINT
 from cosim_master.execution.algorithms.algorithm import Algorithm
 from cosim_master.execution.algorithms.choice import algorithm_for
+from cosim_master.execution.preparation.stimuli import Agenda, Stimuli
+from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.checkpoint import cannot_be_serialised, restore, save
 from cosim_master.execution.run.gateway_port import GatewayPort
 from cosim_master.execution.run.instances import Instances
 from cosim_master.execution.run.opening import open_run
 from cosim_master.execution.run.workers import Workers
-from cosim_master.execution.run.writing import Writing
 from cosim_master.execution.startup.initialize import answers
-from cosim_master.execution.stimuli import Agenda, Stimuli
-from cosim_master.fmi.description.read import Start
+from cosim_master.fmi.slaves.fmi2 import Library
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.network.radio.build import packet_counts
 from cosim_master.network.radio.tables import Radio
-from cosim_master.results.checkpoint_folder import Checkpoint
-from cosim_master.results.recorder import Recorder
+from cosim_master.results.checkpoint_folder import Checkpoint, Position
 from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.instances import collect_all
+from cosim_master.stepping.kernels.macro_step import record
+from cosim_master.stepping.kernels.tables import EVERY, ROWS, K
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.profiling import Profiler
 from cosim_master.stepping.strings import failing
@@ -55,10 +58,8 @@ class Execution:
         clock: start, base step and periods.
         layout: the places of all values.
         network: nodes and radio.
-        recorder_for: returns the recorder of a run that begins with these packet counts and parameters; called when all
-            FMUs have been loaded. None records nothing.
         every: base steps between two rows.
-        keep_packets: record packet events and logs.
+        keep_packets: collect packet events and logs for the observers of the run.
         threads: number of threads that step native instances; None selects it automatically. Only FMUs built by this
             project are stepped by threads other than the main one: many other FMUs store state in globals, whatever
             they declare.
@@ -68,10 +69,13 @@ class Execution:
         checkpoint: the checkpoint to resume from.
         master: the master algorithm; None is Jacobi.
         grid: rows at every base step, even if no step of an instance ends there.
+        isolation: selects the FMUs that run in processes of their own; None: none does.
         on_stage: called with a description of each stage, until the first step.
+        on_library: called with each library that is loaded.
 
     Attributes:
         parameters: of each instance, as its FMU answered after initialization.
+        blocks: rows and packets that have not been handed over to observers.
 
     Raises:
         SystemDescriptionError: interpreted FMUs are incompatible with each other.
@@ -85,9 +89,8 @@ class Execution:
         layout: Layout,
         network: Network,
         *,
-        recorder_for: Callable[[Mapping[str, int], Mapping[str, Mapping[str, Start]]], Recorder] | None = None,
         every: int = 1,
-        keep_packets: bool = True,
+        keep_packets: bool = False,
         threads: int | None = None,
         changes: Sequence[Change] = (),
         stimuli: Stimuli | None = None,
@@ -95,15 +98,16 @@ class Execution:
         checkpoint: Checkpoint | None = None,
         master: MasterSettings | None = None,
         grid: bool = False,
+        isolation: Isolation | None = None,
         on_stage: Callable[[str], None] | None = None,
+        on_library: Callable[[Library], None] | None = None,
     ) -> None:
         self.checked, self.clock, self.layout, self.network = checked, clock, layout, network
         master = master or MasterSettings()
         phase: Callable[[str], AbstractContextManager[Any]] = profiler.phase if profiler else nullcontext
         self._agenda = Agenda(changes, stimuli, checkpoint.k if checkpoint is not None else 0)
-        self._instances, self._workers = Instances(), Workers()
+        self._instances, self._workers = Instances(isolation, on_library), Workers()
         self._algorithm: Algorithm | None = None
-        self._writing: Writing | None = None
         try:
             self._state, self.threads = open_run(
                 self._instances,
@@ -113,7 +117,7 @@ class Execution:
                 network,
                 master,
                 every=every,
-                keep_packets=recorder_for is not None and keep_packets,
+                keep_packets=keep_packets,
                 grid=grid,
                 threads=threads,
                 phase=phase,
@@ -123,31 +127,26 @@ class Execution:
             self.parameters, self._notes = answers(checked, self.slaves)
             if profiler is not None:
                 profiler.attach(self.plan, self.slaves)
-            self._writing = Writing(self._state, phase)
-            self._algorithm = algorithm_for(master, self._state, self._writing, self._agenda, self._change, every)
+            self.blocks = Blocks(self._state, phase)
+            self._algorithm = algorithm_for(master, self._state, self.blocks, self._agenda, self._change, every)
             collect_all(self.plan)
             raise_failures(self.plan, layout, self.slaves)
-            if recorder_for is not None:
-                self._writing.open(recorder_for(self.packet_counts(), self.parameters))
             self._state.event_mode.attach(self.plan, self._state.texts)
             self._begin(checkpoint)
-            self._start = self.time
         except BaseException as error:
-            self._free()
-            if self._writing is not None:
-                self._writing.abandon()
+            self.end()
             if isinstance(error, FmuError):
                 raise RunFailed([error]) from None
             raise
 
     def _begin(self, checkpoint: Checkpoint | None) -> None:
         """Proceeds from the outputs at the start to the first communication point, or to that of a checkpoint."""
-        assert self._algorithm is not None and self._writing is not None
+        assert self._algorithm is not None
         if checkpoint is not None:
             self.refuse_checkpoints()
             restore(checkpoint, self._state)
         self._algorithm.prepare()
-        port = GatewayPort(self._state, self._writing)
+        port = GatewayPort(self._state, self.blocks)
         self.admit, self.take, self.waiting = port.admit, port.take, port.waiting
         if self.network.gateways:
             port.compile()
@@ -158,9 +157,14 @@ class Execution:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on parameters that differ from the values set, and on the steps made."""
+        """Notes on parameters that differ from the values set, on the steps made, and on restarts."""
         assert self._algorithm is not None
-        return (*self._notes, *self._algorithm.notes)
+        return (*self._notes, *self._algorithm.notes, *self.restarts)
+
+    @property
+    def restarts(self) -> tuple[str, ...]:
+        """What happened when processes of FMUs were started anew."""
+        return self._instances.restarts
 
     @property
     def k(self) -> int:
@@ -201,25 +205,42 @@ class Execution:
             changed = True
         return changed
 
+    def record_end(self) -> None:
+        """Records a row of the current communication point, with which the run ends, unless it has one."""
+        plan = self.plan
+        if int(plan.counters[K]) % int(plan.counters[EVERY]):
+            if int(plan.counters[ROWS]) == plan.ticks.size:
+                self.blocks.rows()
+            record(plan)
+            if self._state.texts:
+                self.blocks.read_texts(recorded=True)
+
     def refuse_checkpoints(self) -> None:
         """Raises SystemDescriptionError, with the reason, if this system cannot have checkpoints."""
         reason = "what has passed a gateway cannot be taken back" if self.network.gateways else ""
         if reason := reason or cannot_be_serialised(self.slaves):
             raise SystemDescriptionError([Problem(self.checked.structure.where, CHECKPOINT.text(reason))])
 
-    def save_checkpoint(self, folder: Path, about: Mapping[str, Any]) -> Path:
+    def save_checkpoint(
+        self, folder: Path, about: Mapping[str, Any], recorded: Callable[[], tuple[Position, Sequence[Path]]]
+    ) -> Path:
         """Writes a checkpoint of the current communication point, or of the next one on the system's own grid.
+
+        Args:
+            about: what the checkpoint tells of the run.
+            recorded: returns the position of the recording, and its segments since the last checkpoint; called when
+                the blocks are empty.
 
         Raises:
             SystemDescriptionError: the run has gateways, or FMUs that cannot serialise their state.
             RunFailed: an FMU fails to serialise its state, or a step up to that communication point fails.
         """
-        assert self._algorithm is not None and self._writing is not None
+        assert self._algorithm is not None
         self.refuse_checkpoints()
         self._algorithm.settle()
-        self._writing.rows()
-        self._writing.packets()
-        position, segments = self._writing.position(), self._writing.segments()
+        self.blocks.rows()
+        self.blocks.packets()
+        position, segments = recorded()
         try:
             return save(folder, self._state, self.k, position=position, segments=segments, about=about)
         except FmuError as error:
@@ -229,70 +250,18 @@ class Execution:
         """Returns the numbers of packets by radio, as the radio's `packet_counts` does."""
         return packet_counts(self._state.radio)
 
-    def keep(self, wall: float) -> None:
-        """Makes all values recorded so far readable, even if the process is killed.
-
-        Args:
-            wall: wall-clock time since the first step, s, for the manifest.
-
-        Raises:
-            RecordingFailed: a file cannot be written.
-        """
-        assert self._writing is not None
-        progress = self._progress()
-        factor = progress["simulated_s"] / wall if wall > 0 else 0.0
-        self._writing.keep({**progress, "wall_s": wall, "real_time_factor": factor})
-
-    def _progress(self) -> dict[str, Any]:
-        return {"simulated_s": self.time - self._start, "packets": self.packet_counts()}
-
-    def finish(self, manifest: Callable[[RecordingFailed | None], Mapping[str, Any]]) -> RecordingFailed | None:
-        """Completes the recording, with its manifest; call once, before leaving the context.
-
-        Args:
-            manifest: returns the manifest; its argument is the reason why the recording cannot be completed.
-
-        Returns:
-            The reason why the recording is incomplete; None if it is complete.
-        """
-        assert self._writing is not None
-        failure = None
-        try:
-            self._writing.finish()
-        except RecordingFailed as error:
-            failure = error
-        try:
-            self._writing.write_manifest(lambda: manifest(failure))
-        except RecordingFailed as error:
-            failure = failure or error
-        return failure
-
-    def end(self, manifest: Callable[[Sequence[FmuError]], Mapping[str, Any]]) -> tuple[FmuError, ...]:
-        """Terminates and frees all instances; returns the errors. Call it once, after `finish`.
-
-        Args:
-            manifest: returns a new manifest after such errors, which replaces the one written by `finish`.
-        """
-        failures = tuple(self._free())
-        if failures and self._writing is not None:
-            with suppress(RecordingFailed):  # the manifest written by `finish` remains
-                self._writing.write_manifest(lambda: manifest(failures))
-        return failures
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None and self._writing is not None:
-            self._writing.break_off(self._progress())
-        failures = self._free()
+        failures = self.end()
         if failures and kind is None:
             raise RunFailed(failures)
 
-    def _free(self) -> list[FmuError]:
-        """Terminates and frees all instances, each once, even if others fail."""
+    def end(self) -> list[FmuError]:
+        """Terminates and frees all instances, each once, even if others fail; returns the errors."""
         self._workers.stop()
         if self._algorithm is not None:
             self._algorithm.close()

@@ -7,14 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cosim_master.execution.prepare import Prepared
-from cosim_master.execution.result import Progress
+from cosim_master.execution.preparation.prepare import Prepared
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.results.checkpoint_folder import Checkpoint
 from cosim_master.results.run_folder import RunFolder
+from cosim_master.stepping.observation import Progress, Seen
 from cosim_master.system.reading.overrides import apart
 from cosim_master.system.structure import SystemStructure
 
-__all__ = ["Listener", "RunOptions", "going_on"]
+__all__ = ["Listener", "Reporting", "RunOptions", "going_on"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +41,8 @@ class RunOptions:
         origin: RUN@TIME, a checkpoint to resume from: see `going_on`.
         pace: largest multiple of real time; None runs as fast as possible.
         threads: number of threads that step native instances; None selects it automatically.
+        isolation: the FMUs that run in processes of their own, and the limits of these; None: those that this project
+            has not built, where processes are available.
         profile: measure the time profile.
         gcs: addresses of ground stations, each within radio reach of all vehicles: see `gateways`.
         ports: address of the first vehicle's serial port, and the difference between consecutive ports.
@@ -60,6 +63,7 @@ class RunOptions:
     origin: str | None = None
     pace: float | None = None
     threads: int | None = None
+    isolation: Isolation | None = None
     profile: bool = False
     gcs: Sequence[str] = ()
     ports: str | None = None
@@ -84,6 +88,19 @@ class Listener:
     stage: Callable[[str], None] = _ignore
     progress: Callable[[Progress], None] = _ignore
     gateway: Callable[[str], None] = _ignore
+
+
+class Reporting:
+    """The observer that reports the progress of a run to its listener."""
+
+    every = 0
+
+    def __init__(self, listener: Listener) -> None:
+        self.progressed = listener.progress
+
+    def initialised(self, seen: Seen) -> None: ...
+    def stepped(self, seen: Seen) -> None: ...
+    def closed(self) -> None: ...
 
 
 def going_on(options: RunOptions, checkpoint: Checkpoint, structure: SystemStructure) -> RunOptions:

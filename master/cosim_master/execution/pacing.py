@@ -1,4 +1,4 @@
-"""Steps a run from beginning to end: with pace, interruption by Ctrl-C, gateways, checkpoints and progress."""
+"""Steps a run from beginning to end: with pace, pauses, interruption by Ctrl-C, gateways, checkpoints and progress."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
@@ -17,18 +17,23 @@ from types import FrameType
 from cosim_master.diagnostics.errors import (
     CosimError,
     Problem,
+    RecordingFailed,
     RunTerminated,
     SystemDescriptionError,
     Where,
 )
 from cosim_master.execution.execution import Execution
-from cosim_master.execution.manifest import digest_of_system
-from cosim_master.execution.prepare import Prepared
-from cosim_master.execution.result import Outcome, Overruns, Progress, RunResult
+from cosim_master.execution.outcome.manifest import digest_of_system
+from cosim_master.execution.outcome.result import Outcome, Overruns, RunResult
+from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.results.checkpoint_folder import Identity
+from cosim_master.results.recording.recording import Recording
+from cosim_master.stepping.control import Control
+from cosim_master.stepping.observation import Observers, Progress
 from cosim_master.system.settings.time_grid import TimeGrid
 from cosim_master.verdict.memory import remember
+from cosim_master.verdict.monitors.monitoring import Monitoring
 from cosim_master.verdict.watch import Watch
 
 __all__ = ["Checkpoints", "interrupts", "run"]
@@ -76,6 +81,10 @@ class Checkpoints:
         self._last = clock.steps
         self.watch: Watch | None = None
         """The watch of the run, once it begins."""
+        self.monitoring: Monitoring | None = None
+        """The observer of the system's monitors, if it has any, once the run begins."""
+        self.recording: Recording | None = None
+        """The recording of the run, once it begins."""
         if every is None:
             return
         if out is None:
@@ -95,8 +104,15 @@ class Checkpoints:
     def save(self, execution: Execution) -> None:
         """Writes a checkpoint if it is due. The end of a run has none."""
         if self._next <= execution.k < self._last:
-            seen = {} if self.watch is None else remember(self.watch)
-            execution.save_checkpoint(self._folder, {**self._about, "verdict": seen})
+            assert self.watch is not None and self.recording is not None
+            recording, seen = self.recording, remember(self.watch)
+            if self.monitoring is not None:
+                seen["monitors"] = self.monitoring.memory()
+            execution.save_checkpoint(
+                self._folder,
+                {**self._about, "verdict": seen},
+                lambda: (recording.position(), recording.segments()),
+            )
 
 
 @contextmanager
@@ -142,18 +158,23 @@ def _handle_once(number: int, handler: Callable[[int, FrameType | None], None]) 
 
 
 class _Pace:
-    """Limits a run to a multiple of real time, and chooses the number of base steps made at once.
+    """Limits a run to a multiple of real time, stops it while it is paused, and chooses the steps made at once.
 
     Args:
-        factor: multiple of real time; None runs as fast as possible.
+        control: requests of the user; its first factor is the pace whose overruns are counted.
         clock: the time grid of the run.
         slice: intended wall-clock time of the base steps made at once, s.
     """
 
-    def __init__(self, factor: float | None, clock: TimeGrid, slice: float) -> None:
-        self._factor, self._base, self._steps, self._slice = factor, clock.seconds(1), clock.steps, slice
+    def __init__(self, control: Control, clock: TimeGrid, slice: float) -> None:
+        self._control, self._asked = control, control.factor
+        self._base, self._steps, self._slice = clock.seconds(1), clock.steps, slice
+        self._periods = {period for period in clock.periods if period > 0}
         self._began = time.perf_counter()
-        self.chunk = 1
+        self._factor = control.factor
+        self._since = (0.0, 0.0)
+        """Wall-clock time and simulated time from which the factor holds, s."""
+        self._chunk, self._single = 1, False
         self.overruns = Overruns()
 
     @property
@@ -161,74 +182,114 @@ class _Pace:
         """Wall-clock seconds since the run began."""
         return time.perf_counter() - self._began
 
-    def wait(self, simulated: float, interrupted: Callable[[], bool], meanwhile: Callable[[], None]) -> None:
-        """Sleeps until `simulated` seconds are due; calls `meanwhile` about twenty times a second."""
-        if self._factor is None:
-            return
-        due = simulated / self._factor - self.wall
-        if due < -0.05:
-            self.overruns = Overruns(self.overruns.count + 1, max(self.overruns.worst_s, -due))
-        while due > 1e-6 and not interrupted():
+    def after(self, k: int) -> int:
+        """Returns the base step up to which the run may go on from base step `k`."""
+        if self._single:
+            return min(((k // period + 1) * period for period in self._periods), default=k + 1)
+        return k + self._chunk
+
+    def wait(self, simulated: float, interrupted: Callable[[], bool], meanwhile: Callable[[], object]) -> None:
+        """Waits until `simulated` seconds are due, and while the run is paused; then calls `meanwhile` now and then."""
+        self._single, first = False, True
+        while not interrupted():
+            if self._control.paused:
+                if self._control.take_step():
+                    self._single = True
+                    return
+                self._restart(simulated)
+                meanwhile()
+                self._control.wait(_SLICE)
+                continue
+            if self._control.factor != self._factor:
+                self._factor = self._control.factor
+                self._restart(simulated)
+            if self._factor is None:
+                return
+            due = (simulated - self._since[1]) / self._factor - (self.wall - self._since[0])
+            if first and due < -0.05 and self._factor == self._asked:
+                self.overruns = Overruns(self.overruns.count + 1, max(self.overruns.worst_s, -due))
+            first = False
+            if due <= 1e-6:
+                return
             meanwhile()
-            time.sleep(min(due, _SLICE))
-            due = simulated / self._factor - self.wall
+            self._control.wait(min(due, _SLICE))
+
+    def _restart(self, simulated: float) -> None:
+        self._since, self._chunk = (self.wall, simulated), 1
 
     def spent(self, seconds: float) -> None:
         """Chooses the size of the next chunk, given the wall-clock time of the last one, `seconds`."""
         slice, most = self._slice, self._steps
         if self._factor is not None:  # a chunk is shorter if the pace cannot be held
             slice, most = _SLICE, int(_SLICE * 0.4 * self._factor / self._base)
-        self.chunk = max(1, min(4 * self.chunk, int(self.chunk * slice / max(seconds, 1e-6)), most))
+        self._chunk = max(1, min(4 * self._chunk, int(self._chunk * slice / max(seconds, 1e-6)), most))
+
+
+class _Telling:
+    """Reports the progress of a run to its observers."""
+
+    def __init__(self, execution: Execution, observed: Observers, held: _Pace, stop: float) -> None:
+        self._execution, self._observed, self._held = execution, observed, held
+        self._start, self._stop, self._kept = execution.time, stop, 0.0
+
+    def report(self, *, keep: bool) -> None:
+        one, wall = self._execution, self._held.wall
+        self._observed.progressed(Progress(one.time, self._start, self._stop, wall, one.packet_counts(), kept=keep))
+
+    def keep(self) -> bool:
+        """Reports the progress for which new rows and packets are made readable, if it is due; returns whether."""
+        due = self._held.wall - self._kept >= _KEEP
+        if due:
+            self.report(keep=True)
+            self._kept = self._held.wall
+        return due
 
 
 def run(
     execution: Execution,
     ready: Prepared,
     gateways: Gateways,
-    advance: Callable[[int], None],
+    observed: Observers,
     *,
-    pace: float | None = None,
+    control: Control | None = None,
     interrupted: Callable[[], bool] = lambda: False,
-    tell: Callable[[Progress], None] = lambda _: None,
     checkpoints: Checkpoints | None = None,
 ) -> RunResult:
     """Steps a run to its end, successful or not; never raises a `CosimError`.
 
     Args:
-        advance: steps to a base step: `Execution.advance`, or that of its `Observers`.
-        pace: largest multiple of real time; None runs as fast as possible.
+        observed: the observers of the execution, which step it.
+        control: pace, pauses and single steps that the user requests; None runs as fast as possible.
         interrupted: returns whether the user has requested the end of the run.
-        tell: called with the progress after each chunk of base steps.
     """
     clock = ready.clock
     start, stop = execution.time, clock.time(clock.steps)
     outcome = Outcome.DONE
     failure: CosimError | None = None
-    held = _Pace(pace, clock, _SHORT_SLICE if gateways else _SLICE)
-    kept = 0.0
-
-    def keep() -> None:
-        nonlocal kept
-        if held.wall - kept >= _KEEP:
-            execution.keep(held.wall)
-            kept = held.wall
-
+    held = _Pace(control or Control(), clock, _SHORT_SLICE if gateways else _SLICE)
+    telling = _Telling(execution, observed, held, stop)
     try:
         while execution.k < clock.steps:
             before = held.wall
-            held.wait(execution.time - start, interrupted, keep)
+            held.wait(execution.time - start, interrupted, telling.keep)
             if interrupted():
                 outcome = Outcome.INTERRUPTED
                 break
             if gateways:
                 gateways.exchange(execution)
+            stop_at = held.after(execution.k)
             if checkpoints is None:
-                advance(execution.k + held.chunk)
+                observed.advance(stop_at)
             else:
-                advance(checkpoints.before(execution.k, held.chunk))
-                checkpoints.save(execution)
-            keep()
-            tell(Progress(execution.time, start, stop, held.wall, execution.packet_counts()["sent"]))
+                observed.advance(checkpoints.before(execution.k, stop_at - execution.k))
+                if not observed.over:
+                    checkpoints.save(execution)
+            if observed.over:
+                execution.record_end()
+                outcome = Outcome.VIOLATED
+                break
+            if not telling.keep():
+                telling.report(keep=False)
             held.spent(held.wall - before)
         if gateways:
             gateways.exchange(execution)
@@ -238,6 +299,10 @@ def run(
         outcome, failure = Outcome.TERMINATED, error
     except CosimError as error:
         outcome, failure = Outcome.FAILED, error
+    except Exception:
+        with suppress(RecordingFailed):
+            telling.report(keep=True)
+        raise
     return _result(execution, ready, gateways, held, start, outcome, failure)
 
 

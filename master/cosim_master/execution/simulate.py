@@ -4,30 +4,41 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cosim_master.diagnostics.errors import CosimError, FmuError, Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.errors import (
+    CosimError,
+    FmuError,
+    Problem,
+    RecordingFailed,
+    SystemDescriptionError,
+    Where,
+)
 from cosim_master.execution.execution import Execution
-from cosim_master.execution.fingerprint import fingerprint_of
-from cosim_master.execution.manifest import digest_of_system, manifest
-from cosim_master.execution.options import Listener, RunOptions, going_on
+from cosim_master.execution.options import Listener, Reporting, RunOptions, going_on
+from cosim_master.execution.outcome.manifest import digest_of_system, manifest
+from cosim_master.execution.outcome.result import Outcome, RunResult, failing, unrecorded
 from cosim_master.execution.pacing import Checkpoints, interrupts, run
-from cosim_master.execution.prepare import Prepared, prepare
-from cosim_master.execution.result import Outcome, RunResult, failing, unrecorded
+from cosim_master.execution.preparation.fingerprint import fingerprint_of
+from cosim_master.execution.preparation.isolating import isolation_for
+from cosim_master.execution.preparation.prepare import Prepared, prepare
+from cosim_master.execution.preparation.stimuli import read_stimuli
 from cosim_master.execution.run.crashes import reported
-from cosim_master.execution.stimuli import read_stimuli
-from cosim_master.fmi.description.read import Start
+from cosim_master.execution.run.hangs import reported_hangs
+from cosim_master.execution.run.process_state import ProcessState, WatchedCalls, told
+from cosim_master.files.kept import private_cache
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
 from cosim_master.results.checkpoint_folder import Checkpoint, find
-from cosim_master.results.recorder import Recorder
+from cosim_master.results.recording.recording import Recording, check_columns
 from cosim_master.results.run_folder import RunFolder
+from cosim_master.stepping.control import Control
 from cosim_master.stepping.layout import Layout, make_layout
 from cosim_master.stepping.observation import MakeObserver, Observer, Observers, View
 from cosim_master.stepping.profiling import Profiler
@@ -39,7 +50,10 @@ from cosim_master.system.settings.network import Gateway, with_gateways
 from cosim_master.system.structure import SystemStructure
 from cosim_master.verdict.judging import judgement
 from cosim_master.verdict.memory import recall
-from cosim_master.verdict.watch import Watch, watched
+from cosim_master.verdict.monitors.declared import monitored
+from cosim_master.verdict.monitors.monitoring import Monitoring, hears_packets
+from cosim_master.verdict.subjects import watched
+from cosim_master.verdict.watch import Watch
 
 __all__ = ["simulate"]
 
@@ -50,6 +64,7 @@ def simulate(
     *,
     observers: Sequence[MakeObserver] = (),
     listener: Listener | None = None,
+    control: Control | None = None,
 ) -> RunResult:
     """Runs the system in a file and records its results.
 
@@ -58,6 +73,7 @@ def simulate(
         options: None runs the system as it is described and records nothing.
         observers: functions that return an observer for a `View` of the run, such as a recording in another format.
         listener: callbacks for the progress.
+        control: pauses, steps and paces the run from another thread, instead of `RunOptions.pace`.
 
     Returns:
         The outcome. The failure of an FMU is also an outcome, and the recording up to it is kept.
@@ -67,24 +83,29 @@ def simulate(
             opened.
     """
     options, listener = options or RunOptions(), listener or Listener()
+    with suppress(OSError):  # a home that cannot be written to: nothing is kept there
+        private_cache()  # before code is loaded from it
     checkpoint = None if options.origin is None else find(options.origin)
     with read_system(system, options.variant) as structure:
         if checkpoint is not None:
             options = going_on(options, checkpoint, structure)
-        one = _planned(structure, options, checkpoint, listener)
+        one = _planned(structure, options, checkpoint, listener, control or Control(options.pace))
         looking = [make(one.view()) for make in observers]
         listener.prepared(one.ready)
         if one.out is not None:
             _make_folder(one.out)
         with Gateways(one.asked, listener.gateway, one.ready.network.dialect) as gateways:
-            began = time.perf_counter()
+            began, before, calls = time.perf_counter(), ProcessState.present(), WatchedCalls()
             try:
-                execution = one.opened(began)
+                execution = one.opened(calls)
             except SystemDescriptionError:
                 raise
             except CosimError as error:
                 return RunResult(Outcome.FAILED, error, notes=one.ready.notes)
-            return one.driven(execution, gateways, looking, time.perf_counter() - began)
+            started = time.perf_counter() - began
+            noted = calls.end()
+            noted += told(calls.after or before, execution.slaves, "functions of its start, up to initialization")
+            return one.driven(execution, gateways, looking, started, noted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +115,7 @@ class _Run:
     ready: Prepared
     options: RunOptions
     listener: Listener
+    control: Control
     checkpoint: Checkpoint | None
     asked: Sequence[tuple[Gateway, Address]]
     fingerprint: dict[str, str]
@@ -105,17 +127,16 @@ class _Run:
     def view(self) -> View:
         return View(self.layout, self.ready.every, self.ready.clock.seconds(1))
 
-    def opened(self, began: float) -> Execution:
-        """Returns the run at its start, with initialized FMUs; `began` is the time at which loading them began."""
+    def opened(self, calls: WatchedCalls) -> Execution:
+        """Returns the run at its start, with initialized FMUs; `calls` watches their functions."""
         ready, options = self.ready, self.options
         return Execution(
             ready.checked,
             ready.clock,
             self.layout,
             ready.network,
-            recorder_for=None if self.out is None else partial(self._recorder, began),
             every=ready.every,
-            keep_packets=ready.recording.packets,
+            keep_packets=(self.out is not None and ready.recording.packets) or hears_packets(ready.monitors),
             threads=options.threads,
             changes=ready.changes,
             stimuli=ready.stimuli,
@@ -123,29 +144,36 @@ class _Run:
             checkpoint=self.checkpoint,
             master=ready.master,
             grid=ready.recording.interval is not None and ready.every == 1,
+            isolation=isolation_for(options.isolation, ready.checked),
             on_stage=self.listener.stage,
+            on_library=calls.watch,
         )
 
-    def _recorder(
-        self, began: float, packets: Mapping[str, int], parameters: Mapping[str, Mapping[str, Start]]
-    ) -> Recorder:
-        assert self.out is not None
-        beginning = RunResult(Outcome.RUNNING, None, packets=packets, notes=self.ready.notes)
-        return Recorder(
+    def recording(self, execution: Execution, start_up: float) -> Recording | None:
+        """Opens the recording of the run; `start_up` is the wall-clock time for which FMUs were loaded, s."""
+        if self.out is None:
+            return None
+        beginning = RunResult(Outcome.RUNNING, None, packets=execution.packet_counts(), notes=self.ready.notes)
+        return Recording(
             self.out,
             self.ready.checked,
             self.layout,
             self.ready.network,
-            keep=self.ready.recording.packets,
-            manifest=manifest(self.ready, beginning, time.perf_counter() - began, parameters, self.fingerprint),
+            packets=self.ready.recording.packets,
+            manifest=manifest(self.ready, beginning, start_up, execution.parameters, self.fingerprint),
             checkpoint=self.checkpoint,
             in_segments=self.options.checkpoint_every is not None,
         )
 
     def driven(
-        self, execution: Execution, gateways: Gateways, observers: Sequence[Observer], start_up: float
+        self,
+        execution: Execution,
+        gateways: Gateways,
+        observers: Sequence[Observer],
+        start_up: float,
+        noted: tuple[str, ...],
     ) -> RunResult:
-        """Steps the run to its end and completes its results."""
+        """Steps the run to its end and completes its results; `noted` are notes on its start."""
         ready, complete = self.ready, threading.Event()
 
         def document(result: RunResult) -> dict[str, Any]:
@@ -156,47 +184,93 @@ class _Run:
                 return
             simulated, counts = execution.time - ready.clock.time(0), execution.packet_counts()
             crashed = RunResult(Outcome.FAILED, error, simulated_s=simulated, packets=counts, notes=ready.notes)
-            execution.finish(lambda _: document(crashed))
+            with suppress(Exception):
+                observed.close()
+            if recording is not None:
+                recording.finish(lambda _: document(crashed))
 
-        with execution, reported(execution.slaves, lambda: execution.time, rescue), interrupts() as interrupted:
-            result = self._stepped(execution, gateways, observers, interrupted)
-            if self.out is not None:
+        with ExitStack() as opened:
+            opened.enter_context(execution)
+            if (recording := self.recording(execution, start_up)) is not None:
+                opened.enter_context(recording)
+            watch = self._watch(execution, recording)
+            recorders = [] if recording is None else recording.observers
+            monitoring = self._monitoring()
+            looking = [watch, *observers, Reporting(self.listener), *recorders, *([monitoring] if monitoring else [])]
+            observed = Observers(execution, looking, ready.clock.steps, execution.blocks)
+            opened.enter_context(observed)
+            opened.enter_context(reported(execution.slaves, lambda: execution.time, rescue))
+            interrupted = opened.enter_context(interrupts())
+            seconds = (self.options.isolation or Isolation()).limits.seconds
+            opened.enter_context(reported_hangs(execution.slaves, lambda: execution.time, rescue, seconds))
+            result = self._stepped(execution, gateways, observed, interrupted, noted)
+            result = self._judged(result, execution, watch, monitoring)
+            if recording is not None:
                 self.listener.stage(f"writing {self.out}")
-            incomplete = execution.finish(lambda failure: document(unrecorded(result, failure)))
+                result = unrecorded(result, recording.finish(lambda failure: document(unrecorded(result, failure))))
             complete.set()
-            result = unrecorded(result, incomplete)
             # If an FMU crashes the process when it is freed, the recording and its manifest are already complete.
-            failures = execution.end(lambda errors: document(failing(result, errors)))
+            failures = execution.end()
+            late = execution.restarts[result.restarts :]
+            result = replace(result, notes=(*result.notes, *late), restarts=result.restarts + len(late))
+            if (failures or late) and recording is not None:
+                with suppress(RecordingFailed):  # the manifest written by `finish` remains
+                    recording.write_manifest(document(failing(result, failures)))
         return failing(result, failures)
+
+    def _watch(self, execution: Execution, recording: Recording | None) -> Watch:
+        ready = self.ready
+        if self.options.checkpoint_every is not None:
+            execution.refuse_checkpoints()
+        watch = Watch(ready.checked, ready.network, self.layout, ready.clock, ready.limits)
+        self.saving.watch, self.saving.recording = watch, recording
+        if self.checkpoint is not None:
+            recall(watch, self.checkpoint.verdict)
+        return watch
+
+    def _monitoring(self) -> Monitoring | None:
+        """Returns the observer of the system's monitors; None if it has none."""
+        ready = self.ready
+        if not ready.monitors.every:
+            return None
+        gridless = ready.master.constrained
+        made = Monitoring(ready.monitors, self.layout, ready.network, ready.clock, every=ready.every, gridless=gridless)
+        self.saving.monitoring = made
+        if self.checkpoint is not None and "monitors" in self.checkpoint.verdict:
+            made.recall(self.checkpoint.verdict["monitors"])
+        return made
 
     def _stepped(
         self,
         execution: Execution,
         gateways: Gateways,
-        observers: Sequence[Observer],
+        observed: Observers,
         interrupted: Callable[[], bool],
+        noted: tuple[str, ...],
     ) -> RunResult:
-        ready, options = self.ready, self.options
-        if options.checkpoint_every is not None:
-            execution.refuse_checkpoints()
         gateways.start()
-        watch = Watch(ready.checked, ready.network, self.layout, ready.clock, ready.limits)
-        self.saving.watch = watch
-        if self.checkpoint is not None:
-            recall(watch, self.checkpoint.verdict)
-        with closing(Observers(execution, [watch, *observers], ready.clock.steps)) as observed:
-            result = run(
-                execution,
-                ready,
-                gateways,
-                observed.advance,
-                pace=options.pace,
-                interrupted=interrupted,
-                tell=self.listener.progress,
-                checkpoints=self.saving if options.checkpoint_every is not None else None,
-            )
-        verdict = judgement(ready.verdict(), watch, ready.network, result.packets, result.gateways)
-        result = replace(result, notes=(*result.notes, *execution.notes), verdict=verdict, folder=self.out)
+        before = ProcessState.present()
+        result = run(
+            execution,
+            self.ready,
+            gateways,
+            observed,
+            control=self.control,
+            interrupted=interrupted,
+            checkpoints=self.saving if self.options.checkpoint_every is not None else None,
+        )
+        if result.outcome is not Outcome.INTERRUPTED:  # which has changed handlers of signals
+            noted += told(before, execution.slaves, "a step (doStep, or a function that sets or gets values)")
+        return unrecorded(replace(result, notes=(*result.notes, *noted)), observed.close())
+
+    def _judged(
+        self, result: RunResult, execution: Execution, watch: Watch, monitoring: Monitoring | None
+    ) -> RunResult:
+        """Returns the result with the verdict on the run, its notes and its profile."""
+        ready = self.ready
+        verdict = judgement(ready.verdict(), watch, ready.network, result.packets, result.gateways, monitoring)
+        notes = (*result.notes, *execution.notes)
+        result = replace(result, notes=notes, restarts=len(execution.restarts), verdict=verdict, folder=self.out)
         if self.profiler is not None:
             self.profiler.phases["stepping"] = result.wall_s
             result = replace(result, profile=self.profiler.profile())
@@ -204,7 +278,11 @@ class _Run:
 
 
 def _planned(
-    structure: SystemStructure, options: RunOptions, checkpoint: Checkpoint | None, listener: Listener
+    structure: SystemStructure,
+    options: RunOptions,
+    checkpoint: Checkpoint | None,
+    listener: Listener,
+    control: Control,
 ) -> _Run:
     """Plans a run as far as possible without loading an FMU.
 
@@ -225,16 +303,21 @@ def _planned(
             raise SystemDescriptionError([Problem(Where(str(out)), text)])
         ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
     ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
+    observed = watched(ready.checked) | monitored(ready.monitors)
+    layout = make_layout(ready.checked, ready.network, ready.recording.signals, ready.master, observed)
+    if checkpoint is not None:
+        check_columns(checkpoint, ready.checked, layout)
     return _Run(
         ready=ready,
         options=options,
         listener=listener,
+        control=control,
         checkpoint=checkpoint,
         asked=asked,
         fingerprint=fingerprint,
         out=out,
         saving=saving,
-        layout=make_layout(ready.checked, ready.network, ready.recording.signals, ready.master, watched(ready.checked)),
+        layout=layout,
         profiler=Profiler() if options.profile else None,
     )
 

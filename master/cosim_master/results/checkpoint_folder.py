@@ -1,6 +1,7 @@
 """Checkpoints in the folder of a run: their list, the identity of their system, and their part of the recording.
 
-    RUN/checkpoints/T/checkpoint.json   system, FMUs and time; the part of RUN's recording that belongs to it
+    RUN/checkpoints/T/checkpoint.json   system, FMUs and time; the part of RUN's recording that belongs to it; digests
+                                        of its own contents and of the other files
     RUN/checkpoints/T/signals.parquet   rows recorded since the checkpoint before (packets.parquet: its packets):
                                         the run's own files cannot be read if it was killed
 
@@ -9,6 +10,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -17,9 +19,9 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 
-__all__ = ["FORMAT", "Checkpoint", "Identity", "Position", "find", "segments"]
+__all__ = ["FORMAT", "Checkpoint", "Identity", "Position", "find", "sealed", "segments"]
 
-FORMAT = 3
+FORMAT = 5
 """The version of the files; another one is refused."""
 
 
@@ -121,7 +123,8 @@ def find(wanted: str) -> Checkpoint:
     try:
         content = json.loads((own / "checkpoint.json").read_text(encoding="utf-8"))
         if content["format"] != FORMAT:
-            raise wrong(f"{own} was written in format {content['format']}, this is {FORMAT}")
+            raise wrong(f"{own} was written in format {content['format']!r}, this is {FORMAT}")
+        _check_seal(own, content)
         return Checkpoint(
             own,
             Path(run),
@@ -135,8 +138,28 @@ def find(wanted: str) -> Checkpoint:
             content["events"],
             content["verdict"],
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise wrong(f"{own} is damaged: {error}") from None
+
+
+def sealed(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the content of a checkpoint.json with the digests of the files in its folder, and of itself."""
+    files = {file.name: _digest(file.read_bytes()) for file in sorted(folder.iterdir())}
+    whole = {**content, "files": files}
+    return {**whole, "digest": _digest(json.dumps(whole, sort_keys=True).encode())}
+
+
+def _check_seal(folder: Path, content: Mapping[str, Any]) -> None:
+    rest = {name: value for name, value in content.items() if name != "digest"}
+    if content["digest"] != _digest(json.dumps(rest, sort_keys=True).encode()):
+        raise ValueError("checkpoint.json has not the digest that it contains")
+    for name, digest in content["files"].items():
+        if Path(name).name != name or _digest((folder / name).read_bytes()) != digest:
+            raise ValueError(f"{name} has not the digest that checkpoint.json contains")
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def segments(checkpoint: Checkpoint, name: str) -> list[Path]:

@@ -3,37 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from cosim_master.stepping.layout import KINDS, Layout
+from cosim_master.stepping.observation import Rows
 from cosim_master.system.flatten.flat import CheckedSystem
 
-__all__ = ["Block", "Columns", "columns_of"]
+if TYPE_CHECKING:  # recordings are read without the stepping loop, whose compiler takes half a second to import
+    from cosim_master.stepping.layout import Layout
+
+__all__ = ["Columns", "columns_of"]
 
 _ARROW = {"Real": pa.float64(), "Integer": pa.int32(), "Boolean": pa.bool_(), "String": pa.string()}
 _WIDE = {"UInt32": pa.uint32(), "Int64": pa.int64(), "UInt64": pa.uint64()}
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """Rows in the form of the loop: one array for each kind of value.
-
-    Attributes:
-        time: (n,) s.
-        reals, integers: (n, number of values); Booleans are integers after all others, 64-bit integers occupy two.
-        texts: n lists.
-    """
-
-    time: NDArray[np.float64]
-    reals: NDArray[np.float64]
-    integers: NDArray[np.int32]
-    texts: Sequence[Sequence[str]] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,24 +43,24 @@ class Columns:
         wide = self.count(*_WIDE.values())
         return self.count(pa.float64()), self.count(pa.int32(), pa.bool_()) + 2 * wide, self.count(pa.string())
 
-    def table(self, block: Block) -> pa.Table:
+    def table(self, rows: Rows) -> pa.Table:
         """Returns rows as a table."""
-        arrays = [pa.array(block.time)]
+        arrays = [pa.array(rows.time)]
         for field, place in zip(list(self.schema)[1:], self.places, strict=True):
             if pa.types.is_string(field.type):
-                arrays.append(pa.array([row[place] for row in block.texts], type=pa.string()))
+                arrays.append(pa.array([row[place] for row in rows.texts], type=pa.string()))
             elif pa.types.is_floating(field.type):
-                arrays.append(pa.array(block.reals[:, place]))
+                arrays.append(pa.array(rows.reals[:, place]))
             elif field.type in _WIDE.values():
-                halves = np.ascontiguousarray(block.integers[:, place : place + 2])
+                halves = np.ascontiguousarray(rows.integers[:, place : place + 2])
                 values = halves.view(np.uint64 if pa.types.is_uint64(field.type) else np.int64)[:, 0]
                 arrays.append(pa.array(values).cast(field.type))
             else:
-                integers = block.integers[:, place]
+                integers = rows.integers[:, place]
                 arrays.append(pa.array(integers.astype(bool) if pa.types.is_boolean(field.type) else integers))
         return pa.Table.from_arrays(arrays, schema=self.schema)
 
-    def block(self, table: pa.Table) -> Block:
+    def rows(self, table: pa.Table) -> Rows:
         """Returns the rows of a table of these columns in the form of the loop."""
         rows, (reals, integers, texts) = table.num_rows, self.widths
         real, integer = np.zeros((rows, reals)), np.zeros((rows, integers), np.int32)
@@ -92,16 +77,16 @@ class Columns:
                 integer[:, place : place + 2] = column.to_numpy().astype(wide).reshape(-1, 1).view(np.int32)
             else:
                 integer[:, place] = column.to_numpy()
-        return Block(table.column(0).to_numpy(), real, integer, text)
+        return Rows(table.column(0).to_numpy(), real, integer, text)
 
 
 def columns_of(checked: CheckedSystem, layout: Layout) -> Columns:
     """Returns the columns of a run, in the order of instances and their variables."""
     known: dict[str, tuple[str, int, Any]] = {}
     integers = sum(1 + v.wide for _, v in layout.signals["Integer"])
-    for kind in KINDS:
+    for kind, variables in layout.signals.items():
         place = integers if kind == "Boolean" else 0
-        for name, v in layout.signals[kind]:
+        for name, v in variables:
             known[name] = (kind, place, v)
             place += 1 + v.wide
     known |= {name: ("String", i, v) for i, (name, _, v) in enumerate(layout.string_signals)}

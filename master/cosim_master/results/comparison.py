@@ -21,7 +21,7 @@ import pyarrow.csv as pa_csv
 
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import matching, near_pattern
-from cosim_master.results.export import open_signals
+from cosim_master.results.recorded_signals import open_signals
 
 __all__ = ["Comparison", "SignalComparison", "compare"]
 
@@ -145,8 +145,11 @@ class _Recording:
             self._file.close()
 
     def read(self, names: Sequence[str]) -> dict[str, _Values]:
-        table = self._table.select(names) if self._file is None else self._file.read(columns=list(names))
-        return {name: table.column(name).to_numpy() for name in names}
+        try:
+            table = self._table.select(names) if self._file is None else self._file.read(columns=list(names))
+            return {name: table.column(name).to_numpy() for name in names}
+        except (pa.ArrowException, OSError) as error:
+            raise _refusal(self.path, f"its signals are damaged: {error}") from None
 
     def unit(self, name: str) -> str | None:
         """Returns the unit of a signal; None if the file cannot contain units."""
@@ -162,7 +165,8 @@ class _Recording:
             return None
         try:
             found: Mapping[str, Any] = json.loads((self.path / "manifest.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+            _causes(found)
+        except (OSError, ValueError, TypeError, AttributeError) as error:
             raise _refusal(self.path, f"not the folder of a complete run: {error}") from None
         return found
 
@@ -176,8 +180,8 @@ def compare(
 ) -> Comparison:
     """Compares two runs.
 
-    Two floating-point numbers a and b agree if |a - b| <= atol + rtol * max(|a|, |b|), and NaN agrees with NaN; other
-    values agree if they are equal.
+    Two floating-point numbers a and b agree if `abs(a - b) <= atol + rtol * max(abs(a), abs(b))`, and NaN agrees
+    with NaN; other values agree if they are equal.
 
     Args:
         first, second: folder of a run, or CSV file whose first column is `time` in s.

@@ -8,7 +8,7 @@ This module only computes numbers; `figures` draws them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,8 +18,8 @@ import numpy as np
 
 from cosim.vehicle import POSITION, STEP, TARGET
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.export import open_signals
-from cosim_master.results.roles import UNKNOWN, parts, players, read_manifest
+from cosim_master.results.recorded_signals import Signals, open_signals
+from cosim_master.results.roles import UNKNOWN, Part, Player, parts, players, read_manifest
 from cosim_master.system.formation import Member, member, rate, settled
 
 __all__ = ["Array", "Drone", "Flight", "read_flight"]
@@ -28,6 +28,8 @@ Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 _ROWS = 5000
 """Instants kept: far more than a figure can resolve."""
+_AT_ONCE = 256
+"""Columns read at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,26 +114,23 @@ def read_flight(run: Path) -> Flight:
             raise CosimError(f"{run / 'signals.parquet'}: nothing to draw: the run recorded no instant")
         rows = np.unique(np.linspace(0, n - 1, min(n, _ROWS)).round().astype(np.int64))
 
-        def column(name: str) -> Array:
-            values: Array = signals.read(columns=[name]).column(0).to_numpy()
-            return values
-
-        time = column("time")
+        kept = _columns(signals, found, instances)
+        time = signals.read(columns=["time"]).column(0).to_numpy()
         drones, begun = [], {True: np.zeros(n, np.int64), False: np.zeros(n, np.int64)}
         for one in found:
             vehicle, agent = one.vehicle, one.agent
             drone = Drone(one.name, None, None)
             if vehicle:
                 position = instances.get(vehicle, UNKNOWN).position
-                axes = [column(f"{vehicle}.{position}[{i}]")[rows] for i in (1, 2, 3)]
+                axes = [kept[f"{vehicle}.{position}[{i}]"][rows] for i in (1, 2, 3)]
                 drone = replace(drone, position=np.stack(axes, axis=1))
             if agent:
                 of = instances.get(agent, UNKNOWN)
                 target, formation = of.target
-                step = column(f"{agent}.{formation.step}")
+                step = kept[f"{agent}.{formation.step}"]
                 drone = replace(
                     drone,
-                    target=np.where(step > 0, column(f"{agent}.{target}"), np.nan)[rows],
+                    target=np.where(step > 0, kept[f"{agent}.{target}"], np.nan)[rows],
                     stays=bool(of.parameters.get(formation.stays, False)),
                     member=member(of.verdicts, of.parameters),
                 )
@@ -141,3 +140,20 @@ def read_flight(run: Path) -> Flight:
     numbers, first = np.unique(np.maximum.accumulate(begun_by), return_index=True)
     steps = {int(k): float(time[i]) for k, i in zip(numbers, first, strict=True) if k > 0}
     return Flight(time[rows], tuple(drones), steps)
+
+
+def _columns(signals: Signals, found: Sequence[Part], instances: Mapping[str, Player]) -> dict[str, Array]:
+    """Returns the columns of all drones; reading them one by one takes longer, all at once more memory."""
+    wanted: list[str] = []
+    for one in found:
+        if one.vehicle:
+            position = instances.get(one.vehicle, UNKNOWN).position
+            wanted += [f"{one.vehicle}.{position}[{i}]" for i in (1, 2, 3)]
+        if one.agent:
+            target, formation = instances.get(one.agent, UNKNOWN).target
+            wanted += [f"{one.agent}.{formation.step}", f"{one.agent}.{target}"]
+    kept: dict[str, Array] = {}
+    for begin in range(0, len(wanted), _AT_ONCE):
+        table = signals.read(columns=wanted[begin : begin + _AT_ONCE])
+        kept |= {name: table.column(name).to_numpy() for name in table.column_names}
+    return kept

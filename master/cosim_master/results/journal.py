@@ -27,7 +27,8 @@ import numpy as np
 import pyarrow as pa
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.columns import Block, Columns
+from cosim_master.results.columns import Columns
+from cosim_master.stepping.observation import Rows
 
 try:
     import fcntl
@@ -70,16 +71,16 @@ class Journal:
                 self._streams[what] = file
             self._opened = opened.pop_all()
 
-    def rows(self, block: Block) -> None:
+    def rows(self, rows: Rows) -> None:
         """Appends rows."""
-        arrays: list[pa.Array] = [pa.array(block.time)]
+        arrays: list[pa.Array] = [pa.array(rows.time)]
         reals, integers, texts = self._widths
         if reals:
-            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(block.reals.reshape(-1)), reals))
+            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(rows.reals.reshape(-1)), reals))
         if integers:
-            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(block.integers.reshape(-1)), integers))
+            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(rows.integers.reshape(-1)), integers))
         if texts:
-            flat = pa.array([text for row in block.texts for text in row], type=pa.string())
+            flat = pa.array([text for row in rows.texts for text in row], type=pa.string())
             arrays.append(pa.FixedSizeListArray.from_arrays(flat, texts))
         batch = pa.RecordBatch.from_arrays(arrays, schema=self._schemas["signals"])
         _write(self._streams["signals"], batch.serialize())
@@ -174,7 +175,10 @@ def _columns(schema: pa.Schema) -> Columns | None:
     own = schema.metadata or {}
     if _SCHEMA not in own:
         return None
-    return Columns(pa.ipc.read_schema(pa.py_buffer(own[_SCHEMA])), tuple(json.loads(own[_PLACES])))
+    try:
+        return Columns(pa.ipc.read_schema(pa.py_buffer(own[_SCHEMA])), tuple(json.loads(own[_PLACES])))
+    except (pa.ArrowException, ValueError, KeyError, TypeError) as error:
+        raise CosimError(f"the columns of the journal are damaged: {error}") from None
 
 
 def _table(batches: Sequence[pa.RecordBatch], columns: Columns | None) -> pa.Table:
@@ -182,11 +186,18 @@ def _table(batches: Sequence[pa.RecordBatch], columns: Columns | None) -> pa.Tab
     table = pa.Table.from_batches(batches)
     if columns is None:
         return table
+    try:
+        return _as_columns(table, columns)
+    except (pa.ArrowException, ValueError, KeyError, TypeError, IndexError) as error:
+        raise CosimError(f"the rows of the journal are damaged: {error}") from None
+
+
+def _as_columns(table: pa.Table, columns: Columns) -> pa.Table:
     values: dict[str, Any] = dict.fromkeys(_KINDS)
     values |= {name: table[name].combine_chunks() for name in table.schema.names}
     rows, (reals, integers, texts) = table.num_rows, columns.widths
     return columns.table(
-        Block(
+        Rows(
             values["time"].to_numpy(),
             _matrix(values["Real"], rows, reals, np.float64),
             _matrix(values["Integer"], rows, integers, np.int32),

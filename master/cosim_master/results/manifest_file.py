@@ -22,7 +22,7 @@ def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
 def _replace(folder: Path, text: str) -> None:
     part = folder / f"{NAME}.part"
     try:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")  # half characters, as JSON escapes them
         part.replace(folder / NAME)
     except OSError:
         part.unlink(missing_ok=True)

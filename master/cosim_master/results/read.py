@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.export import open_signals
 from cosim_master.results.journal import journal_of, read_journal
+from cosim_master.results.recorded_signals import open_signals
 
 __all__ = ["has_packets", "packets", "signals"]
 
@@ -30,7 +30,10 @@ def signals(run: Path | str, names: list[str] | None = None) -> pa.Table:
     with open_signals(Path(run)) as file:
         if names is not None and (lacking := sorted({*names} - {*file.schema_arrow.names})):
             raise CosimError(f"{run}: nothing was recorded of {', '.join(lacking[:5])}")
-        return file.read(columns=names)
+        try:
+            return file.read(columns=names)
+        except (pa.ArrowException, OSError) as error:
+            raise CosimError(f"{run}: the signals are damaged: {error}") from None
 
 
 def has_packets(run: Path) -> bool:
@@ -38,20 +41,25 @@ def has_packets(run: Path) -> bool:
     return journal_of(run, "packets") is not None or (run / "packets.parquet").is_file()
 
 
-def packets(run: Path | str) -> pa.Table:
+def packets(run: Path | str, names: list[str] | None = None) -> pa.Table:
     """Returns the packets of a run, one row for each packet and each of its target nodes; times in s.
+
+    Args:
+        run: folder of the run.
+        names: of the columns to read; None reads all.
 
     Raises:
         CosimError: the run has no record of packets, or an incomplete one.
     """
     if (journal := journal_of(Path(run), "packets")) is not None:
-        return read_journal(journal)
+        table = read_journal(journal)
+        return table if names is None else table.select(names)
     file = Path(run) / "packets.parquet"
     if not file.is_file():
         raise CosimError(f"{run}: no packets were recorded (there is no packets.parquet)")
     try:
-        return pq.read_table(file)
-    except pa.ArrowInvalid as error:
+        return pq.read_table(file, columns=names)
+    except (pa.ArrowException, OSError) as error:
         raise CosimError(
             f"{file}: not a complete Parquet file; the run that wrote it was cut short ({error})"
         ) from None

@@ -2,7 +2,7 @@
 
     signals.parquet, packets.parquet   from the journal, with the row groups that the run would have written
     *.tlog                             without the packet that was being written
-    manifest.json                      outcome "killed", the progress of the run, the last counts of packets
+    manifest.json                      outcome "killed", the progress of the run, the last counts of packets, the links
 
 Except for the manifest, the files are equal byte for byte to those of a run that ends at this time.
 """
@@ -18,6 +18,7 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import CosimError, Problem, RecordingFailed, SystemDescriptionError, Where
 from cosim_master.results.journal import FOLDER, goes_on, groups_of, schema_of
+from cosim_master.results.links import statistics
 from cosim_master.results.manifest_file import NAME, write_manifest
 from cosim_master.results.parquet import packets_writer, signals_writer
 
@@ -52,6 +53,7 @@ def repair(run: Path) -> dict[str, Any]:
         if manifest["outcome"] == "running":
             manifest["outcome"] = "killed"
             manifest["error"] = f"the process was killed after {manifest['simulated_s']:.9g} s of simulated time"
+        manifest["links"] = statistics(run) if (run / "packets.parquet").is_file() else None
         write_manifest(run, manifest)
     except OSError as error:
         raise RecordingFailed(error.filename or str(run), error.strerror or str(error)) from None

@@ -23,7 +23,7 @@ _RESULTS = ("manifest.json", "signals.parquet", "packets.parquet", "packets.tlog
 _DRAWN = (".png", ".svg", ".pdf", ".html")
 _STAMP = "uav-cosim, signals.parquet sha256 "
 _HEAD = 65536
-"""Number of bytes at the start of a figure that contain its stamp."""
+"""Number of bytes at the start (PDF: at the end) of a figure that contain its stamp."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,4 +121,6 @@ def is_figure(file: Path) -> bool:
     if file.suffix not in _DRAWN or not file.is_file():
         return False
     with file.open("rb") as opened:
+        if file.suffix == ".pdf":  # which has it at the end
+            opened.seek(max(0, file.stat().st_size - _HEAD))
         return _STAMP.encode() in opened.read(_HEAD)

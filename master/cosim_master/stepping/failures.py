@@ -42,13 +42,13 @@ _MOST_INPUTS = 8
 
 def reached(plan: Plan) -> float:
     """Returns the simulation time of the current communication point, s."""
-    clock = plan.clock
-    return float(clock[START] + max(clock[K], 0) * clock[BASE]) / (1e9 * float(clock[PER_NS]))
+    counters = plan.counters
+    return float(counters[START] + max(counters[K], 0) * counters[BASE]) / (1e9 * float(counters[PER_NS]))
 
 
 def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> None:
     """Raises RunFailed if instances have failed in this macro step, with the messages of each instance."""
-    if plan.clock[FAILURES] == 0:
+    if plan.counters[FAILURES] == 0:
         return
     time, failed = reached(plan), plan.instances["failed"]
     failures: dict[int, FmuError] = {}
@@ -109,7 +109,7 @@ def _beside(plan: Plan, instances: Sequence[Slave], i: int, others: Sequence[Fmu
 
 def _given(plan: Plan, layout: Layout, i: int) -> str:
     """Returns the inputs of an instance as set for its last step: ``; its inputs: u = 0.5, w = 2``."""
-    if plan.clock[K] < 0:  # during initialization, the loop sets no inputs
+    if plan.counters[K] < 0:  # during initialization, the loop sets no inputs
         return ""
     shown: list[str] = []
     for kind, values in (("Real", plan.real_in), ("Integer", plan.int_in), ("Boolean", plan.int_in)):

@@ -48,9 +48,9 @@ class Layout:
 
     instances: tuple[ComponentInstance, ...]
     ports: Mapping[str, Ports]
-    mirrors: tuple[tuple[int, int], ...]
-    mapped: tuple[tuple[int, int, int, int], ...]
-    """Rows of `Plan.mapped`."""
+    int_to_real: tuple[tuple[int, int], ...]
+    value_maps: tuple[tuple[int, int, int, int], ...]
+    """Rows of `Plan.value_maps`."""
     signals: Mapping[str, tuple[tuple[str, Variable], ...]]
     """Recorded signals (name, variable) per kind, in the order of instances; `wide` ones have two columns."""
     constants: tuple[tuple[float, ...], tuple[int, ...]]
@@ -131,8 +131,8 @@ def make_layout(
     return Layout(
         checked.instances,
         ports,
-        inputs.mirrors,
-        tuple(inputs.mapped),
+        inputs.int_to_real,
+        tuple(inputs.value_maps),
         {kind: _recorded(ports[kind], chosen) for kind in KINDS},
         (tuple(inputs.constants[0]), tuple(inputs.constants[1])),
         strings,
@@ -225,10 +225,10 @@ class _Inputs:
     """Fills in the sources of all inputs.
 
     Integers and booleans with a mapping transformation get places after all outputs of `int_out`. Integer and boolean
-    sources of real inputs get places (mirrors) after the real outputs.
+    sources of real inputs get places (`int_to_real`) after the real outputs.
 
     Attributes:
-        mapped: rows of `Plan.mapped`.
+        value_maps: rows of `Plan.value_maps`.
         delayed: delayed connections, and terms of sums.
         constants: see `Layout.constants`.
     """
@@ -242,16 +242,16 @@ class _Inputs:
             self._links.setdefault(one.target[0], {}).setdefault(one.target[1], one)
             if one.term is not None:
                 self._terms.setdefault(one.target, []).append(one)
-        self._mirrors: dict[int, int] = {}
+        self._int_to_real: dict[int, int] = {}
         self._places: dict[tuple[int, object], int] = {}
-        self.mapped: list[tuple[int, int, int, int]] = []
+        self.value_maps: list[tuple[int, int, int, int]] = []
         self.delayed: list[Delayed] = []
         self.constants: tuple[list[float], list[int]] = ([], [])
 
     @property
-    def mirrors(self) -> tuple[tuple[int, int], ...]:
-        """Returns the rows (from, to) of `Plan.mirrors`."""
-        return tuple(self._mirrors.items())
+    def int_to_real(self) -> tuple[tuple[int, int], ...]:
+        """Returns the rows (from, to) of `Plan.int_to_real`."""
+        return tuple(self._int_to_real.items())
 
     def fill(self, instance: ComponentInstance, in_order: _InOrder) -> None:
         """Adds the connected inputs of an instance, in the order in which they are set, to the ports."""
@@ -314,7 +314,7 @@ class _Inputs:
         if set_kind(target) == "Real":
             if source_kind == "Real":
                 return [at]
-            return [self._mirrors.setdefault(-1 - at if wide else at, self._reals + len(self._mirrors))]
+            return [self._int_to_real.setdefault(-1 - at if wide else at, self._reals + len(self._int_to_real))]
         first = self._integers if set_kind(target) == "Boolean" else 0
         if not target.wide:
             return [at - first]
@@ -323,8 +323,8 @@ class _Inputs:
     def _place_of(self, key: tuple[int, object], rows: Sequence[tuple[int, int, int]]) -> int:
         """Returns the place, or the first of two, that `rows` (source, key, value) fill; equal for equal keys."""
         if key not in self._places:
-            place = self._places[key] = self._integers + self._booleans + len({row[1] for row in self.mapped})
-            self.mapped += [
+            place = self._places[key] = self._integers + self._booleans + len({row[1] for row in self.value_maps})
+            self.value_maps += [
                 (source, place + (value if which == COPY and source >= 0 else 0), which, value)
                 for source, which, value in rows
             ]

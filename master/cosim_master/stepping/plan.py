@@ -12,8 +12,9 @@ import numpy as np
 from cosim.kernel import table
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.slaves.slave import Slave
-from cosim_master.stepping.kernels.fmi3_types import PACKED, TYPED, WIDE_WIDTHS, WIDTHS
+from cosim_master.stepping.kernels.fmi3_types import TYPED
 from cosim_master.stepping.kernels.tables import (
+    AHEAD,
     ANSWERS,
     BASE,
     BLOCK,
@@ -46,6 +47,7 @@ from cosim_master.stepping.kernels.tables import (
     K,
     Plan,
 )
+from cosim_master.stepping.kernels.widths import PACKED, WIDE_WIDTHS, WIDTHS
 from cosim_master.stepping.layout import KINDS, TERM, Layout, Ports, call_of
 from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
@@ -84,20 +86,21 @@ def make_plan(
     wires = np.zeros(len(real.in_reference), dtype=WIRE)
     wires["factor"], wires["offset"] = real.factor, real.offset
     feeds = _feeds(layout, wires)
-    ports, text, capacity = _packet_ports(layout, network)
+    ports, rx, capacity = _packet_ports(layout, network)
     constants = _first_constants(layout, kinds)
     values = _values(layout, kinds, constants)
     delays, delay_line = _delay_table(layout, clock, constants, len(kinds[1].outputs))
-    slopes = _slope_table(layout, master, delay_line.size)
-    delay_line = np.concatenate([delay_line, np.zeros(slopes.size + master.memory)])
+    slopes = _slope_table(layout, master)
+    derivatives = np.zeros(slopes.size)
     native = _Native(len(slaves), kinds)
     instances = _instance_table(clock, network, slaves, native)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
+    confined = [*(master.sequence or sorted(set(range(len(slaves))) - set(free)))]
     return Plan(
         instances=table(instances),
-        calls=table(_calls(instances, feeds, values, ports, slaves, kinds, native, slopes, delay_line)),
+        calls=table(_calls(instances, feeds, values, ports, slaves, kinds, native, slopes, derivatives)),
         feeds=table(feeds),
-        runs=table(_runs(feeds, clock.periods)),
+        input_runs=table(_runs(feeds, clock.periods)),
         sources=_sources(kinds, constants),
         wires=table(wires),
         in_reference=values.in_reference,
@@ -106,24 +109,28 @@ def make_plan(
         out_reference=values.out_reference,
         real_out=values.real_out,
         int_out=values.int_out,
-        mirrors=np.array(layout.mirrors, dtype=np.int64).reshape(-1, 2),
-        mapped=np.array(layout.mapped, dtype=np.int64).reshape(-1, 4),
+        int_to_real=np.array(layout.int_to_real, dtype=np.int64).reshape(-1, 2),
+        value_maps=np.array(layout.value_maps, dtype=np.int64).reshape(-1, 4),
         ports=table(ports),
-        text=text,
-        scratch=np.zeros((threads, text.shape[1]), dtype=np.uint8),
+        rx=rx,
+        received=np.zeros(capacity, dtype=np.uint8),
         tx=np.zeros((ports.size, capacity), dtype=np.uint8),
+        encoded=np.zeros((threads, rx.shape[1]), dtype=np.uint8),
         real_recorded=np.array(real.recorded, dtype=np.int64),
         int_recorded=np.array(recorded, dtype=np.int64),
         real_block=np.zeros((rows, len(real.recorded))),
         int_block=np.zeros((rows, len(recorded)), dtype=np.int32),
         ticks=np.zeros(rows, dtype=np.int64),
-        clock=_counters(clock, master, slaves, real, every=every, block=block),
+        counters=_counters(clock, master, slaves, real, every=every, block=block),
         grids=np.array([] if grid else clock.grids, dtype=np.int64),
         delays=table(delays),
         slopes=table(slopes),
+        derivatives=derivatives,
         delay_line=delay_line,
-        confined=np.array(master.sequence or sorted(set(range(len(slaves))) - set(free)), dtype=np.int64),
+        step_sizes=np.zeros(master.memory),
+        confined=np.array(confined, dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
+        ahead=table(_ahead_table(slaves, confined)),
         shared=np.zeros(40, dtype=np.int64),
         native=native.memory,
     )
@@ -132,7 +139,7 @@ def make_plan(
 def _counters(
     clock: TimeGrid, master: MasterSettings, slaves: Sequence[Slave], real: Ports, *, every: int, block: int
 ) -> np.ndarray[Any, Any]:
-    """Returns `Plan.clock` at the start of a run."""
+    """Returns `Plan.counters` at the start of a run."""
     counters = np.zeros(17, dtype=np.int64)
     counters[K], counters[PHASE], counters[FINER] = -1, SEND, 1
     counters[START], counters[BASE], counters[LAST] = clock.start, clock.base, clock.steps
@@ -144,6 +151,19 @@ def _counters(
     return counters
 
 
+def _ahead_table(slaves: Sequence[Slave], confined: Sequence[int]) -> np.ndarray[Any, Any]:
+    """Returns `Plan.ahead`: the instances whose steps can begin before the others step, unless there are no others.
+
+    Those in Event Mode are left out, because their steps may end at an event that they have announced.
+    """
+    found = []
+    for i in confined if len(slaves) > 1 else ():
+        one = slaves[i]
+        if one.library.isolated and not one.event_mode and (functions := one.library.ahead(one.step_address())):
+            found.append((i, *functions))
+    return np.array(found, dtype=AHEAD)
+
+
 def _recorded_integers(kinds: Sequence[Ports]) -> list[int]:
     """Returns the indices of recorded integers and booleans in `Plan.int_out`."""
     integers, booleans = kinds[1:]
@@ -153,7 +173,7 @@ def _recorded_integers(kinds: Sequence[Ports]) -> list[int]:
 def _first_constants(layout: Layout, kinds: Sequence[Ports]) -> tuple[int, int]:
     """Returns the index of the first of `Layout.constants` in `Plan.real_out` and in `Plan.int_out`."""
     reals, integers, booleans = (len(ports.outputs) for ports in kinds)
-    return reals + len(layout.mirrors), integers + booleans + len({row[1] for row in layout.mapped})
+    return reals + len(layout.int_to_real), integers + booleans + len({row[1] for row in layout.value_maps})
 
 
 def _sources(kinds: Sequence[Ports], constants: tuple[int, int]) -> np.ndarray[Any, Any]:
@@ -199,8 +219,8 @@ def _delay_table(
     return table, np.array(delay_line)
 
 
-def _slope_table(layout: Layout, master: MasterSettings, first: int) -> np.ndarray[Any, Any]:
-    """Returns the SLOPE table; the derivatives begin at `first` in `Plan.delay_line`."""
+def _slope_table(layout: Layout, master: MasterSettings) -> np.ndarray[Any, Any]:
+    """Returns the SLOPE table."""
     real, wanted = layout.ports["Real"], master.extrapolated
     found = [
         (j, i)
@@ -209,8 +229,8 @@ def _slope_table(layout: Layout, master: MasterSettings, first: int) -> np.ndarr
         if (instance.name, real.inputs[j].name) in wanted
     ]
     table = np.zeros(len(found), dtype=SLOPE)
-    for n, (row, (j, i)) in enumerate(zip(table, found, strict=True)):
-        row["input"], row["instance"], row["place"] = j, i, first + n
+    for row, (j, i) in zip(table, found, strict=True):
+        row["input"], row["instance"] = j, i
     return table
 
 
@@ -323,7 +343,7 @@ def _calls(
     kinds: Sequence[Ports],
     native: _Native,
     slopes: np.ndarray[Any, Any],
-    delay_line: np.ndarray[Any, Any],
+    derivatives: np.ndarray[Any, Any],
 ) -> np.ndarray[Any, Any]:
     """Returns the CALL table, and stores in `instances` the calls that belong to each instance."""
     rows: list[tuple[int, ...]] = []
@@ -355,8 +375,9 @@ def _calls(
                     rows.append((address, one.handle, references + 4 * first, at, last - first, number, 0))
             if verb == "Get":
                 rows += _packet_call(verb, one, ports, first_endpoint, native)
-            elif (own := slopes[slopes["instance"] == i]).size:
-                rows.append(_slope_call(one, own, values.in_reference, delay_line, native))
+            elif (own := np.flatnonzero(slopes["instance"] == i)).size:
+                inputs = values.in_reference[slopes["input"][own]]
+                rows.append(_slope_call(one, inputs, derivatives[own[0] :].ctypes.data, native))
         row["last_get"] = len(rows)
         for e in range(first_endpoint + 1, last_endpoint):
             ports[e]["get"] = len(rows)
@@ -364,22 +385,15 @@ def _calls(
     return np.array(rows, dtype=CALL)
 
 
-def _slope_call(
-    one: Slave,
-    slopes: np.ndarray[Any, Any],
-    references: np.ndarray[Any, Any],
-    delay_line: np.ndarray[Any, Any],
-    native: _Native,
-) -> tuple[int, ...]:
-    """Returns the call of fmi2SetRealInputDerivatives.
+def _slope_call(one: Slave, references: np.ndarray[Any, Any], derivatives: int, native: _Native) -> tuple[int, ...]:
+    """Returns the call of fmi2SetRealInputDerivatives for inputs, whose derivatives are at an address.
 
     Like FMI 3 calls, it has five arguments; the last two are orders and derivatives.
     """
     name = "fmi2SetRealInputDerivatives"
-    derivatives = delay_line.ctypes.data + delay_line.itemsize * int(slopes["place"][0])
-    typed = native.typed(values=native.put([1] * slopes.size), n_values=derivatives, sizes=0, plain=0, sets=1)
-    numbers = native.put([int(references[j]) for j in slopes["input"]])
-    address, n, width = one.library.address(name), slopes.size, WIDTHS["Float64"]
+    typed = native.typed(values=native.put([1] * references.size), n_values=derivatives, sizes=0, plain=0, sets=1)
+    numbers = native.put(references.tolist())
+    address, n, width = one.library.address(name), references.size, WIDTHS["Float64"]
     return (address, one.handle, numbers, typed, n, FUNCTIONS.index(name), width)
 
 
@@ -387,15 +401,15 @@ def _packet_call(
     verb: str, one: Slave, ports: np.ndarray[Any, Any], endpoint: int, native: _Native
 ) -> list[tuple[int, ...]]:
     """Returns the call that sets or gets the packets of an instance, if it has such a port."""
-    has, reference, text, size = (
-        ("has_rx", "rx", "text", "rx_size") if verb == "Set" else ("has_tx", "tx", "got", "got_size")
+    has, reference, value, size = (
+        ("has_rx", "rx", "given", "given_size") if verb == "Set" else ("has_tx", "tx", "got", "got_size")
     )
     if endpoint < 0 or not ports[endpoint][has]:
         return []
     fields = PORTS.fields
     assert fields is not None
     row = ports.ctypes.data + PORTS.itemsize * int(endpoint)
-    layout = [row + fields[name][1] for name in (reference, text, size)]
+    layout = [row + fields[name][1] for name in (reference, value, size)]
     number = SET_STRING if verb == "Set" else GET_STRING
     if _version(one) == 3:
         address, number = one.library.address(f"fmi3{verb}Binary"), FUNCTIONS.index(f"fmi3{verb}Binary")
@@ -437,11 +451,11 @@ def _typed(
 
 
 def _packet_ports(layout: Layout, network: Network) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
-    """Returns the PORTS table, the texts that it points to, and the largest capacity."""
+    """Returns the PORTS table, `Plan.rx` that it points to, and the largest capacity."""
     endpoints = [endpoint for node in network.nodes for endpoint in node.endpoints]
     number = {instance.name: i for i, instance in enumerate(layout.instances)}
     capacity = max([v.packet_capacity or 0 for e in endpoints for v in (e.rx, e.tx) if v is not None], default=1)
-    text = np.zeros((max(len(endpoints), 1), 4 * -(-capacity // 3) + 4), dtype=np.uint8)
+    rx = np.zeros((max(len(endpoints), 1), 4 * -(-capacity // 3) + 4), dtype=np.uint8)
     table = np.zeros(len(endpoints), dtype=PORTS)
     table["instance"] = [number[e.instance] for e in endpoints]
     table["has_rx"] = [e.rx is not None for e in endpoints]
@@ -454,5 +468,5 @@ def _packet_ports(layout: Layout, network: Network) -> tuple[np.ndarray[Any, Any
     for e, endpoint in enumerate(endpoints):
         if e == 0 or endpoints[e - 1].instance != endpoint.instance:
             table[e]["further"] = own[endpoint.instance] - 1
-    table["text"] = text.ctypes.data + text.shape[1] * np.arange(len(endpoints), dtype=np.uint64)
-    return table, text, capacity
+    table["given"] = rx.ctypes.data + rx.shape[1] * np.arange(len(endpoints), dtype=np.uint64)
+    return table, rx, capacity

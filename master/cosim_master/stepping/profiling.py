@@ -21,7 +21,6 @@ from numba import types
 
 from cosim.kernel import PLAIN
 from cosim_master.fmi.slaves.slave import Slave
-from cosim_master.stepping.kernels.fmi3_types import WIDTHS
 from cosim_master.stepping.kernels.fmi_calls import (
     atomic_add,
     atomic_load,
@@ -33,6 +32,7 @@ from cosim_master.stepping.kernels.fmi_calls import (
     nanoseconds,
 )
 from cosim_master.stepping.kernels.tables import Plan
+from cosim_master.stepping.kernels.widths import WIDTHS
 
 __all__ = ["FmuTime", "Profile", "Profiler"]
 
@@ -99,6 +99,7 @@ class Profiler:
         """Replaces the calls of the plan by timed ones."""
         step, access, step3, access3, binary = (function.address for function in self._functions)
         rows = plan.instances
+        plan.ahead["begin"] = 0  # the functions measured make whole steps
         self._slaves = slaves
         self._steps, self._calls = np.zeros(len(rows), dtype=_TIMED), np.zeros(len(plan.calls), dtype=_TIMED)
         self._steps["function"], self._steps["handle"] = rows["do_step"], rows["handle"]

@@ -55,7 +55,7 @@ class Texts:
 
     def set_inputs(self, plan: Plan) -> None:
         """Sets the inputs of the instances that are due, from the outputs fetched by `get_outputs`."""
-        k, periods = plan.clock[K], plan.instances["period"]
+        k, periods = plan.counters[K], plan.instances["period"]
         for source, target, variable, link in self._links:
             if k >= 0 and k % periods[target] == 0:
                 with failing(plan, self._slaves[target]) as slave:
@@ -67,9 +67,9 @@ class Texts:
         Args:
             kept: outputs that belong to Clocks, which must not be fetched.
         """
-        k, periods = plan.clock[K], plan.instances["period"]
+        k, periods = plan.counters[K], plan.instances["period"]
         for i, name in self.outputs:
-            if (i, name) not in kept and (k % periods[i] == 0 or k == plan.clock[LAST]):
+            if (i, name) not in kept and (k % periods[i] == 0 or k == plan.counters[LAST]):
                 with failing(plan, self._slaves[i]) as slave:
                     (self.outputs[i, name],) = slave.get([slave.fmu.variables[name]])
 

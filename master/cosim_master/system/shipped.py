@@ -1,9 +1,9 @@
 """The systems that are part of this project, by name: ``line5`` is the folder of that name.
 
-In a source tree, they are in master/systems; their FMUs are in fmus/, where `make fmus` writes them. An installed
-package has a copy of both folders next to this module (`setup.py` puts them into the wheel). If a wheel has no FMUs, or
-if its Python sources have been changed since, a copy is made in the user's cache folder for each state of the sources,
-and its FMUs are built there once.
+In a source tree, they are in master/systems; their FMUs are in fmus/, where `make fmus` writes all of them and a
+missing one is built when it is needed. An installed package has a copy of both folders next to this module (`setup.py`
+puts them into the wheel). If a wheel has no FMUs, or if its Python sources have been changed since, a copy is made in
+the user's cache folder for each state of the sources, and its FMUs are built there once.
 
 `python -m cosim_master.system.shipped FOLDER` builds the other files of a wheel; `make wheel` calls it.
 """
@@ -16,16 +16,22 @@ import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Collection, Set
 from importlib import import_module
 from pathlib import Path
 
-from cosim.kernel import cache_folder
+from lxml import etree
 
-__all__ = ["digest_of_models", "document", "find", "fmu", "fmus", "names", "stage", "templates"]
+from cosim.kernel import cache_folder
+from cosim.verdict import Values
+
+__all__ = ["accepting", "digest_of_models", "document", "find", "fmu", "fmus", "models", "names", "stage", "templates"]
 
 _PACKAGE = Path(__file__).parents[1]
 _INSTALLED = _PACKAGE / "shipped"
 _MODELS = "cosim_models"
+_FMUS = "../../../fmus/"
+"""The folder of the FMUs as the systems name it."""
 _log = logging.getLogger(__name__)
 
 
@@ -38,13 +44,17 @@ def names() -> tuple[str, ...]:
 def find(name: str) -> Path | None:
     """Returns the folder of the system `name`, with its FMUs; None if no system of this name is shipped.
 
-    In a source tree, `make fmus` must have built the FMUs.
+    FMUs of the system that do not exist are built.
 
     Raises:
         RuntimeError: FMUs must be built and the C compiler failed.
         ValueError, ImportError: as for `cosim.build.build_all`.
     """
-    return _ready() / "master" / "systems" / name if name in names() else None
+    if name not in names():
+        return None
+    root = _ready()
+    _build_missing(root, models(name))
+    return root / "master" / "systems" / name
 
 
 def document(system: str, name: str) -> Path:
@@ -62,13 +72,49 @@ def fmus() -> Path:
 
 
 def fmu(model: str) -> Path | None:
-    """Returns the FMU of the model with this name, or None if it does not exist or has not been built.
+    """Returns the FMU of the model with this name, which is built if it does not exist; None if there is no such model.
 
     Raises:
         RuntimeError, ValueError, ImportError: as `find`.
     """
-    file = fmus() / f"{model}.fmu"
-    return file if model.isidentifier() and file.is_file() else None
+    if not model.isidentifier():
+        return None
+    root = _ready()
+    _build_missing(root, (model,))
+    file = root / "fmus" / f"{model}.fmu"
+    return file if file.is_file() else None
+
+
+def accepting(port: str, values: Set[int]) -> Path | None:
+    """Returns an FMU whose input `port` is declared to accept these values (`cosim.verdict.Values`), or None.
+
+    It is built if it does not exist.
+
+    Raises:
+        RuntimeError, ValueError, ImportError: as `find`.
+    """
+    from cosim.build import models_of_package
+
+    for model in models_of_package(_MODELS):
+        for variable in model.variables:
+            accepted = variable.verdict if variable.name == port and variable.role == "input" else None
+            if isinstance(accepted, Values) and values <= set(accepted.values):
+                return fmu(model.__name__)
+    return None
+
+
+def models(system: str) -> tuple[str, ...]:
+    """Returns the names of the FMUs in fmus/ that a shipped system consists of, sorted."""
+    waiting = [(_root() / "master" / "systems" / system / "SystemStructure.ssd").resolve()]
+    read: set[Path] = set()
+    found: set[str] = set()
+    while waiting:
+        if (ssd := waiting.pop()) not in read:
+            read.add(ssd)
+            sources = [component.get("source", "") for component in etree.parse(str(ssd)).iter("{*}Component")]
+            waiting += [(ssd.parent / source).resolve() for source in sources if source.endswith(".ssd")]
+            found |= {Path(source).stem for source in sources if source.startswith(_FMUS)}
+    return tuple(sorted(found))
 
 
 def templates() -> dict[str, Path]:
@@ -81,6 +127,20 @@ def _ready() -> Path:
     """Returns the folder that contains master/systems and, unless it is a source tree without them, fmus."""
     root = _root()
     return _built() if root == _INSTALLED and not _has_own_fmus() else root
+
+
+def _build_missing(root: Path, names: Collection[str]) -> None:
+    """Builds the FMUs with these names that do not exist in the folder fmus of `root` and are models of the project."""
+    missing = [name for name in names if not (root / "fmus" / f"{name}.fmu").exists()]
+    if not missing:
+        return
+    from cosim.build import build_all, models_of_package
+
+    known = [model for model in models_of_package(_MODELS) if model.__name__ in missing]
+    if known:
+        _log.warning("building %s (once)", ", ".join(model.__name__ for model in known))
+        for _ in build_all(known, root / "fmus"):
+            pass
 
 
 def digest_of_models() -> str:

@@ -4,6 +4,9 @@ findings    one finding, and the judgement of a run
 prior       findings before the run: open inputs, system ids used twice, angles in degrees
 approach    the closest approaches of vehicles
 spells      durations of violated conditions
+subjects    the declared outputs to be watched, and their instances
 watch       the observer of a run
+reporting   its findings, in words
+monitors/   the monitors that a system declares
 memory      the observer's memory in a checkpoint
 """

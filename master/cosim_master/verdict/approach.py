@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-__all__ = ["FEW", "Approach"]
+__all__ = ["FEW", "Approach", "box", "closest", "pairs_within"]
 
 Array: TypeAlias = np.ndarray[Any, Any]
 
@@ -68,13 +68,7 @@ class Approach:
                 self._compare(times, points, first[begin : begin + _PIECE], second[begin : begin + _PIECE])
 
     def _compare(self, times: Array, points: Array, first: Array, second: Array) -> None:
-        apart = points[:, first] - points[:, second]
-        begin, moved = apart[:-1], np.diff(apart, axis=0)
-        square = np.einsum("tpc,tpc->tp", moved, moved)
-        along = -np.einsum("tpc,tpc->tp", begin, moved)
-        part = np.clip(np.divide(along, square, out=np.zeros_like(square), where=square > 0.0), 0.0, 1.0)
-        closest = begin + part[:, :, None] * moved
-        distance = np.sqrt(np.einsum("tpc,tpc->tp", closest, closest))
+        distance, part = closest(points[:, first], points[:, second])
         least = distance.min(axis=0)
         p = int(least.argmin())
         if least[p] < self.distance:
@@ -103,16 +97,48 @@ class Approach:
         if self.count <= FEW:
             yield np.triu_indices(self.count, 1)
             return
-        low, high = points.min(axis=0), points.max(axis=0)
-        middle, half = 0.5 * (low + high), 0.5 * (high - low).max(axis=1)
-        reach = max(self.contact, min(self.distance, _some_distance(points[0])))
-        slow = half <= max(4.0 * float(np.median(half)), reach)
-        numbers = np.flatnonzero(slow)
-        for fast in map(int, np.flatnonzero(~slow)):  # few bodies, which would make the cells of all bodies wide
-            others = np.flatnonzero(slow | (np.arange(self.count) > fast))
-            yield _in_order(*_near(np.full(len(others), fast), others, middle, half, reach))
-        for first, second in _in_cells(middle[numbers], reach + 2.0 * float(half[numbers].max(initial=0.0))):
-            yield _in_order(*_near(numbers[first], numbers[second], middle, half, reach))
+        middle, half = box(points)
+        yield from pairs_within(middle, half, max(self.contact, min(self.distance, _some_distance(points[0]))))
+
+
+def closest(first: Array, second: Array) -> tuple[Array, Array]:
+    """Returns the least distances of pairs that move straight from each instant to the next, and where they are.
+
+    Args:
+        first, second: (n, pairs, 3) m.
+
+    Returns:
+        (n - 1, pairs) m, and (n - 1, pairs) fractions of the way from one instant to the next.
+    """
+    apart = first - second
+    begin, moved = apart[:-1], np.diff(apart, axis=0)
+    square, along = _product(moved, moved), -_product(begin, moved)
+    part = np.clip(np.divide(along, square, out=np.zeros_like(square), where=square > 0.0), 0.0, 1.0)
+    nearest = begin + part[:, :, None] * moved
+    return np.sqrt(_product(nearest, nearest)), part
+
+
+def _product(first: Array, second: Array) -> Array:
+    """Returns the scalar products of vectors; the bits of each do not depend on the others, as those of einsum do."""
+    product: Array = first[..., 0] * second[..., 0] + first[..., 1] * second[..., 1] + first[..., 2] * second[..., 2]
+    return product
+
+
+def box(points: Array) -> tuple[Array, Array]:
+    """Returns the middle (bodies, 3) and half the greatest extent (bodies,) of the motions (n, bodies, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return 0.5 * (low + high), 0.5 * (high - low).max(axis=1)
+
+
+def pairs_within(middle: Array, half: Array, reach: float) -> Iterator[tuple[Array, Array]]:
+    """Returns pairs of bodies whose boxes come within `reach` of each other: the lower number first, each pair once."""
+    slow = half <= max(4.0 * float(np.median(half)), reach)
+    numbers = np.flatnonzero(slow)
+    for fast in map(int, np.flatnonzero(~slow)):  # few bodies, which would make the cells of all bodies wide
+        others = np.flatnonzero(slow | (np.arange(len(middle)) > fast))
+        yield _in_order(*_near(np.full(len(others), fast), others, middle, half, reach))
+    for first, second in _in_cells(middle[numbers], reach + 2.0 * float(half[numbers].max(initial=0.0))):
+        yield _in_order(*_near(numbers[first], numbers[second], middle, half, reach))
 
 
 def _some_distance(points: Array) -> float:

@@ -57,23 +57,30 @@ class Judgement:
         begin, end: the part of the run that was watched, s.
         nearest: the closest approach of two vehicles: "who", "distance" [m] and "time" [s]; empty if there are fewer
             than two vehicles.
+        monitors: each monitor of the system and its violations, see `monitors.reporting.in_manifest`.
     """
 
     findings: tuple[Finding, ...] = ()
     begin: float = 0.0
     end: float = 0.0
     nearest: Mapping[str, Any] = field(default_factory=dict)
+    monitors: tuple[Mapping[str, Any], ...] = ()
 
     @classmethod
     def of(
-        cls, found: Sequence[Finding], begin: float, end: float, nearest: Mapping[str, Any] | None = None
+        cls,
+        found: Sequence[Finding],
+        begin: float,
+        end: float,
+        nearest: Mapping[str, Any] | None = None,
+        monitors: tuple[Mapping[str, Any], ...] = (),
     ) -> Judgement:
         """Returns the judgement with its findings in order."""
         key = {id(one): n for n, one in enumerate(found)}
         in_order = sorted(
             found, key=lambda f: (_ORDER.index(f.severity), -1.0 if f.time is None else f.time, key[id(f)])
         )
-        return cls(tuple(in_order), begin, end, nearest or {})
+        return cls(tuple(in_order), begin, end, nearest or {}, monitors)
 
     @property
     def good(self) -> bool:
@@ -92,4 +99,5 @@ class Judgement:
             "notes": counts["note"],
             "nearest": dict(self.nearest) or None,
             "findings": [finding.as_json() for finding in self.findings],
+            **({"monitors": [dict(one) for one in self.monitors]} if self.monitors else {}),
         }

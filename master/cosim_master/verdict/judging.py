@@ -6,7 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from cosim_master.system.settings.network import Network
 from cosim_master.verdict.findings import Finding, Judgement
+from cosim_master.verdict.monitors import reporting as of_monitors
+from cosim_master.verdict.monitors.monitoring import Monitoring
 from cosim_master.verdict.prior import DOUBLE_ID
+from cosim_master.verdict.reporting import findings, nearest
 from cosim_master.verdict.watch import Watch
 
 __all__ = ["judgement"]
@@ -18,6 +21,7 @@ def judgement(
     network: Network,
     packets: Mapping[str, int],
     crossed: Mapping[str, Mapping[str, int | str]],
+    monitoring: Monitoring | None = None,
 ) -> Judgement:
     """Returns the judgement of a run that has ended.
 
@@ -26,11 +30,15 @@ def judgement(
         watch: the observer, already closed.
         packets: see `Execution.packet_counts`.
         crossed: see `Gateways.counts`.
+        monitoring: the observer of the system's monitors, already closed; None: it has none.
     """
     on_air = [gateway.name for gateway in network.gateways if gateway.wired is None]
     known = [one for one in before.findings if not (watch.hears_by_place and one.kind == DOUBLE_ID)]
-    found = [*known, *watch.findings(), *_of_radio(packets), *_of_gateways(crossed, on_air)]
-    return Judgement.of(found, watch.begin, watch.end, watch.nearest())
+    found = [*known, *findings(watch), *_of_radio(packets), *_of_gateways(crossed, on_air)]
+    if monitoring is None:
+        return Judgement.of(found, watch.begin, watch.end, nearest(watch))
+    found += of_monitors.findings(monitoring)
+    return Judgement.of(found, watch.begin, watch.end, nearest(watch), of_monitors.in_manifest(monitoring))
 
 
 def _of_radio(packets: Mapping[str, int]) -> Iterator[Finding]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Sequence
 
-from cosim.verdict import Role
+from cosim.verdict import Role, Values
 from cosim_master.fmi.description.read import Variable
 from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
 from cosim_master.system.settings.network import Network
@@ -38,6 +38,7 @@ def known_before(
     set_later = {(instance, variable.name) for instance, variable, _ in changed}
     return [
         *_open_inputs(checked, set_later),
+        *_not_accepted(checked),
         *_misspelt(checked),
         *_different_ids(checked, network),
         *_double_ids(checked, network),
@@ -105,6 +106,30 @@ def _value(variable: Variable) -> str:
 def _names(names: Sequence[str]) -> str:
     shown = ", ".join(names[:_SHOWN])
     return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
+
+
+def _not_accepted(checked: CheckedSystem) -> Iterator[Finding]:
+    """Yields connections whose input does not accept all values that its source declares."""
+    instances = {instance.name: instance for instance in checked.instances}
+    for link in checked.links:
+        (source, output), (target, name) = link.source, link.target
+        offered = instances[source].fmu.verdicts.get(output)
+        accepted = instances[target].fmu.verdicts.get(name)
+        if not isinstance(offered, Values) or not isinstance(accepted, Values):
+            continue
+        if not set(offered.values) <= set(accepted.values):
+            has, takes = (
+                _items(instances[owner].fmu.variables[variable], values.values)
+                for owner, variable, values in ((source, output, offered), (target, name, accepted))
+            )
+            text = f"{target}.{name} accepts {takes}, and {source}.{output} is {has}: swap one of the two FMUs"
+            yield Finding("not accepted", "warning", (f"{target}.{name}", f"{source}.{output}"), text)
+
+
+def _items(variable: Variable, values: Sequence[int]) -> str:
+    """Returns the names of an enumeration's values."""
+    names = {value: name for name, value in (variable.items or {}).items()}
+    return ", ".join(names.get(value, str(value)) for value in values)
 
 
 # ---- system ids ----------------------------------------------------------------------------------------------------

@@ -16,19 +16,36 @@ from cosim.verdict import Role, Rotors
 from cosim_master.results.roles import UNKNOWN, Part, Player
 from cosim_master.view.block import Array, Block
 
-__all__ = ["Motion"]
+__all__ = ["Motion", "Moving", "moving"]
 
 _PLACES = 1_000_000
 _RATE = 50.0
 
 
 @dataclass(slots=True)
-class _Vehicle:
+class Moving:
+    """A vehicle and its columns.
+
+    Attributes:
+        part: its instances.
+        rotors: forward, right, down [m] and direction of each rotor; None if they are not declared.
+        columns: names of the columns of "position" (3), "attitude" (4), "speed" (one per rotor), "desired" (3) and
+            "goal" (desired position and step of the agent), as far as they are recorded.
+        values: the values of these columns, taken one after the other.
+        stays: the agent does not move.
+    """
+
     part: Part
     rotors: list[tuple[float, ...]] | None
     columns: dict[str, list[str]]
     values: dict[str, list[Array]] = field(default_factory=dict)
     stays: bool = False
+
+
+def moving(parts: Sequence[Part], known: Mapping[str, Player], columns: Mapping[str, Any]) -> list[Moving]:
+    """Returns the vehicles among the drones, with the names of their columns."""
+    beside = _desired_beside(known)
+    return [_moving(part, known, columns, beside) for part in parts if part.vehicle]
 
 
 class Motion:
@@ -44,10 +61,9 @@ class Motion:
     def __init__(
         self, parts: Sequence[Part], known: Mapping[str, Player], columns: Mapping[str, Any], time: Array
     ) -> None:
-        beside = _desired_beside(known)
-        self._vehicles = [_vehicle(part, known, columns, beside) for part in parts if part.vehicle]
+        self._vehicles = moving(parts, known, columns)
         self.rows = _instants(time, len(self._vehicles))
-        self._wanted: dict[str, list[tuple[_Vehicle, str, int]]] = {}
+        self._wanted: dict[str, list[tuple[Moving, str, int]]] = {}
         for vehicle in self._vehicles:
             for what, names in vehicle.columns.items():
                 vehicle.values[what] = [np.empty(0)] * len(names)
@@ -97,9 +113,7 @@ def _instants(time: Array, vehicles: int) -> Array:
     return np.unique(np.append(np.arange(0, n, every), n - 1))
 
 
-def _vehicle(
-    part: Part, known: Mapping[str, Player], columns: Mapping[str, Any], beside: Mapping[str, str]
-) -> _Vehicle:
+def _moving(part: Part, known: Mapping[str, Player], columns: Mapping[str, Any], beside: Mapping[str, str]) -> Moving:
     player = known.get(part.vehicle, UNKNOWN)
     wanted = {"position": [f"{part.vehicle}.{player.position}[{i}]" for i in (1, 2, 3)]}
     wanted["attitude"] = [f"{part.vehicle}.{player.attitude}[{i}]" for i in (1, 2, 3, 4)]
@@ -120,7 +134,7 @@ def _vehicle(
         stays = bool(agent.parameters.get(formation.stays, False))
         wanted["goal"] = [f"{part.agent}.{target}", f"{part.agent}.{formation.step}"]
     complete = {what: names for what, names in wanted.items() if names and all(name in columns for name in names)}
-    return _Vehicle(part, rotors, complete, stays=stays)
+    return Moving(part, rotors, complete, stays=stays)
 
 
 def _hubs(declared: Rotors, parameters: Mapping[str, Any]) -> list[tuple[float, ...]] | None:
@@ -155,7 +169,7 @@ def _step_columns(parts: Sequence[Part], known: Mapping[str, Player], columns: M
     return found
 
 
-def _document(vehicle: _Vehicle, block: Block) -> dict[str, Any]:
+def _document(vehicle: Moving, block: Block) -> dict[str, Any]:
     told: dict[str, Any] = {"name": vehicle.part.name, "rotors": vehicle.rotors, "stays": vehicle.stays, "origin": {}}
     values = vehicle.values
 

@@ -1,7 +1,8 @@
 """The HTML document that shows a run: one self-contained file, which does not request any other resource.
 
 Its Content-Security-Policy allows only the embedded script and style sheet, by their digests, and no network
-connection. The recording is base64 of compressed bytes, so no part of it can be interpreted as markup.
+connection, except to the run that a live page shows. The recording is base64 of compressed bytes, so no part of it can
+be interpreted as markup.
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ import hashlib
 import html
 import json
 from base64 import b64encode
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.run_folder import stamp
@@ -18,7 +21,7 @@ from cosim_master.view.block import compressed
 from cosim_master.view.bundle import read_bundle
 from cosim_master.view.replay import replay
 
-__all__ = ["write_page"]
+__all__ = ["page_text", "write_page"]
 
 _DOCUMENT = """<!doctype html>
 <html lang="en">
@@ -42,7 +45,7 @@ _DOCUMENT = """<!doctype html>
 """
 _RULES = (
     "default-src 'none'; script-src 'sha256-{script}'; style-src 'sha256-{style}'; img-src data:; "
-    "base-uri 'none'; form-action 'none'"
+    "base-uri 'none'; form-action 'none'{connect}"
 )
 
 
@@ -61,25 +64,42 @@ def write_page(run: Path, file: Path | None = None) -> Path:
     """
     file = file or run / "view.html"
     document, block = replay(run)
-    bundle = read_bundle()
-    text = _DOCUMENT.format(
-        rules=_RULES.format(script=_digest(bundle.script), style=_digest(bundle.style)),
-        source=html.escape(stamp(run)),
-        title=html.escape("".join(c if c.isprintable() else " " for c in f"{document['name']} - uav-cosim")),
-        style=bundle.style,
-        body=bundle.body,
-        run=compressed(
-            json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8", "replace")
-        ),
-        data=block.text(),
-        script=bundle.script,
-    )
+    text = page_text(document, block.text(), source=stamp(run))
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise CosimError(f"{file}: the page cannot be written: {error.strerror or error}") from error
     return file
+
+
+def page_text(document: Mapping[str, Any], data: str, *, source: str = "", connect: str = "") -> str:
+    """Returns the HTML document.
+
+    Args:
+        document: the run, as `replay` or `live_document` returns it.
+        data: the text of the block with its arrays.
+        source: identifies the run.
+        connect: the only address to which the page may connect.
+    """
+    bundle = read_bundle()
+    rules = _RULES.format(
+        script=_digest(bundle.script),
+        style=_digest(bundle.style),
+        connect=f"; connect-src {connect}" if connect else "",
+    )
+    return _DOCUMENT.format(
+        rules=rules,
+        source=html.escape(source),
+        title=html.escape("".join(c if c.isprintable() else " " for c in f"{document['name']} - uav-cosim")),
+        style=bundle.style,
+        body=bundle.body,
+        run=compressed(
+            json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8", "replace")
+        ),
+        data=data,
+        script=bundle.script,
+    )
 
 
 def _digest(text: str) -> str:

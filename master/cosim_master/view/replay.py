@@ -14,14 +14,14 @@ import numpy as np
 import pyarrow as pa
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.export import open_signals
+from cosim_master.results.recorded_signals import open_signals
 from cosim_master.results.roles import UNKNOWN, Part, parts, players, read_manifest
 from cosim_master.view.block import Block, steps_between
 from cosim_master.view.curves import Curves
 from cosim_master.view.motion import Motion
 from cosim_master.view.traffic import traffic
 
-__all__ = ["replay"]
+__all__ = ["replay", "vehicle_of", "vehicles_by_name"]
 
 _AT_ONCE = 256
 """Columns read at once: all columns of a thousand drones would not fit into memory."""
@@ -100,7 +100,7 @@ def _network(manifest: Mapping[str, Any]) -> dict[str, Any]:
     return told | {"range": reach if isinstance(reach, (int, float)) else None}
 
 
-def _of_vehicle(parts_: Sequence[Part]) -> dict[str, int]:
+def vehicles_by_name(parts_: Sequence[Part]) -> dict[str, int]:
     """Returns the vehicle of each instance and of each system of a drone."""
     found: dict[str, int] = {}
     for i, part in enumerate(parts_):
@@ -110,7 +110,7 @@ def _of_vehicle(parts_: Sequence[Part]) -> dict[str, int]:
     return found
 
 
-def _vehicle_of(name: str, of: Mapping[str, int]) -> int:
+def vehicle_of(name: str, of: Mapping[str, int]) -> int:
     """Returns the vehicle of an instance or of one of its variables; -1 if it has none."""
     at = name
     while at:
@@ -121,9 +121,9 @@ def _vehicle_of(name: str, of: Mapping[str, int]) -> int:
 
 
 def _belonging(signals: Sequence[dict[str, Any]], drones: Sequence[Part]) -> None:
-    of = _of_vehicle(drones)
+    of = vehicles_by_name(drones)
     for signal in signals:
-        if (vehicle := _vehicle_of(signal["name"], of)) >= 0:
+        if (vehicle := vehicle_of(signal["name"], of)) >= 0:
             signal["vehicle"] = vehicle
 
 
@@ -163,10 +163,10 @@ def _verdict(manifest: Mapping[str, Any], drones: Sequence[Part]) -> dict[str, A
     verdict = manifest.get("verdict")
     if not isinstance(verdict, Mapping):
         return None
-    of = _of_vehicle(drones)
+    of = vehicles_by_name(drones)
     findings = []
     for finding in verdict.get("findings", ()):
-        vehicles = [vehicle for who in finding.get("who", ()) if (vehicle := _vehicle_of(who, of)) >= 0]
+        vehicles = [vehicle for who in finding.get("who", ()) if (vehicle := vehicle_of(who, of)) >= 0]
         findings.append({**finding, "vehicle": vehicles[0] if vehicles else -1})
     told = {name: verdict.get(name, 0) for name in ("failures", "warnings", "notes")}
     return told | {"nearest": verdict.get("nearest"), "findings": findings}

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from cosim.messages import STATUSTEXT, STATUSTEXT_TEXT
+from cosim_master.results.links import nodes_of
 from cosim_master.results.message_names import message_names
 from cosim_master.results.read import packets
-from cosim_master.results.recorder import EPOCH
+from cosim_master.results.recording.packet_log import EPOCH
 from cosim_master.results.roles import Part
 from cosim_master.view.block import Array, Block, steps_between
 
@@ -53,7 +54,7 @@ def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantu
         codes[name] = coded.dictionary.to_pylist()
         columns[name] = coded.indices.to_numpy(zero_copy_only=False)
     names = message_names()
-    nodes = _nodes_of(codes["source"], codes["target"])
+    nodes = nodes_of(codes["source"], codes["target"])
     by_node = _vehicle_of_nodes(codes["target"], parts)
     told["messages"] = [names.get(number, f"message {number}") for number in codes["message"]]
     told["spoken"] = [number == STATUSTEXT for number in codes["message"]]
@@ -66,18 +67,6 @@ def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantu
     told["links"] = _links(columns, codes, nodes, radio, lost, by_node)
     told["log"] = _log(run, columns, codes, radio, lost, begins, block, (start, quantum))
     return told
-
-
-def _nodes_of(sources: Sequence[str], targets: Sequence[str]) -> dict[str, str]:
-    """Returns the node of each sender: the node whose name the sender's name begins with; a gateway is its own node."""
-    known = {*targets}
-    found = {}
-    for source in sources:
-        at = source
-        while at and at not in known:
-            at = at.rpartition(".")[0]
-        found[source] = at or source
-    return found
 
 
 def _vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, int]:

@@ -21,9 +21,10 @@ from typing import Any
 
 from cosim import Memory, Model, Output, Parameter
 from cosim.kernel import kernel
+from cosim_models.agents.guard import sqrt_controller
 from cosim_models.agents.kit import ERRORS, STEP_SIZE, VELOCITY, agent_kernels, agent_variables
 
-__all__ = ["Follower", "OffsetType", "follow", "sqrt_controller"]
+__all__ = ["Follower", "OffsetType", "follow"]
 
 
 class OffsetType(IntEnum):
@@ -36,13 +37,6 @@ class OffsetType(IntEnum):
 
 _RELATIVE = int(OffsetType.relative)
 _SLOW = 0.5  # m/s; at lower speeds, the leader's last course applies
-
-
-@kernel
-def sqrt_controller(error: float, p: float, acceleration: float) -> float:
-    """Returns p times a small error; for a large one, the speed from which `acceleration` can stop (as ArduPilot)."""
-    linear = acceleration / (p * p)
-    return sqrt(2.0 * acceleration * (error - 0.5 * linear)) if error > linear else p * error
 
 
 @kernel

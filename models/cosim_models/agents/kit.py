@@ -35,22 +35,36 @@ from cosim import Memory, Output, PacketInput, PacketOutput, Parameter, Variable
 from cosim.frames import deg_e7, geodetic_from_local
 from cosim.kernel import kernel
 from cosim.messages import (
-    GLOBAL_POSITION_INT,
+    COPTER_MODE_LAND,
+    MAV_CMD_COMPONENT_ARM_DISARM,
+    MAV_CMD_DO_SET_MODE,
+    MAV_COMP_ID_AUTOPILOT1,
+    MAV_FRAME_GLOBAL_INT,
+    MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+    PLANE_MODE_RTL,
+    ROVER_MODE_HOLD,
     SET_POSITION_TARGET_GLOBAL_INT,
     encode_set_position_target_global_int,
 )
-from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, system, unpack
 from cosim.verdict import Condition, Reason, Role
 from cosim_models.agents.conversation import (
-    AUTOPILOT1,
     CONVERSATION,
-    DO_SET_MODE,
-    MODE_FLAG_CUSTOM,
+    NOBODY,
     SLACK,
     ask,
-    hear_autopilot,
     heartbeat,
+    next_position,
+    reposition,
     send,
+)
+from cosim_models.agents.guard import (
+    ACCELERATION,
+    NOTHING_NEW,
+    POSITION,
+    VELOCITY,
+    fence_is_convex,
+    guard,
+    guard_variables,
 )
 from cosim_models.agents.neighbours import locate, neighbour_variables, note, select
 from cosim_models.agents.script import NEVER, SCRIPT, WHY, fail, prepare, stale, supervise
@@ -71,9 +85,6 @@ __all__ = [
 
 STEP_SIZE = 0.0125
 """Communication step for which agents are made [s]."""
-
-NOTHING_NEW, POSITION, VELOCITY, ACCELERATION = 0, 1, 2, 4
-"""Results of a law: the set-points that are valid, added; NOTHING_NEW: none is sent."""
 
 
 class Task(IntEnum):
@@ -123,6 +134,8 @@ ERRORS = {
     2: "period, position_rate and timeout must be positive",
     3: "period must be less than 3 s: ArduCopter stops when it has not been given a velocity for so long",
     4: "the law returned what is not a sum of POSITION, VELOCITY and ACCELERATION",
+    5: "the fence must be a convex polygon: give 3 to 8 fence_corners in their order, no three of them on one line",
+    6: "guard_p * period must be more than 0 and at most 1: a drone would fly past the bounds of its guard",
 }
 
 _CONDITION = Condition(
@@ -138,8 +151,7 @@ _WAITING, _ARMING, _TAKEOFF = int(Task.waiting), int(Task.arming), int(Task.take
 _READY, _FLYING, _FAILED = int(Task.ready), int(Task.flying), int(Task.failed)
 _LANDING, _LANDED = int(Task.landing), int(Task.landed)
 _NOT_LANDED = int(Trouble.not_landed)
-_COPTERS_LAND = 9  # ArduCopter's mode number
-_FRAME_GLOBAL_INT = 5  # MAV_FRAME: heights above mean sea level
+_LOOKAHEAD = 10.0  # s: a fixed wing follows a velocity towards the point that it leads to in so long
 _IGNORE_ALL, _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x0DFF, 0x0007, 0x0038, 0x01C0
 _LEVEL_GAIN, _LEVEL_SPEED = 0.5, 1.0  # 1/s and m/s, for the vertical velocity that keeps the altitude
 
@@ -163,6 +175,7 @@ def agent_variables(neighbours: int = 16) -> tuple[Variable, ...]:
         ),
         *neighbour_variables(neighbours),
         *_PARAMETERS,
+        *guard_variables(neighbours),
         PacketOutput("mavlink_tx", capacity=256, description="to the own autopilot, and a heartbeat to all"),
         *_OUTPUTS,
         *CONVERSATION,
@@ -180,9 +193,27 @@ _PARAMETERS = (
     Parameter("land_time", unit="s", start=0.0, minimum=0.0, description="when it lands; 0: it does not"),
     Parameter("altitude", unit="m", start=10.0, minimum=0.0, description="of the flight, above home; 0: no take-off"),
     Parameter("speed_limit", unit="m/s", start=5.0, minimum=0.0, description="of horizontal velocity set-points"),
-    Parameter("origin_latitude", unit="rad", start=radians(-35.363262), description="of the origin that all share"),
-    Parameter("origin_longitude", unit="rad", start=radians(149.165237), description="of the origin"),
-    Parameter("origin_altitude", unit="m", start=584.0, description="of the origin, above mean sea level"),
+    Parameter(
+        "origin_latitude",
+        unit="rad",
+        start=radians(-35.363262),
+        verdict=Role.ORIGIN_LATITUDE,
+        description="of the origin that all share",
+    ),
+    Parameter(
+        "origin_longitude",
+        unit="rad",
+        start=radians(149.165237),
+        verdict=Role.ORIGIN_LONGITUDE,
+        description="of the origin",
+    ),
+    Parameter(
+        "origin_altitude",
+        unit="m",
+        start=584.0,
+        verdict=Role.ORIGIN_ALTITUDE,
+        description="of the origin, above mean sea level",
+    ),
     Parameter("position_rate", unit="Hz", start=5.0, minimum=0.0, description="of GLOBAL_POSITION_INT asked for"),
     Parameter("timeout", unit="s", start=60.0, minimum=0.0, description="of every state but hovering and flying"),
 )
@@ -210,25 +241,14 @@ _OUTPUTS = (
 
 @kernel
 def _receive(m: Any, now: float) -> None:
-    """Processes the packets of the step that concern this agent; other packets are ignored."""
-    p = 0
-    while True:
-        begin, p, status = find(m.mavlink_rx, p, m.mavlink_rx_len)
-        if status in (NOTHING, TRUNCATED):
-            return
-        if (status != GOOD and status != SIGNED) or component(m.mavlink_rx, begin) != AUTOPILOT1:
-            continue
-        sender = system(m.mavlink_rx, begin)
-        message = message_id(m.mavlink_rx, begin)
+    """Processes the packets of the step: states of the own autopilot, the own position, and those of other drones."""
+    sender, p = next_position(m, 0)
+    while sender != NOBODY:
         if sender == m.sysid:
-            unpack(m.mavlink_rx, begin, m.payload)
-            if message == GLOBAL_POSITION_INT:
-                _own_position(m, now)
-            else:
-                hear_autopilot(m, message)
-        elif message == GLOBAL_POSITION_INT and sender != 0:
-            unpack(m.mavlink_rx, begin, m.payload)
+            _own_position(m, now)
+        else:
             note(m, sender, now)
+        sender, p = next_position(m, p)
 
 
 @kernel
@@ -283,8 +303,11 @@ def _land(m: Any, now: float) -> None:
         m.state = _LANDED
     elif now - m.state_since >= m.timeout - SLACK:
         fail(m, _NOT_LANDED)
+    elif m.surface and not m.guided:
+        ask(m, now, MAV_CMD_COMPONENT_ARM_DISARM, 0.0, 0.0, 0.0)
     else:
-        ask(m, now, DO_SET_MODE, float(MODE_FLAG_CUSTOM), float(_COPTERS_LAND), 0.0)
+        mode = ROVER_MODE_HOLD if m.surface else PLANE_MODE_RTL if m.wings else COPTER_MODE_LAND
+        ask(m, now, MAV_CMD_DO_SET_MODE, float(MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode), 0.0)
 
 
 @kernel
@@ -311,8 +334,26 @@ def _limit(m: Any) -> None:
 
 
 @kernel
+def _steer_wings(m: Any, which: int) -> None:
+    """Sends a fixed wing to the position, or to where the velocity leads, at the height of the set-point."""
+    ahead = 0.0 if which & POSITION != 0 else _LOOKAHEAD
+    latitude, longitude, altitude = geodetic_from_local(
+        m.setpoint_position[0] + ahead * m.setpoint_velocity[0],
+        m.setpoint_position[1] + ahead * m.setpoint_velocity[1],
+        m.setpoint_position[2],
+        m.origin_latitude,
+        m.origin_longitude,
+        m.origin_altitude,
+    )
+    reposition(m, MAV_FRAME_GLOBAL_INT, deg_e7(latitude), deg_e7(longitude), altitude)
+
+
+@kernel
 def _steer(m: Any, now: float, which: int) -> None:
     """Sends the valid set-points."""
+    if m.wings:
+        _steer_wings(m, which)
+        return
     mask = _IGNORE_ALL
     if which & POSITION != 0:
         mask &= ~_IGNORE_POSITION
@@ -333,8 +374,8 @@ def _steer(m: Any, now: float, which: int) -> None:
         m.payload,
         int(1000.0 * now + 0.5),
         m.sysid,
-        AUTOPILOT1,
-        _FRAME_GLOBAL_INT,
+        MAV_COMP_ID_AUTOPILOT1,
+        MAV_FRAME_GLOBAL_INT,
         mask,
         deg_e7(latitude),
         deg_e7(longitude),
@@ -363,6 +404,10 @@ def _start(m: Any) -> int:
         return 2
     if m.period >= 3.0:
         return 3
+    if not fence_is_convex(m):
+        return 5
+    if (m.guard_separation > 0.0 or m.fence_corners > 0) and not 0.0 < m.guard_p * m.period <= 1.0:
+        return 6
     m.state = _WAITING
     m.state_since = NEVER
     m.position_heard = NEVER
@@ -405,6 +450,8 @@ def decision(law: Callable[[Any, float, float], int]) -> Callable[[Any, float], 
         _propose(m, t)
         which = law(m, t, m.period)
         _limit(m)
+        if m.guard_separation > 0.0 or m.fence_corners > 0:
+            return guard(m, t, which)
         return which
 
     return decide

@@ -16,18 +16,17 @@ import numpy as np
 from cosim.frames import EARTH_RADIUS_ARDUPILOT, deg_e7, haversine, longitude_at, radians_from_deg_e7, wrap_pi
 from cosim.kernel import kernel
 from cosim.messages import (
-    GLOBAL_POSITION_INT,
+    MAV_COMP_ID_AUTOPILOT1,
+    MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
     SET_POSITION_TARGET_GLOBAL_INT,
     decode_global_position_int,
     encode_set_position_target_global_int,
 )
-from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, system, unpack
-from cosim_models.agents.conversation import AUTOPILOT1, SLACK, hear_autopilot, heartbeat, send
+from cosim_models.agents.conversation import NOBODY, SLACK, heartbeat, next_position, reposition, send
 from cosim_models.agents.script import NEVER, AgentState, enter_next, prepare, stale, supervise
 
 __all__ = ["ERRORS", "StalePolicy", "Trigger", "act", "finish", "go", "start"]
 
-_FRAME_RELATIVE_ALT_INT = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 _ONLY_POSITION = 0x0DF8  # POSITION_TARGET_TYPEMASK: velocity, acceleration, yaw and yaw rate ignored
 
 
@@ -76,25 +75,14 @@ def _on_line(m: Any, longitude: float) -> float:
 
 @kernel
 def _receive(m: Any, now: float) -> None:
-    """Processes the packets of the step that concern this agent; other packets are ignored."""
-    p = 0
-    while True:
-        begin, p, status = find(m.mavlink_rx, p, m.mavlink_rx_len)
-        if status in (NOTHING, TRUNCATED):
-            return
-        if (status != GOOD and status != SIGNED) or component(m.mavlink_rx, begin) != AUTOPILOT1:
-            continue
-        sender = system(m.mavlink_rx, begin)
-        message = message_id(m.mavlink_rx, begin)
+    """Processes the packets of the step: states of the own autopilot, the own position, and those of the neighbours."""
+    sender, p = next_position(m, 0)
+    while sender != NOBODY:
         if sender == m.sysid:
-            unpack(m.mavlink_rx, begin, m.payload)
-            if message == GLOBAL_POSITION_INT:
-                _own_position(m, now)
-            else:
-                hear_autopilot(m, message)
-        elif message == GLOBAL_POSITION_INT and sender != 0 and (sender == m.left_sysid or sender == m.right_sysid):
-            unpack(m.mavlink_rx, begin, m.payload)
+            _own_position(m, now)
+        elif sender == m.left_sysid or sender == m.right_sysid:
             _from_neighbour(m, sender, now)
+        sender, p = next_position(m, p)
 
 
 @kernel
@@ -127,13 +115,16 @@ def go(m: Any, now: float, target: float) -> None:
     """Makes `target` [m on the line] the desired position and sends it, at the latitude of the start."""
     m.target = target
     longitude = longitude_at(m.origin_latitude, m.origin_longitude, target, EARTH_RADIUS_ARDUPILOT)
+    if m.wings:
+        reposition(m, MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, m.start_latitude, deg_e7(longitude), float(m.altitude))
+        return
     zero = 0.0
     encode_set_position_target_global_int(
         m.payload,
         int(1000.0 * now + 0.5),
         m.sysid,
-        AUTOPILOT1,
-        _FRAME_RELATIVE_ALT_INT,
+        MAV_COMP_ID_AUTOPILOT1,
+        MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
         _ONLY_POSITION,
         m.start_latitude,
         deg_e7(longitude),

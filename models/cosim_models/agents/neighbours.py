@@ -86,8 +86,11 @@ def locate(m: Any) -> tuple[bool, float, float, float, float, float, float, floa
 
 @kernel
 def note(m: Any, sender: int, now: float) -> None:
-    """Enters the message of `sender` in the payload buffer into the table, if it may be a neighbour and finds a row."""
-    if not _may_be(m, sender):
+    """Enters the message of `sender` in the payload buffer into the table, if it may be a neighbour and finds a row.
+
+    An agent that keeps a separation enters all drones that it hears.
+    """
+    if m.guard_separation == 0.0 and not _may_be(m, sender):
         return
     known, north, east, down, vn, ve, vd, height = locate(m)
     if not known:
@@ -145,6 +148,8 @@ def select(m: Any, now: float) -> None:
     for row in range(m.heard_id.size):
         age = now - m.heard_at[row]
         if m.heard_id[row] == 0 or age > m.stale_time:
+            continue
+        if m.guard_separation > 0.0 and not _may_be(m, m.heard_id[row]):
             continue
         north = m.heard_position[row, 0] + age * m.heard_velocity[row, 0]
         east = m.heard_position[row, 1] + age * m.heard_velocity[row, 1]

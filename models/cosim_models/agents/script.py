@@ -1,6 +1,7 @@
 """The take-off of an agent's drone, as kernels over its record: its states, and the conditions for giving up.
 
 The agent waits for its autopilot, requests the streams that it needs, and commands GUIDED mode, arming and take-off.
+Rovers and boats, which their heartbeats tell, do not take off; a fixed wing takes off in ArduPlane's mode TAKEOFF.
 `line` (the line's agent) and `kit` (agents that follow a law) define the behaviour afterwards.
 
 The record of an agent has `SCRIPT` among its variables, and the outputs `state` and `failure`. The agent measures its
@@ -14,14 +15,19 @@ from typing import Any
 
 from cosim import Memory, Variable
 from cosim.kernel import kernel
-from cosim.messages import EKF_STATUS_REPORT, GLOBAL_POSITION_INT, GPS_RAW_INT
+from cosim.messages import (
+    EKF_STATUS_REPORT,
+    GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
+    MAV_CMD_COMPONENT_ARM_DISARM,
+    MAV_CMD_DO_SET_MODE,
+    MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_SET_MESSAGE_INTERVAL,
+    MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+    MAV_RESULT_ACCEPTED,
+    PLANE_MODE_TAKEOFF,
+)
 from cosim_models.agents.conversation import (
-    ACCEPTED,
-    ARM_DISARM,
-    DO_SET_MODE,
-    MODE_FLAG_CUSTOM,
-    NAV_TAKEOFF,
-    SET_MESSAGE_INTERVAL,
     SLACK,
     ask,
 )
@@ -92,6 +98,7 @@ WHY = {
 SCRIPT: tuple[Variable, ...] = (
     Memory("state_since"),  # s
     Memory("streams", dtype="i4"),  # number of accepted streams
+    Memory("asked_mode", dtype="i4"),  # of a fixed wing during its take-off
     Memory("height"),  # m above home
     Memory("position_heard"),  # s
 )
@@ -141,27 +148,49 @@ def prepare(m: Any, now: float) -> None:
         if m.fix and m.estimate and m.position_heard >= 0.0:
             enter_next(m, now)
     elif m.state == _MODE:
-        command, p1, p2 = DO_SET_MODE, float(MODE_FLAG_CUSTOM), float(m.guided_mode)
+        command, p1, p2 = MAV_CMD_DO_SET_MODE, float(MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(m.guided_mode)
         if m.guided:
             enter_next(m, now)
             command = 0
     elif m.state == _ARMING:
-        command, p1 = ARM_DISARM, 1.0
+        command, p1 = MAV_CMD_COMPONENT_ARM_DISARM, 1.0
         if m.armed:
             enter_next(m, now)
             command = 0
-    elif (m.altitude == 0.0 or m.height >= _REACHED * m.altitude) and not stale(m, m.position_heard, now):
+    elif m.wings:
+        command, p1, p2 = _launch(m, now)
+    elif (m.surface or _is_up(m)) and not stale(m, m.position_heard, now):
         enter_next(m, now)
     else:
-        command, p7 = NAV_TAKEOFF, float(m.altitude)
+        command, p7 = MAV_CMD_NAV_TAKEOFF, float(m.altitude)
     if command != 0:
         ask(m, now, command, p1, p2, p7)
 
 
 @kernel
+def _is_up(m: Any) -> bool:
+    """Returns whether the altitude of the flight has been reached."""
+    return bool(m.altitude == 0.0 or m.height >= _REACHED * m.altitude)
+
+
+@kernel
+def _launch(m: Any, now: float) -> tuple[int, float, float]:
+    """Returns the command and its parameters that make a fixed wing take off, and then change to GUIDED."""
+    up = _is_up(m) and not stale(m, m.position_heard, now)
+    if up and m.guided:
+        enter_next(m, now)
+        return 0, 0.0, 0.0
+    mode = m.guided_mode if up else PLANE_MODE_TAKEOFF
+    if m.asked_mode != mode:
+        m.asked_mode = mode
+        m.asked = 0
+    return MAV_CMD_DO_SET_MODE, float(MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode)
+
+
+@kernel
 def _accepted(m: Any, command: int) -> bool:
     """Returns whether the autopilot has accepted the pending command."""
-    return bool(m.asked == command and m.answer == ACCEPTED)
+    return bool(m.asked == command and m.answer == MAV_RESULT_ACCEPTED)
 
 
 @kernel
@@ -171,7 +200,7 @@ def _stream(m: Any, now: float) -> tuple[int, float, float]:
     ArduPilot sends only heartbeats on a new link. Positions, estimator status and GPS status are requested one by one,
     since the answer does not identify the message that it refers to.
     """
-    if _accepted(m, SET_MESSAGE_INTERVAL):
+    if _accepted(m, MAV_CMD_SET_MESSAGE_INTERVAL):
         m.streams += 1
         m.asked = 0
         if m.streams == 3:
@@ -182,7 +211,7 @@ def _stream(m: Any, now: float) -> tuple[int, float, float]:
         message, interval = EKF_STATUS_REPORT, _STATUS_INTERVAL
     elif m.streams == 2:
         message, interval = GPS_RAW_INT, _STATUS_INTERVAL
-    return SET_MESSAGE_INTERVAL, float(message), interval
+    return MAV_CMD_SET_MESSAGE_INTERVAL, float(message), interval
 
 
 @kernel
@@ -192,7 +221,7 @@ def supervise(m: Any) -> None:
         return
     if m.state >= _TAKEOFF and not m.armed:
         fail(m, _DISARMED)
-    elif m.state >= _ARMING and not m.guided:
+    elif m.state >= _ARMING and not m.guided and not (m.wings and m.state == _TAKEOFF):
         fail(m, _LEFT_GUIDED)
 
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from cosim import Model, Output, PacketInput, PacketOutput, Parameter
 from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, payload_start
-from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS, Airframe
+from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
 from cosim.verdict import Bound, Role
 from cosim_models.ardupilot.json_interface import PORT, Link, Servos, encode_motion
 
@@ -176,7 +176,7 @@ class ArduPilotSITL(Model):
     _end: weakref.finalize[..., ArduPilotSITL] | None = None
     _waits = False
     variables = (
-        *MOTION_INPUTS,
+        *inputs_for(*_FRAMES),
         PacketInput("mavlink_rx", capacity=2048, description="packets received"),
         Parameter(
             "SYSID_THISMAV",
@@ -215,13 +215,25 @@ class ArduPilotSITL(Model):
         ),
         Parameter("step_timeout", unit="s", start=20.0, minimum=0.0, description="limit of a step in wall-clock time"),
         Parameter(
-            "origin_latitude", unit="rad", start=math.radians(-35.363262), description="latitude of the local origin"
+            "origin_latitude",
+            unit="rad",
+            start=math.radians(-35.363262),
+            verdict=Role.ORIGIN_LATITUDE,
+            description="latitude of the local origin",
         ),
         Parameter(
-            "origin_longitude", unit="rad", start=math.radians(149.165237), description="longitude of the local origin"
+            "origin_longitude",
+            unit="rad",
+            start=math.radians(149.165237),
+            verdict=Role.ORIGIN_LONGITUDE,
+            description="longitude of the local origin",
         ),
         Parameter(
-            "origin_altitude", unit="m", start=584.0, description="altitude of the local origin above mean sea level"
+            "origin_altitude",
+            unit="m",
+            start=584.0,
+            verdict=Role.ORIGIN_ALTITUDE,
+            description="altitude of the local origin above mean sea level",
         ),
         Output("motor", shape=MAX_MOTORS, unit="1", start=0.0, description="commands, (pwm - 1000) / 1000"),
         Output(

@@ -108,14 +108,14 @@ def _sense(m: Any) -> bool:
         m.q[i] = m.attitude[i] * scale
     for i in range(3):
         sign = -1.0 if i == 2 else 1.0
-        m.pos[i] = sign * m.position[i]
-        m.vel[i] = sign * m.velocity[i]
+        m.position_neu[i] = sign * m.position[i]
+        m.velocity_neu[i] = sign * m.velocity[i]
         m.gyro[i] = _filter(m.gyro_delay[i], m.gyro_filter, m.angular_velocity[i])
     fx = _filter(m.accel_delay[0], m.accel_filter, m.specific_force[0])
     fy = _filter(m.accel_delay[1], m.accel_filter, m.specific_force[1])
     fz = _filter(m.accel_delay[2], m.accel_filter, m.specific_force[2])
     an, ae, ad = rotate((float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3])), (fx, fy, fz))
-    m.acc[0], m.acc[1], m.acc[2] = an, ae, -(ad + GRAVITY)
+    m.acceleration_neu[0], m.acceleration_neu[1], m.acceleration_neu[2] = an, ae, -(ad + GRAVITY)
     return True
 
 
@@ -149,7 +149,7 @@ def start(m: Any) -> int:
     initialise_ne(m)
     initialise_up(m)
     for i in range(3):
-        m.home[i] = m.pos[i]
+        m.home_neu[i] = m.position_neu[i]
     m.throttle_open_at = -1.0
     m.switch_position = LAST_POSITION
     m.switch_seen = LAST_POSITION
@@ -166,9 +166,9 @@ def _publish(m: Any) -> None:
     there = going(m)
     for i in range(3):
         sign = -1.0 if i == 2 else 1.0
-        m.desired_position[i] = sign * m.position_desired[i]
-        m.desired_velocity[i] = sign * m.velocity_desired[i]
-        m.target[i] = sign * (m.guided_position[i] if there else m.position_desired[i])
+        m.desired_position[i] = sign * m.desired_position_neu[i]
+        m.desired_velocity[i] = sign * m.desired_velocity_neu[i]
+        m.target[i] = sign * (m.guided_position_neu[i] if there else m.desired_position_neu[i])
 
 
 @kernel
@@ -213,7 +213,7 @@ class Autopilot(Model):
     variables = VARIABLES
     kernels = (start, advance)
     errors: ClassVar = {
-        _NO_MIXER: "no mixer for the vehicle's airframe; valid: quad_x (1), hexa_x (2), octa_x (3)",
+        _NO_MIXER: "no mixer for the vehicle's airframe; valid: quad_x (1), hexa_x (2), octa_x (3), y6 (4)",
         _BAD_SYSID: "SYSID_THISMAV is not within 1 to 255",
         _NOT_FINITE: "a motion input is not a finite number, or the attitude is not a quaternion",
         _BAD_LEAN: "ANGLE_MAX is not within 500 to 8000 (5 to 80 degrees)",

@@ -22,7 +22,14 @@ from cosim import Input, Memory, Model, Output, Parameter, kernel
 from cosim.frames import conjugate, multiply, normalize, rotate, rotate_inverse
 from cosim.vehicle import MOTION_INPUTS, VEHICLE_OUTPUTS, Airframe
 from cosim.verdict import Bound
-from cosim_models.sensing.sensors import begin_sensors, sense_barometer, sense_gps, sense_imu, sense_magnetometer
+from cosim_models.sensing.sensors import (
+    begin_sensors,
+    is_silent,
+    sense_barometer,
+    sense_gps,
+    sense_imu,
+    sense_magnetometer,
+)
 
 __all__ = ["Estimator"]
 
@@ -66,8 +73,8 @@ def start(m: Any) -> int:
     for i in range(4):
         m.q[i] = q[i]
     for i in range(3):
-        m.p[i] = m.true_position[i]
-        m.v[i] = m.true_velocity[i]
+        m.position_ned[i] = m.true_position[i]
+        m.velocity_ned[i] = m.true_velocity[i]
     begin_sensors(m)
     _hand_on_truth(m)
     return 0
@@ -103,19 +110,19 @@ def _turn(m: Any, x: float, y: float, z: float) -> None:
 def _predict(m: Any, h: float) -> None:
     """Integrates the IMU over h."""
     for i in range(3):
-        m.angular_velocity[i] = m.gyro[i] - m.gyro_offset[i]
-        m.specific_force[i] = m.force[i]
+        m.angular_velocity[i] = m.gyro_frd[i] - m.gyro_offset_frd[i]
+        m.specific_force[i] = m.force_frd[i]
     m.specific_force[2] -= m.accel_offset
     w, f = m.angular_velocity, m.specific_force
     _turn(m, w[0] * h, w[1] * h, w[2] * h)
     an, ae, ad = rotate(_quaternion(m.q), (float(f[0]), float(f[1]), float(f[2])))
     ad += _GRAVITY
-    m.p[0] += (m.v[0] + 0.5 * an * h) * h
-    m.p[1] += (m.v[1] + 0.5 * ae * h) * h
-    m.p[2] += (m.v[2] + 0.5 * ad * h) * h
-    m.v[0] += an * h
-    m.v[1] += ae * h
-    m.v[2] += ad * h
+    m.position_ned[0] += (m.velocity_ned[0] + 0.5 * an * h) * h
+    m.position_ned[1] += (m.velocity_ned[1] + 0.5 * ae * h) * h
+    m.position_ned[2] += (m.velocity_ned[2] + 0.5 * ad * h) * h
+    m.velocity_ned[0] += an * h
+    m.velocity_ned[1] += ae * h
+    m.velocity_ned[2] += ad * h
 
 
 # ---- corrections ---------------------------------------------------------------------------------------------------
@@ -127,31 +134,31 @@ def _correct_by_gps(m: Any, r: Any, dt: float) -> None:
     w = m.gps_gain
     for i in range(2):
         place, speed = r[i] - r[6 + i], r[3 + i] - r[9 + i]
-        m.p[i] += m.gps_position_gain * dt * place
-        m.v[i] += 3.0 * w * dt * speed
+        m.position_ned[i] += m.gps_position_gain * dt * place
+        m.velocity_ned[i] += 3.0 * w * dt * speed
         r[3 + i] = speed
     # A tilt error about an axis causes acceleration across it, g times the angle: (s + w)^3 = 0, three poles at w.
     tilt = 3.0 * w * w / _GRAVITY * dt
     drift = w * w * w / _GRAVITY * dt
     x, y, _ = rotate_inverse(_quaternion(m.q), (float(r[4]), -float(r[3]), 0.0))
     _turn(m, tilt * x, tilt * y, 0.0)
-    m.gyro_offset[0] -= drift * x
-    m.gyro_offset[1] -= drift * y
+    m.gyro_offset_frd[0] -= drift * x
+    m.gyro_offset_frd[1] -= drift * y
 
 
 @kernel
 def _correct_by_barometer(m: Any, height: float, dt: float) -> None:
     w = m.barometer_gain
-    error = -height - m.p[2]
-    m.p[2] += 3.0 * w * dt * error
-    m.v[2] += 3.0 * w * w * dt * error
+    error = -height - m.position_ned[2]
+    m.position_ned[2] += 3.0 * w * dt * error
+    m.velocity_ned[2] += 3.0 * w * w * dt * error
     m.accel_offset -= w * w * w * dt * error
 
 
 @kernel
 def _correct_by_field(m: Any, dt: float) -> None:
     """Rotates the estimate about the vertical to align the measured magnetic field with its known direction."""
-    f = m.field
+    f = m.field_frd
     n, e, _ = rotate(_quaternion(m.q), (float(f[0]), float(f[1]), float(f[2])))
     if n * n + e * e < 1e-6:
         return
@@ -160,7 +167,7 @@ def _correct_by_field(m: Any, dt: float) -> None:
     x, y, z = rotate_inverse(_quaternion(m.q), (0.0, 0.0, error))
     w = m.magnetometer_gain
     _turn(m, 2.0 * w * dt * x, 2.0 * w * dt * y, 2.0 * w * dt * z)
-    m.gyro_offset[2] -= w * w * dt * z
+    m.gyro_offset_frd[2] -= w * w * dt * z
 
 
 @kernel
@@ -169,8 +176,8 @@ def _take_fix(m: Any, t: float) -> None:
     row = m.fixes[m.fix_next]
     sense_gps(m, m.gps_count, 1.0 / m.gps_rate, row)
     for i in range(3):
-        row[6 + i] = m.p[i]
-        row[9 + i] = m.v[i]
+        row[6 + i] = m.position_ned[i]
+        row[9 + i] = m.velocity_ned[i]
     row[_ARRIVES] = t + m.gps_lag
     m.gps_count += 1
     m.fix_next = (m.fix_next + 1) % _FIXES
@@ -181,26 +188,32 @@ def _take_fix(m: Any, t: float) -> None:
 def _correct(m: Any, t: float) -> None:
     """Applies the corrections due at t."""
     if t >= m.gps_count / m.gps_rate - _SLACK:
-        _take_fix(m, t)
+        if is_silent(m.gps_outage, t):
+            m.gps_count += 1
+        else:
+            _take_fix(m, t)
     if m.fix_waiting > 0:
         row = m.fixes[(m.fix_next - m.fix_waiting) % _FIXES]
         if t >= row[_ARRIVES] - _SLACK:
             m.fix_waiting -= 1
             _correct_by_gps(m, row, 1.0 / m.gps_rate)
     if t >= m.barometer_count / m.barometer_rate - _SLACK:
-        _correct_by_barometer(m, sense_barometer(m, m.barometer_count, 1.0 / m.barometer_rate), 1.0 / m.barometer_rate)
+        height = sense_barometer(m, m.barometer_count, 1.0 / m.barometer_rate)
+        if not is_silent(m.barometer_outage, t):
+            _correct_by_barometer(m, height, 1.0 / m.barometer_rate)
         m.barometer_count += 1
     if t >= m.magnetometer_count / m.magnetometer_rate - _SLACK:
-        sense_magnetometer(m, m.magnetometer_count, m.field)
+        sense_magnetometer(m, m.magnetometer_count, m.field_frd)
         m.magnetometer_count += 1
-        _correct_by_field(m, 1.0 / m.magnetometer_rate)
+        if not is_silent(m.magnetometer_outage, t):
+            _correct_by_field(m, 1.0 / m.magnetometer_rate)
 
 
 @kernel
 def _note_errors(m: Any) -> None:
     distance = 0.0
     for i in range(3):
-        distance += (m.p[i] - m.true_position[i]) ** 2
+        distance += (m.position_ned[i] - m.true_position[i]) ** 2
     m.position_error = math.sqrt(distance)
     off = multiply(conjugate(normalize(_quaternion(m.true_attitude))), _quaternion(m.q))
     m.attitude_error = 2.0 * math.atan2(math.sqrt(off[1] * off[1] + off[2] * off[2] + off[3] * off[3]), abs(off[0]))
@@ -223,8 +236,8 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     _predict(m, h)
     m.clock += h
     for i in range(3):
-        m.position[i] = m.p[i]
-        m.velocity[i] = m.v[i]
+        m.position[i] = m.position_ned[i]
+        m.velocity[i] = m.velocity_ned[i]
     for i in range(4):
         m.attitude[i] = m.q[i]
     return 0
@@ -253,6 +266,16 @@ _ESTIMATE = tuple(
 
 def _size(name: str, unit: str, start: float, description: str, minimum: float = 0.0) -> Any:
     return Parameter(name, unit=unit, start=start, minimum=minimum, description=description)
+
+
+def _outage(sensor: str) -> Any:
+    text = f"the {sensor} gives no samples from the first to the second time; equal times: no outage"
+    return Parameter(f"{sensor}_outage", shape=2, unit="s", start=0.0, rare=True, description=text)
+
+
+def _failure(sensor: str, unit: str, what: str) -> Any:
+    text = f"error of a failed sensor: {what}"
+    return Parameter(f"{sensor}_failure", shape=3, unit=unit, start=0.0, rare=True, description=text)
 
 
 class Estimator(Model):
@@ -291,6 +314,19 @@ class Estimator(Model):
         _size("gps_position_gain", "1/s", 0.6, "pole of position"),
         _size("barometer_gain", "1/s", 0.7, "poles of height, climb rate and accelerometer offset"),
         _size("magnetometer_gain", "1/s", 0.2, "poles of heading and gyro offset"),
+        *(_outage(name) for name in ("gps", "barometer", "magnetometer")),
+        Parameter(
+            "failure_time",
+            unit="s",
+            start=0.0,
+            minimum=0.0,
+            rare=True,
+            description="time from which samples have the following errors; 0: never",
+        ),
+        _failure("gyro", "rad/s", "angular velocity, FRD"),
+        _failure("accel", "m/s2", "specific force, FRD"),
+        _failure("gps", "m", "position, NED"),
+        Parameter("barometer_failure", unit="m", start=0.0, rare=True, description="error of a failed sensor: height"),
         *_ESTIMATE,
         Output(
             "position_error",
@@ -299,13 +335,13 @@ class Estimator(Model):
             description="distance of the estimate from the true position",
         ),
         Output("attitude_error", unit="rad", description="angle of the estimate from the true attitude"),
-        Memory("p", shape=3),
-        Memory("v", shape=3),
+        Memory("position_ned", shape=3),
+        Memory("velocity_ned", shape=3),
         Memory("q", shape=4),
-        Memory("gyro", shape=3),
-        Memory("force", shape=3),
-        Memory("field", shape=3),
-        Memory("gyro_offset", shape=3),
+        Memory("gyro_frd", shape=3),
+        Memory("force_frd", shape=3),
+        Memory("field_frd", shape=3),
+        Memory("gyro_offset_frd", shape=3),
         Memory("accel_offset"),
         Memory("bias", shape=(6, 3)),
         Memory("normal", shape=3),

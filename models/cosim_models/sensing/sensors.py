@@ -4,7 +4,10 @@ Each sensor has a rate and white noise. In addition, the IMU has constant biases
 errors (Gauss-Markov), and the GPS has a lag. Noise is a function of seed, identity, sensor and sample number
 (`random_numbers`). Kernels over the record `m` of an `Estimator`; NED, FRD, SI.
 
-Not here: failures, temperature, vibration, magnetic disturbances, and offsets between sensors and centre of mass.
+On a schedule, GPS, barometer and magnetometer give no samples (`is_silent`), and from `failure_time` on, the samples of
+IMU, GPS and barometer have an additional error.
+
+Not here: temperature, vibration, magnetic disturbances, and offsets between sensors and centre of mass.
 
 Source: P. D. Groves, Principles of GNSS, inertial and multisensor integrated navigation systems, chapters 4 and 14.
 """
@@ -16,7 +19,7 @@ from typing import Any
 
 from cosim.frames import rotate_inverse
 from cosim.kernel import kernel
-from cosim_models.sensing.random_numbers import normal_pair
+from cosim.random_numbers import normal_pair
 
 __all__ = [
     "ACCEL",
@@ -25,6 +28,7 @@ __all__ = [
     "GYRO",
     "MAG",
     "begin_sensors",
+    "is_silent",
     "sense_barometer",
     "sense_gps",
     "sense_imu",
@@ -38,6 +42,7 @@ _IMU_STEP = 1e-5
 """Minimum time between samples of the IMU, s; in shorter steps it holds the last sample. The noise of a sample is
 inversely proportional to the square root of the time since the previous one, and would diverge in steps of 1e-13 s,
 which some engines take."""
+_SLACK = 1e-9  # s
 _WANDER = 100  # added to the stream: random numbers of the bias processes
 _START = 200  # added to the stream: random numbers of the initial biases
 
@@ -73,8 +78,19 @@ def begin_sensors(m: Any) -> None:
 
 
 @kernel
+def is_silent(outage: Any, t: float) -> bool:
+    """Returns whether a sensor gives no samples at `t` [s]: from outage[0] up to, but not at, outage[1]."""
+    return bool(outage[0] - _SLACK <= t < outage[1] - _SLACK)
+
+
+@kernel
+def _has_failed(m: Any) -> bool:
+    return bool(m.failure_time > 0.0 and m.clock >= m.failure_time - _SLACK)
+
+
+@kernel
 def sense_imu(m: Any, number: int, dt: float) -> None:
-    """Sets m.gyro [rad/s] and m.force [m/s2] to the `number`th sample of the IMU, dt after the previous one.
+    """Sets m.gyro_frd [rad/s] and m.force_frd [m/s2] to the `number`th sample of the IMU, dt after the previous one.
 
     In a step shorter than the minimum, the previous sample is kept.
     """
@@ -83,10 +99,14 @@ def sense_imu(m: Any, number: int, dt: float) -> None:
     scale = 1.0 / math.sqrt(max(dt, _IMU_STEP))
     _triple(m, GYRO, number, m.normal)
     for i in range(3):
-        m.gyro[i] = m.true_angular_velocity[i] + m.bias[GYRO, i] + m.gyro_noise * scale * m.normal[i]
+        m.gyro_frd[i] = m.true_angular_velocity[i] + m.bias[GYRO, i] + m.gyro_noise * scale * m.normal[i]
     _triple(m, ACCEL, number, m.normal)
     for i in range(3):
-        m.force[i] = m.true_specific_force[i] + m.bias[ACCEL, i] + m.accel_noise * scale * m.normal[i]
+        m.force_frd[i] = m.true_specific_force[i] + m.bias[ACCEL, i] + m.accel_noise * scale * m.normal[i]
+    if _has_failed(m):
+        for i in range(3):
+            m.gyro_frd[i] += m.gyro_failure[i]
+            m.force_frd[i] += m.accel_failure[i]
 
 
 @kernel
@@ -96,6 +116,8 @@ def sense_gps(m: Any, number: int, dt: float, out: Any) -> None:
     _triple(m, GPS, number, m.normal)
     for i in range(3):
         out[i] = m.true_position[i] + m.bias[GPS, i] + m.gps_position_noise * m.normal[i]
+        if _has_failed(m):
+            out[i] += m.gps_failure[i]
     _triple(m, GPS_VELOCITY, number, m.normal)
     for i in range(3):
         out[3 + i] = m.true_velocity[i] + m.gps_velocity_noise * m.normal[i]
@@ -106,7 +128,8 @@ def sense_barometer(m: Any, number: int, dt: float) -> float:
     """Returns the measured height above the local origin [m]."""
     _wander(m, BARO, number, m.bias[BARO], m.barometer_drift, m.barometer_drift_time, dt)
     _triple(m, BARO, number, m.normal)
-    return float(-m.true_position[2] + m.bias[BARO, 0] + m.barometer_noise * m.normal[0])
+    height = float(-m.true_position[2] + m.bias[BARO, 0] + m.barometer_noise * m.normal[0])
+    return height + m.barometer_failure if _has_failed(m) else height
 
 
 @kernel

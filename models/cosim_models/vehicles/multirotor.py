@@ -1,8 +1,9 @@
 """A multirotor as a rigid body: the variables and kernels shared by all multirotor FMUs.
 
 The model has six degrees of freedom with a quaternion, up to eight rotors with lag, body drag, wind and flat ground. It
-has no sensors, no battery, no ground effect and no contact with other vehicles. The equations are in
-`multirotor_dynamics`, `rigid_body`, `rotor` and `ground`.
+has no sensors. Its surroundings (`cosim_models.environment`) act by the inputs `wind`, `force` and `thrust_factor`; a
+battery is a model of its own (`power_system`). The equations are in `multirotor_dynamics`, `rigid_body`, `rotor` and
+`ground`.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cosim import Memory, Output, Parameter, Variable
-from cosim.vehicle import MAX_MOTORS, VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
+from cosim.model import Start
+from cosim.vehicle import FORCE, MAX_MOTORS, THRUST_FACTOR, VEHICLE_INPUTS, Airframe, outputs_of
 from cosim.verdict import Role, Rotors
 from cosim_models.vehicles.multirotor_dynamics import CONTACTS, ERRORS, advance, start
 from cosim_models.vehicles.rigid_body import Vector
 from cosim_models.vehicles.rotor import MotorCurve
 
-__all__ = ["ERRORS", "KERNELS", "STEP_SIZE", "multirotor_variables"]
+__all__ = ["ERRORS", "KERNELS", "STEP_SIZE", "multirotor_variables", "started"]
 
 STEP_SIZE = 0.0025
 """Communication step size of the vehicles [s]: ArduCopter's 400 Hz."""
@@ -53,6 +55,8 @@ def multirotor_variables(
     spare = (0.0,) * (MAX_MOTORS - count)
     return (
         *VEHICLE_INPUTS,
+        FORCE,
+        THRUST_FACTOR,
         Parameter("mass", unit="kg", start=mass, minimum=1e-3, description="total mass of the vehicle"),
         Parameter(
             "inertia",
@@ -94,7 +98,7 @@ def multirotor_variables(
             rolling_moment=rolling_moment,
         ),
         *_BODY_PARAMETERS,
-        *(replace(v, start=airframe) if v.name == "airframe" else v for v in VEHICLE_OUTPUTS),
+        *outputs_of(airframe),
         Output(
             "rotor_speed",
             shape=MAX_MOTORS,
@@ -112,6 +116,19 @@ def multirotor_variables(
         ),
         *_MEMORY,
     )
+
+
+def started(variables: Sequence[Variable], airframe: Airframe, **start: Start) -> tuple[Variable, ...]:
+    """Returns the variables of a multirotor for another airframe, with other start values, by name of the variable.
+
+    Raises:
+        KeyError: there is no variable of a name.
+    """
+    for name in start.keys() - {v.name for v in variables}:
+        raise KeyError(name)
+    own = {v.name: v for v in outputs_of(airframe)}
+    changed = (own.get(v.name, v) for v in variables)
+    return tuple(replace(v, start=start[v.name]) if v.name in start else v for v in changed)
 
 
 def _rotor_parameters(**start: float) -> tuple[Variable, ...]:
@@ -191,5 +208,7 @@ _MEMORY = (
     Memory("ground_stiffness"),  # of one contact, N/m
     Memory("ground_damper"),  # of one contact, N s/m
     Memory("surface"),  # down coordinate of the ground, m
+    Memory("thrust_now"),  # thrust over speed squared in the surroundings, N s2/rad2
+    Memory("is_pushed", dtype="?"),  # whether the force of the surroundings is not zero
     Memory("vanishing"),  # 1 / axial_speed_limit, s/m
 )

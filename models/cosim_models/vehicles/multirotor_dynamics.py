@@ -70,7 +70,7 @@ def _air_forces(m: Any, stage: int, air: Vector, rates: Vector) -> tuple[Vector,
     mx = my = mz = 0.0
     for i in range(m.rotor_count):
         speed = float(m.stage_speed[stage, i])
-        thrust = m.thrust_constant * speed * speed
+        thrust = m.thrust_now * speed * speed
         x, y, z = float(m.rotor_x[i]), float(m.rotor_y[i]), float(m.rotor_z[i])
         hub = (
             air[0] + rates[1] * z - rates[2] * y,
@@ -146,6 +146,8 @@ def _accelerations(
         push, tip = _ground_forces(m, position, velocity, r, rates)
         force = along(force, 1.0, to_body(r, push))
         torque = along(torque, 1.0, tip)
+    if m.is_pushed:
+        force = along(force, 1.0, to_body(r, load(m.force)))
     spin = 0.0
     if m.rotor_inertia > 0.0:
         spin, rate = _spin(m, stage)
@@ -173,6 +175,13 @@ def _aim(m: Any) -> None:
         else:
             part = thrust_command(command, m.command_min, m.command_max, m.thrust_expo)
             m.target[i] = part * m.speed_max * m.speed_max
+
+
+@kernel
+def _meet_surroundings(m: Any) -> None:
+    """Reads the inputs by which the surroundings act: their force, and their effect on the thrust."""
+    m.thrust_now = m.thrust_constant * m.thrust_factor
+    m.is_pushed = m.force[0] != 0.0 or m.force[1] != 0.0 or m.force[2] != 0.0
 
 
 @kernel
@@ -346,6 +355,7 @@ def start(m: Any) -> int:
         m.anchor[i, 0] = point[0]
         m.anchor[i, 1] = point[1]
     _slip(m, position, rest, q, rest)
+    _meet_surroundings(m)
     _publish(m, position, rest, q, rest)
     return 0
 
@@ -357,6 +367,7 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     steps = max(ceil(h / m.substep - 1e-6), 1)
     part = h / steps
     _aim(m)
+    _meet_surroundings(m)
     position, velocity = load(m.position), load(m.velocity)
     q, rates = load4(m.attitude), load(m.angular_velocity)
     for _ in range(steps):

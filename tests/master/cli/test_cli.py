@@ -339,6 +339,9 @@ def test_build(run: Any, tmp_path: Path) -> None:
     code, stdout, stderr = run("build", "cli_built.py", "-o", "fmus")
     assert code == 0, stderr
     assert stdout == "fmus/CliBuilt.fmu: interpreted\n"
+    code, stdout, stderr = run("build", "line5-ardupilot", "ArduPilotSITL", "-o", "fmus", "--interpreted")
+    assert code == 0, stderr
+    assert stdout.splitlines() == [f"fmus/{m}.fmu: interpreted" for m in ("ArduPilotSITL", "LineAgent", "Quadrotor")]
     code, _, stderr = run("build", "Nonexistent", "-o", "fmus")
     assert code == 2 and "error: no model called Nonexistent: there are " in stderr
     code, _, stderr = run("build", "nowhere.py", "-o", "fmus")
@@ -350,14 +353,14 @@ def test_build_of_all_models_leaves_out_those_that_fmi_3_cannot_have(
 ) -> None:
     """All of a package, of which one has no kernels: it is named, the others are built."""
     known = {model.__name__: model for model in models_of_package("cosim_models")}
-    two = [known["ArduPilotSITL"], known["LineAgent"]]
+    two = [known["ArduPilotSITL"], known["PointMass"]]
     monkeypatch.setattr("cosim.build.models_of_package", lambda package: two)
     code, stdout, stderr = run("build", "--fmi", "3", "-o", "fmus")
     assert code == 0, stderr
     assert stdout.splitlines()[0] == (
         "ArduPilotSITL: not built: it has no kernels, and interpreted FMUs are FMI 2 only"
     )
-    assert [file.name for file in (tmp_path / "fmus").iterdir()] == ["LineAgent.fmi3.fmu"]
+    assert [file.name for file in (tmp_path / "fmus").iterdir()] == ["PointMass.fmi3.fmu"]
     code, _, stderr = run("build", "ArduPilotSITL", "--fmi", "3", "-o", "fmus")
     assert code == 2 and "error: ArduPilotSITL has no kernels" in stderr
 

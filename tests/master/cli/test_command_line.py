@@ -37,7 +37,7 @@ def test_every_verb_has_an_example_its_switches_and_json(name: str) -> None:
     assert re.search(rf"Examples?:\n +uav-cosim {name}\b", shown.stdout)
     assert all(switch in shown.stdout for switch in ("-q, --quiet", "-v, --verbose", "--json"))
     blocks = [block for block in DOCUMENTED if block.partition("-")[0] == name]
-    assert blocks or name in ("convert", "graph", "new", "swap", "view"), "its JSON document is not described"
+    assert blocks or name in ("convert", "graph", "new", "report", "view"), "its JSON document is not described"
 
 
 def test_defaults_are_shown() -> None:
@@ -140,7 +140,7 @@ def test_json_of_systems(call: Any, system: Path, probes: Any) -> None:
         "description": "",
     }
     probes.fmu("other.fmu", guid="other")
-    assert call("plot", "swap", "s.ssd", "b", "other.fmu", "-o", "new.ssd") == {"files": ["new.ssd"]}
+    assert call("swap", "swap", "s.ssd", "b", "other.fmu", "-o", "new.ssd") == {"files": ["new.ssd"], "notes": []}
     assert call("plot", "graph", "s.ssd") == {"files": ["test.svg"]}
 
 
@@ -155,7 +155,7 @@ def test_json_of_runs(call: Any, system: Path, tmp_path: Path) -> None:
     )
     assert call("export", "export", "out/s", "-o", "r.csv", "--numbers") == {
         "files": ["r.csv"],
-        "left_out": ["a.r", "b.r"],
+        "notes": ["left out, as text: a.r, b.r"],
     }
     assert call("compare", "compare", "out/s", "out/s")["equal"] is True
     consensus_run(tmp_path / "flown", last_step=1)

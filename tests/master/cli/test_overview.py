@@ -142,6 +142,7 @@ def test_for_people(tmp_path: Path) -> None:
         "nodes: 4 (drone1, drone2, drone3, drone10)",
         "radio: nearest, latency 0.02 s, jitter 0 s, loss 0.1, range unlimited",
         "packets: 4 sent by radio, 3 delivered, 1 lost (channel 1), 2 on board",
+        "links: 4, most losses from drone2 to drone1: 1 of 1 lost (channel 1)",
         "message              senders  1/s each  by radio  lost  on board",
         "GLOBAL_POSITION_INT        2      0.15         4     1         2",
         "message 42100              1       0.1         1     0         0",
@@ -160,6 +161,7 @@ def test_for_people(tmp_path: Path) -> None:
 def test_it_fits_on_a_screen(tmp_path: Path, drones: int) -> None:
     names = [f"drone{i + 1}" for i in range(drones)]
     packets = [(1.0, f"{n}.agent", n, kind, k, "radio") for n in names for k, kind in enumerate(range(12))]
+    packets.append((2.0, "drone2.agent", "drone1", 0, 12, "lost: range"))
     finding = {"kind": "agent failed", "severity": "failure", "who": names, "time": 1.0, "text": "not armed"}
     verdict = VERDICT | {"findings": [finding] * drones}
     gateways = {f"@{name}": {"address": "tcp:127.0.0.1:5760", "in": 1} for name in names}
@@ -169,7 +171,7 @@ def test_it_fits_on_a_screen(tmp_path: Path, drones: int) -> None:
     assert len(lines) <= 23, lines
     assert f"nodes: {drones} ({'drone1, drone2, ..., drone1000' if drones > 6 else ', '.join(names)})" in lines
     assert f"and {drones - 3} more failures and warnings (manifest.json has all)" in lines
-    assert "and 5 more kinds of messages (--json lists them)" in lines
+    assert "and 6 more kinds of messages (--json lists them)" in lines
     assert f"and {drones - 2} more gateways" in lines
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.result import RunResult
+from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
@@ -377,6 +377,8 @@ def test_changes_that_cannot_be_made(stricts3: Any, name: str, message: str) -> 
     ('intervalDecimal="0"', "its interval must be positive"),
     ('intervalDecimal="0.5" shiftDecimal="-1"', "its shift must not be negative"),
     ('intervalDecimal="often"', 'intervalDecimal "often" is not a number'),
+    ('intervalDecimal="1e-999999999"', 'intervalDecimal "1e-999999999" is not a number'),
+    ('intervalDecimal="1/0"', 'intervalDecimal "1/0" is not a number'),
 ])  # fmt: skip
 def test_clocks_that_are_described_wrongly(stricts3: Any, attributes: str, message: str) -> None:
     clocked(stricts3, "a.fmu", "constant", constant=attributes)

@@ -58,10 +58,10 @@ def error(system: Path, out: Path) -> float:
     ids=["jacobi", "gauss-seidel", "fixed-point", "quasi-newton", "jacobi-extrapolated", "one-extrapolated"],
 )
 def test_the_order_of_a_master_is_what_theory_says(linears: Any, tmp_path: Path, master: str, order: float) -> None:
-    steps = [0.01 / 2**n for n in range(4)]
+    steps = [0.01 / 2**n for n in range(3)]
     errors = [error(oscillators(linears, step, master, interval=0.01), tmp_path / f"{step}") for step in steps]
     orders = [math.log2(a / b) for a, b in pairwise(errors)]
-    assert orders == pytest.approx([order] * 3, abs=0.1), errors
+    assert orders == pytest.approx([order] * 2, abs=0.1), errors
 
 
 # ---- Richardson -------------------------------------------------------------------------------
@@ -151,8 +151,8 @@ def test_every_call_of_every_trial_is_legal(stricts: Any, tmp_path: Path) -> Non
 def test_chunks_of_wall_clock_time_make_no_difference(linears: Any, tmp_path: Path) -> None:
     """Steps end at rows, not where the run looks at the clock."""
     rows = []
-    for n, pace in enumerate((None, 20.0)):
-        system = oscillators(linears, 0.01, RICHARDSON + "/>", interval=0.25)
+    for n, pace in enumerate((None, 100.0)):
+        system = oscillators(linears, 0.01, RICHARDSON + 'tolerance="0.01"/>', interval=0.25)
         assert simulate(system, RunOptions(out=tmp_path / str(n), pace=pace)).outcome == "done"
         rows.append(signals(tmp_path / str(n)))
     for name in rows[0]:

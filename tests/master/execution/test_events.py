@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.result import RunResult
+from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 from tests.master.strict3 import ABLE
 

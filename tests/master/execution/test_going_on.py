@@ -16,9 +16,9 @@ import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
-from cosim_master.execution.result import Progress
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.repair import repair
+from cosim_master.stepping.observation import Progress
 from tests.master.clocked import clocked
 from tests.master.linear import BALL_PORTS, ball
 from tests.master.strict3 import ABLE

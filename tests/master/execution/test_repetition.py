@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from cosim_master.cli import app
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.result import RunResult
+from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 
 pytestmark = pytest.mark.usefixtures("own_cache")

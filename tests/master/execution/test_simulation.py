@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,14 +21,19 @@ import pytest
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution import pacing
 from cosim_master.execution.options import Listener, RunOptions
-from cosim_master.execution.prepare import Prepared
-from cosim_master.execution.result import Overruns, Progress, RunResult
+from cosim_master.execution.outcome.result import Overruns, RunResult
+from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.gateways.gateways import Gateways
+from cosim_master.stepping.control import Control
+from cosim_master.stepping.observation import Progress
 from cosim_master.system.settings.time_grid import TimeGrid
 from tests.master.probe import model, slave
 
 pytestmark = pytest.mark.usefixtures("own_cache")
+
+HERE = ("--isolate", "none")
+"""FMUs in the process of the run."""
 
 
 def signals(out: Path) -> dict[str, list[Any]]:
@@ -275,7 +281,16 @@ def test_an_fmu_that_aborts_when_freed(probes: Any, tmp_path: Path) -> None:
     """The process is gone then, but its results are on disk."""
     probes.fmu()
     system = probes.ssd(probes.component("a", mode=11))
-    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(system), "-o", "out"]
+    command = [
+        sys.executable,
+        "-c",
+        "from cosim_master.cli import main; main()",
+        "run",
+        str(system),
+        "-o",
+        "out",
+        *HERE,
+    ]
     environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == -signal.SIGABRT
@@ -292,7 +307,7 @@ def test_an_fmu_that_crashes_in_a_step(probes: Any, tmp_path: Path, mode: int, n
     parts = probes.component("a") + probes.component("b", "other.fmu", mode=mode, when=1.0)
     command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(probes.ssd(parts))]
     environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
-    done = subprocess.run([*command, "-o", "out"], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = subprocess.run([*command, "-o", "out", *HERE], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == -number
     text = f"b: fmi2DoStep failed at t = 1 s: other.fmu crashed ({number.name}) and takes the process with it"
     assert f"error: {text}" in done.stderr
@@ -323,13 +338,22 @@ def test_ctrl_c_from_a_terminal(probes: Any, tmp_path: Path) -> None:
     """A signal from outside, at whatever moment: the recording is complete up to a step, the exit code is 130."""
     probes.fmu(step=0.001)
     system = probes.ssd(probes.component("a"), stop=1e6)
-    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(system), "-o", "out"]
+    command = [
+        sys.executable,
+        "-c",
+        "from cosim_master.cli import main; main()",
+        "run",
+        str(system),
+        "-o",
+        "out",
+        *HERE,
+    ]
     running = subprocess.Popen([*command, "--pace", "1"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     log = tmp_path / "calls.txt"
     while running.poll() is None and not (log.exists() and "step 0.05 " in log.read_text()):
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
-    _, errors = running.communicate(timeout=60)
+    _, errors = running.communicate(timeout=300)
     assert running.returncode == 130, errors
     assert "Traceback" not in errors
     times = signals(tmp_path / "out")["time"]
@@ -576,6 +600,24 @@ def test_all_problems_of_clock_recording_and_network_come_together(probes: Any) 
 # ---- pace -------------------------------------------------------------------------------------
 
 
+def twice(request: Callable[[Control], None]) -> Callable[[Control], None]:
+    return lambda control: (request(control), request(control))[0]
+
+
+class Waiting(Control):
+    """Requests that come while the run waits: each after so many waits."""
+
+    def __init__(self, clock: Clock, pace: float | None, requests: Mapping[int, Callable[[Control], None]]) -> None:
+        super().__init__(pace)
+        self.clock, self.requests, self.waits = clock, requests, 0
+        self.requests.get(0, lambda _: None)(self)
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep(seconds)
+        self.waits += 1
+        self.requests.get(self.waits, lambda _: None)(self)
+
+
 class Clock:
     """A time module whose time passes by sleeping and by stepping only."""
 
@@ -594,13 +636,20 @@ class Clock:
         self.now += seconds
 
 
-def paced(monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None) -> tuple[Clock, RunResult, list[int]]:
+def paced(
+    monkeypatch: pytest.MonkeyPatch,
+    cost: float,
+    pace: float | None,
+    requests: Mapping[int, Callable[[Control], None]] | None = None,
+    periods: tuple[int, ...] = (1,),
+) -> tuple[Clock, RunResult, list[int]]:
     """Ten seconds of an execution with base step 10 ms, each of which costs `cost` s."""
     clock = Clock(cost)
     monkeypatch.setattr(pacing, "time", clock)
     reached: list[int] = []
 
     class Execution:
+        over = False
         k = 0
 
         @property
@@ -613,16 +662,18 @@ def paced(monkeypatch: pytest.MonkeyPatch, cost: float, pace: float | None) -> t
             self.k = k
             reached.append(k)
 
-        def keep(self, wall: float) -> None:
-            assert wall == clock.now - 100.0
-            clock.kept.append(clock.now)
+        def progressed(self, progress: Progress) -> None:
+            assert progress.wall == clock.now - 100.0
+            if progress.kept:
+                clock.kept.append(clock.now)
 
         def packet_counts(self) -> dict[str, int]:
             return {"sent": 0}
 
-    ready: Any = SimpleNamespace(clock=TimeGrid(0, 10_000_000, 1000, (1,)), notes=())
+    ready: Any = SimpleNamespace(clock=TimeGrid(0, 10_000_000, 1000, periods), notes=())
     execution: Any = Execution()
-    return clock, pacing.run(execution, ready, Gateways([], lambda _: None), execution.advance, pace=pace), reached
+    control = Waiting(clock, pace, requests or {})
+    return clock, pacing.run(execution, ready, Gateways([], lambda _: None), execution, control=control), reached
 
 
 @pytest.mark.parametrize("pace", [0.5, 1.0, 4.0])
@@ -633,6 +684,41 @@ def test_a_pace_is_held_by_sleeping(monkeypatch: pytest.MonkeyPatch, pace: float
     assert sum(clock.slept) == pytest.approx(10.0 / pace - 1.0, abs=0.03)
     assert max(clock.slept) <= 0.05  # never deaf to Ctrl-C for long
     assert result.overruns == Overruns(0, 0.0)
+
+
+@pytest.mark.parametrize(("periods", "points"), [((1,), [1, 2, 3]), ((4, 6), [4, 6, 8]), ((5, 10), [5, 10, 15])])
+def test_a_paused_run_makes_single_steps(
+    monkeypatch: pytest.MonkeyPatch, periods: tuple[int, ...], points: list[int]
+) -> None:
+    """From one communication point to the next; then it goes on at its pace, as if it had begun there."""
+    requests = {0: Control.pause, 3: Control.step, 6: twice(Control.step), 9: Control.resume}
+    _, result, reached = paced(monkeypatch, 0.001, 1.0, requests, periods)
+    assert reached[:3] == points
+    assert reached[-1] == 1000 and len(reached) > 300
+    assert result.wall_s == pytest.approx(9 * 0.05 + 10.0 - points[-1] / 100, abs=0.1)
+    assert result.overruns == Overruns(0, 0.0)
+
+
+def test_the_speed_changes_while_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a tenth of real time to four times of it. Only a pace that was given is missed, not a speed set later."""
+    requests = {100: lambda control: control.set_speed(4.0)}
+    clock, result, _ = paced(monkeypatch, 0.001, 0.1, requests)
+    slow = sum(clock.slept[:100])
+    assert 3.0 < slow <= 5.0
+    assert result.wall_s == pytest.approx(slow + (10.0 - slow / 10) / 4.0, abs=0.2)
+    _, result, _ = paced(monkeypatch, 0.02, 0.1, {20: lambda control: control.set_speed(4.0)})
+    assert result.wall_s > 15.0  # it cannot go so fast
+    assert result.overruns == Overruns(0, 0.0)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_speed_is_positive(factor: float) -> None:
+    control = Control(2.0)
+    with pytest.raises(ValueError, match=r"speed (0\.0|-1\.0|nan|inf): give a positive factor of real time"):
+        control.set_speed(factor)
+    assert control.factor == 2.0
+    control.set_speed(None)
+    assert control.factor is None
 
 
 def test_a_pace_that_cannot_be_held_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:

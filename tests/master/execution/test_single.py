@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.result import RunResult
+from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.interpolation import interpolated
 from cosim_master.system.reading.single_fmu import output_interval

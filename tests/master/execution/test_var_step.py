@@ -19,8 +19,8 @@ import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.prepare import prepare
-from cosim_master.execution.result import RunResult
+from cosim_master.execution.outcome.result import RunResult
+from cosim_master.execution.preparation.prepare import prepare
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import convert
 from cosim_master.system.flatten.check import check

@@ -15,6 +15,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe, platform
+from cosim_master.fmi.slaves.isolated import Isolation
 from tests.master.conftest import SUFFIX, variable
 from tests.master.probe import compiled
 
@@ -83,6 +84,7 @@ def test_one_that_says_it_is_good_for_one_instance(probes: Any) -> None:
     system = probes.ssd(probes.component("a") + probes.component("b"))
     with pytest.raises(SystemDescriptionError, match="can be instantiated only once per process"):
         simulate(system)
+    assert simulate(system, RunOptions(isolation=Isolation("foreign"))).outcome == "done"
     assert simulate(probes.ssd(probes.component("a"))).outcome == "done"
 
 

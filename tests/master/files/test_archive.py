@@ -139,7 +139,7 @@ def test_pack_and_unpack_and_the_same_bytes_again(tmp_path: Path) -> None:
     assert archive.member_names(tmp_path / "one.zip", "") == ("folder/x", "y")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(st.data())
 def test_damaged_archives_give_our_error_or_nothing(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

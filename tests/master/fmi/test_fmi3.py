@@ -14,7 +14,7 @@ import pytest
 from cosim_master.diagnostics.errors import FmuError, SystemDescriptionError
 from cosim_master.execution.execution import Execution
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.result import RunResult
+from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 from cosim_master.fmi.slaves.fmi3 import Instance3
@@ -346,6 +346,7 @@ def test_an_array_is_one_variable_per_element(stricts3: Any) -> None:
         ('<Dimension start="2"/>', '<Dimension start="2000000"/>', "has 2000000 elements; at most 1048576"),
         ('start="0"><Dim', 'start="0 1 2"><Dim', "has 2 elements and 3 start values"),
         ('start="false"', 'start="maybe"', 'start "maybe" of "b_in" is not of type Boolean'),
+        ('name="high" value="5"', 'name="high"', 'item "high" of the Enumeration "e_in" needs an integer value'),
         ("<CoSimulation modelId", "<ScheduledExecution modelId", "Scheduled Execution only"),
     ],
 )

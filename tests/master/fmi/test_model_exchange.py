@@ -14,7 +14,7 @@ import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.result import RunResult
+from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 from cosim_master.fmi.slaves.solvers import Choice

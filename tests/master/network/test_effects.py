@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from cosim.packets import GOOD, find
 from cosim_master.network.radio.build import packet_counts
 from cosim_master.network.radio.tables import BY_RADIO, DUPLICATE
 from cosim_master.system.settings.network import Channel, Jamming, Partition
+from cosim_master.system.settings.obstacles import Obstacle
+from cosim_master.system.settings.trace import Trace
 from tests.master.network.test_radio import SECOND, Air, each_alone, fates, packet, spread
 
 FIVE_SIGMA = 5.0
@@ -131,6 +134,102 @@ def test_shadowing_is_normal_the_same_both_ways_and_at_all_times() -> None:
     share = 0.5 * (1.0 + math.erf(5.0 / 6.0 / math.sqrt(2.0)))
     pairs = n * (n - 1)
     assert heard.sum() / pairs == pytest.approx(share, abs=FIVE_SIGMA * math.sqrt(share * (1 - share) / (pairs / 2)))
+
+
+BOX = Obstacle(50.0, 0.0, 10.0, 40.0, 0.0, 30.0, 0.0, loss=10.0, attenuation=0.0)
+POST = Obstacle(50.0, 0.0, 0.0, 0.0, 6.0, 30.0, 5.0, loss=10.0, attenuation=0.0)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "way", "inside"),
+    [
+        # Ways from (north, east, down) to (north, east, down), and the length inside, m.
+        (BOX, (0, 0, -10, 100, 0, -10), 10.0),
+        (BOX, (100, 0, -10, 0, 0, -10), 10.0),
+        (BOX, (0, 0, -10, 50, 0, -10), 5.0),  # ends in it
+        (BOX, (48, 0, -10, 52, 3, -10), 5.0),  # within it
+        (BOX, (0, 0, -10, 40, 0, -10), 0.0),  # ends before it
+        (BOX, (60, 0, -10, 100, 0, -10), 0.0),  # begins behind it
+        (BOX, (0, 21, -10, 100, 21, -10), 0.0),  # passes by
+        (BOX, (0, 0, -31, 100, 0, -31), 0.0),  # over it
+        (BOX, (50, 0, -40, 50, 0, -5), 25.0),  # straight down into it
+        (BOX, (20, 0, 0, 80, 0, -80), 0.0),  # rises by 4 m for each 3 m: 33 m high where it comes to the box
+        (BOX, (30, 0, 0, 90, 0, -80), 12.5),  # comes in 20 m high, and leaves by the roof
+        (POST, (0, 0, -10, 100, 0, -10), 12.0),
+        (POST, (50, -50, -10, 50, 50, -10), 12.0),
+        (POST, (0, 3.6, -10, 100, 3.6, -10), 9.6),  # a chord of the circle
+        (POST, (0, 6.1, -10, 100, 6.1, -10), 0.0),
+        (POST, (50, 0, -10, 100, 0, -10), 6.0),
+        (POST, (50, 1, 0, 50, 1, -100), 30.0),  # along its axis
+        (POST, (50, 7, 0, 50, 7, -100), 0.0),
+        (POST, (0, 0, -4, 100, 0, -4), 0.0),  # under it
+        (POST, (0, 0, -36, 100, 0, -36), 0.0),
+    ],
+)
+def test_obstacles_in_the_way(obstacle: Obstacle, way: tuple[float, ...], inside: float) -> None:
+    """Received at the least power that just suffices: the losses of distance and obstacle in closed form."""
+    distance = max(math.dist(way[:3], way[3:]), 1.0)
+    for loss, attenuation in ((10.0, 0.0), (0.0, 0.7), (3.0, 0.5)):
+        behind = (loss if inside > 0.0 else 0.0) + attenuation * inside
+        power = 20.0 - 31.7 - 20.0 * math.log10(distance) - behind
+        one = replace(obstacle, loss=loss, attenuation=attenuation)
+        for margin, outcome in ((-1e-6, "radio"), (1e-6, "lost: signal")):
+            air = each_alone(2, sensitivity=power + margin, obstacles=(one,))
+            air.at("n0", *way[:3])
+            air.at("n1", *way[3:])
+            air.send(0, "n0", packet(1))
+            assert air.outcomes() == {outcome: 1}
+
+
+def test_losses_of_several_obstacles_add_up() -> None:
+    air = each_alone(3, sensitivity=20.0 - 31.7 - 40.0 - 20.0 - 1e-6, obstacles=(BOX, POST))
+    air.at("n0", 0.0, 0.0, -10.0)
+    air.at("n1", 100.0, 0.0, -10.0)
+    air.at("n2", 0.0, 100.1, -10.0)
+    air.send(0, "n0", packet(1))
+    assert air.outcomes() == {"radio": 2}
+    air = each_alone(2, sensitivity=20.0 - 31.7 - 40.0 - 20.0 + 1e-6, obstacles=(BOX, POST))
+    air.at("n0", 0.0, 0.0, -10.0)
+    air.at("n1", 100.0, 0.0, -10.0)
+    air.send(0, "n0", packet(1))
+    assert air.outcomes() == {"lost: signal": 1}
+
+
+# ---- traces -----------------------------------------------------------------------------------------------------
+
+
+def test_a_trace_is_replayed() -> None:
+    """Literal rows; before the first row of a link it applies, and the last applies to the end."""
+    rows = (
+        (2.0, "n0", "n1", 0.0, 0.0),
+        (1.0, "n0", "n1", 1.0, 0.25),
+        (3.0, "n0", "n1", 1.0, 0.5),
+        (0.0, "n2", "n1", 0.0, 0.0),
+        (5.0, "n1", "n0", 0.0, 0.0),
+    )
+    air = each_alone(3, latency=0.125, jitter=0.0, loss=0.0, trace=Trace("x.csv", "", rows))
+    for t in (0.5, 1.0, 1.999, 2.0, 2.999, 3.0, 99.0):
+        for name in ("n0", "n1", "n2"):
+            air.send(int(t * SECOND), name, packet(1))
+    found = {
+        (air.nodes[e["source"]], air.nodes[e["target"]], e["sent"] / SECOND): (e["arrival"] - e["sent"]) / SECOND
+        for e in air.events
+        if e["outcome"] == BY_RADIO
+    }
+    times = (0.5, 1.0, 1.999, 2.0, 2.999, 3.0, 99.0)
+    delays = {0.5: 0.25, 1.0: 0.25, 1.999: 0.25, 3.0: 0.5, 99.0: 0.5}
+    expected = {("n0", "n1", t): delay for t, delay in delays.items()}
+    for way in (("n0", "n2"), ("n1", "n2"), ("n2", "n0")):  # not in the trace
+        expected |= {(*way, t): 0.125 for t in times}
+    assert found == expected
+    assert air.outcomes() == {"radio": 5 + 3 * 7, "lost: trace": 2 + 7 + 7}
+
+
+def test_a_trace_may_have_probabilities() -> None:
+    air = each_alone(2, loss=1.0, trace=Trace("x.csv", "", ((0.0, "n0", "n1", 0.8, 0.01),)), seed=3)
+    spread(air, "n0", 10_000)
+    assert lost_of(air).mean() == pytest.approx(0.2, abs=FIVE_SIGMA * math.sqrt(0.16 / 10_000))
+    assert {*air.outcomes()} == {"radio", "lost: trace"}
 
 
 # ---- areas and partitions ---------------------------------------------------------------------------------------

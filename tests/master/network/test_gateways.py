@@ -27,7 +27,8 @@ from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import admit, send
 from cosim_master.network.radio.tables import DELIVERED, EVENT, IN_FLIGHT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
 from cosim_master.network.radio.topology import copies
-from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node
+from cosim_master.system.settings.network import Gateway, Network
+from cosim_master.system.settings.nodes import Endpoint, Node
 from tests.master.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)
@@ -404,7 +405,7 @@ def opened() -> Iterator[Callable[..., tuple[Socket, list[str]]]]:
         one.close()
 
 
-def until(condition: Callable[[], Any], seconds: float = 5.0) -> Any:
+def until(condition: Callable[[], Any], seconds: float = 60.0) -> Any:
     """What `condition` says once it is true; loopback is fast but not instant."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -467,7 +468,7 @@ def test_what_a_client_does_not_read_is_kept_up_to_a_bound_and_then_refused(open
         taken = [one for one in sent if server.send([one])]
         assert 256 <= len(taken) < len(sent)
         read = bytearray()
-        client.settimeout(5)
+        client.settimeout(60)
         while len(read) < len(taken) * 4096:
             read += client.recv(1 << 20)
             server.send([])

@@ -16,7 +16,8 @@ from cosim_master.network.gateways.gateways import gateways_of
 from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import admit
 from cosim_master.stepping.kernels.tables import DONE, FAILED, NOT_BASE64
-from cosim_master.system.settings.network import Endpoint, Gateway, Network, Node, network_of, with_gateways
+from cosim_master.system.settings.network import Gateway, Network, network_of, with_gateways
+from cosim_master.system.settings.nodes import Endpoint, Node
 from tests.master.network.test_gateways import Air, packet
 from tests.master.scripted import Scripted, system_of, variable
 from tests.master.stepping.test_macro_step import Loop

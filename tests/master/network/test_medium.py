@@ -1,4 +1,4 @@
-"""Media that packets share, against queues computed by hand and the throughput of slotted ALOHA."""
+"""Media that packets share, against queues computed by hand and the throughputs of slotted ALOHA and of CSMA."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.network.radio.build import grown, packet_counts
-from cosim_master.network.radio.router import end_slots
+from cosim_master.network.radio.router import serve_medium
 from cosim_master.network.radio.tables import BY_RADIO, FREE_PLACES, LOST_COLLISION, LOST_QUEUE, USED_EVENTS, WAITING
 from cosim_master.network.radio.topology import copies
 from tests.master.network.test_radio import SECOND, Air, each_alone, packet, spread
@@ -33,7 +33,7 @@ class Slots(Air):
             events = np.zeros(2 * (self.radio.events.size + need), self.radio.events.dtype)
             events[: self.radio.events.size] = self.radio.events
             self.radio = self.radio._replace(events=events)
-        end_slots(self.radio, self.reals, t)
+        serve_medium(self.radio, self.reals, t)
 
 
 def slotted(nodes: int, **network: Any) -> Slots:
@@ -77,6 +77,12 @@ def test_what_nobody_hears_takes_no_time() -> None:
     air.send(0, "n0", packet(1))
     assert air.outcomes() == {"lost: no route": 1, "radio": 1}
     assert int(air.events[-1]["arrival"]) == AIRTIME
+
+
+def sensing(nodes: int, **network: Any) -> Slots:
+    """Nodes with CSMA; unless given, a packet waits for at most a microsecond, and is lost if the medium is busy."""
+    settings = {"rate": 57_600.0, "backoff": 1e-6, "queue": 0.0} | network
+    return Slots({f"n{i}": [f"n{i}"] for i in range(nodes)}, medium="csma", **settings)
 
 
 def position() -> bytes:
@@ -227,6 +233,105 @@ def test_what_happens_in_slots_does_not_depend_on_the_order_or_the_steps() -> No
         )
 
     assert fly("abcd", SLOT // 4) == fly("dcba", 7 * SLOT)
+
+
+# ---- CSMA ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("delay", "load"), [(0.01, 1.0), (0.1, 0.5), (0.1, 2.0), (0.3, 2.0), (0.01, 6.0)])
+def test_the_throughput_of_csma(delay: float, load: float) -> None:
+    """Kleinrock and Tobagi (1975), non-persistent: S = G exp(-aG) / (G (1 + 2a) + exp(-aG)).
+
+    S and G are packets received and sensings per time T of a packet on the air; a T is the time of sensing. Packets
+    that find the medium busy are lost, so that the sensings form a Poisson process, as in the paper. Busy and idle
+    times alternate with at most one success each, so the number of successes varies less than that of a Poisson
+    process; its four standard deviations are allowed.
+    """
+    nodes, times = 40, 2500
+    chance = np.random.default_rng(int(100 * load))
+    sent = packet(1, to=200)
+    scale = len(sent) * AIRTIME / LENGTH
+    air = sensing(nodes, sensing=delay * scale / SECOND)
+    air.radio.endpoints["heard"][0] = 200  # all packets are for n0
+    count = chance.poisson(load * times)
+    for t in np.sort(chance.uniform(0.0, times * scale, count)):
+        air.end(int(t))
+        air.send(int(t), f"n{chance.integers(1, nodes)}", sent)
+    air.end(int(2 * times * scale))
+    counts = air.outcomes()
+    throughput = counts["radio"] / times
+    alone = math.exp(-delay * load)
+    expected = load * alone / (load * (1.0 + 2.0 * delay) + alone)
+    assert throughput == pytest.approx(expected, abs=4.0 * math.sqrt(expected / times))
+    assert sum(counts.values()) == count and air.radio.counters[WAITING] == 0
+
+
+def test_who_hears_another_waits_and_who_begins_too_soon_collides() -> None:
+    air = sensing(4, sensing=0.001)
+    for t, name in ((0, "n0"), (2_000_000, "n1")):  # n1 hears n0, and gives up
+        air.send(t, name, packet(1))
+    air.end(SECOND)
+    assert air.outcomes() == {"radio": 3, "lost: queue": 3}
+    assert {int(e["arrival"]) - AIRTIME < 1000 for e in air.events[3:]} == {True}
+    air = sensing(4, sensing=0.001)
+    for t, name in ((0, "n0"), (900_000, "n1")):  # n1 does not hear it yet
+        air.send(t, name, packet(1))
+    air.end(SECOND)
+    assert air.outcomes() == {"lost: collision": 6}
+
+
+def test_a_busy_medium_is_sensed_again_until_it_is_free() -> None:
+    """Three packets at once: each goes alone, and arrives after whole times on the air."""
+    air = sensing(3, backoff=0.05, queue=1.0, seed=1)
+    for name in ("n0", "n1", "n2"):
+        air.send(0, name, packet(1))
+    assert air.radio.counters[WAITING] == 3
+    air.end(2 * SECOND)
+    assert air.outcomes() == {"radio": 6}
+    arrivals = sorted({int(e["arrival"]) for e in air.events})
+    assert len(arrivals) == 3 and min(np.diff(arrivals)) >= AIRTIME
+    assert set(air.events["sent"]) == {0}
+
+
+def test_a_hidden_sender_is_not_sensed() -> None:
+    """a - b - c: a and c do not hear each other, so c begins while a sends, and b receives neither; d receives c."""
+    row = frozenset(pair for a, b in ("ab", "bc", "cd") for pair in ((a, b), (b, a)))
+    air = Slots({n: [n] for n in "abcd"}, medium="csma", rate=57_600.0, backoff=1e-6, topology="listed", links=row)
+    air.send(0, "a", packet(1))
+    air.send(AIRTIME // 2, "c", packet(3))
+    air.end(SECOND)
+    fate = {(air.nodes[e["source"]], air.nodes[e["target"]]): int(e["outcome"]) for e in air.events}
+    assert fate == {("a", "b"): LOST_COLLISION, ("c", "b"): LOST_COLLISION, ("c", "d"): BY_RADIO}
+
+
+def test_csma_does_not_depend_on_the_order_or_the_steps() -> None:
+    def fly(names: str, step: int) -> Counter[Any]:
+        air = Slots(
+            {name: [name] for name in names},
+            medium="csma",
+            rate=57_600.0,
+            backoff=0.02,
+            sensing=0.0005,
+            queue=0.05,
+            loss=0.2,
+            seed=5,
+        )
+        chance = np.random.default_rng(1)
+        now = 0
+        for t, name in zip(np.sort(chance.integers(0, 2 * SECOND, 400)), chance.choice(list("abcd"), 400), strict=True):
+            while now + step <= t:
+                now += step
+                air.end(now)
+            air.send(int(t), name, packet(1, 0))
+        air.end(5 * SECOND)
+        counts = air.outcomes()
+        assert min(counts[name] for name in ("radio", "lost: queue", "lost: collision", "lost: channel")) > 0
+        return Counter(
+            (air.nodes[e["source"]], air.nodes[e["target"]], int(e["sent"]), int(e["arrival"]), int(e["outcome"]))
+            for e in air.events
+        )
+
+    assert fly("abcd", SECOND // 400) == fly("dcba", SECOND // 7)
 
 
 def test_nothing_is_lost_unseen() -> None:

@@ -32,7 +32,8 @@ from cosim_master.network.radio.tables import (
     Radio,
 )
 from cosim_master.network.radio.topology import copies, sort_along
-from cosim_master.system.settings.network import Channel, Endpoint, Network, Node
+from cosim_master.system.settings.network import Channel, Network
+from cosim_master.system.settings.nodes import Endpoint, Node
 from tests.master.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)

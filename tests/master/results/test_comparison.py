@@ -23,7 +23,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.comparison import SignalComparison, _compare_values, compare
-from cosim_master.results.export import export_csv
+from cosim_master.results.export.csv import export_csv
 
 MANIFEST: dict[str, Any] = {
     "outcome": "done",

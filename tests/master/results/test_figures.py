@@ -16,8 +16,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.figures import draw_altitude, draw_errors, draw_positions, draw_snapshots, figures
+from cosim_master.results.figures.draw import drawn, figures
+from cosim_master.results.figures.motion import draw_altitude, draw_errors, draw_map, draw_positions, draw_snapshots
 from cosim_master.results.flight import read_flight
+from cosim_master.results.run_folder import is_figure
 
 FIRST, PERIOD, LAG = 25.0, 3.1875, 0.6
 
@@ -237,13 +239,58 @@ def test_a_shared_label_stands_above_the_highest(tmp_path: Path) -> None:
         assert 12.0 < found["1, 2, 3"][2] < 13.5
 
 
-def test_of_many_drones_the_legend_names_the_bound_only(tmp_path: Path) -> None:
-    flight = read_flight(consensus_run(tmp_path, [3.0 * i for i in range(25)], last_step=2))
-    errors, snapshots = draw_errors(flight), draw_snapshots(flight)
-    assert errors and snapshots
-    assert len(errors.axes[0].get_lines()) == 24
-    assert [text.get_text().partition(",")[0] for text in errors.legends[0].get_texts()] == ["bound of the law"]
-    assert [len(axes.texts) for axes in snapshots.axes] == [0, 0, 0]
+def test_many_drones_have_quantiles_and_colours_instead_of_names(tmp_path: Path) -> None:
+    flight = read_flight(consensus_run(tmp_path, [3.0 * i + (i % 3) for i in range(25)], last_step=2))
+    errors, snapshots, positions, seen = (
+        draw_errors(flight),
+        draw_snapshots(flight),
+        draw_positions(flight),
+        draw_map(flight),
+    )
+    assert errors and snapshots and seen
+    point, _ = flight.law or ({}, 0.0)
+    places = {drone.name: drone.position for drone in flight.drones if drone.position is not None}
+    begin = flight.row(FIRST)
+    known = np.array([np.abs(places[name][begin:, 1] - value) for name, value in point.items()])
+    assert known.shape[0] == 23
+    times, median = data(errors.axes[0], "median")
+    expected = np.interp(times, flight.time[begin:], np.median(known, axis=0))
+    np.testing.assert_allclose(median, expected, rtol=1e-12)
+    labels = ["least to greatest", "5 to 95 %", "25 to 75 %", "median"]
+    assert [text.get_text() for text in errors.legends[0].get_texts()][:4] == labels
+    for figure in (positions, snapshots, seen):
+        assert figure.axes[-1].get_ylabel() == "number of the drone"  # the colour bar
+        assert not [text for axes in figure.axes for text in axes.texts]
+    (lines,) = positions.axes[0].collections
+    np.testing.assert_array_equal(
+        lines.get_segments()[7][:, 1], np.interp(lines.get_segments()[7][:, 0], flight.time, places["drone8"][:, 1])
+    )
+    change = flight.drones[7].position
+    assert change is not None and positions.axes[1].get_ylabel() == "change since step 1 (m)"
+    (points,) = snapshots.axes[0].collections
+    row = flight.row(end_of_step(1) - 0.02)
+    np.testing.assert_allclose(points.get_offsets()[7], (places["drone8"][row, 1], 10.0), atol=1e-3)
+
+
+def test_a_map_shows_paths_ends_and_the_range_of_the_radio(tmp_path: Path) -> None:
+    columns = {"time": (np.linspace(0, 10, 50), "s"), **rover_columns("rover"), **rover_columns("team.truck")}
+    figure = draw_map(read_flight(write_run(tmp_path, columns)), reach=25.0)
+    assert figure is not None
+    axes = figure.axes[0]
+    east, north = data(axes, "rover")
+    assert (east[0], north[0], east[-1], north[-1]) == (0.0, 0.0, -10.0, 20.0)
+    assert axes.get_aspect() == 1.0 and [patch.get_radius() for patch in axes.patches] == [25.0]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["start", "end", "radio range of rover, 25 m"]
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert [text.get_text() for text in axes.texts] == ["rover", "team"] and not boxes[0].overlaps(boxes[1])
+
+
+def test_pdf_is_written_and_recognised_as_a_figure(tmp_path: Path) -> None:
+    run = consensus_run(tmp_path, last_step=2)
+    (file,) = figures(run, signals=["drone3.*[2]"], formats=("pdf",))
+    assert file.read_bytes().startswith(b"%PDF-") and is_figure(file)
+    (tmp_path / "mine.pdf").write_bytes(b"%PDF-1.4 mine")
+    assert not is_figure(tmp_path / "mine.pdf")
 
 
 def test_errors_are_distances_to_even_spacing_below_the_bound(tmp_path: Path) -> None:
@@ -422,7 +469,7 @@ def test_vehicles_without_agents_have_three_axes_and_no_steps(tmp_path: Path) ->
         assert axes.get_zlim() == pytest.approx((0.0, 3.0))  # from the ground up, 3 m for 20 m north
     assert draw_errors(flight) is None
     names = [file.name for file in figures(tmp_path)]
-    assert names == [f"{n}{s}" for n in ("positions", "snapshots", "altitude") for s in (".png", ".svg")]
+    assert names == [f"{n}{s}" for n in ("positions", "snapshots", "map", "altitude") for s in (".png", ".svg")]
 
 
 def test_several_vehicles_of_one_system_keep_their_own_names(tmp_path: Path) -> None:
@@ -447,14 +494,14 @@ def test_a_run_that_ended_before_the_first_step(tmp_path: Path) -> None:
     assert dict(flight.steps) == {}
     assert draw_errors(flight) is None
     assert [file.stem for file in figures(tmp_path)] == [
-        n for n in ("positions", "snapshots", "altitude") for _ in "12"
+        n for n in ("positions", "snapshots", "map", "altitude") for _ in "12"
     ]
 
 
 def test_one_instant_of_one_vehicle_can_be_drawn(tmp_path: Path) -> None:
     columns = {"time": (np.zeros(1), "s"), **rover_columns("rover", 1)}
     run = write_run(tmp_path, columns)
-    assert [file.parent for file in figures(run)] == [run] * 6
+    assert [file.parent for file in figures(run)] == [run] * 8
 
 
 def test_thinning_keeps_the_instants_of_steps_exact(tmp_path: Path) -> None:
@@ -485,7 +532,9 @@ def test_same_run_same_bytes_whatever_the_configuration(tmp_path: Path) -> None:
     with matplotlib.rc_context({"font.size": 20, "axes.facecolor": "red", "font.family": "serif"}):
         second = figures(run, tmp_path / "b")
     assert [file.name for file in first] == [
-        f"{name}{suffix}" for name in ("positions", "snapshots", "errors", "altitude") for suffix in (".png", ".svg")
+        f"{name}{suffix}"
+        for name in ("positions", "snapshots", "map", "errors", "altitude")
+        for suffix in (".png", ".svg")
     ]
     for a, b in zip(first, second, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
@@ -495,7 +544,7 @@ def test_same_run_same_bytes_whatever_the_configuration(tmp_path: Path) -> None:
 def test_drawing_leaves_pyplot_alone_and_reading_leaves_matplotlib_alone(tmp_path: Path) -> None:
     run = consensus_run(tmp_path, last_step=2)
     code = (
-        "import sys, pathlib; from cosim_master.results.figures import figures, read_flight; "
+        "import sys, pathlib; from cosim_master.results.figures.draw import figures, read_flight; "
         "run = pathlib.Path(sys.argv[1]); "
         "read_flight(run); assert 'matplotlib' not in sys.modules; "
         "figures(run); assert 'matplotlib.pyplot' not in sys.modules"
@@ -541,3 +590,33 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     run = write_run(tmp_path / "run", {"time": (np.zeros(2), "s"), **rover_columns("rover", 2)})
     with pytest.raises(CosimError, match="figures cannot be written"):
         figures(run, run / "manifest.json")
+
+
+def test_violations_of_monitors_are_marked_in_figures_over_time(tmp_path: Path) -> None:
+    run = consensus_run(tmp_path / "run")
+    manifest = json.loads((run / "manifest.json").read_text())
+    violation = {"who": ["drone3.vehicle"], "worst": 1.0, "worst at": 31.0, "cause": "too fast"}
+    manifest["verdict"] = {
+        "monitors": [
+            {"name": "order", "count": 0, "violations": []},
+            {"name": "my_limit", "count": 1, "violations": [{**violation, "begin": 30.0, "end": 32.5}]},
+            {
+                "name": "fence",
+                "count": 2,
+                "violations": [{**violation, "begin": 40.0, "end": 41.0}, {**violation, "begin": 50.0, "end": None}],
+            },
+        ]
+    }
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    shown = {}
+    for name, figure in drawn(run):
+        legends = [[text.get_text() for text in one.get_texts()] for one in figure.legends]
+        spans = [[(patch.get_x(), patch.get_x() + patch.get_width()) for patch in axes.patches] for axes in figure.axes]
+        shown[name] = (["order kept", "my_limit violated", "fence violated 2 times"] in legends, spans)
+    for name in ("positions", "altitude", "errors"):
+        in_legend, spans = shown[name]
+        assert in_legend, name
+        for one in spans:
+            assert one[:2] == [(30.0, 32.5), (40.0, 41.0)]
+            assert one[2][0] == 50.0 and one[2][1] > 70.0
+    assert not shown["snapshots"][0] and not shown["map"][0]

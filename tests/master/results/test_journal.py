@@ -28,6 +28,7 @@ from cosim_master.results.read import signals
 from cosim_master.results.repair import repair
 from cosim_master.results.run_folder import RunFolder
 from cosim_master.stepping.observation import Seen, View
+from tests.master import processes
 from tests.master.probe import slave
 
 ROOT = Path(__file__).parents[3]
@@ -258,7 +259,7 @@ def test_logs_end_with_a_complete_packet(killed: Path) -> None:
 
 # ---- disks that are full ---------------------------------------------------------------------------------------------
 
-COMMAND = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run"]
+COMMAND = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", "--isolate", "none"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="limits of POSIX")
@@ -308,14 +309,14 @@ def test_a_disk_that_is_full(
     probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int, *, footer: bool
 ) -> None:
     """In the first row group, in the third, or only when the file is completed: every row is there."""
-    from cosim_master.results import recorder
     from cosim_master.results.parquet import signals_writer
+    from cosim_master.results.recording import recording
 
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)
     probes.fmu(step=0.01)
     system, out = probes.ssd(probes.component("a", u=1.0), stop=1.0), tmp_path / "out"
     with monkeypatch.context() as full:
-        full.setattr(recorder, "signals_writer", lambda *of: Full(signals_writer(*of), room, footer=footer))
+        full.setattr(recording, "signals_writer", lambda *of: Full(signals_writer(*of), room, footer=footer))
         result = simulate(system, RunOptions(out=out))
     assert result.outcome == "failed"
     text = f"{out}/unfinished/signals.parquet: cannot be written: No space left on device; "
@@ -331,13 +332,13 @@ def test_a_disk_that_is_full(
 
 def test_no_room_for_the_manifest(probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The one of the beginning is there: it is given the outcome in place."""
-    from cosim_master.results import recorder
+    from cosim_master.results.recording import recording
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     probes.fmu()
-    monkeypatch.setattr(recorder, "write_manifest", full)
+    monkeypatch.setattr(recording, "write_manifest", full)
     result = simulate(probes.ssd(probes.component("a")), RunOptions(out=tmp_path / "out"))
     assert result.outcome == "failed"
     assert "manifest.json: cannot be written: No space left on device" in str(result.error)
@@ -395,21 +396,55 @@ def test_a_signal_that_is_ignored_stays_ignored(probes: Any, tmp_path: Path) -> 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sysv_signal of glibc")
 def test_an_fmu_that_hangs_is_ended_by_the_second_signal(probes: Any, tmp_path: Path) -> None:
-    """No Python code runs meanwhile; what was recorded up to half a second before is there."""
+    """A thread names it, and completes the recording."""
     probes.fmu(step=0.01)
     system = probes.ssd(probes.component("a", mode=16, when=1.2), stop=9.0)
     environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
-    running = subprocess.Popen([*COMMAND, str(system), "-o", "out", "--pace", "1"], cwd=tmp_path, env=environment)
+    running = subprocess.Popen(
+        [*COMMAND, str(system), "-o", "out", "--pace", "1", "--step-timeout", "0.5"],
+        cwd=tmp_path,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     log = tmp_path / "calls.txt"
     while running.poll() is None and not (log.exists() and "step 1.2 " in log.read_text()):
         time.sleep(0.05)
+    assert running.stderr is not None
+    said = "a: fmi2DoStep failed at t = 1.2 s: probe.fmu has not returned; this step takes "
+    assert any(line.startswith(f"note: {said}") for line in running.stderr)  # reads until it is said
     for _ in range(2):
-        time.sleep(0.2)
-        running.send_signal(signal.SIGTERM)
-    assert running.wait(60) == -signal.SIGTERM
-    repair(tmp_path / "out")
-    times = signals(tmp_path / "out")["time"].to_pylist()
-    assert times == [k / 100 for k in range(len(times))] and len(times) > 1
+        time.sleep(0.5)
+        processes.signalled(running, signal.SIGTERM)
+    _, errors = running.communicate(timeout=300)
+    assert running.returncode == -signal.SIGTERM
+    assert f"error: {said}" in errors
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["outcome"] == "failed" and manifest["error"].startswith(said)
+    assert signals(tmp_path / "out")["time"].to_pylist() == [k / 100 for k in range(121)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes of FMUs")
+def test_an_isolated_fmu_that_hangs_is_ended_by_the_second_signal(probes: Any, tmp_path: Path) -> None:
+    """The run fails as if its process had crashed: nothing is lost, and the exit code is that of a failure."""
+    probes.fmu(step=0.01)
+    system = probes.ssd(probes.component("a", mode=16, when=1.2), stop=9.0)
+    command = [*COMMAND[:-2], "--step-timeout", "0", str(system), "-o", "out", "--pace", "10"]
+    environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
+    running = subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True)
+    manifest = tmp_path / "out" / "manifest.json"
+
+    # The process of the FMU is in sleep(), where the probe hangs.
+    while running.poll() is None and not any(map(processes.sleeps, processes.children(running.pid))):
+        time.sleep(0.05)
+    for _ in range(2):
+        time.sleep(0.5)
+        processes.signalled(running, signal.SIGTERM)
+    _, errors = running.communicate(timeout=300)
+    assert running.returncode == 1, errors
+    assert "error: a: fmi2DoStep failed at t = 1.2 s: its process was ended by signal 9 (SIGKILL)" in errors
+    assert json.loads(manifest.read_text())["outcome"] == "failed"
+    assert signals(tmp_path / "out")["time"].to_pylist() == [k / 100 for k in range(121)]
 
 
 def test_an_fmu_that_ends_the_process(tmp_path: Path, probes: Any) -> None:

@@ -20,7 +20,7 @@ from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.journal import goes_on
 from cosim_master.results.read import packets, signals
-from cosim_master.results.recorder import EPOCH
+from cosim_master.results.recording.packet_log import EPOCH, file_name
 from cosim_master.results.repair import repair
 from tests.master.probe import model
 from tests.master.results.test_journal import broken_off
@@ -245,6 +245,14 @@ def test_without_packets(chatters: Any, tmp_path: Path) -> None:
     assert sorted(p.name for p in out.rglob("*") if p.is_file()) == ["manifest.json", "signals.parquet"]
 
 
+def test_a_name_that_is_too_long_for_a_file() -> None:
+    """Its beginning remains, whole characters, with a digest by which it differs from others."""
+    name = "\N{GRINNING FACE}" * 200
+    assert file_name(name[:50]) == name[:50] and file_name("..") == "%2E%2E"
+    assert file_name(name) == name[:37] + "~" + hashlib.sha256(name.encode()).hexdigest()[:16]
+    assert file_name(name + "a") != file_name(name + "b")
+
+
 def test_names_of_nodes_are_made_names_of_files(probes: Any, tmp_path: Path, chatters: Any) -> None:
     system = chatters()
     system.write_text(system.read_text().replace('name="d10"', 'name="x/y: 50%"'))
@@ -302,6 +310,13 @@ def test_manifest(probes: Any, tmp_path: Path) -> None:
     assert manifest["system"] == {"name": "test", "path": str(system), "sha256": sha(system)}
     assert (manifest["start_time"], manifest["base_step"], manifest["seed"]) == (0.0, 0.5, 0)
     assert manifest["fmus"] == {str(fmu): {"sha256": sha(fmu), "guid": "probe", "model": "Unit", "verdicts": {}}}
+    assigned = {name: one.pop("assigned") for name, one in manifest["instances"].items()}
+    assert assigned["a"] == {"p": {"name": "p", "text": "1.5", "where": assigned["a"]["p"]["where"]}}
+    assert assigned["a"]["p"]["where"].startswith(f"{system}:")
+    assert assigned["b"] == {
+        "when": {"name": "b.when", "text": "inf", "where": "--set"},
+        "p": {"name": "b.p", "text": "0.5", "where": "--set"},
+    }
     assert manifest["instances"] == {
         "a": {"fmu": str(fmu), "step": 0.5, "step_by": "FMU", "parameters": {"p": 1.5, "mode": 0, "when": 0.0}},
         "b": {"fmu": str(fmu), "step": 1.0, "step_by": "system", "parameters": {"p": 0.5, "mode": 0, "when": "INF"}},

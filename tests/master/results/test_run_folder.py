@@ -12,7 +12,7 @@ import pytest
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.figures import figures
+from cosim_master.results.figures.draw import figures
 from cosim_master.results.run_folder import RunFolder, clear, held_fingerprint, is_figure
 from tests.master.results.test_figures import consensus_run
 

@@ -17,7 +17,8 @@ from cosim_master.stepping.kernels.macro_step import places_needed, run
 from cosim_master.stepping.kernels.tables import DONE, FAILED, NEED_PLACES, NOT_A_NUMBER, K
 from cosim_master.stepping.layout import make_layout
 from cosim_master.stepping.plan import make_plan
-from cosim_master.system.settings.network import Endpoint, Network, Node
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.nodes import Endpoint, Node
 from cosim_master.system.settings.time_grid import time_grid
 from tests.master.scripted import Scripted, system_of, variable
 
@@ -182,7 +183,7 @@ def test_if_one_fails_the_others_finish_and_all_failures_are_known() -> None:
     log.clear()
     assert loop.to(3) == FAILED
     assert log[-4:] == ["a: doStep 1 + 1", "b: doStep 1 + 1", "b: get y", "c: doStep 1 + 1"]
-    assert loop.plan.clock[K] == 1
+    assert loop.plan.counters[K] == 1
     failed = loop.plan.instances["failed"]
     assert [tuple(row[:2]) for row in failed.tolist()] == [(5, 3), (0, 0), (5, 3)]  # fmi2DoStep, fmi2Error
 
@@ -252,6 +253,16 @@ def test_the_delay_of_a_packet(latency: float, delivered: float) -> None:
     assert heard == [(delivered, packet)]
 
 
+def test_received_packets_do_not_pass_through_the_memory_of_sent_ones() -> None:
+    """They did: the receiver's row of `tx` was where they became base64."""
+    packet = heartbeat(1, 0)
+    _, heard, loop = radio_pair([], {0.1: packet}, 0.0)
+    loop.to(100)
+    assert heard == [(0.11, packet)]
+    assert loop.plan.tx[1].max() == 0
+    assert loop.plan.received[: len(packet)].tobytes() == packet
+
+
 def test_packets_of_one_step_arrive_together_and_in_order() -> None:
     packets = heartbeat(1, 0) + heartbeat(1, 1) + heartbeat(1, 2)
     _, heard, loop = radio_pair([], {0.1: packets}, 0.02)
@@ -300,7 +311,7 @@ def test_the_loop_asks_for_places_before_it_sends() -> None:
     _, heard, loop = radio_pair([], sends, 0.0)
     loop.radio.counters[FREE_PLACES] = 0
     assert loop.to(100) == NEED_PLACES
-    assert loop.plan.clock[K] == 0
+    assert loop.plan.counters[K] == 0
     loop.radio = grown(loop.radio, int(places_needed(loop.plan, loop.radio)))
     loop.to(100)
     assert [b for _, b in heard] == list(sends.values())

@@ -12,6 +12,7 @@ import pytest
 from cosim_master import Observer, RunOptions, Seen, View, simulate
 from cosim_master.fmi.description.variables import Variable
 from cosim_master.stepping.layout import make_layout
+from cosim_master.stepping.observation import Packets, Progress, Rows
 from cosim_master.system.settings.network import Network
 from tests.master.linear import signals
 from tests.master.scripted import Scripted, system_of, variable
@@ -73,6 +74,102 @@ def test_observers_change_no_bit(linears: Any, tmp_path: Path) -> None:
         assert simulate(system, RunOptions(out=tmp_path / out), observers=observers).outcome == "done"
     written = [(tmp_path / out / "signals.parquet").read_bytes() for out in ("with", "without")]
     assert written[0] == written[1]
+
+
+class Ending(Notebook):
+    """Looks at the communication points of two grids, and ends the run at a time."""
+
+    prompt = False
+
+    def __init__(self, view: View, end: float, calls: list[tuple[str, float, list[Any]]]) -> None:
+        super().__init__(view, 0.02, calls)
+        self.periods, self._end = (2, 3), end
+        self.over = False
+
+    def stepped(self, seen: Seen) -> None:
+        super().stepped(seen)
+        self.over = seen.time > self._end - 1e-9
+
+    def packets(self, packets: Packets, *, complete: bool) -> None:
+        raise AssertionError("this system has no packets")
+
+
+def test_an_observer_of_points_sees_all_of_them_and_may_end_the_run(linears: Any, tmp_path: Path) -> None:
+    """Steps of 0.02 and 0.03 s; a row every 0.06 s, and one where the run ends."""
+    linears.fmu()
+    parts = linears.component("a", x0=1.0, w2=1.0, step=0.02) + linears.component("b", w2=4.0, gain=1.0, step=0.03)
+    system = Path(linears.ssd(parts, "a/y b/u", interval=0.06))
+    calls: list[tuple[str, float, list[Any]]] = []
+    run = RunOptions(out=tmp_path / "out")
+    result = simulate(system, run, observers=[lambda view: Ending(view, 0.14, calls)])
+    assert (result.outcome, round(result.simulated_s, 9), result.error) == ("violated", 0.14, None)
+    points = [0.02, 0.03, 0.04, 0.06, 0.08, 0.09, 0.1, 0.12, 0.14]
+    assert [round(time, 9) for what, time, _ in calls if what == "stepped"] == points
+    assert calls[-1][0] == "closed"
+    recorded = signals(tmp_path / "out")
+    assert np.round(recorded["time"], 9).tolist() == [0.0, 0.06, 0.12, 0.14]
+    whole = simulate(system, RunOptions(out=tmp_path / "whole"))
+    assert whole.outcome == "done"
+    assert recorded["a.y"][:3].tolist() == signals(tmp_path / "whole")["a.y"][:3].tolist()
+
+
+class Collector:
+    """Counts the rows of the chunks that it receives."""
+
+    every = 0
+
+    def __init__(self) -> None:
+        self.chunks: list[tuple[int, bool]] = []
+        self.times: list[float] = []
+        self.calls: list[str] = []
+
+    def initialised(self, seen: Seen) -> None:
+        self.calls.append(f"initialised at {seen.time:g}")
+
+    def stepped(self, seen: Seen) -> None:
+        self.calls.append(f"stepped at {seen.time:g}")
+
+    def rows(self, rows: Rows, *, complete: bool) -> None:
+        assert not rows.reals.flags.writeable
+        self.chunks.append((len(rows.time), complete))
+        if complete:
+            self.times += rows.time.tolist()
+
+    def progressed(self, progress: Progress) -> None:
+        self.calls.append(f"progressed to {progress.time:g}")
+
+    def closed(self) -> None:
+        self.calls.append("closed")
+
+
+def test_an_observer_of_rows_receives_each_once_in_complete_chunks(
+    linears: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if nothing is recorded in files. Before the last chunk, the same rows come as one that is not complete."""
+    monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
+    collector = Collector()
+    assert simulate(pair(linears), observers=[lambda _: collector]).outcome == "done"
+    assert [n for n, complete in collector.chunks if complete] == [16] * 6 + [5]
+    assert collector.chunks[-2:] == [(5, False), (5, True)]
+    assert collector.times == pytest.approx([k / 100 for k in range(101)])
+    assert collector.calls[0] == "initialised at 0"
+    assert collector.calls[-2:] == ["progressed to 1", "closed"]
+
+
+def test_an_observer_of_rows_receives_them_also_where_another_raises(linears: Any) -> None:
+    """They are not complete, as in the recording of a process that is killed."""
+    collector = Collector()
+
+    class Wrong(Notebook):
+        def stepped(self, seen: Seen) -> None:
+            raise OSError(f"no space left at {seen.time:g} s")
+
+    makers: list[Callable[[View], Observer]] = [lambda _: collector, lambda view: Wrong(view, 0.3, [])]
+    with pytest.raises(OSError, match=r"no space left at 0\.3 s"):
+        simulate(pair(linears), observers=makers)
+    assert collector.chunks[-1] == (31, False)
+    assert not any(complete for _, complete in collector.chunks)
+    assert collector.calls[-1] == "closed"
 
 
 def test_an_interval_that_no_look_can_have(linears: Any) -> None:

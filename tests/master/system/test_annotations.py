@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.execution.prepare import Prepared, prepare
+from cosim_master.execution.preparation.prepare import Prepared, prepare
 from cosim_master.system.flatten.check import ANNOTATION_TYPES, check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.annotation import NAMESPACE
@@ -20,6 +20,7 @@ from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.recording import Recording
 from cosim_master.verdict.limits import Limits
 from tests.master.system.test_network import PACKETS
+from tests.master.verdict.test_verdict import verdict_tool
 
 TEXT = (Path(__file__).parents[3] / "docs" / "annotations.md").read_text(encoding="utf-8")
 ELEMENTS = {
@@ -28,11 +29,23 @@ ELEMENTS = {
     "outage": '<network><outage node="drone1" {}/></network>',
     "partition": '<network><partition nodes="drone1" {}/></network>',
     "jamming": '<network><jamming radius="1" {}/></network>',
+    "box": '<network sensitivity="-90"><box length="1" width="1" height="1" loss="1" {}/></network>',
+    "cylinder": '<network sensitivity="-90"><cylinder radius="1" height="1" loss="1" {}/></network>',
     "recording": "<recording {}/>",
     "stepping": '<stepping stepSize="0.01" {}/>',
     "solver": '<solver name="rk4" {}/>',
+    "isolation": '<isolation process="file" {}/>',
     "master": "<master {}/>",
     "verdict": "<verdict {}/>",
+    "monitors": "<monitors {}/>",
+    "order": "<monitors><order {}/></monitors>",
+    "separation": "<monitors><separation {}/></monitors>",
+    "limit": "<monitors><limit {}/></monitors>",
+    "fence": "<monitors><fence {}/></monitors>",
+    "convergence": "<monitors><convergence {}/></monitors>",
+    "age": "<monitors><age {}/></monitors>",
+    "formula": "<monitors><formula {}/></monitors>",
+    "signal": "<monitors><formula><signal {}/></formula></monitors>",
     "constraint": '<master algorithm="var-step"><constraint type="fmumaxstepsize" {}/></master>',
     "port": '<master algorithm="var-step"><constraint type="boundeddifference"><port {}/></constraint></master>',
     "connection": '<master><connection to="drone1.agent.u" {}/></master>',
@@ -52,7 +65,10 @@ def tables() -> dict[str, dict[str, str]]:
 def prepared(workshop: Any, variable: Any) -> Any:
     """Prepares three drones with the given annotation: a vehicle with motor and position, and an agent."""
     position = [variable(f"position[{i}]", "output", unit="m") for i in (1, 2, 3)]
-    workshop.fmu("vehicle.fmu", *position, variable("motor[1]"), variable("y", "output"), step="0.0125")
+    workshop.fmu(
+        "vehicle.fmu", *position, variable("motor[1]"), variable("y", "output"), step="0.0125",
+        extra=verdict_tool('<Position variable="position"/>'),
+    )  # fmt: skip
     ports = (variable("mavlink_rx", kind="String"), variable("mavlink_tx", "output", kind="String"))
     workshop.fmu(
         "agent.fmu", *ports, variable("u"), variable("target", "output"), variable("z", "output"), step="0.0125",
@@ -80,7 +96,9 @@ def prepared(workshop: Any, variable: Any) -> Any:
 def test_every_annotation_has_its_section() -> None:
     assert {
         f"org.uav-cosim.{name}"
-        for name in re.findall(r"^## (network|recording|stepping|solver|master|verdict)$", TEXT, re.M)
+        for name in re.findall(
+            r"^## (network|recording|stepping|solver|isolation|master|verdict|monitors)$", TEXT, re.M
+        )
     } == {*ANNOTATION_TYPES}
     assert set(re.findall(r"`(org\.uav-cosim\.\w+)`", TEXT)) == set(ANNOTATION_TYPES)
     assert tables().keys() == ELEMENTS.keys()
@@ -100,10 +118,13 @@ def test_defaults() -> None:
     network = Network()
     for name, default in tables()["network"].items():
         field = re.sub("[A-Z]", lambda capital: f"_{capital[0].lower()}", name)
-        value: Any = getattr(network, field, "")  # position and dialect are files and paths
+        value: Any = getattr(network, field, "")  # position, dialect and trace are files and paths
         value = str(value).lower() if isinstance(value, bool) else value
         shown = {math.inf: "INF", -math.inf: "-INF", None: "", (): ""}.get(value, value)
-        assert name in ("position", "dialect") or (f"{shown:g}" if isinstance(shown, float) else str(shown)) == default
+        assert (
+            name in ("position", "dialect", "trace")
+            or (f"{shown:g}" if isinstance(shown, float) else str(shown)) == default
+        )
     assert tables()["recording"]["packets"] == str(Recording().packets).lower()
     settings = MasterSettings()
     master = tables()["master"]
@@ -117,7 +138,7 @@ def test_examples_are_valid(prepared: Any) -> None:
     examples = [
         content.strip() for content in re.findall(r"```xml\n(.*?)```", TEXT, re.S) if not content.startswith("<ssd:")
     ]
-    assert len(examples) == 9
+    assert len(examples) == 13
     for content in examples:
         prepared(content)
     (inside,) = re.findall(r"<ssc:Annotation .*?>\n(.*?)</ssc:Annotation>", TEXT, re.S)

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from cosim_master.diagnostics.errors import Finding, SystemDescriptionError
+from cosim_master.execution.preparation.isolating import isolation_for
 from cosim_master.fmi.description.read import describe
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem, natural
 from cosim_master.system.flatten.init_order import exchange_order
@@ -217,6 +219,16 @@ class TestConnectors:
 
     def test_that_agree(self, workshop: Any) -> None:
         assert self.one(workshop, "u:input:Real:m e:input n:input:Integer p:parameter").instances[0].name == "one"
+
+    def test_an_enumeration_with_fewer_items_agrees(self, workshop: Any) -> None:
+        """A system that was written for an older version of an FMU."""
+        enumeration = (
+            '<ssd:Enumerations><ssc:Enumeration name="Fewer"><ssc:Item name="on" value="5"/></ssc:Enumeration>'
+            "</ssd:Enumerations>\n"
+        )
+        one = self.one(workshop, "e:input:Enumeration:Fewer", enumeration)
+        assert one.instances[0].name == "one"
+        assert not any("Fewer" in note for note in one.notes)
 
     def test_an_undefined_enumeration_is_noted(self, workshop: Any) -> None:
         notes = self.one(workshop, "e:input:Enumeration:Mode").notes
@@ -596,8 +608,10 @@ class TestFmus:
         one = workshop.component("a", "single.fmu")
         assert check(read_system(workshop.ssd("s.ssd", workshop.system(one)))).instances
         path = workshop.ssd("s.ssd", workshop.system(one + workshop.component("b", "single.fmu")))
-        text = only(problems_of(lambda: check(read_system(path))))
-        assert "single.fmu can be instantiated only once per process, but is used by a and b" in text
+        checked = check(read_system(path))
+        assert isolation_for(Isolation("foreign"), checked).scope == "foreign"
+        text = only(problems_of(lambda: isolation_for(Isolation("none"), checked)))
+        assert "single.fmu can be instantiated only once per process, but is used by a and b, and is not isol" in text
 
     def test_a_bad_fmu_is_described_once(self, workshop: Any) -> None:
         (workshop.root / "bad.fmu").write_text("no")
@@ -819,7 +833,7 @@ WORDS = st.sampled_from(
 )
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_mixed_up_systems_give_our_error_or_a_system(workshop: Any, data: st.DataObject) -> None:
     """Attributes exchanged at random: names, kinds, units and ends still legal as XML, but no longer a system."""

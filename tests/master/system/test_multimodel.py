@@ -307,7 +307,7 @@ def read_and_checked(file: Path) -> None:
         str(error).encode()
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=VALUES | st.dictionaries(st.sampled_from(WORDS[:8]), VALUES, max_size=5))
 def test_any_json(place: Path, content: Any) -> None:
     file = place / "any.json"
@@ -315,7 +315,7 @@ def test_any_json(place: Path, content: Any) -> None:
     read_and_checked(file)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_multimodels_with_something_changed(place: Path, data: st.DataObject) -> None:
     content = copy.deepcopy(model())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 from pathlib import Path
@@ -13,6 +14,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Jamming, Network, Partition, network_of
+from cosim_master.system.settings.obstacles import Obstacle
 
 NAMESPACE = "https://uav-cosim.org/ns/1"
 TYPE = "org.uav-cosim.network"
@@ -145,6 +147,21 @@ def test_effects_written_out(swarm: Any) -> None:
     assert found.jamming == (Jamming(1.0, 2.0, 3.0, 0.0, math.inf),)
 
 
+def test_csma_and_obstacles_written_out(swarm: Any) -> None:
+    found = swarm(
+        network(
+            'sensitivity="-95" medium="csma" rate="57600" backoff="0.1" sensing="0.001"',
+            '<box north="1" east="2" length="3" width="4" height="5" base="-6" loss="7"/>'
+            '<cylinder radius="8" height="9" attenuation="0.5"/>',
+        )
+    )
+    assert (found.medium, found.rate, found.backoff, found.sensing, found.queue) == ("csma", 57600.0, 0.1, 0.001, 1.0)
+    assert found.obstacles == (
+        Obstacle(1.0, 2.0, 3.0, 4.0, 0.0, 5.0, -6.0, 7.0, 0.0),
+        Obstacle(0.0, 0.0, 0.0, 0.0, 8.0, 9.0, 0.0, 0.0, 0.5),
+    )
+
+
 def test_links_go_both_ways(swarm: Any) -> None:
     found = swarm(
         network('topology="listed" range="INF"', '<link between="d1 d2"/><!-- and --><link between="d3 d2"/>')
@@ -172,7 +189,7 @@ def test_links_go_both_ways(swarm: Any) -> None:
         (
             'delay="1"',
             "",
-            "attribute delay: valid are axis, bitErrors, burstEnd, burstLoss, burstStart, dialect, duplicates, exp",
+            "attribute delay: valid are axis, backoff, bitErrors, burstEnd, burstLoss, burstStart, dialect, dupl",
         ),
         ("", '<link between="d1 d2"/>', 'a <link> without latency, jitter or loss is for topology="listed", this'),
         ('topology="listed"', '<link between="d1 d9"/>', 'there is no radio node "d9"; valid: "d1", "d2", "d3"'),
@@ -206,10 +223,30 @@ def test_links_go_both_ways(swarm: Any) -> None:
         ('rayleigh="yes"', "", 'rayleigh="yes": valid are true, false'),
         ('shadowing="6"', "", "shadowing is for signals that can be too weak: give sensitivity, in dBm"),
         ('sensitivity="-90" position="vehicle.speed"', "", "sensitivity and jamming need positions; "),
-        ('medium="ether"', "", 'medium="ether": valid are none, own, shared, aloha'),
+        ("", "<box/>", "a box needs a length, a width and a height, in m"),
+        ("", '<box length="1" width="1" height="0" loss="1"/>', "a box needs a length, a width and a height, in m"),
+        ("", '<cylinder height="9" loss="1"/>', "a cylinder needs a radius and a height, in m"),
+        ("", '<cylinder radius="1" height="9"/>', "an obstacle needs a loss, in dB, or an attenuation, in dB/m"),
+        ("", '<cylinder radius="1" height="9" loss="-1"/>', 'loss="-1" must be a number from 0 to 1e+06'),
+        ("", '<box radius="1"/>', "attribute radius: valid are attenuation, base, east, height, length, loss, north"),
+        (
+            "",
+            '<box length="1" width="1" height="1" loss="1"/>',
+            "<box> and <cylinder> are for signals that can be too weak: give sensitivity, in dBm",
+        ),
+        ('medium="ether"', "", 'medium="ether": valid are none, own, shared, aloha, csma'),
+        ('medium="csma" backoff="0.1"', "", 'medium="csma" needs a rate, in baud'),
+        ('medium="csma" rate="57600"', "", 'medium="csma" needs a backoff, in s'),
+        (
+            'medium="csma" rate="57600" backoff="0.1" sensing="0.002"',
+            "",
+            "sensing=0.002 s: it must be less than the time of the shortest packet on the air, 0.00139 s",
+        ),
+        ('backoff="0.1"', "", 'backoff is for medium="csma", this is "none"'),
+        ('medium="shared" rate="9600" sensing="0.1"', "", 'sensing is for medium="csma", this is "shared"'),
         ('medium="shared"', "", 'medium="shared" needs a rate, in baud'),
         ('medium="aloha"', "", 'medium="aloha" needs a slot, in s'),
-        ('rate="57600"', "", 'rate is for medium="own" or "shared", this is "none"'),
+        ('rate="57600"', "", 'rate is for medium="own" or "shared" or "csma", this is "none"'),
         ('medium="own" rate="9600" window="2"', "", 'window is for medium="aloha", this is "own"'),
         ("", '<partition nodes="d9"/>', 'partition of "d9": there is no such radio node; valid: "d1", "d2", "d3"'),
         ("", '<partition nodes="d*"/>', "a partition names some of the nodes, and not all of them"),
@@ -316,6 +353,54 @@ def test_a_dialect_that_is_none(swarm: Any, tmp_path: Path) -> None:
     (tmp_path / "bad.xml").write_text("<swarm/>")
     (found,) = problems(swarm, network('dialect="bad.xml"'))
     assert found.endswith("the root of a dialect is <mavlink>, not <swarm>")
+
+
+TRACE = "delay, time,from,to,delivered\n0.02,0,d1,d2,1\n\n,1.5,d1,d2,0\n0.5,0,d3,d1,0.25\n"
+
+
+def test_a_trace_file(swarm: Any, tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text(TRACE)
+    found = swarm(network('trace="x.csv"')).trace
+    assert found.rows == ((0.0, "d1", "d2", 1.0, 0.02), (1.5, "d1", "d2", 0.0, 0.0), (0.0, "d3", "d1", 0.25, 0.5))
+    assert (found.file, found.sha256) == ("x.csv", hashlib.sha256(TRACE.encode()).hexdigest())
+    assert swarm(network()).trace is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", ":1: it is empty; valid are time,from,to,delivered,delay, in any order"),
+        ("time,from,to\n0,d1,d2\n", ":1: its columns are time,from,to; valid are time,from,to,delivered,delay, in any"),
+        ("time,from,to,delivered,delay\n", ": no rows follow the line time,from,to,delivered,delay"),
+        ("time,from,to,delivered,delay\n0,d1,d2,1\n", ":2: a row has 5 values: time,from,to,delivered,delay"),
+        ("time,from,to,delivered,delay\n0,d1,d2,1,0,0\n", ":2: a row has 5 values: time,from,to,delivered,delay"),
+        (TRACE + "0,0,d9,d1,1\n", ':6: from="d9": there is no such radio node; valid: "d1", "d2", "d3"'),
+        (TRACE + "0,0,d1,d9,1\n", ':6: to="d9": there is no such radio node; valid: "d1", "d2", "d3"'),
+        (TRACE + "0,0,d1,d1,1\n", ':6: from "d1" to itself; name two nodes'),
+        (TRACE + "0,soon,d1,d3,1\n", ':6: time="soon" must be a number from 0 to 9e+09'),
+        (TRACE + "0,-1,d1,d3,1\n", ':6: time="-1" must be a number from 0 to 9e+09'),
+        (TRACE + "0,0,d1,d3,yes\n", ':6: delivered="yes" must be a number from 0 to 1'),
+        (TRACE + "0,0,d1,d3,2\n", ':6: delivered="2" must be a number from 0 to 1'),
+        (TRACE + ",0,d1,d3,1\n", ':6: delay="" must be a number from 0 to 3600'),
+        (TRACE + "nan,0,d1,d3,1\n", ':6: delay="nan" must be a number from 0 to 3600'),
+        (TRACE + "0,1.5,d1,d2,1\n", ":6: 1.5 s from d1 to d2 is also in line 4; keep one of them"),
+    ],
+)
+def test_a_wrong_trace_file(swarm: Any, tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "x.csv").write_text(text)
+    (found,) = problems(swarm, network('trace="x.csv"'))
+    assert found.startswith(f"{tmp_path / 'x.csv'}{message}")
+
+
+def test_a_trace_file_that_cannot_be_used(swarm: Any, tmp_path: Path) -> None:
+    (found,) = problems(swarm, network('trace="none.csv"'))
+    assert found.endswith(f'trace="none.csv": {tmp_path / "none.csv"}: No such file or directory') and "s.ssd:" in found
+    (tmp_path / "x.csv").write_text(TRACE)
+    (found,) = problems(swarm, network('topology="listed" trace="x.csv"', '<link between="d1 d2"/>'))
+    assert found.endswith("it has a link from d3 to d1, which no <link> creates; add the link, or remove the rows")
+    (tmp_path / "x.csv").write_text("time,from,to,delivered,delay\n" + "x,d1,d2,1,0\n" * 50)
+    found = problems(swarm, network('trace="x.csv"'))
+    assert len(found) == 11 and found[-1].endswith("x.csv: and 40 more problems of this kind")
 
 
 # ---- links that differ --------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.changes import changes
 from cosim_master.system.settings.time_grid import time_grid
+from tests.master.conftest import variable
+from tests.master.strict import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -167,3 +170,23 @@ def test_settings_of_the_recording_that_are_wrong(stricts: Any) -> None:
         '--set: there is no setting "recording.intervall"; did you mean "recording.interval"?'
     )
     assert "--set: recording.packets=maybe: valid are true, false" in refusal(lambda: run(recording_packets="maybe"))
+
+
+def test_all_is_recorded_of_a_system_that_has_no_outputs(stricts: Any, tmp_path: Path) -> None:
+    """A sink with one input: `*` is not wrong there, other patterns are."""
+    whole = stricts.fmu("whole.fmu")
+    text = stricts.workshop.description([variable("u").replace("'@'", '"0"')], step=0.5, flags=ABLE)
+    with zipfile.ZipFile(whole) as origin, zipfile.ZipFile(whole.with_name("strict.fmu"), "w") as sink:
+        for name in origin.namelist():
+            content = (
+                text.replace('guid="{0}"', 'guid="strict"') if name == "modelDescription.xml" else origin.read(name)
+            )
+            sink.writestr(name, content)
+    system = stricts.ssd(
+        '<ssd:Component name="a" type="application/x-fmu-sharedlibrary" source="strict.fmu"/>', stop=1.0
+    )
+    result = simulate(system, RunOptions(out=tmp_path / "out", record=("*",)))
+    assert result.outcome == "done"
+    assert pq.read_table(tmp_path / "out" / "signals.parquet").to_pydict() == {"time": [0.0, 0.5, 1.0]}
+    found = refusal(lambda: simulate(system, RunOptions(record=("a.*",))))
+    assert found == "--record: a.* matches no output or local variable: the system has none"

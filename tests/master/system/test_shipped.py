@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from cosim.build import models_of_package
+from cosim.build.messages import read_dialect
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system import shipped
@@ -34,6 +36,7 @@ def test_a_system_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         "flocking",
         "follower",
         "formation",
+        "guarded",
         "line5",
         "line5-ardupilot",
         "line5-ends",
@@ -41,6 +44,8 @@ def test_a_system_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         "line5-hexa",
         "line5-script",
         "rendezvous",
+        "sweep",
+        "tracking",
     )
 
 
@@ -75,6 +80,34 @@ def test_an_fmu_has_the_name_of_its_model(fmus: Path, tmp_path: Path, monkeypatc
         (vehicle,) = [element for element in drone3.content.elements if element.name == "vehicle"]
         assert isinstance(vehicle, Component) and vehicle.source is not None
         assert vehicle.source == fmus / "Hexarotor.fmu"
+
+
+def test_missing_fmus_are_built_when_they_are_needed(
+    tmp_path: Path, fmus: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A source tree with the FMUs of line5 alone, as `make demo` leaves it."""
+    (tmp_path / "master").mkdir()
+    (tmp_path / "master" / "systems").symlink_to(ROOT / "master" / "systems")
+    (tmp_path / "fmus").mkdir()
+    for model in shipped.models("line5"):
+        shutil.copyfile(fmus / f"{model}.fmu", tmp_path / "fmus" / f"{model}.fmu")
+    monkeypatch.setattr(shipped, "_root", lambda: tmp_path)
+    assert shipped.find("line5") == tmp_path / "master" / "systems" / "line5"
+    assert caplog.messages == []
+    assert shipped.find("line5-ardupilot") == tmp_path / "master" / "systems" / "line5-ardupilot"
+    assert caplog.messages == ["building ArduPilotSITL (once)"]
+    assert (tmp_path / "fmus" / "ArduPilotSITL.fmu").is_file()
+    assert shipped.fmu("Helicopter") is None
+    assert shipped.fmu("Hexarotor") == tmp_path / "fmus" / "Hexarotor.fmu"
+    assert caplog.messages == ["building ArduPilotSITL (once)", "building Hexarotor (once)"]
+
+
+def test_models_of_systems() -> None:
+    assert shipped.models("line5") == ("Autopilot", "LineAgent", "Quadrotor")
+    assert shipped.models("line5-hexa") == ("Autopilot", "Hexarotor", "LineAgent", "Quadrotor")
+    assert {model for name in shipped.names() for model in shipped.models(name)} <= {
+        model.__name__ for model in models_of_package("cosim_models")
+    }
 
 
 def test_a_shipped_system_is_not_changed_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,6 +183,7 @@ def test_an_extra_that_is_missing_is_named(
     for name in [name for name in sys.modules if name.partition(".")[0] == package]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
+    read_dialect.cache_clear()  # what pymavlink said before is kept
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 2
     assert result.stderr.splitlines()[-1] == (

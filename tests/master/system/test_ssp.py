@@ -509,7 +509,7 @@ class TestAgainstTheOfficialSchema:
     def test_the_complete_document_is_valid(self) -> None:
         SCHEMA.assertValid(etree.fromstring(COMPLETE.encode()))
 
-    @settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(data=st.data())
     def test_what_the_schema_refuses_is_a_problem(self, folder: Path, data: st.DataObject) -> None:
         """Mutate the tree of the valid document; where the XSD objects, so do we (except inside drawings)."""
@@ -548,7 +548,7 @@ SCRAPS = st.sampled_from([b"<", b"</", b">", b'"', b"&x;", b"&#0;", b"INF", b"\x
 
 
 class TestNothingElseIsRaised:
-    @settings(max_examples=400, deadline=None)
+    @settings(max_examples=200, deadline=None)
     @given(data=st.data())
     def test_on_mutated_text(self, folder: Path, data: st.DataObject) -> None:
         text = bytearray(COMPLETE.encode())

@@ -20,7 +20,8 @@ from cosim_master.fmi.description.read import describe
 from cosim_master.stepping.observation import Observers, Seen
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
-from cosim_master.system.settings.network import Network, Node, network_of
+from cosim_master.system.settings.network import Network, network_of
+from cosim_master.system.settings.nodes import Node
 from cosim_master.verdict.approach import Approach
 from cosim_master.verdict.earshot import repeated, twice
 from cosim_master.verdict.findings import Finding, Judgement
@@ -63,7 +64,7 @@ def test_verdicts_of_an_fmu_of_any_tool_are_read(workshop: Workshop) -> None:
         ('<Optional variable="y"/>', "it is of causality output, only inputs are optional"),
         (
             '<Great variable="y"/>',
-            "there are Condition, Reason, Bound, Formation, Rotors, Position, Attitude, OnGround",
+            "there are Condition, Reason, Bound, Values, Formation, Rotors, Position, Attitude, Velocity",
         ),
         ('<Bound variable="y" most="limit"/>', 'there is no parameter "limit"'),
         ('<Bound variable="y" least="low"/>', 'least="low" must be a number'),

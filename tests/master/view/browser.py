@@ -19,7 +19,7 @@ FLAGS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
-    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
 )
 SIZE = (1280, 720)
 LONG = 120_000
@@ -41,7 +41,7 @@ def chromium() -> Iterator[Any]:
 class Tab:
     """An open page. What it asked for and what it complained about is in `requests` and `complaints`."""
 
-    def __init__(self, browser: Any, file: Path, address: str = "", scheme: str = "dark") -> None:
+    def __init__(self, browser: Any, file: Path | str, address: str = "", scheme: str = "dark") -> None:
         self.requests: list[str] = []
         self.complaints: list[str] = []
         self.page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]}, color_scheme=scheme)
@@ -49,7 +49,7 @@ class Tab:
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("console", lambda message: self._heard(message))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.goto(file.as_uri() + address)
+        self.page.goto((file if isinstance(file, str) else file.as_uri()) + address)
         self.wait("document.documentElement.dataset.ready === 'true'")
 
     def _heard(self, message: Any) -> None:

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pymavlink.dialects.v20 import ardupilotmega
 
-from cosim_master.results.recorder import EPOCH
+from cosim_master.results.recording.packet_log import EPOCH
 
 EVIL = "</script><script>window.hacked=1</script><img src=x onerror=window.hacked=1>\"'&\x01\u2028"
 """A name that breaks out of whatever is not careful."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.read import packets, signals
 from cosim_master.view.page import write_page
-from tests.master.view.browser import Tab, chromium
+from tests.master.view.browser import LONG, Tab
 from tests.master.view.recordings import evil_run
 
 pytestmark = pytest.mark.slow
@@ -25,13 +26,7 @@ ROOT = Path(__file__).parents[3]
 DRONES = ["drone1", "drone2", "drone3", "drone4", "drone5"]
 
 
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def run(fmus: Path, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("line5") / "run"
     bad = {"network.loss": "0.3", "network.range": "35", "drone4.vehicle.mass": "1000"}
@@ -40,12 +35,12 @@ def run(fmus: Path, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> P
     return folder
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def tab(run: Path, browser: Any) -> Iterator[Tab]:
     yield Tab(browser, write_page(run))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def table(run: Path) -> pa.Table:
     return signals(run)
 
@@ -147,6 +142,7 @@ def test_the_log_has_all_messages_by_name(tab: Tab, run: Path) -> None:
         names.append(message.get_type())
         if message.get_type() == "STATUSTEXT":
             texts.append(message.text)
+    connection.close()
     log = tab.ask("cosim.log('')")
     assert [entry["message"] for entry in log] == names
     said = tab.ask("cosim.log('STATUSTEXT')")
@@ -268,6 +264,7 @@ def test_malicious_names_are_text(browser: Any, tmp_path: Path) -> None:
     assert tab.ask("document.querySelectorAll('#app script, #app img, body > img').length") == 0
     assert tab.ask("window.hacked") is None
     assert tab.complaints == []
+    tab.page.close()
 
 
 def test_a_recording_without_vehicles_has_its_plots(browser: Any, tmp_path: Path) -> None:
@@ -282,3 +279,63 @@ def test_a_recording_without_vehicles_has_its_plots(browser: Any, tmp_path: Path
     assert tab.page.locator(".plot header b").inner_text().startswith("5.1")
     tab.page.keyboard.press("2")  # nobody to follow
     assert tab.ask("cosim.camera") == "free" and tab.complaints == []
+    tab.page.close()
+
+
+def test_a_run_is_seen_while_it_goes_on(browser: Any, fmus: Path, tmp_path: Path) -> None:
+    """Vehicles move; a pause holds the time, a step moves it by one communication interval; at last it is a replay."""
+    pytest.importorskip("websockets", reason="the extra `live` is not installed")
+    from tests.master.view.watched import Watched
+
+    watched = Watched()
+    watched.control.set_speed(2.0)
+    ended = threading.Event()
+
+    def fly() -> None:
+        watched.run(tmp_path / "run", until=160.0)
+        ended.set()
+
+    flying = threading.Thread(target=fly)
+    flying.start()
+    assert watched.begun.wait(LONG / 1000)
+    tab = Tab(browser, watched.page.address, scheme="light")
+    assert tab.ask("[cosim.time, cosim.live.paused]") == [0, True]
+    assert tab.ask("cosim.position('drone5')") == pytest.approx([0.0, 100.0, 0.0], abs=0.05)
+    tab.page.keyboard.press("Space")
+    tab.wait("!cosim.live.paused && cosim.position('drone1')[2] < -1")  # it has taken off
+    tab.page.locator("#play").click()
+    tab.wait("cosim.live.paused")
+    tab.wait(f"cosim.time === {watched.standing()!r}")
+    time = tab.ask("cosim.time")
+    frames = tab.ask("cosim.live.frames")
+    for _ in range(5):
+        tab.drawn()
+    assert (tab.ask("cosim.time"), tab.ask("cosim.live.frames")) == (time, frames)
+    assert tab.page.locator("#outcome").inner_text() == "paused"
+    for n, do in enumerate((lambda: tab.page.keyboard.press("."), tab.page.locator("#step").click), 1):
+        do()
+        tab.wait(f"cosim.live.frames === {frames + n}")
+        assert tab.ask("cosim.time") == pytest.approx(time + n * 0.0025, abs=1e-9)
+    assert len(tab.ask("cosim.plots()[0].signals")) == 5
+    pixels = tab.picture()
+    tab.page.locator("#speed").select_option(label="max")
+    tab.page.keyboard.press("Space")
+    tab.wait("!cosim.live.going")
+    assert ended.wait(LONG / 1000)
+    flying.join()
+    watched.page.close()
+    tab.wait("cosim.end === 160")
+    assert tab.ask("cosim.time") == 160.0
+    assert tab.page.locator("#outcome").inner_text() == "ended: done"
+    assert np.abs(tab.picture() - pixels).mean() > 0.005
+    tab.at(160.0)
+    table = signals(tmp_path / "run")
+    for drone in DRONES:
+        assert tab.ask(f"cosim.position('{drone}')") == pytest.approx(position(table, drone, 160.0), abs=2e-3)
+    tab.page.keyboard.press("Home")
+    tab.page.keyboard.press("Space")  # now it plays what it has
+    tab.wait("cosim.time > 0.2")
+    assert {url.split("/")[2] for url in tab.requests if url.startswith(("http", "ws"))} == {
+        watched.page.address.split("/")[2]
+    }
+    assert tab.complaints == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 import shlex
@@ -15,6 +16,7 @@ import pytest
 
 from cosim.build import load_models, models_of_package
 from cosim.build.sources import sources_of
+from cosim_master.system.shipped import templates
 from cosim_models.agents.kit import agent_variables
 
 PAGE = (Path(__file__).parents[3] / "docs" / "agents.md").read_text(encoding="utf-8")
@@ -86,3 +88,20 @@ def test_every_law_has_its_parameters_in_a_table() -> None:
         own = {v.name for v in model.variables if v.role == "parameter"} - COMMON
         names = {name.strip() for row in table(model.__name__) for name in row.replace("[]", "").split(",")}
         assert names == own, model.__name__
+
+
+def test_the_lines_of_laws_and_starting_points_are_counted() -> None:
+    rows = re.findall(r"^\| `(.+?)` \| (\d+) \| ?(\d*) \|$", PAGE.split("### Lines of code\n")[1], re.MULTILINE)
+    counted = []
+    for model in models_of_package("cosim_models"):
+        if not {v.name for v in model.variables} >= COMMON:
+            continue
+        text = Path(inspect.getfile(model)).read_text(encoding="utf-8")
+        kernels = "@kernel\n" + text.split("\n@kernel\n", 1)[1].split(f"\nclass {model.__name__}(")[0]
+        lines = sum(1 for line in kernels.splitlines() if line.strip())
+        counted.append((model.__name__, str(len(text.splitlines())), str(lines)))
+    for kind, file in templates().items():
+        lines = len(file.read_text(encoding="utf-8").splitlines())
+        assert lines < 60
+        counted.append((f"new {kind}", str(lines), ""))
+    assert sorted(rows) == sorted(counted)

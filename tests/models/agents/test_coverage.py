@@ -93,6 +93,9 @@ def test_cells_of_those_that_fail_are_taken_over_until_they_return() -> None:
     swarm.run(60.0)
     assert swarm.m.mass[:5].sum() == pytest.approx(4.0 * HALF * HALF, rel=1e-3)
     assert np.linalg.norm(swarm.plane[:5] - grid(swarm.plane[:5])[1], axis=1).max() < 0.5
+    swarm.alive[5] = True
+    swarm.run(60.0)
+    assert np.linalg.norm(swarm.plane - grid(swarm.plane)[1], axis=1).max() < 0.5
 
 
 def test_one_outside_flies_to_the_area_first() -> None:

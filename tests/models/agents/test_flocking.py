@@ -108,7 +108,7 @@ def test_it_flows_around_an_obstacle() -> None:
     assert min(separation(places).min() for places in path) > 4.0
 
 
-def test_those_that_fail_are_forgotten_and_a_late_one_is_taken_in() -> None:
+def test_those_that_fail_are_forgotten_until_they_return_and_a_late_one_is_taken_in() -> None:
     swarm = masses(scattered(12, 8.0, 40.0))
     swarm.alive[0] = False
     swarm.run(40.0)
@@ -118,3 +118,7 @@ def test_those_that_fail_are_forgotten_and_a_late_one_is_taken_in() -> None:
     assert separation(rest).min() > 6.0
     assert np.linalg.norm(rest - rest.mean(axis=0), axis=1).max() < 25.0
     assert np.abs(swarm.m.velocity[swarm.alive]).max() < 0.1
+    swarm.alive[1] = True  # returns
+    swarm.run(90.0)
+    assert separation(swarm.plane).min() > 6.0
+    assert np.linalg.norm(swarm.plane - swarm.plane.mean(axis=0), axis=1).max() < 25.0

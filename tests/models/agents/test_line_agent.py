@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from cosim_models.agents.line import StalePolicy, Trigger
 from cosim_models.agents.line_agent import LineAgent
 from cosim_models.agents.script import AgentState, Failure
+from tests.models.shipped_kernels import kernels
 
 H = 0.0125
 LATITUDE, LONGITUDE = -35.363262, 149.165237
@@ -78,8 +79,7 @@ class Agent:
         self.m.sysid = 1
         for name, value in parameters.items():
             self.m[name] = value
-        assert LineAgent.kernels is not None
-        self.start, self.advance = LineAgent.kernels
+        self.start, self.advance = kernels(LineAgent)
         assert self.start(self.m) == 0
         self.k = 0
         self.sent: list[tuple[float, Any]] = []
@@ -592,8 +592,7 @@ def test_impossible_parameters_are_errors(parameters: dict[str, Any], code: int)
     m = LineAgent.record()
     for name, value in parameters.items():
         m[name] = value
-    assert LineAgent.kernels is not None
-    assert LineAgent.kernels[0](m) == code
+    assert kernels(LineAgent)[0](m) == code
     assert code in LineAgent.errors
 
 
@@ -753,7 +752,7 @@ def history() -> tuple[np.ndarray, np.ndarray]:
 
 def test_interpreted_kernels_give_the_same_numbers(tmp_path: Path) -> None:
     path = tmp_path / "interpreted.npz"
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[3])}
     subprocess.run([sys.executable, __file__, str(path)], check=True, env=environment)
     interpreted = np.load(path)
     rows, packets = history()

@@ -133,7 +133,7 @@ class Autopilot:
     def __init__(self, port: int) -> None:
         self.to = ("127.0.0.1", port)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.settimeout(2)
+        self.socket.settimeout(30)
         self.socket.bind(("127.0.0.1", 0))
 
     def send(self, frame: int, pwm: int = 1000) -> None:
@@ -149,7 +149,7 @@ class Autopilot:
         except BlockingIOError:
             return True
         finally:
-            self.socket.settimeout(2)
+            self.socket.settimeout(30)
         return False
 
 
@@ -174,10 +174,10 @@ def exchange(link: Link, reply: bytes, seconds: float, alive: Callable[[], None]
 def test_nothing_is_answered_before_the_step(pair: tuple[Link, Autopilot]) -> None:
     link, autopilot = pair
     autopilot.send(0, 1100)
-    assert link.next(1.0, alive).pwm[0] == 1100
+    assert link.next(30.0, alive).pwm[0] == 1100
     assert autopilot.nothing_received()
     autopilot.send(1, 1200)
-    assert exchange(link, b"one", 1.0, alive).pwm[0] == 1200
+    assert exchange(link, b"one", 30.0, alive).pwm[0] == 1200
     assert autopilot.received() == b"one"
     assert autopilot.nothing_received()
 
@@ -185,10 +185,10 @@ def test_nothing_is_answered_before_the_step(pair: tuple[Link, Autopilot]) -> No
 def test_what_is_repeated_while_a_reply_is_withheld_gets_no_second_one(pair: tuple[Link, Autopilot]) -> None:
     link, autopilot = pair
     autopilot.send(0)
-    link.next(1.0, alive)
+    link.next(30.0, alive)
     for frame in (0, 0, 1):
         autopilot.send(frame, 1000 + frame)
-    assert exchange(link, b"one", 1.0, alive).pwm[0] == 1001
+    assert exchange(link, b"one", 30.0, alive).pwm[0] == 1001
     assert autopilot.received() == b"one"
     assert autopilot.nothing_received()
     assert (link.repeated, link.lost, link.restarts) == (2, 0, 0)
@@ -199,11 +199,11 @@ def test_what_was_repeated_before_a_late_look_gets_no_second_reply(pair: tuple[L
     link, autopilot = pair
     for _ in range(3):
         autopilot.send(0)
-    link.next(1.0, alive)
+    link.next(30.0, alive)
     link.reply(b"one")
     time.sleep(0.6)
     autopilot.send(1, 1001)
-    assert link.next(1.0, alive).pwm[0] == 1001
+    assert link.next(30.0, alive).pwm[0] == 1001
     assert autopilot.received() == b"one"
     assert autopilot.nothing_received()
     assert link.repeated == 2
@@ -212,7 +212,7 @@ def test_what_was_repeated_before_a_late_look_gets_no_second_reply(pair: tuple[L
 def test_what_is_repeated_long_after_a_reply_gets_it_again(pair: tuple[Link, Autopilot]) -> None:
     link, autopilot = pair
     autopilot.send(0)
-    link.next(1.0, alive)
+    link.next(30.0, alive)
     began = time.monotonic()
     again = iter([0.7, math.inf])
     at = next(again)
@@ -225,7 +225,7 @@ def test_what_is_repeated_long_after_a_reply_gets_it_again(pair: tuple[Link, Aut
         elif at == math.inf and autopilot.received() == autopilot.received() == b"one":
             autopilot.send(1, 1300)
 
-    assert exchange(link, b"one", 5.0, repeat).pwm[0] == 1300
+    assert exchange(link, b"one", 60.0, repeat).pwm[0] == 1300
     assert link.repeated == 1
 
 
@@ -233,12 +233,12 @@ def test_lost_packets_and_restarts_are_counted(pair: tuple[Link, Autopilot]) -> 
     link, autopilot = pair
     for frame in (5, 8, 0, 1):
         autopilot.send(frame)
-    assert link.next(1.0, alive).frame_count == 5
-    assert [exchange(link, b"x", 1.0, alive).frame_count for _ in range(3)] == [8, 0, 1]
+    assert link.next(30.0, alive).frame_count == 5
+    assert [exchange(link, b"x", 30.0, alive).frame_count for _ in range(3)] == [8, 0, 1]
     assert (link.repeated, link.lost, link.restarts) == (0, 2, 1)
     autopilot.socket.sendto(b"no servo packet", autopilot.to)
     autopilot.send(2)
-    assert exchange(link, b"x", 1.0, alive).frame_count == 2
+    assert exchange(link, b"x", 30.0, alive).frame_count == 2
 
 
 def test_waiting_ends(pair: tuple[Link, Autopilot]) -> None:
@@ -246,7 +246,7 @@ def test_waiting_ends(pair: tuple[Link, Autopilot]) -> None:
     with pytest.raises(TimeoutError, match=r"ArduPilot has sent no servo outputs for 0\.1 s"):
         link.next(0.1, alive)
     autopilot.send(0)
-    link.next(1.0, alive)
+    link.next(30.0, alive)
 
     def dead() -> None:
         raise RuntimeError("dead")
@@ -265,7 +265,7 @@ class Flight:
         self.folder = folder
         self.slave: Any = ArduPilotSITL(instance_name="autopilot")
         self.references = {v.name: v.value_reference for v in self.slave.vars.values()}
-        self.set(instance=INSTANCE, folder=str(folder / "run"), start_timeout=10.0, step_timeout=5.0)
+        self.set(instance=INSTANCE, folder=str(folder / "run"), start_timeout=60.0, step_timeout=30.0)
         self.set(**values)
 
     def set(self, **values: Any) -> None:
@@ -366,7 +366,7 @@ def test_packets_pass_its_serial_port_both_ways_and_say_how_it_is(flight: Any) -
     found = []
     me = mavlink.MAVLink(None, srcSystem=255)
     k = 0
-    end = time.monotonic() + 10
+    end = time.monotonic() + 120
     while not found and time.monotonic() < end:
         one.step(k)
         k, found = k + 1, one.packets()
@@ -458,11 +458,11 @@ def test_what_can_go_wrong_at_the_start(flight: Any, how: dict[str, Any], values
     "how, expected",
     [
         ({"die": 5}, r"ArduPilot exited with code 3"),
-        ({"silent": 5}, r"ArduPilot has sent no servo outputs for 0\.5 s"),
+        ({"silent": 5}, r"ArduPilot has sent no servo outputs for 2 s"),
     ],
 )
 def test_what_can_go_wrong_in_flight(flight: Any, how: dict[str, Any], expected: str) -> None:
-    one = flight(how, step_timeout=0.5)
+    one = flight(how, step_timeout=2.0)
     one.begin()
     with pytest.raises((RuntimeError, TimeoutError), match=expected):
         for k in range(10):

@@ -85,7 +85,7 @@ def test_large_radii_are_kept_in_steps_of_ten_metres() -> None:
     copter = flying(item(1, TURNS, 1.0, 0.0, 318.0, north=500.0, z=6.0))
     copter.run(0.1)
     assert copter.m["circle_radius"] == 310.0
-    assert copter.m["guided_position"][0] == pytest.approx(500.0 - 310.0, abs=0.1)
+    assert copter.m["guided_position_neu"][0] == pytest.approx(500.0 - 310.0, abs=0.1)
 
 
 def test_the_way_from_within_a_circle_to_its_edge_keeps_the_heading() -> None:

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_models.sensing.estimator import Estimator
 from tests.models.copter import GUIDED, LAND, LOITER, RTL, Copter, H
+from tests.models.shipped_kernels import kernels
 
 ALT_HOLD, CIRCLE = 2, 7
 
@@ -71,8 +72,7 @@ def digest_of_a_flight() -> str:
 def digest_of_estimates() -> str:
     """Two seconds of an estimator whose vehicle turns and climbs."""
     m = Estimator.record()
-    assert Estimator.kernels is not None
-    start, advance = Estimator.kernels
+    start, advance = kernels(Estimator)
     assert start(m) == 0
     for k in range(800):
         m["true_position"][2] = -0.1 * (k * H) ** 2

@@ -246,7 +246,7 @@ def test_rtl_in_fast_flight_climbs_where_it_comes_to_rest() -> None:
     at, speed = copter.v["position"][0], copter.v["velocity"][0]
     copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     copter.run(0.0025)
-    rest = copter.m["guided_position"][0]
+    rest = copter.m["guided_position_neu"][0]
     assert rest - at == pytest.approx(speed**2 / 5.0 + 1.25, abs=0.03)
     flight = copter.run(12.0)
     high = -flight[:, 3] > 7.0

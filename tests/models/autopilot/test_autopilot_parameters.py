@@ -179,7 +179,7 @@ def test_limits_of_turning_and_leaning() -> None:
     leans = []
     for _ in range(1200):
         copter.tick()
-        leans.append(np.hypot(*copter.m["acceleration_target"][:2]))
+        leans.append(np.hypot(*copter.m["target_acceleration_neu"][:2]))
     assert max(leans) < 9.80665 * np.tan(np.radians(10.0)) + 1e-6  # no lean limit is below 10 degrees
 
 

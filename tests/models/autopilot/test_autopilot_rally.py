@@ -94,7 +94,7 @@ def test_more_points_than_there_is_room_for_are_refused(copter: Copter) -> None:
 
 def goal(copter: Copter, at: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float, float]:
     """Where RTL goes from a place north and east of home, and its height above home."""
-    copter.m["pos"][:2] = at
+    copter.m["position_neu"][:2] = at
     return tuple(float(x) for x in best_return(copter.m))  # type: ignore[return-value]
 
 

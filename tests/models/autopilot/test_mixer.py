@@ -32,7 +32,16 @@ TABLES = {
         (-S, 0.5, 0.5),
         (S, -0.5, -0.5),
     ],
+    Airframe.y6: [
+        (-0.5, 0.25, -0.5),
+        (-0.5, 0.25, 0.5),
+        (0.0, -0.5, -0.5),
+        (0.0, -0.5, 0.5),
+        (0.5, 0.25, -0.5),
+        (0.5, 0.25, 0.5),
+    ],
 }
+MULTIROTORS = (Airframe.quad_x, Airframe.hexa_x, Airframe.octa_x, Airframe.y6)
 torques = st.floats(-1.5, 1.5)
 throttles = st.floats(0.0, 1.0)
 
@@ -59,7 +68,7 @@ def test_octa_x_factors() -> None:
     assert table[:, 2].tolist() == [-0.5, -0.5, 0.5, 0.5, 0.5, 0.5, -0.5, -0.5]
 
 
-@pytest.mark.parametrize("airframe", Airframe)
+@pytest.mark.parametrize("airframe", MULTIROTORS)
 def test_torques_do_not_mix(airframe: Airframe) -> None:
     count, table = factors(airframe)
     assert table[:count].sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
@@ -67,8 +76,9 @@ def test_torques_do_not_mix(airframe: Airframe) -> None:
     assert gram - np.diag(np.diag(gram)) == pytest.approx(np.zeros((3, 3)), abs=1e-12)
 
 
-def test_an_unknown_airframe_has_no_motors() -> None:
-    assert factors(77)[0] == 0
+@pytest.mark.parametrize("airframe", [0, 77, Airframe.point_mass, Airframe.rover, Airframe.boat, Airframe.plane])
+def test_what_is_no_multirotor_has_no_motors(airframe: int) -> None:
+    assert factors(airframe)[0] == 0
 
 
 def mixed(
@@ -128,7 +138,7 @@ def test_throttle_is_limited_while_spooling_up() -> None:
 
 
 @settings(deadline=None)
-@given(st.sampled_from(list(Airframe)), torques, torques, torques, throttles, throttles)
+@given(st.sampled_from(MULTIROTORS), torques, torques, torques, throttles, throttles)
 def test_thrust_stays_within_zero_and_one(
     airframe: Airframe, roll: float, pitch: float, yaw: float, throttle: float, average_max: float
 ) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from benchmarks.fuzz import run
+from tests.models.shipped_kernels import kernels
 
 
 def test_mutated_packets_break_nothing() -> None:
-    counts = run(4000, seed=7)
+    counts = run(4000, seed=7, kernels=kernels)
     assert counts["packets"] == 4000
     assert counts["good"] > 150
     assert counts["compared"] > 100

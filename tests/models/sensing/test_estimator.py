@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim.random_numbers import normal_pair, threefry
 from cosim_models.sensing.estimator import Estimator
-from cosim_models.sensing.random_numbers import normal_pair, threefry
 from tests.models.copter import MOTION, Copter, H, set_values
+from tests.models.shipped_kernels import kernels
 
 PERFECT = {
     f"{sensor}_{what}": 0.0
@@ -39,8 +40,7 @@ class Estimated(Copter):
             self._pairs = [(self.m[name], self.e[name]) for name in MOTION]
             self.e["true_airframe"] = self.v["airframe"]
             self._take_truth()
-            assert Estimator.kernels is not None
-            assert Estimator.kernels[0](self.e) == 0
+            assert kernels(Estimator)[0](self.e) == 0
         super()._connect()
         self._take_truth()
 
@@ -50,8 +50,7 @@ class Estimated(Copter):
 
     def tick(self) -> None:
         super().tick()  # the estimator has its inputs from the begin of this step
-        assert Estimator.kernels is not None
-        assert Estimator.kernels[1](self.e, (self.step - 1) * H, H) == 0
+        assert kernels(Estimator)[1](self.e, (self.step - 1) * H, H) == 0
         self.errors.append((self.time, float(self.e["position_error"]), float(self.e["attitude_error"])))
 
     def worst(self, since: float = 0.0) -> tuple[float, float]:
@@ -139,7 +138,7 @@ def test_a_gyro_offset_is_learnt() -> None:
     """A gyro that is off by 0.01 rad/s about each axis would tilt the estimate by 0.6 degrees a second."""
     copter = Estimated({**PERFECT, "gyro_bias": 0.01})
     copter.run(60.0)
-    learnt, true = copter.e["gyro_offset"], copter.e["bias"][0]
+    learnt, true = copter.e["gyro_offset_frd"], copter.e["bias"][0]
     assert np.abs(true).max() > 2e-3
     assert learnt == pytest.approx(true, abs=3e-4)
     assert copter.worst(50.0)[1] < 0.5
@@ -165,22 +164,20 @@ def test_an_accelerometer_offset_is_learnt() -> None:
 def test_what_cannot_be(values: dict[str, float], code: int) -> None:
     record = Estimator.record()
     set_values(record, values)
-    assert Estimator.kernels is not None
-    assert Estimator.kernels[0](record) == code
+    assert kernels(Estimator)[0](record) == code
     assert code in Estimator.errors
 
 
 def test_sensors_have_the_spread_they_declare() -> None:
     record: Any = Estimator.record()
     set_values(record, {"gps_lag": 0.0})
-    assert Estimator.kernels is not None
-    start, advance = Estimator.kernels
+    start, advance = kernels(Estimator)
     assert start(record) == 0
     gyro = np.empty((8000, 3))
     fixes = []
     for k in range(8000):
         assert advance(record, k * H, H) == 0
-        gyro[k] = record.gyro
+        gyro[k] = record.gyro_frd
         fixes.append(record.fixes[(int(record.fix_next) - 1) % 8, 0:3].copy())
     white = gyro - np.array(record.bias[0])
     assert white.std() == pytest.approx(1.7e-4 / math.sqrt(H), rel=0.03)
@@ -190,8 +187,7 @@ def test_sensors_have_the_spread_they_declare() -> None:
 
 def test_a_step_of_no_length_makes_no_noise() -> None:
     """OMSimulator ends a run with a step of about 1e-13 s: the IMU holds its last sample; the next one is as ever."""
-    assert Estimator.kernels is not None
-    start, advance = Estimator.kernels
+    start, advance = kernels(Estimator)
     one = Estimator.record()
     one["true_attitude"][0] = 1.0
     assert start(one) == 0
@@ -199,11 +195,76 @@ def test_a_step_of_no_length_makes_no_noise() -> None:
         assert advance(one, k * H, H) == 0
     before = one.copy()
     assert advance(one, 4 * H, 1e-13) == 0
-    for name in ("gyro", "force"):
+    for name in ("gyro_frd", "force_frd"):
         assert np.array_equal(one[name], before[name])
     for name in ("position", "velocity", "attitude", "angular_velocity"):
         assert np.allclose(one[name], before[name], rtol=0.0, atol=0.05), name
     first = Estimator.record()
     first["true_attitude"][0] = 1.0
     assert start(first) == 0 and advance(first, 0.0, 1e-13) == 0
-    assert float(np.abs(first["gyro"]).max()) < 0.3 and np.all(np.isfinite(first["position"]))
+    assert float(np.abs(first["gyro_frd"]).max()) < 0.3 and np.all(np.isfinite(first["position"]))
+
+
+# ---- sensors that fail ---------------------------------------------------------------------------------------------
+
+
+def at_rest(seconds: float, **values: Any) -> tuple[Any, np.ndarray]:
+    """A level vehicle at rest with perfect sensors that fail as `values` say; the record and, for each step,
+    estimated position [m, NED], attitude error [rad] and the number of GPS fixes so far.
+    """
+    record = Estimator.record()
+    set_values(record, PERFECT | values)
+    start, advance = kernels(Estimator)
+    assert start(record) == 0
+    rows, fixes, last = [], 0, int(record["fix_next"])
+    for k in range(round(seconds / H)):
+        assert advance(record, k * H, H) == 0
+        fixes, last = fixes + (int(record["fix_next"]) != last), int(record["fix_next"])
+        rows.append((*record["position"], float(record["attitude_error"]), fixes))
+    return record, np.array(rows)
+
+
+def test_a_silent_gps_gives_no_fixes() -> None:
+    _, rows = at_rest(6.0, **{"gps_outage[1]": 2.0, "gps_outage[2]": 4.0})  # one each 0.2 s
+    assert [rows[round(t / H) - 1, 4] for t in (1.9, 2.1, 3.9, 4.1, 6.0)] == [10, 10, 10, 11, 20]
+
+
+def test_a_failed_accelerometer_is_integrated_twice_while_gps_is_silent() -> None:
+    _, rows = at_rest(5.0, **{"gps_outage[2]": 99.0, "failure_time": 2.0, "accel_failure[1]": 0.1})
+    assert np.abs(rows[: round(2.0 / H), 0]).max() < 1e-12
+    assert rows[-1, 0] == pytest.approx(0.5 * 0.1 * 3.0**2, rel=1e-6)
+    assert rows[-1, 3] < 1e-9
+
+
+def test_a_failed_gyro_turns_the_estimate_while_gps_and_magnetometer_are_silent() -> None:
+    away = {"gps_outage[2]": 99.0, "magnetometer_outage[2]": 99.0}
+    _, rows = at_rest(5.0, **away, **{"failure_time": 2.0, "gyro_failure[1]": 0.02})
+    assert rows[-1, 3] == pytest.approx(0.02 * (3.0 - H), rel=1e-6)  # the error at the beginning of the last step
+
+
+def test_a_heading_without_a_magnetometer_drifts_until_the_sensor_is_back() -> None:
+    silent = {"magnetometer_outage[1]": 2.0, "magnetometer_outage[2]": 6.0}
+    drifting, rows = at_rest(30.0, **silent, **{"failure_time": 2.0, "gyro_failure[3]": 0.01})
+    assert rows[round(6.0 / H) - 1, 3] == pytest.approx(0.04, rel=2e-3)
+    assert rows[-1, 3] < 1e-3
+    assert float(drifting["gyro_offset_frd"][2]) == pytest.approx(0.01, rel=0.02)  # learnt from the field
+
+
+@pytest.mark.parametrize(
+    ("failure", "axis", "place"),
+    [({"gps_failure[1]": 10.0}, 0, 10.0), ({"gps_failure[2]": -4.0}, 1, -4.0), ({"barometer_failure": 5.0}, 2, -5.0)],
+)
+def test_the_estimate_follows_a_sensor_that_is_wrong(failure: dict[str, float], axis: int, place: float) -> None:
+    _, rows = at_rest(40.0, failure_time=2.0, **failure)
+    assert np.abs(rows[: round(2.0 / H), :3]).max() < 1e-9
+    assert rows[-1, axis] == pytest.approx(place, rel=0.01)
+
+
+def test_a_drone_whose_gps_is_away_for_ten_seconds_keeps_its_place_within_its_sensors_errors() -> None:
+    """With the noise of the default sensors; the estimate drifts, and the fixes bring it back."""
+    copter = Estimated({"identity": 1, "gps_outage[1]": 30.0, "gps_outage[2]": 40.0}).in_the_air(10.0, 14.0)
+    copter.run(40.0 - copter.time)
+    drifted = copter.worst(38.0)[0]
+    copter.run(40.0)
+    assert 0.5 < drifted < 15.0
+    assert copter.worst(70.0)[0] < 2.0

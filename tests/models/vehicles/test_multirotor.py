@@ -16,9 +16,13 @@ from hypothesis import strategies as st
 
 from cosim import Model
 from cosim.vehicle import VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
+from cosim_models.autopilot.control.mixer import motor_factors
 from cosim_models.vehicles.hexarotor import Hexarotor
+from cosim_models.vehicles.octorotor import Octorotor
 from cosim_models.vehicles.quadrotor import Quadrotor
 from cosim_models.vehicles.rotor import MotorCurve
+from cosim_models.vehicles.y6 import Y6
+from tests.models.shipped_kernels import kernels
 
 G = 9.80665
 H = 0.0025
@@ -31,16 +35,14 @@ def vehicle(model: type[Model] = Quadrotor, down: float = -1000.0, **parameters:
     m.position_start[2] = down
     for name, value in parameters.items():
         m[name] = value
-    assert model.kernels is not None
-    assert model.kernels[0](m) == 0
+    assert kernels(model)[0](m) == 0
     return m
 
 
 def run(m: Any, seconds: float, h: float = H, model: type[Model] = Quadrotor) -> Any:
-    assert model.kernels is not None
     steps = round(seconds / h)
     for k in range(steps):
-        assert model.kernels[1](m, k * h, h) == 0
+        assert kernels(model)[1](m, k * h, h) == 0
     return m
 
 
@@ -255,6 +257,35 @@ def test_initial_heading(heading: float) -> None:
 def test_airframes() -> None:
     assert vehicle(Quadrotor).airframe == Airframe.quad_x
     assert vehicle(Hexarotor).airframe == Airframe.hexa_x
+    assert vehicle(Octorotor).airframe == Airframe.octa_x
+    assert vehicle(Y6).airframe == Airframe.y6
+
+
+@pytest.mark.parametrize("model", [Octorotor, Y6])
+def test_the_mixer_turns_octorotor_and_y6_where_it_should(model: type[Model]) -> None:
+    """A torque about each axis, as the autopilot's mixer distributes it, turns the vehicle about that axis alone."""
+    table = np.zeros((8, 3))
+    count = motor_factors(int(vehicle(model).airframe), table)
+    for axis in range(3):
+        m = vehicle(model)
+        assert m.rotor_count == count
+        m.motor[:count] = 0.6 + 0.01 * table[:count, axis]  # a little: thrust is the square of a rotor's speed
+        run(m, 0.05)
+        turn = [float(x) for x in m.angular_velocity]
+        assert turn[axis] > 5e-4
+        assert [turn[i] for i in range(3) if i != axis] == pytest.approx([0.0, 0.0], abs=0.01 * turn[axis] + 1e-6)
+
+
+def test_y6_has_the_arms_of_the_hexarotor() -> None:
+    m = vehicle(Y6)
+    assert np.allclose(np.hypot(m.rotor_x[:6], m.rotor_y[:6]), 0.215)
+    assert np.allclose(m.rotor_x[0:6:2], m.rotor_x[1:6:2]) and np.allclose(m.rotor_y[0:6:2], m.rotor_y[1:6:2])
+    assert m.inertia.tolist() == vehicle(Hexarotor).inertia.tolist()
+
+
+def test_the_octorotor_hovers_at_39_percent_of_its_thrust() -> None:
+    m = vehicle(Octorotor)
+    assert 8.0 * m.thrust_constant * m.speed_max**2 * 0.39 == pytest.approx(3.0 * 9.80665, rel=1e-4)
 
 
 # ---- rotors ------------------------------------------------------------------------------------------------------
@@ -347,8 +378,7 @@ def test_the_communication_step_is_split_into_equal_substeps() -> None:
     assert np.array_equal(whole.position, parts.position)
     assert np.array_equal(whole.attitude, parts.attitude)
     almost = hovering()
-    assert Quadrotor.kernels is not None
-    assert Quadrotor.kernels[1](almost, 0.0, H * (1.0 + 1e-9)) == 0
+    assert kernels(Quadrotor)[1](almost, 0.0, H * (1.0 + 1e-9)) == 0
     assert almost.decay_step == pytest.approx(H, rel=1e-8)  # one sub-step, not two
 
 
@@ -522,8 +552,7 @@ def test_take_off_leaves_the_ground() -> None:
 def test_impossible_parameters_are_errors(name: str, value: Any, code: int) -> None:
     m = Quadrotor.record()
     m[name] = value
-    assert Quadrotor.kernels is not None
-    assert Quadrotor.kernels[0](m) == code
+    assert kernels(Quadrotor)[0](m) == code
     assert code in Quadrotor.errors
 
 
@@ -531,8 +560,7 @@ def test_the_thrust_curve_needs_a_greatest_thrust() -> None:
     m = Quadrotor.record()
     m.motor_curve = MotorCurve.thrust
     m.thrust_constant = 0.0
-    assert Quadrotor.kernels is not None
-    assert Quadrotor.kernels[0](m) == 7
+    assert kernels(Quadrotor)[0](m) == 7
 
 
 @pytest.mark.parametrize("curve", list(MotorCurve))
@@ -540,15 +568,13 @@ def test_the_thrust_curve_needs_a_greatest_thrust() -> None:
 def test_an_input_that_is_no_number_is_an_error(curve: MotorCurve, name: str, value: float) -> None:
     m = vehicle(motor_curve=curve)
     m[name][0] = value
-    assert Quadrotor.kernels is not None
-    assert Quadrotor.kernels[1](m, 0.0, H) == 6
+    assert kernels(Quadrotor)[1](m, 0.0, H) == 6
 
 
 def test_start_may_be_repeated() -> None:
     m = vehicle(down=-3.0, yaw_start=1.0)
     once = m.tobytes()
-    assert Quadrotor.kernels is not None
-    assert Quadrotor.kernels[0](m) == 0
+    assert kernels(Quadrotor)[0](m) == 0
     assert m.tobytes() == once
 
 
@@ -581,7 +607,7 @@ def histories() -> np.ndarray:
 
 def test_interpreted_kernels_give_the_same_numbers(tmp_path: Path) -> None:
     path = tmp_path / "interpreted.npy"
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[3])}
     subprocess.run([sys.executable, __file__, str(path)], check=True, env=environment)
     interpreted, compiled = np.load(path), histories()
     assert np.allclose(interpreted, compiled, rtol=1e-12, atol=1e-12)

@@ -12,6 +12,7 @@ from lxml import etree
 from cosim.model import flat_variables
 from cosim_models.vehicles.quadrotor import Quadrotor
 from cosim_models.vehicles.rotor import MotorCurve
+from tests.models.shipped_kernels import kernels
 
 G = 9.80665
 PRESETS = {
@@ -48,8 +49,7 @@ def with_preset(name: str) -> Any:
             m[array][int(index[:-1]) - 1] = value
         else:
             m[key] = value
-    assert Quadrotor.kernels is not None
-    assert Quadrotor.kernels[0](m) == 0
+    assert kernels(Quadrotor)[0](m) == 0
     return m
 
 
@@ -76,6 +76,7 @@ def test_the_px4_iris_is_the_default() -> None:
         ("px4_iris", 805.0, 1.87),
         ("rotors_iris", 660.0, 1.61),
         ("ardupilot_gazebo_iris", 445.0, 3.55),
+        ("crazyflie", math.sqrt(0.027 * G / (4.0 * 3.16e-10)) * math.pi / 30.0, 2.25),
         ("ardupilot_sitl_quad", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
         ("ardupilot_json", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
     ],
@@ -92,9 +93,8 @@ def test_it_flies(name: str) -> None:
     """Full command lifts it with the acceleration of its thrust over weight, until drag matters."""
     m = with_preset(name)
     m.motor[:4] = 1.0
-    assert Quadrotor.kernels is not None
     for k in range(80):
-        assert Quadrotor.kernels[1](m, 0.0025 * k, 0.0025) == 0
+        assert kernels(Quadrotor)[1](m, 0.0025 * k, 0.0025) == 0
     thrust = 4.0 * m.thrust_constant * m.speed_max**2 / m.mass
     loss = 1.0 - abs(m.velocity[2]) / m.axial_speed_limit if m.axial_speed_limit else 1.0
     assert -m.specific_force[2] == pytest.approx(thrust * loss, rel=0.03)
@@ -112,8 +112,7 @@ def test_sitl_quad_leans_45_degrees_at_its_reference_speed() -> None:
     part = (speed / m.speed_max) ** 2
     command = (-0.35 + math.sqrt(0.35**2 + 4.0 * 0.65 * part)) / 1.3
     m.motor[:4] = 0.15 + 0.8 * command
-    assert Quadrotor.kernels is not None
-    assert Quadrotor.kernels[1](m, 0.0, 0.001) == 0
+    assert kernels(Quadrotor)[1](m, 0.0, 0.001) == 0
     assert (m.velocity[0] - 15.08) / 0.001 == pytest.approx(0.0, abs=0.01 * G)
 
 
@@ -122,17 +121,15 @@ def test_the_json_body_hovers_at_the_recorded_command() -> None:
     m = with_preset("ardupilot_json")
     m.position[2] = -100.0
     m.motor[:4] = 0.5907
-    assert Quadrotor.kernels is not None
     for k in range(400):
-        assert Quadrotor.kernels[1](m, 0.0025 * k, 0.0025) == 0
+        assert kernels(Quadrotor)[1](m, 0.0025 * k, 0.0025) == 0
     thrust = 4.0 * m.thrust_constant * m.rotor_speed[0] ** 2
     assert thrust == pytest.approx(m.mass * G, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_it_stands_and_survives_a_fall(name: str) -> None:
-    assert Quadrotor.kernels is not None
-    start, advance = Quadrotor.kernels
+    start, advance = kernels(Quadrotor)
     m = with_preset(name)
     for k in range(2000):
         assert advance(m, 0.0025 * k, 0.0025) == 0

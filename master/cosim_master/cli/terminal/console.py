@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
+    "announce",
     "begin_verb",
     "end_verb",
     "err",
@@ -117,6 +118,11 @@ def note(text: str) -> None:
         err.print(Text.assemble(("note:", "bold dim"), (f" {text}", "dim")))
 
 
+def announce(text: str) -> None:
+    """Prints a line that the user needs, on standard error, also if -q is set."""
+    err.print(Text(text), soft_wrap=True)
+
+
 def notes(texts: Iterable[str]) -> None:
     """Prints several notes. Of findings of the same kind, only the first few are printed."""
     for text in within_bounds(texts):
@@ -176,7 +182,12 @@ def errors(*, as_json: bool = False) -> Iterator[None]:
         raise usage(f"{package} is not installed; try pip install 'uav-cosim[{_EXTRAS[package]}]'") from None
 
 
-_EXTRAS = {"matplotlib": "plot", "pymavlink": "build"}
+_EXTRAS = {
+    **dict.fromkeys(("foxglove", "gpxpy", "rosbags", "scipy"), "export"),
+    **dict.fromkeys(("matplotlib", "PIL"), "plot"),
+    "pymavlink": "build",
+    "websockets": "live",
+}
 """Packages that an extra of this project installs."""
 
 

@@ -33,7 +33,8 @@ System = Annotated[
     str,
     typer.Argument(
         metavar="SYSTEM",
-        help="An .ssd, .ssp, .fmu, multi-model (.json), OspSystemStructure.xml, or folder with a SystemStructure.ssd.",
+        help="An .ssd, .ssp, .fmu, multi-model (.json), OspSystemStructure.xml or .msim, or folder with "
+        "a SystemStructure.ssd.",
     ),
 ]
 Settings = Annotated[

@@ -22,7 +22,7 @@ from rich.text import Text
 from cosim_master.cli.terminal.console import err, is_live, is_quiet
 
 if TYPE_CHECKING:
-    from cosim_master.execution.result import Progress
+    from cosim_master.stepping.observation import Progress
 
 __all__ = ["Activity", "activity"]
 

@@ -16,6 +16,7 @@ from cosim_master.cli.terminal.console import errors, print_json, report_error, 
 from cosim_master.cli.terminal.options import Json
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
+from cosim_master.system import shipped
 
 if TYPE_CHECKING:
     from cosim import Model
@@ -25,7 +26,7 @@ _Models = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="MODEL",
-        help="Model names (Quadrotor), modules or .py files.",
+        help="Model names (Quadrotor), names of shipped systems (line5), modules or .py files.",
         show_default="every model of cosim_models",
     ),
 ]
@@ -53,7 +54,7 @@ _Checked = Annotated[
 ]
 
 
-@verb("build", "build integrator.py -o fmus", "build Quadrotor --fmi 3 --target windows-x86_64")
+@verb("build", "build line5", "build integrator.py -o fmus", "build Quadrotor --fmi 3 --target windows-x86_64")
 def build(
     models: _Models = None,
     folder: _Out = Path("fmus"),
@@ -101,20 +102,23 @@ def build(
 
 
 def _chosen(models: list[str] | None) -> list[type[Model]]:
-    """Returns the models with these names, modules or files; without any, all models of cosim_models."""
+    """Returns the models with these names, of systems, modules or files; without any, all models of cosim_models."""
     from cosim.build import load_models, models_of_package
 
     known = models_of_package("cosim_models")
     if not models:
         return [*known]
-    chosen: list[type[Model]] = []
+    chosen: dict[type[Model], None] = {}
     for name in models:
-        found = load_models(name) if "." in name else [model for model in known if model.__name__ == name]
+        wanted = shipped.models(name) if name in shipped.names() else (name,)
+        found = load_models(name) if "." in name else [model for model in known if model.__name__ in wanted]
         if not found and "." not in name:
             names = ", ".join(model.__name__ for model in known)
-            raise ValueError(f"no model called {name}: there are {names}; or give a module or a .py file")
-        chosen += found
-    return chosen
+            raise ValueError(
+                f"no model called {name}: there are {names}; or give a shipped system, a module or a .py file"
+            )
+        chosen |= dict.fromkeys(found)
+    return [*chosen]
 
 
 def _not_built(model: type[Model], *, as_json: bool) -> dict[str, Any]:
@@ -126,11 +130,12 @@ def _not_built(model: type[Model], *, as_json: bool) -> dict[str, Any]:
 
 @contextmanager
 def _loop_compiled(models: list[str] | None, tell: Callable[[str], None]) -> Iterator[None]:
-    """Compiles the stepping loop, which the first run needs, in a separate process while all FMUs are built."""
+    """Compiles the stepping loop, which the first run needs, in a separate process while FMUs of systems are built."""
     from cosim.kernel import has_code
 
     loop = Path(__file__).parents[2] / "stepping" / "kernels" / "macro_step.py"
-    if models or os.environ.get("NUMBA_DISABLE_JIT") or has_code(loop, "run"):
+    only_models = models and not any(name in shipped.names() for name in models)
+    if only_models or os.environ.get("NUMBA_DISABLE_JIT") or has_code(loop, "run"):
         yield
         return
     code = "from cosim_master.stepping.warming import EVERY_RUN, compile_loop; compile_loop(EVERY_RUN)"

@@ -91,7 +91,7 @@ def new(
     as_json: Json = False,
 ) -> None:
     """Write a system of many drones, or a starting point for an agent or a model."""
-    from cosim_master.system.authoring.new import SHAPES, fleet_of, new_system, number_of_drones
+    from cosim_master.system.authoring.swarm.new import SHAPES, fleet_of, new_system, number_of_drones
 
     if file is not None:
         _new_model(scenario, file, as_json=as_json)
@@ -138,7 +138,7 @@ def _new_model(kind: str, file: Path, *, as_json: bool) -> None:
 
 def _own_fmus() -> Path | None:
     """Returns the folder fmus, if it contains all parts of a drone."""
-    from cosim_master.system.authoring.new import parts
+    from cosim_master.system.authoring.swarm.new import parts
 
     return Path("fmus") if all(Path("fmus", file).is_file() for file in parts().values()) else None
 
@@ -148,7 +148,9 @@ def convert(
     system: Annotated[
         str,
         typer.Argument(
-            metavar="SYSTEM", help="A multi-model (.json) or an OspSystemStructure.xml; with --for any system."
+            metavar="SYSTEM",
+            help="A multi-model (.json), an OspSystemStructure.xml or a project of MasterSim (.msim); "
+            "with --for any system.",
         ),
     ],
     folder: NewFolder,
@@ -163,7 +165,7 @@ def convert(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write a multi-model or a structure of OSP as an SSP, or any system for another engine."""
+    """Write a multi-model, a structure of OSP or a project of MasterSim as an SSP, or any system for another engine."""
     from cosim_master.system.authoring.convert import ENGINES
     from cosim_master.system.authoring.convert import convert as convert_system
 
@@ -197,16 +199,19 @@ def swap(
     in_place: Annotated[bool, typer.Option("--in-place", help="Change the system itself.", show_default=False)] = False,
     as_json: Json = False,
 ) -> None:
-    """Give a component another FMU; nothing else changes."""
+    """Give a component another FMU; parts that do not accept it are swapped too, nothing else changes."""
     from cosim_master.system.authoring.swap import swap as swap_component
 
     if (new is None) != in_place:
         raise usage("swap: give either -o SYSTEM for a new system, or --in-place to change this one")
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"checking {system}")
-        written = swap_component(system, component, fmu, new)
+        notes: list[str] = []
+        written = swap_component(system, component, fmu, new, notes.append)
         doing.end()
         if as_json:
-            print_json({"files": [str(written)]})
+            print_json({"files": [str(written)], "notes": notes})
         else:
+            for text in notes:
+                note(text)
             say(f"{written}: {component} is now {fmu}")

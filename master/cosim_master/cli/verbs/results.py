@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import sys
+import functools
+import inspect
 import webbrowser
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,6 +15,7 @@ from cosim_master.cli.terminal.console import errors, note, notes, print_json, p
 from cosim_master.cli.terminal.options import Json, Variant
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
+from cosim_master.results.export.formats import FORMATS
 
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run's results.")]
 
@@ -64,21 +67,41 @@ def _is_fmu(path: Path) -> bool:
     return path.suffix == ".fmu"
 
 
-@verb("plot out/line5", "plot out/line5 -o figures")
+@verb(
+    "plot out/line5", "plot out/line5 -o figures --format pdf", "plot out/line5 --signal 'drone*.vehicle.position[3]'"
+)
 def plot(
     run: Run,
     folder: Annotated[
         Path | None,
         typer.Option("-o", "--out", metavar="FOLDER", help="Folder for the figures.", show_default="the run's"),
     ] = None,
+    signal: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--signal",
+            metavar="PATTERN",
+            help="Draw the signals that match instead; each further pattern is a further panel.",
+            show_default=False,
+        ),
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format", metavar="png|svg|pdf", help="Kind of files; may be repeated.", show_default="png, svg"
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Draw the figures of a run."""
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"plotting {run}")
-        from cosim_master.results.figures import figures
+        from cosim_master.results.figures.draw import FORMATS as KINDS
+        from cosim_master.results.figures.draw import USUAL, figures
 
-        files = figures(run, folder)
+        if wrong := [one for one in formats or () if one not in KINDS]:
+            raise usage(f"--format {wrong[0]}: there are {', '.join(KINDS)}")
+        files = figures(run, folder, signals=signal or (), formats=formats or USUAL)
         doing.end()
         if as_json:
             print_json({"files": [str(file) for file in files]})
@@ -114,46 +137,114 @@ def view(
             note(f"no browser was found here; open {written} in one")
 
 
-@verb("export out/line5 -o line5.csv", "export out/line5 -o - | head -3")
-def export(
-    run: Run,
-    csv: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--out",
-            "--csv",
-            metavar="FILE",
-            help="CSV file to write, as FMPy writes its results; - is standard output.",
-        ),
+@verb("report out/line5", "report out/line5 out/line5-2 -o comparison.html")
+def report(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Folder of a run's results; several are compared.")
     ],
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="HTML file to write.", show_default="report.html in the first run's"
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a report on a run, or a comparison of several: one HTML page with figures and tables."""
+    with errors(as_json=as_json), activity() as doing:
+        doing.stage(f"reading {', '.join(map(str, runs[:3]))}")
+        from cosim_master.report.page import write_report
+
+        written = write_report(runs, file)
+        doing.end()
+        if as_json:
+            print_json({"files": [str(written)]})
+        else:
+            say(str(written))
+
+
+def _with_formats(function: Callable[..., None]) -> Callable[..., None]:
+    """Gives a verb an option for each format; the verb receives the files in `files`, by name of the format."""
+
+    @functools.wraps(function)
+    def call(**given: Any) -> None:
+        files = {one.name: given.pop(one.name) for one in FORMATS}
+        function(files=files, **given)
+
+    own = [one for one in inspect.signature(function, eval_str=True).parameters.values() if one.name != "files"]
+    options = [
+        inspect.Parameter(
+            one.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=None,
+            annotation=Annotated[
+                Path | None, typer.Option(f"--{one.name}", metavar="FOLDER" if one.is_folder else "FILE", help=one.text)
+            ],
+        )
+        for one in FORMATS
+    ]
+    call.__signature__ = inspect.Signature([*own[:2], *options, *own[2:]])  # type: ignore[attr-defined]
+    return call
+
+
+@verb(
+    "export out/line5 -o line5.csv",
+    "export out/line5 --mcap line5.mcap --kml line5.kml",
+    "export out/line5 -o - | head",
+)
+@_with_formats
+def export(
+    *,
+    run: Run,
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="File to write; the end of its name chooses the format. - writes CSV."
+        ),
+    ] = None,
+    files: Mapping[str, Path | None],
     numbers: Annotated[
         bool,
         typer.Option("--numbers", help="Leave out text, which readers of numbers (FMPy) refuse.", show_default=False),
     ] = False,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAT,LON,ALT",
+            help="Local origin on Earth, degrees and m above mean sea level.",
+            show_default="that which the models declare",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write the signals of a run in another format."""
-    to_stdout = str(csv) == "-"
-    if as_json and to_stdout:
-        raise usage("export: --json and -o - both want standard output; leave out one")
+    """Write a run in the formats of other tools: tables, logs, tracks."""
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
-        from cosim_master.results.export import export_csv
+        from cosim_master.results.export.formats import export_run, format_of
+        from cosim_master.results.export.options import Options, origin_of_text
 
-        if not to_stdout:
-            doing.stage(f"writing {csv}")
-        else:
-            doing.end()
-        texts = export_csv(run, sys.stdout if to_stdout else csv, numbers_only=numbers)
+        wanted = [(one, path) for one in FORMATS if (path := files[one.name]) is not None]
+        if file is not None:
+            wanted.append((format_of(file), file))
+        if not wanted:
+            raise usage(
+                f"export: no file to write; give -o FILE, or one of {', '.join(f'--{f.name}' for f in FORMATS)}"
+            )
+        if as_json and any(str(path) == "-" for _, path in wanted):
+            raise usage("export: --json and -o - both want standard output; leave out one")
+        options = Options(numbers, origin_of_text(origin) if origin else None)
+        said: list[str] = []
+        for one, path in wanted:
+            doing.end() if str(path) == "-" else doing.stage(f"writing {path}")
+            said += export_run(run, one, path, options)
         doing.end()
-        if texts and not numbers:
-            some = ", ".join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
-            notes([f"written as text in quotes: {some}; FMPy reads numbers only, which --numbers writes"])
+        notes(said)
+        written = [str(path) for _, path in wanted if str(path) != "-"]
         if as_json:
-            print_json({"files": [str(csv)], "left_out": list(texts) if numbers else []})
-        elif not to_stdout:
-            say(str(csv))
+            print_json({"files": written, "notes": said})
+            return
+        for name in written:
+            say(name)
 
 
 @verb("repair out/line5")

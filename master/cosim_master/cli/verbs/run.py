@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim_master.cli.terminal.console import errors, note, notes, print_json, print_tables, report_error, say, usage
+from cosim_master.cli.terminal.live import Live, shown_live
 from cosim_master.cli.terminal.options import (
     Json,
     Settings,
@@ -27,7 +28,8 @@ from cosim_master.cli.terminal.verdict import show_findings, summary
 
 if TYPE_CHECKING:
     from cosim_master.execution.options import RunOptions
-    from cosim_master.execution.result import RunResult
+    from cosim_master.execution.outcome.result import RunResult
+    from cosim_master.execution.preparation.prepare import Prepared
 
 
 _Out = Annotated[
@@ -94,6 +96,34 @@ _Ports = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Serial ports of the autopilots, e.g. tcp:5760+10 for 5760, 5770, ..."),
 ]
+_Isolate = Annotated[
+    str | None,
+    typer.Option(
+        metavar="none|foreign|instance|all",
+        help="FMUs in processes of their own: foreign ones (not built by this project; one process per file, or per "
+        "instance), or all.",
+        show_default="foreign",
+    ),
+]
+_StepTimeout = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S", min=0, help="Wall-clock time for a call of an isolated FMU; 0: no limit.", show_default="10"
+    ),
+]
+_MemoryLimit = Annotated[
+    int | None,
+    typer.Option(metavar="MIB", min=16, help="Memory of each isolated process.", show_default="half of the machine's"),
+]
+_RestartCrashed = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        min=1,
+        help="Start a crashed process of FMUs anew, from the last state kept, up to N times.",
+        show_default="the system's, or the run fails",
+    ),
+]
 _Profile = Annotated[
     bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.", show_default=False)
 ]
@@ -112,10 +142,25 @@ _From = Annotated[
 ]
 
 
+_View = Annotated[
+    bool,
+    typer.Option(
+        "--view",
+        help="Show the run in a browser while it goes on, in real time unless --pace is given.",
+        show_default=False,
+    ),
+]
+_NoOpen = Annotated[
+    bool,
+    typer.Option("--no-open", help="With --view: print the address only; do not open a browser.", show_default=False),
+]
+
+
 @verb(
     "run master/systems/line5 -o out/line5",
     "run master/systems/line5 --set drone3.agent.epsilon=0.5 --until 60 --seed 7",
     "run master/systems/line5 --pace 1 --gcs udpout:127.0.0.1:14550",
+    "run master/systems/line5 --view --pace 2",
     "run master/systems/line5 --at 30 'drone3.vehicle.wind[2]=5'",
 )
 def run(
@@ -136,18 +181,27 @@ def run(
     threads: _Threads = None,
     gcs: _Gcs = None,
     ports: _Ports = None,
+    isolate: _Isolate = None,
+    step_timeout: _StepTimeout = None,
+    memory_limit: _MemoryLimit = None,
+    restart_crashed: _RestartCrashed = None,
     profile: _Profile = False,
     checkpoint_every: _CheckpointEvery = None,
     origin: _From = None,
+    view: _View = False,
+    no_open: _NoOpen = False,
     as_json: Json = False,
 ) -> None:
     """Run a system, or one FMU alone."""
     if threads is not None and threads < 1:
         raise usage(f"--threads {threads}: give a positive number")
+    if no_open and not view:
+        raise usage("--no-open belongs to --view, which is not given")
     by_default = Path("out") / Path(system).resolve().stem
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
         from cosim_master.execution.options import RunOptions
+        from cosim_master.execution.preparation.isolating import chosen_isolation
         from cosim_master.results.run_folder import RunFolder
 
         options = RunOptions(
@@ -155,9 +209,16 @@ def run(
             strict=strict, until=until, step=step, seed=seed,
             out=RunFolder(folder or by_default, numbered=folder is None, force=force), record=record or (),
             checkpoint_every=checkpoint_every, origin=origin,
-            pace=pace, threads=threads, profile=profile, gcs=gcs or (), ports=ports,
+            pace=pace, threads=threads, profile=profile,
+            isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed),
+            gcs=gcs or (), ports=ports,
         )  # fmt: skip
-        result = _simulate(system, options, doing)
+        if view:
+            with shown_live(options, open_browser=not no_open) as live:
+                result = _simulate(system, options, doing, live)
+                live.end(result)
+        else:
+            result = _simulate(system, options, doing, None)
     if as_json:
         print_json(_document(result))
     else:
@@ -168,7 +229,7 @@ def run(
         raise typer.Exit(code)
 
 
-def _simulate(system: str, options: RunOptions, doing: Activity) -> RunResult:
+def _simulate(system: str, options: RunOptions, doing: Activity, live: Live | None) -> RunResult:
     from cosim.kernel import PLAIN
     from cosim_master.execution.options import Listener
     from cosim_master.execution.simulate import simulate
@@ -176,9 +237,17 @@ def _simulate(system: str, options: RunOptions, doing: Activity) -> RunResult:
     if options.profile and PLAIN:
         raise usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
     doing.stage(f"checking {system}")
-    listener = Listener(prepared=lambda ready: notes(ready.notes), stage=doing.stage, progress=doing.run, gateway=note)
+
+    def prepared(ready: Prepared) -> None:
+        notes(ready.notes)
+        if live is not None:
+            live.begin(ready)
+
+    listener = Listener(prepared=prepared, stage=doing.stage, progress=doing.run, gateway=note)
     with compiling(doing):
-        return simulate(system, options, listener=listener)
+        if live is None:
+            return simulate(system, options, listener=listener)
+        return simulate(system, options, listener=listener, observers=[live.observer], control=live.control)
 
 
 def _exit_code(result: RunResult, *, strict: bool) -> int:
@@ -192,10 +261,12 @@ def _report(result: RunResult) -> None:
         (note if result.outcome == "terminated" else report_error)(str(result.error))
     packets = result.packets
     if result.outcome != "failed" or packets:
+        n = result.restarts
+        restarts = f", after {n} restart{'s' if n > 1 else ''} of FMUs that crashed" if n else ""
         counts = ", ".join(f"{packets.get(name, 0)} {name}" for name in ("sent", "delivered", "lost"))
         say(
-            f"{result.outcome}{summary(result.verdict)}: {result.simulated_s:g} s simulated in {result.wall_s:.2f} s "
-            f"({result.real_time_factor:.1f} times real time)"
+            f"{result.outcome}{summary(result.verdict)}{restarts}: {result.simulated_s:g} s simulated in "
+            f"{result.wall_s:.2f} s ({result.real_time_factor:.1f} times real time)"
         )
         say(f"packets: {counts}")
     if result.folder is not None:
@@ -224,6 +295,7 @@ def _document(result: RunResult) -> dict[str, Any]:
         "packets": dict(result.packets),
         "gateways": {name: dict(counts) for name, counts in result.gateways.items()},
         "overruns": asdict(result.overruns),
+        "restarts": result.restarts,
         "notes": list(result.notes),
         "verdict": None if result.verdict is None else result.verdict.as_json(),
         "profile": None if result.profile is None else asdict(result.profile),

@@ -18,7 +18,7 @@ BROUGHT_ALONG = "brought along"
 """The value of --reference without a file."""
 
 if TYPE_CHECKING:
-    from cosim_master.execution.prepare import Prepared
+    from cosim_master.execution.preparation.prepare import Prepared
     from cosim_master.execution.reference_results import Verdict
     from cosim_master.system.flatten.flat import CheckedSystem
     from cosim_master.system.settings.time_grid import TimeGrid
@@ -56,8 +56,7 @@ def check(
     """Read a system and its FMUs and report every problem, without running anything."""
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
-        from cosim_master.execution.prepare import prepare
-        from cosim_master.execution.reference_results import against_reference
+        from cosim_master.execution.preparation.prepare import prepare
         from cosim_master.stepping.layout import make_layout
         from cosim_master.system.flatten.check import check as check_system
         from cosim_master.system.reading.read import read_system
@@ -69,6 +68,8 @@ def check(
         elif reference is not None:
             raise usage(f"--reference: {system} is not an FMU")
         if reference is not None:
+            from cosim_master.execution.reference_results import against_reference
+
             doing.stage(f"running {system}")
             file = None if reference == BROUGHT_ALONG else Path(reference)
             verdict = against_reference(
@@ -158,9 +159,10 @@ def _report_reference(verdict: Verdict, *, as_json: bool) -> None:
 
 
 def _try_out(checked: CheckedSystem, clock: TimeGrid) -> list[dict[str, Any]]:
+    from cosim_master.execution.preparation.isolating import isolation_for
     from cosim_master.execution.startup.initialize import try_out
 
-    found = try_out(checked, clock.time(0), clock.time(clock.steps))
+    found = try_out(checked, clock.time(0), clock.time(clock.steps), isolation_for(None, checked))
     return [{"rounds": loop.rounds, "outputs": list(loop.outputs)} for loop in found]
 
 

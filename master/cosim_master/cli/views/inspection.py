@@ -6,16 +6,18 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 from rich.text import Text
 
 from cosim_master.fmi.description.datasheet import datasheet
 from cosim_master.fmi.description.read import describe
-from cosim_master.stepping.profiling import Profile
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
+
+if TYPE_CHECKING:  # it imports the compiler of kernels, which takes half a second
+    from cosim_master.stepping.profiling import Profile
 
 __all__ = ["fmu_document", "fmu_tables", "profile_tables", "system_document", "system_tables"]
 

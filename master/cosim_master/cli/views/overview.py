@@ -12,14 +12,15 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
-from cosim_master.results.export import open_signals
 from cosim_master.results.journal import goes_on
+from cosim_master.results.links import statistics
 from cosim_master.results.message_names import message_names
 from cosim_master.results.read import has_packets, packets
+from cosim_master.results.recorded_signals import open_signals
 
 __all__ = ["overview", "overview_tables", "signal_table"]
 
-_MESSAGES, _FINDINGS, _GATEWAYS, _NAMES = 7, 3, 2, 6
+_MESSAGES, _FINDINGS, _GATEWAYS, _NAMES = 6, 3, 2, 6
 """Lines of each kind that fit on a screen of 24 lines with a prompt; names of a list that is not shortened."""
 
 
@@ -37,7 +38,7 @@ def overview(folder: Path) -> dict[str, Any]:
         table = packets(folder).select(_COLUMNS) if has_packets(folder) else None
         instances = sorted({str(one["fmu"]) for one in manifest["instances"].values()})
         network = manifest["network"]
-        return {
+        document = {
             "kind": "run",
             "system": manifest["system"]["name"],
             "outcome": manifest["outcome"],
@@ -51,6 +52,7 @@ def overview(folder: Path) -> dict[str, Any]:
             "nodes": _nodes(table),
             "radio": {name: network[name] for name in ("topology", "latency", "jitter", "loss", "range")},
             "packets": manifest["packets"],
+            "links": None if table is None else manifest.get("links") or statistics(folder),
             "messages": [] if table is None else _messages(table, seconds),
             "gateways": manifest["gateways"],
             "verdict": manifest.get("verdict"),
@@ -61,7 +63,9 @@ def overview(folder: Path) -> dict[str, Any]:
                 for one in schema
             ],
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, CosimError) as error:
+        list(overview_tables(document))  # also looks at the types of what it shows
+        return document
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, CosimError) as error:
         text = f"is not the complete result of a run: {error}"
         raise SystemDescriptionError([Problem(Where(str(folder)), text)]) from None
 
@@ -130,6 +134,7 @@ def overview_tables(run: Mapping[str, Any]) -> Iterator[Table | str]:
         + (f" ({', '.join(why)})" if why else "")
         + f", {packets['on board']} on board"
     )
+    yield from _worst_link(run["links"])
     if run["messages"]:
         yield from _message_table(run["messages"])
     for name, counts in list(run["gateways"].items())[:_GATEWAYS]:
@@ -152,6 +157,14 @@ def _verdict(verdict: Mapping[str, Any] | None) -> Iterator[str]:
     if (nearest := verdict.get("nearest")) is not None:
         who = " and ".join(nearest["who"])
         yield f"nearest approach: {nearest['distance']:.2f} m, {who} at {nearest['time']:g} s"
+
+
+def _worst_link(links: Mapping[str, Any] | None) -> Iterator[str]:
+    """Returns the number of links, and the link with the largest share of losses; nothing if nothing was lost."""
+    if links and links["worst"] and (worst := links["worst"][0])["lost"]:
+        causes = ", ".join(f"{cause} {n}" for cause, n in worst["causes"].items())
+        lost = f"{worst['lost']} of {worst['sent']} lost ({causes})"
+        yield f"links: {links['count']}, most losses from {worst['from']} to {worst['to']}: {lost}"
 
 
 def _message_table(messages: Sequence[Mapping[str, Any]]) -> Iterator[Table | str]:

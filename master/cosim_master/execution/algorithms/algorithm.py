@@ -64,7 +64,7 @@ def verify_rollback(state: RunState, numbers: Sequence[int], why: str) -> None:
         period = clock.periods[i]
         sizes.append([clock.seconds(period)] * max(1, min(2, clock.steps // period)))
         one = state.slaves[i]
-        if state.plan.clock[FINAL] == 0:
+        if state.plan.counters[FINAL] == 0:
             one.final = False
     if failures := self_test([state.slaves[i] for i in numbers], clock.time(0), sizes, why):
         raise RunFailed(failures)

@@ -9,10 +9,10 @@ from cosim_master.execution.algorithms.fixed_step import FixedStep
 from cosim_master.execution.algorithms.iteration import Iteration
 from cosim_master.execution.algorithms.richardson import Richardson
 from cosim_master.execution.algorithms.variable_step import VariableStep
+from cosim_master.execution.preparation.stimuli import Agenda
+from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.driver import Steps
 from cosim_master.execution.run.state import RunState
-from cosim_master.execution.run.writing import Writing
-from cosim_master.execution.stimuli import Agenda
 from cosim_master.system.settings.master import MasterSettings
 
 __all__ = ["algorithm_for"]
@@ -33,7 +33,7 @@ _STEPS: Mapping[str, Callable[[RunState, MasterSettings], Steps]] = {
 def algorithm_for(
     master: MasterSettings,
     state: RunState,
-    writing: Writing,
+    blocks: Blocks,
     agenda: Agenda,
     change: Callable[[int], bool],
     every: int,
@@ -46,9 +46,9 @@ def algorithm_for(
     if master.constrained:
         if not master.irreversible:
             verify_rollback(state, range(len(state.slaves)), master.algorithm)
-        return VariableStep(state, writing, master, agenda, change, every)
+        return VariableStep(state, blocks, master, agenda, change, every)
     if master.variable:
         verify_rollback(state, range(len(state.slaves)), master.algorithm)
-        return Richardson(state, writing, master, agenda, change, every)
+        return Richardson(state, blocks, master, agenda, change, every)
     steps = _STEPS[master.algorithm](state, master) if master.in_python else None
-    return FixedStep(state, writing, agenda, change, steps)
+    return FixedStep(state, blocks, agenda, change, steps)

@@ -117,15 +117,15 @@ def judge_failures(state: RunState, unrepeatable: str, *, can_end_here: bool = T
 
 def _terminate(state: RunState, ends: Sequence[tuple[int, float]], *, can_end_here: bool) -> None:
     """Ends the run for instances (number, time) that request it. If they made this step, it is the last one."""
-    slaves, rows, clock = state.slaves, state.plan.instances, state.plan.clock
+    slaves, rows, counters = state.slaves, state.plan.instances, state.plan.counters
     first = slaves[ends[0][0]]
     python = any(slaves[i].library.python for i, _ in ends)
-    if python and clock[K] == 0:
+    if python and counters[K] == 0:
         text = f"fmi2Discard: it requested the end of the run in its first step {_FORGETFUL}"
         raise RunFailed([first.failure("fmi2DoStep", STATUS.index("fmi2Discard"), text)])
-    end = (clock[START] + (clock[K] + 1) * clock[BASE]) / (1e9 * clock[PER_NS])
+    end = (counters[START] + (counters[K] + 1) * counters[BASE]) / (1e9 * counters[PER_NS])
     stepped = all(rows[i]["length"] == 1 and time >= end - 1e-9 for i, time in ends)
-    if can_end_here and stepped and not state.texts and clock[K] + 1 <= clock[LAST]:
+    if can_end_here and stepped and not state.texts and counters[K] + 1 <= counters[LAST]:
         end_here(state.plan, np.array([i for i, _ in ends]))
     hint = _FORGETFUL if python else ""
     raise RunTerminated(first.name, min(time for _, time in ends), said=first.end_word, hint=hint)
@@ -151,48 +151,48 @@ class Grid:
         Returns:
             The integer; 0 without any change, if steps would be finer than `FINEST` or than a nanosecond.
         """
-        clock, rows = self._plan.clock, self._plan.instances
+        counters, rows = self._plan.counters, self._plan.instances
         n = max(2, math.ceil(at_least * (1 - 1e-9)))
-        while clock[BASE] % n and n * self.factor <= FINEST:
+        while counters[BASE] % n and n * self.factor <= FINEST:
             n += 1
         if n * self.factor > FINEST:
             return 0
         self._scale(n)
-        due = clock[K] % np.where(self._shorter, rows["period"], rows["period"] * n) == 0
+        due = counters[K] % np.where(self._shorter, rows["period"], rows["period"] * n) == 0
         rows["length"] *= n
         rows["period"] = np.where(self._shorter | due, rows["period"], rows["period"] * n)
         self._shorter |= due
         self._begin(due)
         span = math.lcm(*(int(p) for p in self._periods[self._shorter]))
-        self.until = min(max(self.until, (int(clock[K]) // self.factor // span + 1) * span), self._last())
+        self.until = min(max(self.until, (int(counters[K]) // self.factor // span + 1) * span), self._last())
         return n
 
     def coarsen(self) -> None:
         """Returns to the system's own grid, at `until`."""
-        clock, rows = self._plan.clock, self._plan.instances
+        counters, rows = self._plan.counters, self._plan.instances
         factor = self.factor
-        clock[[K, LAST, EVERY]] //= factor
-        clock[BASE] *= factor
+        counters[[K, LAST, EVERY]] //= factor
+        counters[BASE] *= factor
         rows["length"] //= factor
         rows["period"] = self._periods
         self._shorter[:] = False
-        self._begin(clock[K] % self._periods == 0)
+        self._begin(counters[K] % self._periods == 0)
         self.factor, self.until = 1, 0
-        clock[FINER] = 1
+        counters[FINER] = 1
 
     def _scale(self, n: int) -> None:
-        clock = self._plan.clock
-        clock[[K, LAST, EVERY]] *= n
-        clock[BASE] //= n
+        counters = self._plan.counters
+        counters[[K, LAST, EVERY]] *= n
+        counters[BASE] //= n
         self.factor *= n
-        clock[FINER] = self.factor
+        counters[FINER] = self.factor
 
     def _last(self) -> int:
-        return int(self._plan.clock[LAST]) // self.factor
+        return int(self._plan.counters[LAST]) // self.factor
 
     def _begin(self, due: np.ndarray[Any, Any]) -> None:
         """Sets the length of the steps that are about to begin."""
-        clock, rows = self._plan.clock, self._plan.instances
-        lengths = np.minimum(rows["period"], clock[LAST] - clock[K])
+        counters, rows = self._plan.counters, self._plan.instances
+        lengths = np.minimum(rows["period"], counters[LAST] - counters[K])
         rows["length"] = np.where(due, lengths, rows["length"])
-        rows["h"] = np.where(due, lengths * clock[BASE] / (1e9 * clock[PER_NS]), rows["h"])
+        rows["h"] = np.where(due, lengths * counters[BASE] / (1e9 * counters[PER_NS]), rows["h"])

@@ -13,11 +13,11 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.algorithms.discarded_steps import Discarded, Grid, cannot_be_repeated, judge_failures
+from cosim_master.execution.preparation.stimuli import Agenda
+from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.driver import Driver, Steps
 from cosim_master.execution.run.snapshot import Snapshot
 from cosim_master.execution.run.state import RunState
-from cosim_master.execution.run.writing import Writing
-from cosim_master.execution.stimuli import Agenda
 from cosim_master.stepping.kernels.tables import K
 
 __all__ = ["FixedStep"]
@@ -38,14 +38,14 @@ class FixedStep:
     def __init__(
         self,
         state: RunState,
-        writing: Writing,
+        blocks: Blocks,
         agenda: Agenda,
         change: Callable[[int], bool],
         steps: Steps | None = None,
     ) -> None:
-        self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
+        self._state, self._blocks, self._agenda, self._change = state, blocks, agenda, change
         self._steps = steps
-        self._driver = Driver(state, writing, self._on_failure, steps)
+        self._driver = Driver(state, blocks, self._on_failure, steps)
         self._grid = Grid(state.plan, state.clock.periods)
         self._unrepeatable = cannot_be_repeated(state)
         self._snapshot: Snapshot | None = None
@@ -53,7 +53,7 @@ class FixedStep:
 
     @property
     def k(self) -> int:
-        return int(self._state.plan.clock[K]) // self._grid.factor
+        return int(self._state.plan.counters[K]) // self._grid.factor
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -61,7 +61,7 @@ class FixedStep:
 
     def prepare(self) -> None:
         # FMUs compiled by this project never discard a step, so swarms of them need no copies of their states.
-        if not self._unrepeatable and not all(one.library.thread_safe for one in self._state.slaves):
+        if not self._unrepeatable and not all(one.library.own for one in self._state.slaves):
             self._snapshot = Snapshot(self._state)
             self._driver.on_room = self._save
             self._save()
@@ -71,7 +71,7 @@ class FixedStep:
             self._save()
         grid = self._grid
         while self.k < k_stop:
-            if int(self._state.plan.clock[K]) % grid.factor == 0 and self._change(self.k):
+            if int(self._state.plan.counters[K]) % grid.factor == 0 and self._change(self.k):
                 self._save()
             target = int(min(k_stop, self._agenda.next))
             if grid.until:
@@ -102,29 +102,29 @@ class FixedStep:
     def _save(self) -> None:
         if self._snapshot is None:
             return
-        self._writing.rows()
-        self._writing.make_room_for_a_step()
+        self._blocks.rows()
+        self._blocks.make_room_for_a_step()
         self._snapshot.save()
         self._saved_at = time.perf_counter()
 
     def _repeat(self, discarded: Discarded) -> None:
         """Goes back to the start of the discarded step, and divides the steps that begin there."""
         assert self._snapshot is not None
-        state, writing = self._state, self._writing
-        rows, reached = writing.by_signal(), int(state.plan.clock[K])
-        done = writing.recorded()
+        state, blocks = self._state, self._blocks
+        rows, reached = blocks.by_signal(), int(state.plan.counters[K])
+        done = blocks.recorded()
         step = float(np.max(state.plan.instances["h"]))
         try:
             self._snapshot.restore()
-            writing.take_back()
+            blocks.take_back()
             self._driver.to(reached)
         except (FmuError, RunFailed, RunTerminated, Discarded) as error:
-            writing.put_back(done)
+            blocks.put_back(done)
             reason = "to repeat it, the run went back to a copy of its state and did not come again to this step"
             raise RunFailed([*discarded.failures(reason), *_failures_of(error)]) from None
-        again = writing.by_signal()
+        again = blocks.by_signal()
         if changed := [name for name in rows if not np.array_equal(rows[name], again[name], equal_nan=True)]:
-            writing.put_back(done)
+            blocks.put_back(done)
             text = f"the step cannot be repeated: after fmi2SetFMUstate, {', '.join(changed[:3])} went another way"
             owner = next(one.name for one in reversed(state.slaves) if changed[0].startswith(f"{one.name}."))
             reason = "to repeat it, the run went back to a copy of its state"

@@ -82,7 +82,7 @@ class Iteration:
         for part in self._parts:
             if not isinstance(part, _Loop):
                 step_each(self._plan, part)
-            elif self._plan.clock[FAILURES] > 0:
+            elif self._plan.counters[FAILURES] > 0:
                 step_together(self._plan, part.members)  # after a failure, the others still finish their step
             else:
                 self._iterate(part, time)
@@ -103,7 +103,7 @@ class Iteration:
                 plan.int_out[loop.wholes] = discrete
             step_together(plan, loop.members)
             self.evaluations += 1
-            if plan.clock[FAILURES] > 0:
+            if plan.counters[FAILURES] > 0:
                 return
             reals, wholes = plan.real_out[loop.reals].copy(), plan.int_out[loop.wholes].copy()
             residual = reals - guess

@@ -8,7 +8,7 @@ step. A step is accepted if this error is at most the tolerance times its durati
 the tolerance per second. Times are whole nanoseconds.
 
 The control does not step or copy instances: the world does. `Richardson` is the algorithm, with the run as the world.
-The next step size is in `Plan.delay_line`, and is therefore part of checkpoints.
+The next step size is in `Plan.step_sizes`, and is therefore part of checkpoints.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import StepTooSmall
-from cosim_master.execution.algorithms.trial import Rejected, Trial
-from cosim_master.execution.run.driver import Driver
+from cosim_master.execution.algorithms.trial import Rejected
+from cosim_master.execution.algorithms.tried_steps import TriedSteps
+from cosim_master.execution.preparation.stimuli import Agenda
+from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.state import RunState
-from cosim_master.execution.run.writing import Writing
-from cosim_master.execution.stimuli import Agenda
-from cosim_master.stepping.kernels.macro_step import record
-from cosim_master.stepping.kernels.tables import ROWS, K, Plan
+from cosim_master.stepping.kernels.tables import Plan
 from cosim_master.stepping.layout import Layout, shows_error
 from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.time_grid import TimeGrid
@@ -75,11 +74,11 @@ class StepControl:
     @property
     def h(self) -> int:
         """The size of the next step, ns."""
-        return int(self._plan.delay_line[0])
+        return int(self._plan.step_sizes[0])
 
     @h.setter
     def h(self, h: int) -> None:
-        self._plan.delay_line[0] = h
+        self._plan.step_sizes[0] = h
 
     def to(self, t: int, target: int, world: World) -> None:
         """Steps from `t` to `target`, ns.
@@ -152,60 +151,23 @@ class StepControl:
         return error
 
 
-class Richardson:
-    """The `Algorithm` with error control: steps end at rows, changes and the end of the run.
-
-    Args:
-        every: base steps between two rows.
-        agenda: values to be set during the run.
-        change: sets the values that are due at a base step.
-    """
+class Richardson(TriedSteps):
+    """The `Algorithm` with error control: steps end at rows, changes and the end of the run."""
 
     def __init__(
         self,
         state: RunState,
-        writing: Writing,
+        blocks: Blocks,
         master: MasterSettings,
         agenda: Agenda,
         change: Callable[[int], bool],
         every: int,
     ) -> None:
-        self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
-        self._every = every
+        super().__init__(state, blocks, agenda, change, every)
         self._control = StepControl(state.plan, state.layout, master, state.clock)
-        self._trial = Trial(state, writing)
 
-    @property
-    def k(self) -> int:
-        state = self._state
-        if state.plan.clock[K] < 0:
-            return int(state.plan.clock[K])
-        return (state.now - state.clock.start) // state.clock.base
-
-    def prepare(self) -> None:
-        pass
-
-    def advance(self, k_stop: int) -> None:
-        state, writing, clock = self._state, self._writing, self._state.clock
-        if state.plan.clock[K] < 0:
-            Driver(state, writing, self._trial.on_failure).to(0)
-        while (k := self.k) < k_stop:
-            self._change(k)
-            target = min((k // self._every + 1) * self._every, clock.steps, int(min(self._agenda.next, 2**62)))
-            self._control.to(state.now, clock.start + target * clock.base, self._trial)
-            if target % self._every == 0 or target == clock.steps:
-                record(state.plan)
-                if state.texts:
-                    writing.read_texts(recorded=True)
-                if state.plan.clock[ROWS] == state.plan.ticks.size:
-                    writing.rows()
-
-    def settle(self) -> None:
-        pass
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        return ()
-
-    def close(self) -> None:
-        self._trial.close()
+    def proceed(self, k: int) -> bool:
+        state, clock = self.state, self.state.clock
+        target = min((k // self.every + 1) * self.every, clock.steps, int(min(self.agenda.next, 2**62)))
+        self._control.to(state.now, clock.start + target * clock.base, self.trial)
+        return target % self.every == 0 or target == clock.steps

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from cosim_master.execution.algorithms.discarded_steps import Discarded, cannot_be_repeated, judge_failures
+from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.snapshot import Snapshot
 from cosim_master.execution.run.state import RunState
-from cosim_master.execution.run.writing import Writing
 from cosim_master.network.radio.build import grown
 from cosim_master.network.radio.tables import USED_EVENTS, USED_LOG
 from cosim_master.stepping.failures import raise_failures
@@ -47,8 +47,8 @@ class Rejected(Exception):
 class Trial:
     """A run whose steps can be tried: `save`, then `step` and `restore` until one is accepted."""
 
-    def __init__(self, state: RunState, writing: Writing) -> None:
-        self._state, self._writing = state, writing
+    def __init__(self, state: RunState, blocks: Blocks) -> None:
+        self._state, self._blocks = state, blocks
         self._snapshot = Snapshot(state)
         self._unrepeatable = cannot_be_repeated(state)
 
@@ -65,11 +65,11 @@ class Trial:
         state = self._state
         if state.texts:
             state.plan.instances["period"] = 1
-            state.plan.clock[START], state.plan.clock[K] = state.now, 0
+            state.plan.counters[START], state.plan.counters[K] = state.now, 0
             state.texts.set_inputs(state.plan)
         counters, radio = state.radio.counters, state.radio
         if 2 * counters[USED_EVENTS] > radio.events.size or 2 * counters[USED_LOG] > radio.log.size:
-            self._writing.packets()
+            self._blocks.packets()
 
     def restore(self) -> None:
         self._snapshot.restore()
@@ -88,9 +88,9 @@ class Trial:
             RunFailed, RunTerminated: as for `Algorithm.advance`.
         """
         state = self._state
-        clock, rows = state.plan.clock, state.plan.instances
+        counters, rows = state.plan.counters, state.plan.instances
         for place, value in ((START, t), (K, 0), (BASE, h), (LAST, 2), (EVERY, _NEVER), (PHASE, DELIVER)):
-            clock[place] = value
+            counters[place] = value
         rows["period"] = rows["length"] = 1
         rows["h"] = h / 1e9
         while (reason := run(state.plan, state.radio, 1)) != DONE:

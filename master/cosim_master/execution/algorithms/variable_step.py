@@ -6,7 +6,7 @@ for the rules.
 
 Times are whole nanoseconds, and so is the base step of the run. The recording has a row for every accepted step or, if
 it has an `interval`, a row every interval. Steps end at these rows, at changes, at events and at the end of the run.
-The data that determine the next size are in `Plan.delay_line`, and are therefore part of snapshots and checkpoints.
+The data that determine the next size are in `Plan.step_sizes`, and are therefore part of snapshots and checkpoints.
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ import math
 from collections.abc import Callable, Sequence
 
 from cosim_master.execution.algorithms.constraints import StepSizes
-from cosim_master.execution.algorithms.trial import Rejected, Trial
-from cosim_master.execution.run.driver import Driver
+from cosim_master.execution.algorithms.trial import Rejected
+from cosim_master.execution.algorithms.tried_steps import TriedSteps
+from cosim_master.execution.preparation.stimuli import Agenda
+from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.state import RunState
-from cosim_master.execution.run.writing import Writing
-from cosim_master.execution.stimuli import Agenda
-from cosim_master.stepping.kernels.macro_step import record
-from cosim_master.stepping.kernels.tables import ROWS, K
 from cosim_master.stepping.layout import Layout
 from cosim_master.system.settings.constraints import LIMIT
 from cosim_master.system.settings.master import MasterSettings
@@ -32,33 +30,30 @@ _SHORTEST, _LONGEST = 1_000, 1_000_000_000
 """Bounds of steps, ns, if the system specifies none: those of Maestro."""
 
 
-class VariableStep:
+class VariableStep(TriedSteps):
     """The `Algorithm` with step sizes chosen by constraints.
 
-    Args:
-        every: nanoseconds between two rows; 1 means the end of every step.
-        agenda: values to be set during the run.
-        change: sets the values that are due at a base step.
+    The base step is 1 ns, so `every` is in nanoseconds; 1 means a row at the end of every step.
     """
+
+    texts_between_rows = True
 
     def __init__(
         self,
         state: RunState,
-        writing: Writing,
+        blocks: Blocks,
         master: MasterSettings,
         agenda: Agenda,
         change: Callable[[int], bool],
         every: int,
     ) -> None:
-        self._state, self._writing, self._agenda, self._change = state, writing, agenda, change
-        self._every = every
-        self._trial = Trial(state, writing)
+        super().__init__(state, blocks, agenda, change, every)
         self._can_return = not master.irreversible
         self._shortest = master.minimum_step or min(_SHORTEST, master.maximum_step or _SHORTEST)
         self._longest = master.maximum_step or max(_LONGEST, self._shortest)
         self._sizes = StepSizes(
             master.constraints,
-            state.plan.delay_line[state.plan.delay_line.size - master.memory :],
+            state.plan.step_sizes,
             first=min(state.clock.periods),
             shortest=self._shortest,
             longest=self._longest,
@@ -67,13 +62,6 @@ class VariableStep:
         limited = any(one.type == LIMIT for one in master.constraints)
         self._limiting = state.slaves if limited else []
         self._violations: dict[str, tuple[int, float]] = {}
-
-    @property
-    def k(self) -> int:
-        state = self._state
-        if state.plan.clock[K] < 0:
-            return int(state.plan.clock[K])
-        return state.now - state.clock.start
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -85,34 +73,15 @@ class VariableStep:
             for name, (count, time) in self._violations.items()
         )
 
-    def prepare(self) -> None:
-        pass
-
-    def advance(self, k_stop: int) -> None:
-        state, writing, clock = self._state, self._writing, self._state.clock
-        if state.plan.clock[K] < 0:
-            Driver(state, writing, self._trial.on_failure).to(0)
-        while (k := self.k) < k_stop:
-            self._change(k)
-            row = (k // self._every + 1) * self._every if self._every > 1 else clock.steps
-            self._step(state.now, clock.start + int(min(row, clock.steps, self._agenda.next)))
-            recorded = self._every == 1 or self.k % self._every == 0 or self.k == clock.steps
-            if recorded:
-                record(state.plan)
-            if state.texts:
-                writing.read_texts(recorded=recorded)
-            if state.plan.clock[ROWS] == state.plan.ticks.size:
-                writing.rows()
-
-    def settle(self) -> None:
-        pass
-
-    def close(self) -> None:
-        self._trial.close()
+    def proceed(self, k: int) -> bool:
+        state, clock, every = self.state, self.state.clock, self.every
+        row = (k // every + 1) * every if every > 1 else clock.steps
+        self._step(state.now, clock.start + int(min(row, clock.steps, self.agenda.next)))
+        return every == 1 or self.k % every == 0 or self.k == clock.steps
 
     def _step(self, t: int, target: int) -> None:
         """Makes one accepted step, from `t` to at most `target`, ns."""
-        trial, sizes = self._trial, self._sizes
+        trial, sizes = self.trial, self._sizes
         h = sizes.proposed(t, self._values(), min(target - t, self._limit()))
         if (announced := trial.next_event()) < (t + h) / 1e9:
             h = sizes.cut(max(math.ceil(announced * 1e9) - t, 1))
@@ -148,7 +117,7 @@ class VariableStep:
 
     def _values(self) -> list[float]:
         """Returns the values of the ports of all constraints."""
-        plan = self._state.plan
+        plan = self.state.plan
         return [float((plan.real_out if real else plan.int_out)[place]) for real, place in self._ports]
 
     def _limit(self) -> int:

@@ -62,13 +62,13 @@ class EventMode:
 
     @property
     def _ns(self) -> int:
-        return self._at(max(int(self._plan.clock[K]), 0))
+        return self._at(max(int(self._plan.counters[K]), 0))
 
     def _at(self, k: int) -> int:
         """Returns the time of base step k, ns."""
-        clock = self._plan.clock
-        per_ns = int(clock[PER_NS])
-        return (int(clock[START]) + k * int(clock[BASE]) + per_ns // 2) // per_ns
+        counters = self._plan.counters
+        per_ns = int(counters[PER_NS])
+        return (int(counters[START]) + k * int(counters[BASE]) + per_ns // 2) // per_ns
 
     @property
     def pending(self) -> bool:
@@ -103,7 +103,7 @@ class EventMode:
 
     def handle(self) -> None:
         """Completes steps with events: their remaining part, the events at their end, and then their outputs."""
-        rows, k = self._plan.instances, int(self._plan.clock[K])
+        rows, k = self._plan.instances, int(self._plan.counters[K])
         # Outputs are known at the end of a step, which for a slow instance may be several base steps ahead.
         here = [i for i in range(rows.size) if k % int(rows[i]["period"]) + 1 == int(rows[i]["length"])]
         ends = [i for i in self.events.numbers if i in here]
@@ -136,8 +136,8 @@ class EventMode:
 
     def _end_here(self, ends: Sequence[int]) -> None:
         """Ends the run for an FMU in Event Mode: all instances have made the macro step, so a row is added."""
-        clock = self._plan.clock
-        if clock[FINER] > 1:
+        counters = self._plan.counters
+        if counters[FINER] > 1:
             return
         self.show(ends)
         collect_again(self._plan, np.array(ends, dtype=np.int64))
@@ -147,7 +147,7 @@ class EventMode:
     def _finish(self, pending: Mapping[int, int]) -> list[int]:
         """Completes the steps that the loop has left to events; returns the instances with an event at their end."""
         at_end: list[int] = []
-        near = 0.0 if self._plan.clock[PER_NS] == 1 else 6e-10
+        near = 0.0 if self._plan.counters[PER_NS] == 1 else 6e-10
         for i in pending:
             # Instances connected by Clocks have a common next event, so either all of them have begun their step, or
             # none has.

@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from cosim_master.execution.run.state import RunState, changing
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.network.radio.tables import ROLES as RADIO_ROLES
 from cosim_master.network.roles import STATE
-from cosim_master.results.checkpoint_folder import FORMAT, Checkpoint, Position
+from cosim_master.results.checkpoint_folder import FORMAT, Checkpoint, Position, sealed
 from cosim_master.stepping.kernels.tables import PHASE, ROLES, K
 
 __all__ = ["cannot_be_serialised", "restore", "save"]
@@ -90,15 +91,15 @@ def save(
         "format": FORMAT,
         "time": state.time,
         "k": k,
-        "phase": int(plan.clock[PHASE]),
+        "phase": int(plan.counters[PHASE]),
         **about,
         "events": state.event_mode.events.as_json(),
         "texts": {f"{slaves[i].name}.{name}": text for (i, name), text in state.texts.outputs.items()},
         "position": asdict(position),
     }
-    (part / "checkpoint.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
     for segment in segments:
         segment.rename(part / segment.name)
+    (part / "checkpoint.json").write_text(json.dumps(sealed(part, content), indent=1), encoding="utf-8")
     part.rename(own)
     return own
 
@@ -127,10 +128,10 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
             log=np.zeros(log, dtype=np.uint8),
         )
         content = json.loads((checkpoint.folder / "checkpoint.json").read_text(encoding="utf-8"))
-        plan.clock[K], plan.clock[PHASE] = checkpoint.k, content["phase"]
+        plan.counters[K], plan.counters[PHASE] = checkpoint.k, content["phase"]
         if len(states) != len(slaves):
             raise ValueError(f"{len(states)} states of {len(slaves)} instances")
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, BadZipFile) as error:
         text = f"the checkpoint is damaged: {error}"
         raise SystemDescriptionError([Problem(Where(str(checkpoint.folder)), text)]) from None
     for one, bytes_, next_event, pending in zip(slaves, states, arrays["next_events"], arrays["pending"], strict=True):

@@ -20,13 +20,15 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.slave import Slave
 
-__all__ = ["reported"]
+__all__ = ["FRAMES", "culprit", "reported", "symbols"]
 
 _SIGNALS = ("SIGABRT", "SIGSEGV", "SIGFPE", "SIGILL", "SIGBUS")
 _SECONDS = 10
-_FRAMES = 512
+FRAMES = 512
+"""Most frames of a stack that are examined."""
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int)
 
 
@@ -84,24 +86,39 @@ def reported(slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable
 
 def _error(libc: Any, slaves: Sequence[Slave], number: int, time: float) -> FmuError:
     """Returns the error that names the crashed instance, found by the libraries on the stack, and the FMI function."""
-    files = {os.path.realpath(one.library.file): one.library for one in slaves if one.library.file}
-    frames = (ctypes.c_void_p * _FRAMES)()
-    library, function = None, ""
-    for at in frames[: libc.backtrace(frames, _FRAMES)]:
-        symbol = _Symbol()
-        # A return address may lie after the end of the function that called abort() as its last instruction.
-        if not libc.dladdr(ctypes.c_void_p((at or 1) - 1), ctypes.byref(symbol)) or not symbol.file:
-            continue
-        found = files.get(os.path.realpath(os.fsdecode(symbol.file)))
-        if library is None:
-            library = found
-        name = (symbol.name or b"").decode("ascii", "replace")
-        if found is not None and found is library and "fmi" in name:
-            function = name
-            break
-    ours = [one for one in slaves if library is None or one.library is library]
-    names = [one.name for one in ours]
-    who = names[0] if len(names) == 1 else f"one of {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}"
+    frames = (ctypes.c_void_p * FRAMES)()
+    library, who, function = culprit(frames[: libc.backtrace(frames, FRAMES)], slaves)
     what = "it crashed" if library is None else f"{library.fmu.path.name} crashed"
     text = f"{what} ({signal.Signals(number).name}) and takes the process with it"
     return FmuError(who, function or "a function of the FMU", text, time)
+
+
+def symbols(frames: Sequence[int | None]) -> Iterator[tuple[str, str]]:
+    """Yields the file and the function of each return address that belongs to a library."""
+    libc = ctypes.CDLL(None)
+    for at in frames:
+        symbol = _Symbol()
+        # A return address may lie after the end of the function that called abort() as its last instruction.
+        if libc.dladdr(ctypes.c_void_p((at or 1) - 1), ctypes.byref(symbol)) and symbol.file:
+            yield os.path.realpath(os.fsdecode(symbol.file)), (symbol.name or b"").decode("ascii", "replace")
+
+
+def culprit(frames: Sequence[int | None], slaves: Sequence[Slave]) -> tuple[Library | None, str, str]:
+    """Returns the innermost FMU on a stack, the name of its instance, and the FMI function, as far as they are known.
+
+    Args:
+        frames: return addresses, the innermost first.
+        slaves: the instances.
+    """
+    files = {os.path.realpath(one.library.file): one.library for one in slaves if one.library.file}
+    library, function = None, ""
+    for file, name in symbols(frames):
+        found = files.get(file)
+        if library is None:
+            library = found
+        if found is not None and found is library and "fmi" in name:
+            function = name
+            break
+    names = [one.name for one in slaves if library is None or one.library is library]
+    who = names[0] if len(names) == 1 else f"one of {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}"
+    return library, who, function

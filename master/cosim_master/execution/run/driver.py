@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
+from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.state import RunState
-from cosim_master.execution.run.writing import Writing
 from cosim_master.network.radio.build import grown
 from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.macro_step import next_point, places_needed, run
@@ -52,15 +52,15 @@ class Driver:
     """
 
     def __init__(
-        self, state: RunState, writing: Writing, on_failure: Callable[[], None], steps: Steps | None = None
+        self, state: RunState, blocks: Blocks, on_failure: Callable[[], None], steps: Steps | None = None
     ) -> None:
-        self._state, self._writing, self._on_failure, self._steps = state, writing, on_failure, steps
+        self._state, self._blocks, self._on_failure, self._steps = state, blocks, on_failure, steps
         self.on_room: Callable[[], None] = lambda: None
         """Called after the blocks have been written out: data recorded before can no longer be taken back."""
         self._served = {
             BLOCK_FULL: self._block_full,
             NEED_PLACES: self._need_places,
-            NEED_LOG: writing.make_room_for_a_step,
+            NEED_LOG: blocks.make_room_for_a_step,
             FAILED: self._failed,
         }
 
@@ -75,14 +75,14 @@ class Driver:
             self._run(stop)
             return
         # Strings that are not packets are rare and slow to exchange: Python exchanges them, one macro step at a time.
-        while state.plan.clock[K] < stop:
+        while state.plan.counters[K] < stop:
             state.texts.set_inputs(state.plan)
             self._run(int(next_point(state.plan, stop)))
 
     def _run(self, stop: int) -> None:
         state = self._state
-        clock = state.plan.clock
-        rows = int(clock[ROWS])
+        counters = state.plan.counters
+        rows = int(counters[ROWS])
         while (reason := run(state.plan, state.radio, stop)) != DONE:
             if reason == EVENTS_DUE:
                 self._handle_events()
@@ -91,14 +91,14 @@ class Driver:
             else:
                 self._served[reason]()
                 self.on_room()
-                rows = int(clock[ROWS])
+                rows = int(counters[ROWS])
         if state.texts:
-            self._writing.read_texts(recorded=int(clock[ROWS]) != rows)
+            self._blocks.read_texts(recorded=int(counters[ROWS]) != rows)
 
     def _block_full(self) -> None:
         if self._state.texts:
-            self._writing.read_texts(recorded=True)
-        self._writing.rows()
+            self._blocks.read_texts(recorded=True)
+        self._blocks.rows()
 
     def _need_places(self) -> None:
         state = self._state
@@ -110,23 +110,23 @@ class Driver:
 
     def _handle_events(self) -> None:
         state = self._state
-        rows = int(state.plan.clock[ROWS])
+        rows = int(state.plan.counters[ROWS])
         try:
             state.event_mode.handle()
         except RunTerminated:
-            if state.texts and state.plan.clock[ROWS] > rows:
-                self._writing.read_texts(recorded=True)
+            if state.texts and state.plan.counters[ROWS] > rows:
+                self._blocks.read_texts(recorded=True)
             raise
 
     def _step(self) -> None:
-        state, clock = self._state, self._state.plan.clock
+        state, counters = self._state, self._state.plan.counters
         assert self._steps is not None
         try:
             self._steps.step(state.time)
         except FmuError as error:
             raise RunFailed([error]) from None
-        if clock[FAILURES] > 0:
+        if counters[FAILURES] > 0:
             self._failed()
-        clock[PHASE] = SEND
+        counters[PHASE] = SEND
         if state.event_mode.pending:
             state.event_mode.handle()

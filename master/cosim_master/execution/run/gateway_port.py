@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cosim.packets import MAX_PACKET
+from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.state import RunState
-from cosim_master.execution.run.writing import Writing
 from cosim_master.network.radio.build import GATEWAY_BYTES, grown
 from cosim_master.network.radio.queues import arrived, deliver
 from cosim_master.network.radio.router import admit
@@ -23,8 +23,8 @@ _AT_ONCE = 64
 class GatewayPort:
     """The `Air` that gateways exchange packets with."""
 
-    def __init__(self, state: RunState, writing: Writing) -> None:
-        self._state, self._writing = state, writing
+    def __init__(self, state: RunState, blocks: Blocks) -> None:
+        self._state, self._blocks = state, blocks
         self._crossing = np.zeros(GATEWAY_BYTES, dtype=np.uint8)
 
     def compile(self) -> None:
@@ -44,7 +44,7 @@ class GatewayPort:
             need = len(some) * (state.radio.endpoints.size + 1)
             if need > state.radio.counters[FREE_PLACES]:
                 state.radio = grown(state.radio, need)
-            self._writing.make_room(need, 2 * block.size + 64 * len(some))
+            self._blocks.make_room(need, 2 * block.size + 64 * len(some))
             admit(state.radio, state.now, gateway, block, block.size)
 
     def take(self, gateway: int) -> bytes:
@@ -53,7 +53,7 @@ class GatewayPort:
         e = int(state.radio.gateways[gateway]["endpoint"])
         taken = []
         while arrived(state.radio.endpoints, state.radio.places, state.now, e):
-            self._writing.make_room(0, int(state.radio.counters[IN_FLIGHT]) * (MAX_PACKET + 16))
+            self._blocks.make_room(0, int(state.radio.counters[IN_FLIGHT]) * (MAX_PACKET + 16))
             taken.append(self._crossing[: deliver(state.radio, state.now, e, self._crossing)].tobytes())
         return b"".join(taken)
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.execution.startup.initialize import instantiate
+from cosim_master.fmi.slaves.fmi2 import Library
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.libraries import Libraries, check_sources
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.system.flatten.flat import CheckedSystem
@@ -14,13 +18,18 @@ __all__ = ["Instances"]
 class Instances:
     """Owns the instances and their libraries.
 
+    Args:
+        isolation: selects the FMUs that run in processes of their own; None: none does.
+        opened: called with each library that is loaded.
+
     Attributes:
         slaves: the instances, in the order of the system.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, isolation: Isolation | None = None, opened: Callable[[Library], None] | None = None) -> None:
         self.slaves: list[Slave] = []
-        self._libraries = Libraries()
+        self._isolation = isolation
+        self._libraries = Libraries(isolation, opened)
 
     def make(self, checked: CheckedSystem) -> None:
         """Instantiates all instances of a system.
@@ -29,8 +38,16 @@ class Instances:
             SystemDescriptionError: interpreted FMUs are incompatible with each other.
             FmuError: an FMU refuses; `end` frees the others.
         """
-        check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
+        isolation = self._isolation
+        here = [i for i in checked.instances if isolation is None or not isolation.isolates(i.fmu, i.name)]
+        check_sources({i.fmu.path: i.fmu for i in here}.values())
         instantiate(checked, self._libraries, self.slaves)
+
+    @property
+    def restarts(self) -> tuple[str, ...]:
+        """Returns what happened when processes of FMUs were started anew."""
+        libraries = {id(one.library): one.library for one in self.slaves}
+        return tuple(text for library in libraries.values() for text in library.restarts())
 
     def end(self) -> list[FmuError]:
         """Terminates and frees all instances, each once, even if others fail; returns the errors."""

@@ -57,8 +57,8 @@ class RunState:
     @property
     def now(self) -> int:
         """Simulation time reached, ns."""
-        clock = self.plan.clock
-        ticks, per_ns = int(clock[START] + max(clock[K], 0) * clock[BASE]), int(clock[PER_NS])
+        counters = self.plan.counters
+        ticks, per_ns = int(counters[START] + max(counters[K], 0) * counters[BASE]), int(counters[PER_NS])
         return (ticks + per_ns // 2) // per_ns
 
 

@@ -24,6 +24,7 @@ from cosim_master.execution.events.super_dense import EndedByEvent, Events
 from cosim_master.execution.startup.loops import settle
 from cosim_master.fmi.description.read import Start, Variable
 from cosim_master.fmi.slaves.fmi2 import set_kind
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.libraries import Libraries, check_sources
 from cosim_master.fmi.slaves.making import instantiate as make
 from cosim_master.fmi.slaves.slave import Slave
@@ -118,7 +119,7 @@ def answers(checked: CheckedSystem, slaves: Sequence[Slave]) -> tuple[dict[str, 
         variables = instance.fmu.variables
         starts = {n: x for n, x in instance.effective_values().items() if _is_parameter(variables[n])}
         found[instance.name] = own = dict(starts)
-        if one.library.thread_safe:
+        if one.library.own:
             continue
         asked = [variables[n] for n in starts if variables[n].type != "Binary" and not variables[n].clocks]
         for kind in _kinds(asked):
@@ -158,15 +159,22 @@ def _first_events(events: Events, slaves: Sequence[Slave], start: int) -> None:
         raise FmuError(slaves[end.number].name, "fmi3UpdateDiscreteStates", text, end.time) from None
 
 
-def try_out(checked: CheckedSystem, start: float, stop: float) -> tuple[SettledLoop, ...]:
+def try_out(
+    checked: CheckedSystem, start: float, stop: float, isolation: Isolation | None = None
+) -> tuple[SettledLoop, ...]:
     """Initializes a system and frees it again, as a run does before its first step.
+
+    Args:
+        start, stop: start and stop time of the run, s.
+        isolation: selects the FMUs that run in processes of their own; None: none does.
 
     Raises:
         SystemDescriptionError, FmuError, LoopError: as a run would.
     """
-    check_sources({i.fmu.path: i.fmu for i in checked.instances}.values())
+    here = [i for i in checked.instances if isolation is None or not isolation.isolates(i.fmu, i.name)]
+    check_sources({i.fmu.path: i.fmu for i in here}.values())
     slaves: list[Slave] = []
-    with Libraries() as libraries:
+    with Libraries(isolation) as libraries:
         try:
             instantiate(checked, libraries, slaves)
             loops = initialize(checked, slaves, start, stop)

@@ -22,6 +22,7 @@ from cosim.verdict import (
     Reason,
     Role,
     Rotors,
+    Values,
     Verdict,
     references,
 )
@@ -40,13 +41,18 @@ _TYPES: Mapping[object, tuple[str, tuple[str, ...], int]] = {
     Formation: ("output", ("Real",), 1),
     Role.POSITION: ("output", ("Real",), 3),
     Role.ATTITUDE: ("output", ("Real",), 4),
+    Role.VELOCITY: ("output", ("Real",), 3),
+    Role.ANGULAR_VELOCITY: ("output", ("Real",), 3),
     Role.ON_GROUND: ("output", ("Boolean",), 1),
     Role.ARMED: ("output", ("Boolean",), 1),
     Role.DESIRED_POSITION: ("output", ("Real",), 3),
     Role.START_POSITION: ("parameter", ("Real",), 3),
+    Role.ORIGIN_LATITUDE: ("parameter", ("Real",), 1),
+    Role.ORIGIN_LONGITUDE: ("parameter", ("Real",), 1),
+    Role.ORIGIN_ALTITUDE: ("parameter", ("Real",), 1),
     Role.SYSTEM_ID: ("parameter", ("Integer",), 1),
 }
-"""Causality, types and number of elements of variables that may have a verdict, except for ports and Rotors."""
+"""Causality, types and number of elements of variables that may have a verdict, except for ports, Rotors and Values."""
 _ROLES = {role.value: role for role in Role}
 
 
@@ -92,12 +98,16 @@ def _read(element: etree._Element) -> Verdict:
         if isinstance(least, str):
             raise ValueError(f'least="{least}" must be a number')
         return Bound(_number(most), least, element.get("of", ""), (element.text or "").strip())
+    if tag == "Values":
+        return Values(_values(element, "values"))
     if tag == "Formation":
         others = {what: element.get(what, "") for what in ("step", "stays", "begin", "period")}
         return Formation(neighbours=tuple(map(_neighbour, element.iterfind("Neighbour"))), **others)
     if tag == "Rotors":
         return Rotors(**{field.name: element.get(field.name, "") for field in fields(Rotors)})
-    raise ValueError(f"there are {', '.join(('Condition', 'Reason', 'Bound', 'Formation', 'Rotors', *_ROLES))}")
+    raise ValueError(
+        f"there are {', '.join(('Condition', 'Reason', 'Bound', 'Values', 'Formation', 'Rotors', *_ROLES))}"
+    )
 
 
 def _neighbour(element: etree._Element) -> Neighbour:
@@ -135,6 +145,10 @@ def _checked(name: str, verdict: Verdict, variables: Mapping[str, Variable]) -> 
         return verdict
     if isinstance(verdict, Rotors):
         _check_rotors(verdict, elements, variables)
+        return verdict
+    if isinstance(verdict, Values):
+        if len(elements) != 1 or elements[0].causality not in ("input", "output") or elements[0].type != "Enumeration":
+            raise ValueError("it must be an input or output of type Enumeration")
         return verdict
     causality, types, size = _TYPES[verdict if isinstance(verdict, Role) else type(verdict)]
     first = elements[0]

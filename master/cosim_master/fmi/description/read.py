@@ -344,6 +344,9 @@ class _Reading:
     def _variables(self) -> None:
         elements = self.root.findall("ModelVariables/ScalarVariable")
         capacities = self._packet_ports()
+        if len(elements) != len(self.model.modelVariables):  # FMPy reads those of the first <ModelVariables>
+            self._problem(self.root, "has more than one <ModelVariables>")
+            return
         negated = []
         for read, element in zip(self.model.modelVariables, elements, strict=True):
             if read.name in self.variables:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -31,6 +32,8 @@ FMI3_TYPES = {
     "Binary": "Binary",
 }
 """Types of FMI 3, and the types of the master for them."""
+_MOST_DIGITS = 400
+"""Largest size of a number that is kept exactly: more takes minutes and gigabytes."""
 _MAX_ELEMENTS = 1 << 20
 _PERIODIC = ("constant", "fixed", "tunable")
 _CLOCKS = (*_PERIODIC, "changing", "countdown", "triggered")
@@ -129,7 +132,7 @@ class Reading3:
         numbers: dict[str, Fraction | None] = {}
         for name in ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution"):
             try:
-                numbers[name] = Fraction(given[name]) if name in given else None
+                numbers[name] = _exact(given[name]) if name in given else None
             except ValueError:
                 self._problem(f'Clock "{read.name}": {name} "{given[name]}" is not a number')
                 return
@@ -163,6 +166,15 @@ class Reading3:
 
     def _intermediate(self, read: Any) -> bool:
         return self._attributes(read).get("intermediateUpdate") in ("true", "1")
+
+    def _item(self, read: Any, item: Any) -> int:
+        """Returns the value of an item of an Enumeration; an invalid one is a problem."""
+        try:
+            return int(item.value)
+        except (TypeError, ValueError):
+            given = "none" if item.value is None else f'"{item.value}"'
+            self._problem(f'item "{item.name}" of the Enumeration "{read.name}" needs an integer value; it has {given}')
+            return 0
 
     def _attributes(self, read: Any) -> Mapping[str, str]:
         """Returns the attributes of a variable's element; they override those of its declared type."""
@@ -206,7 +218,7 @@ class Reading3:
             bounds.append(None if text is None else self._number(read, bound, text))
         items = None
         if read.type == "Enumeration" and declared is not None:
-            items = {item.name: int(item.value) for item in declared.items}
+            items = {item.name: self._item(read, item) for item in declared.items}
         causality = read.causality or "local"
         return Variable(
             name=name,
@@ -293,3 +305,18 @@ def dependencies3(unknowns: Sequence[Any], shapes: Mapping[str, tuple[int, ...]]
         if unknown.variable.type != "Clock":
             found |= dict.fromkeys(names(unknown.variable.name), known)
     return found
+
+
+def _exact(text: str) -> Fraction:
+    """Returns a decimal number exactly.
+
+    Raises:
+        ValueError: it is not a number, or has far more digits than a double can hold.
+    """
+    try:
+        number = Decimal(text.strip())
+    except InvalidOperation:
+        raise ValueError(text) from None
+    if not number.is_finite() or abs(number.adjusted()) > _MOST_DIGITS or len(text) > _MOST_DIGITS:
+        raise ValueError(text)
+    return Fraction(number)

@@ -38,10 +38,10 @@ class Library1(Library):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         set_boolean, get_boolean = (
-            super().function(self._named("SetBoolean")),
-            super().function(self._named("GetBoolean")),
+            super()._function(self._named("SetBoolean")),
+            super()._function(self._named("GetBoolean")),
         )
-        step = super().function(self._named("DoStep"))
+        step = super()._function(self._named("DoStep"))
 
         def set_booleans(handle: int, references: int, n: int, values: int) -> int:
             given = (ctypes.c_int * n).from_address(values)
@@ -71,8 +71,8 @@ class Library1(Library):
         name = re.sub("^fmi[12]", "", name)
         return f"{self.fmu.model_identifier}_fmi{_NAMES.get(name, name)}"
 
-    def function(self, name: str) -> Any:
-        return self._own.get(re.sub("^fmi[12]", "", name)) or super().function(self._named(name))
+    def _function(self, name: str) -> Any:
+        return self._own.get(re.sub("^fmi[12]", "", name)) or super()._function(self._named(name))
 
     def has(self, *functions: str) -> bool:
         return super().has(*map(self._named, functions))

@@ -22,14 +22,27 @@ import ctypes
 import logging
 import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import FmuDescription, Variable
 
-__all__ = ["CALLBACK_TYPES", "STATUS", "Instance2", "Library", "SharedHandle", "pending_exception", "set_kind"]
+__all__ = [
+    "CALLBACK_TYPES",
+    "STATUS",
+    "Diagnosis",
+    "Instance2",
+    "Library",
+    "SharedHandle",
+    "diagnosed",
+    "pending_exception",
+    "raise_end",
+    "refused",
+    "set_kind",
+]
 
 log = logging.getLogger(__name__)
 
@@ -95,6 +108,23 @@ class SharedHandle(FmuError):
     """An FMU returned the handle of a living instance for another one: it stores its state in globals."""
 
 
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The cause of a failure that a status does not express.
+
+    Attributes:
+        function: the FMI function that has failed; empty if it is the one called last.
+        text: the cause; empty if the status says it.
+        status: of `function`.
+        lines: the FMU's output.
+    """
+
+    function: str
+    text: str
+    status: int
+    lines: Sequence[str] = ()
+
+
 class Library:
     """The loaded binary of one FMU file."""
 
@@ -106,12 +136,13 @@ class Library:
         self.corrupted = False
         # pythonfmu suppresses even errors unless logging is on. Others do not need logging, and some log too much.
         self.python = (resources / "slavemodule.txt").is_file()
-        # Our compiled FMUs store all state in their instances.
-        self.thread_safe = fmu.generation_tool == "uav-cosim" and not fmu.capabilities.needsExecutionTool
-        try:
-            self._dll = ctypes.CDLL(str(library))
-        except OSError as error:
-            raise FmuError(fmu.model_name, f"loading {fmu.path}", str(error)) from None
+        # Our compiled FMUs store all state in their instances, never discard a step, and change no parameter.
+        self.own = fmu.generation_tool == "uav-cosim" and not fmu.capabilities.needsExecutionTool
+        self.thread_safe = self.own
+        self.isolated = False
+        self.watch: Callable[[str, Any], Any] | None = None
+        """Replaces functions that Python calls, by name; None: they are called as they are."""
+        self._dll = self._load(library)
         libc = ctypes.CDLL("msvcrt" if platform.system() == "Windows" else None)
         self.memory: tuple[Any, Any] = (
             _ALLOCATE(ctypes.cast(libc.calloc, ctypes.c_void_p).value or 0),
@@ -119,16 +150,53 @@ class Library:
         )
         """The callbacks allocateMemory and freeMemory."""
 
+    def _load(self, library: Path) -> Any:
+        try:
+            return ctypes.CDLL(str(library))
+        except OSError as error:
+            raise FmuError(self.fmu.model_name, f"loading {self.fmu.path}", str(error)) from None
+
+    def ahead(self, _step: int) -> tuple[int, int] | None:
+        """Returns the functions that begin and post a step before its call (see proxy.c), by address.
+
+        Args:
+            _step: address of the function that makes a step.
+
+        Returns:
+            None if a step is one call.
+        """
+        return None
+
+    def diagnosis(self, _handle: int, _name: str) -> Diagnosis | None:
+        """Returns what a status does not say about the failure of an instance, by handle and name; None if nothing."""
+        return None
+
+    def restarts(self) -> Sequence[str]:
+        """Returns what happened when the process of an isolated FMU was started anew, each time."""
+        return ()
+
+    def kill(self) -> None:
+        """Ends the process of an isolated FMU, which then fails."""
+
+    def quit(self) -> None:
+        """Begins to close the library, after its instances have been freed."""
+
+    def close(self) -> None:
+        """Closes the library; a library of this process stays loaded."""
+
     def address(self, function: str) -> int:
         """Returns the address of an FMI function.
 
         Raises:
             FmuError: the binary does not export it.
         """
-        return ctypes.cast(self.function(function), ctypes.c_void_p).value or 0
+        return ctypes.cast(self._function(function), ctypes.c_void_p).value or 0
 
     def function(self, name: str) -> Any:
         """Returns the FMI function `name`, which returns a status."""
+        return self._function(name) if self.watch is None else self.watch(name, self._function(name))
+
+    def _function(self, name: str) -> Any:
         try:
             function = getattr(self._dll, name)
         except AttributeError:
@@ -179,8 +247,7 @@ class Instance2:
         self.fmu = fmu or library.fmu
         handle = self._instantiate(allocate, free)
         if not handle:
-            hint = "" if self.lines else "; it logged nothing (is the GUID of its modelDescription.xml the binary's?)"
-            raise FmuError(name, self._instantiates, f"it returned NULL{hint}", log=self.lines)
+            raise refused(self, self._instantiates, "GUID")
         self.handle = handle
         if (other := library.handles.setdefault(self.handle, name)) != name:
             text = (
@@ -255,6 +322,7 @@ class Instance2:
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
         """Returns the error for a bad status; afterwards only `free` is legal (after fmi2Fatal, no call is)."""
+        function, status, detail = diagnosed(self, function, status, detail)
         if status in (3, 4, 5):
             self.stepping = False
         if status == 4:
@@ -374,6 +442,34 @@ class Instance2:
             free.restype = None
             del self.library.handles[self.handle]
             free(ctypes.c_void_p(self.handle))
+            raise_end(self, "fmi2FreeInstance")
+
+
+def refused(one: Any, function: str, token: str) -> FmuError:
+    """Returns the error of an instance that could not be created; `token` is the name of its GUID."""
+    found = one.library.diagnosis(0, one.name)
+    if found is not None:
+        return FmuError(one.name, found.function or function, found.text, log=[*one.lines, *found.lines])
+    hint = "" if one.lines else f"; it logged nothing (is the {token} of its modelDescription.xml the binary's?)"
+    return FmuError(one.name, function, f"it returned NULL{hint}", log=one.lines)
+
+
+def diagnosed(one: Any, function: str, status: int, detail: str) -> tuple[str, int, str]:
+    """Returns function, status and detail of an instance's failure, replaced by the library's diagnosis, if any."""
+    found = one.library.diagnosis(one.handle, one.name) if status > 1 or status < 0 else None
+    if found is None:
+        return function, status, detail
+    one.lines.extend(found.lines)
+    _, given, inputs = detail.partition("; its inputs: ")
+    word = found.text or one.status_word(found.status)
+    return found.function or function, found.status, f"{word}{given}{inputs}"
+
+
+def raise_end(one: Any, function: str) -> None:
+    """Raises FmuError if the process of an isolated instance has ended while it was freed."""
+    if (found := one.library.diagnosis(0, one.name)) is not None:
+        one.library.corrupted = True
+        raise FmuError(one.name, found.function or function, found.text, one.time, [*one.lines, *found.lines])
 
 
 def _references(variables: Sequence[Variable]) -> Any:

@@ -27,7 +27,7 @@ from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import FmuDescription, Variable
-from cosim_master.fmi.slaves.fmi2 import Library, pending_exception
+from cosim_master.fmi.slaves.fmi2 import Library, SharedHandle, diagnosed, pending_exception, raise_end, refused
 
 __all__ = ["INTERVAL_CHANGED", "INTERVAL_NOT_YET_KNOWN", "STATUS3", "Instance3", "whole_nanoseconds"]
 
@@ -105,14 +105,13 @@ class Instance3:
             self.event_mode = False
             handle = self._instantiate()
         if not handle:
-            hint = "" if self.lines else "; it logged nothing (is the token of its modelDescription.xml the binary's?)"
-            raise FmuError(name, self._instantiates, f"it returned NULL{hint}", log=self.lines)
+            raise refused(self, self._instantiates, "token")
         self.handle = int(handle)
         if (other := library.handles.setdefault(self.handle, name)) != name:
             text = (
                 f"it returned the handle of {other}: the FMU keeps everything in globals, it is good for one instance"
             )
-            raise FmuError(name, self._instantiates, text, log=self.lines)
+            raise SharedHandle(name, self._instantiates, text, log=self.lines)
         self.alive = True
 
     def _instantiate(self) -> int | None:
@@ -157,6 +156,7 @@ class Instance3:
 
     def failure(self, function: str, status: int, detail: str = "") -> FmuError:
         """Returns the error for a bad status; afterwards only `free` is legal (after fmi3Fatal, no call is)."""
+        function, status, detail = diagnosed(self, function, status, detail)
         if status in (3, 4):
             self.stepping = False
         if status == 4:
@@ -459,6 +459,7 @@ class Instance3:
             with contextlib.suppress(KeyError):
                 del self.library.handles[self.handle]
             free(ctypes.c_void_p(self.handle))
+            raise_end(self, "fmi3FreeInstance")
 
 
 def whole_nanoseconds(seconds: float) -> Fraction:

@@ -14,6 +14,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Self, TypeVar
@@ -21,9 +22,11 @@ from typing import Self, TypeVar
 from cosim.kernel import cache_folder
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import PYTHON_SOURCES
+from cosim_master.files.kept import intact_copy, private_cache
 from cosim_master.fmi.description.read import SOURCES, FmuDescription, extract
 from cosim_master.fmi.slaves.fmi1 import Library1
 from cosim_master.fmi.slaves.fmi2 import Library, SharedHandle
+from cosim_master.fmi.slaves.isolated import IsolatedLibrary, Isolation, built_here
 from cosim_master.fmi.slaves.sources_only import compiled
 from cosim_master.fmi.slaves.table import TableLibrary
 
@@ -94,69 +97,102 @@ def _digest(file: Path) -> str:
         return ""
 
 
-def _opened(fmu: FmuDescription, folder: Path) -> Library:
-    """Returns the library of an FMU that is unpacked in a folder."""
-    kind = Library1 if fmu.fmi_version == "1.0" else Library
-    if fmu.library == SOURCES:
-        return kind(fmu, compiled(fmu, folder), folder / "resources")
-    return kind(fmu, folder.joinpath(*fmu.library.split("/")), folder / "resources")
-
-
 class Libraries:
-    """The loaded FMU files. This context manager removes unpacked files at its end, after all instances are freed."""
+    """The loaded FMU files. This context manager removes unpacked files at its end, after all instances are freed.
 
-    def __init__(self) -> None:
+    Args:
+        isolation: selects the FMUs that run in processes of their own; None: all run in this process.
+        opened: called with each library that is loaded.
+    """
+
+    def __init__(self, isolation: Isolation | None = None, opened: Callable[[Library], None] | None = None) -> None:
+        self._isolation = isolation or Isolation("none")
+        self._on_opened = opened or (lambda _: None)
         self._folder = Path(tempfile.mkdtemp(prefix="uav-cosim-"))
-        self._loaded: dict[tuple[Path, str], Library] = {}
+        self._unpacked_in: dict[tuple[Path, str], Path] = {}
+        self._loaded: dict[tuple[Path, str, bool], Library] = {}
+        self._opened: list[Library] = []
         self._sharing: set[Path] = set()
         self._copies = 0
 
     def load(self, fmu: FmuDescription) -> Library:
         """Returns the library of an FMU file, and loads it if necessary."""
-        key = (fmu.path, fmu.library)
+        return self._load(fmu, "", isolated=self._isolation.isolates(fmu))
+
+    def _load(self, fmu: FmuDescription, name: str, *, isolated: bool) -> Library:
+        key = (fmu.path, fmu.library, isolated)
         library = self._loaded.get(key)
         if library is None:
             if fmu.table is not None:
                 library = TableLibrary(fmu, self._folder)
             else:
-                library = _opened(fmu, self._unpacked(fmu))
+                library = self._open(fmu, self._folder_of(fmu), name, isolated=isolated)
             self._loaded[key] = library
         return library
+
+    def _open(self, fmu: FmuDescription, folder: Path, name: str, *, isolated: bool) -> Library:
+        """Returns the library of an FMU that is unpacked in a folder, in this process or that of an instance."""
+        binary = compiled(fmu, folder) if fmu.library == SOURCES else folder.joinpath(*fmu.library.split("/"))
+        resources = folder / "resources"
+        library: Library
+        if isolated:
+            # Ours keep compiled kernels in the user's cache.
+            writable = (cache_folder(),) if built_here(fmu) else ()
+            library = IsolatedLibrary(fmu, binary, resources, self._isolation.limits_of(name), writable)
+        elif fmu.fmi_version == "1.0":
+            library = Library1(fmu, binary, resources)
+        else:
+            library = Library(fmu, binary, resources)
+        self._opened.append(library)
+        self._on_opened(library)
+        return library
+
+    def _folder_of(self, fmu: FmuDescription) -> Path:
+        key = (fmu.path, fmu.library)
+        if key not in self._unpacked_in:
+            self._unpacked_in[key] = self._unpacked(fmu)
+        return self._unpacked_in[key]
 
     def instantiate(self, fmu: FmuDescription, name: str, make: Callable[[Library, str], _Made]) -> _Made:
         """Returns a new instance of an FMU, which `make` creates from its library.
 
-        An FMU that stores its state in globals is loaded again for each further instance, from a separate copy of the
-        library: the dynamic linker then gives each copy its own globals.
+        An FMU that stores its state in globals is loaded again for each further instance: in a process of its own, or
+        from a separate copy of the library, since the dynamic linker then gives each copy its own globals.
 
         Raises:
             FmuError: the FMU refused.
         """
-        library = self.load(fmu)
+        isolated = self._isolation.isolates(fmu, name)
+        if isolated and self._isolation.each(fmu, name):
+            return make(self._open(fmu, self._folder_of(fmu), name, isolated=True), name)
+        library = self._load(fmu, name, isolated=isolated)
         if fmu.path not in self._sharing:
             try:
                 return make(library, name)
             except SharedHandle:
                 self._sharing.add(fmu.path)
-                log.warning(
-                    "note: %s keeps everything in globals: each of its instances gets a copy of it", fmu.path.name
-                )
+                own = "process" if isolated else "copy of it"
+                log.warning("note: %s keeps everything in globals: each of its instances gets a %s", fmu.path.name, own)
+        if isolated:
+            return make(self._open(fmu, self._folder_of(fmu), name, isolated=True), name)
         self._copies += 1
         folder = self._folder / f"copy{self._copies}"
         extract(fmu, folder)
-        return make(_opened(fmu, folder), name)
+        return make(self._open(fmu, folder, name, isolated=False), name)
 
     def _unpacked(self, fmu: FmuDescription) -> Path:
         if not _sources(fmu):
-            folder = self._folder / str(len(self._loaded))
+            folder = self._folder / str(len(self._unpacked_in))
             extract(fmu, folder)
             return folder
         # Python FMUs remain in their folder, so that Python and numba find their compiled code, and `check_sources` the
         # files.
-        folder = cache_folder() / "fmus" / fmu.digest[:24]
-        if not folder.is_dir():
+        folder = private_cache() / "fmus" / fmu.digest[:24]
+        if not intact_copy(fmu.path, folder):
             fresh = Path(tempfile.mkdtemp(prefix="new-", dir=self._made(folder.parent)))
             extract(fmu, fresh / "fmu")
+            with suppress(FileNotFoundError):
+                folder.rename(fresh / "damaged")
             try:
                 (fresh / "fmu").rename(folder)
             except OSError:
@@ -176,4 +212,9 @@ class Libraries:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
+        for library in self._opened:
+            library.quit()
+        for library in self._opened:
+            library.close()
+        self._opened.clear()
         shutil.rmtree(self._folder, ignore_errors=True)

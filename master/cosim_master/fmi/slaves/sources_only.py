@@ -14,8 +14,8 @@ import tempfile
 from importlib.metadata import distribution
 from pathlib import Path
 
-from cosim.kernel import cache_folder
 from cosim_master.diagnostics.errors import FmuError
+from cosim_master.files.kept import intact, private_cache, seal
 from cosim_master.fmi.description.read import FmuDescription
 
 __all__ = ["compiled"]
@@ -39,8 +39,8 @@ def compiled(fmu: FmuDescription, folder: Path) -> Path:
     Raises:
         FmuError: the sources do not compile; the error contains the compiler's messages.
     """
-    kept = cache_folder() / "sources" / f"{fmu.digest[:24]}-{fmu.model_identifier}.so"
-    if kept.is_file():
+    kept = private_cache() / "sources" / f"{fmu.digest[:24]}-{fmu.model_identifier}.so"
+    if intact(kept):
         return kept
     kept.parent.mkdir(parents=True, exist_ok=True)
     sources, build = folder / "sources", fmu.source_files
@@ -65,4 +65,5 @@ def compiled(fmu: FmuDescription, folder: Path) -> Path:
         lines = done.stderr.strip().splitlines()[:_LOG_LINES]
         raise FmuError(fmu.model_name, "compiling its sources", f"{', '.join(files)}: the compiler refused", log=lines)
     fresh.replace(kept)
+    seal(kept)
     return kept

@@ -39,7 +39,7 @@ class TableLibrary(Library):
         assert fmu.table is not None
         self.fmu, self.resources, self.table, self.file = fmu, folder, fmu.table, ""
         self.handles: dict[int, str] = {}
-        self.corrupted = self.python = self.thread_safe = False
+        self.corrupted = self.python = self.own = self.isolated = self.thread_safe = False
         self.times: dict[int, float] = {}
         self._columns = list(self.table.columns.values())
         self._functions: dict[str, Any] = {name: _ACCESS(self._getter(kind)) for name, kind in _GOT.items()}

@@ -32,10 +32,11 @@ from numpy.typing import NDArray
 from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, find, has_crc, message_id
 from cosim.vehicle import AUTOPILOT
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
-from cosim_master.diagnostics.limitations import ADDRESS, NO_AUTOPILOT
+from cosim_master.diagnostics.limitations import ADDRESS
 from cosim_master.network.gateways.signing import Signing, read_key
 from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket
-from cosim_master.system.settings.network import SERIAL, Endpoint, Gateway, Network, Node
+from cosim_master.system.settings.network import Gateway, Network
+from cosim_master.system.settings.nodes import SERIAL, Endpoint, Node
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
@@ -121,7 +122,9 @@ def _ports(
             wired.append((name, next(lines, endpoint.name)))
     if not wired:
         names = ", ".join(e.instance for node in network.nodes for e in node.endpoints) or "none"
-        problems.append(Problem(where, NO_AUTOPILOT.text(AUTOPILOT, names)))
+        how = f"an FMU declares to be one, or its component is called {AUTOPILOT}"
+        text = f"no autopilot has packet ports: {how}; those that have are: {names}"
+        problems.append(Problem(where, text))
     last = address.port + step * (len(wired) - 1)
     if len(wired) > 1 and step == 0 and address.port:
         problems.append(Problem(where, f"{text}: {len(wired)} vehicles need different ports, such as +10"))

@@ -33,9 +33,12 @@ from cosim_master.network.radio.tables import (
     OUTCOMES,
     PLACE,
     SETTINGS,
+    TRACED,
     Radio,
 )
-from cosim_master.system.settings.network import TELEMETRY, Endpoint, Network, Node
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.nodes import TELEMETRY, Endpoint, Node
+from cosim_master.system.settings.obstacles import Obstacle
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
@@ -43,7 +46,7 @@ if TYPE_CHECKING:
 __all__ = ["GATEWAY_BYTES", "grown", "make_radio", "packet_counts"]
 
 _NANO = 1_000_000_000
-_MEDIA = {"none": 0, "own": tables.OWN, "shared": tables.SHARED, "aloha": tables.ALOHA}
+_MEDIA = {"none": 0, "own": tables.OWN, "shared": tables.SHARED, "aloha": tables.ALOHA, "csma": tables.CSMA}
 GATEWAY_BYTES = 1 << 16
 """Bytes that can be taken out of a gateway at once."""
 
@@ -169,6 +172,35 @@ def _jamming(network: Network) -> np.ndarray[Any, Any]:
     return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 
+def _obstacles(network: Network) -> np.ndarray[Any, Any]:
+    """Returns the rows that `obstacles` describes."""
+    rows = [
+        (
+            one.radius > 0.0,
+            one.north,
+            one.east,
+            *_half(one),
+            -one.base - one.height,
+            -one.base,
+            one.loss,
+            one.attenuation,
+        )
+        for one in network.obstacles
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 9)
+
+
+def _half(one: Obstacle) -> tuple[float, float]:
+    return (one.radius, one.radius) if one.radius > 0.0 else (one.length / 2.0, one.width / 2.0)
+
+
+def _trace(network: Network, nodes: Mapping[str, int]) -> np.ndarray[Any, Any]:
+    """Returns rows of TRACED, sorted by sender, hearer and time."""
+    rows = () if network.trace is None else network.trace.rows
+    found = [(nodes[a], nodes[b], _nanoseconds(t), _nanoseconds(delay), got) for t, a, b, got, delay in rows]
+    return np.sort(np.array(found, dtype=TRACED), order=["sender", "hearer", "time"])
+
+
 def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: bool) -> Radio:
     """Returns the radio's memory.
 
@@ -190,9 +222,9 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         own = np.searchsorted(channels["sender"], (senders[n], senders[n] + 1))
         spans = (members[n], members[n + 1], listed[n], listed[n + 1])
         node_table[n] = (place, _hash(node.name), *spans, kinds[n], *own)
-    slotted = network.medium == "aloha"
-    endpoints = np.zeros(int(members[-1]) + len(network.gateways) + slotted, dtype=ENDPOINT)
-    if slotted:
+    waits = network.medium in ("aloha", "csma")
+    endpoints = np.zeros(int(members[-1]) + len(network.gateways) + waits, dtype=ENDPOINT)
+    if waits:
         endpoints[-1] = (-1, 0, 0, 0, 0, -1, -1, tables.CABLE)  # the medium, in whose queue packets wait
     for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
         capacity = e.rx.packet_capacity if e.rx else 0
@@ -211,7 +243,9 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         outages=np.array(outages, dtype=np.int64).reshape(-1, 3),
         partitions=_partitions(network),
         jamming=_jamming(network),
-        media=np.full(0 if network.medium == "none" else 2 * len(nodes), -1, dtype=np.int64),
+        obstacles=_obstacles(network),
+        trace=table(_trace(network, names)),
+        media=np.full({"none": 0, "csma": 5}.get(network.medium, 2) * len(nodes), -1, dtype=np.int64),
         places=table(np.zeros(0, dtype=PLACE)),
         data=np.zeros((0, MAX_PACKET), dtype=np.uint8),
         order=np.arange(len(nodes), dtype=np.int64),

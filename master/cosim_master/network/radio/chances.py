@@ -7,6 +7,7 @@ import numpy as np
 from cosim.kernel import kernel
 
 __all__ = [
+    "BACKOFF",
     "BURST",
     "DUPLICATE",
     "DUPLICATE_JITTER",
@@ -23,7 +24,7 @@ __all__ = [
 ]
 
 LOSS, JITTER = 0, 1
-BURST, IN_BURST, FADING, SHADOW, DUPLICATE, DUPLICATE_JITTER, SLOT, ERROR = 16, 17, 18, 19, 21, 22, 23, 64
+BURST, IN_BURST, FADING, SHADOW, DUPLICATE, DUPLICATE_JITTER, SLOT, BACKOFF, ERROR = 16, 17, 18, 19, 21, 22, 23, 24, 64
 """The last part of a key: the purpose of a random number. SHADOW uses two keys, ERROR all that follow."""
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)

@@ -1,4 +1,7 @@
-"""The effects of a link on a packet: latency, jitter, loss, range and outages, with the link's own random numbers."""
+"""The effects of a link on a packet: latency, jitter, loss, range and outages, with the link's own random numbers.
+
+A trace file replaces latency, jitter and loss of the links that it contains.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,15 @@ from numpy.typing import NDArray
 from cosim.kernel import kernel
 from cosim_master.network.radio.chances import JITTER, LOSS, chance
 from cosim_master.network.radio.effects import distance2, effect
-from cosim_master.network.radio.tables import BY_RADIO, LOST_CHANNEL, LOST_OUTAGE, LOST_RANGE, ON_BOARD, Radio
+from cosim_master.network.radio.tables import (
+    BY_RADIO,
+    LOST_CHANNEL,
+    LOST_OUTAGE,
+    LOST_RANGE,
+    LOST_TRACE,
+    ON_BOARD,
+    Radio,
+)
 
 __all__ = ["over_link", "over_radio"]
 
@@ -25,6 +36,26 @@ def _channel(r: Radio, n: int, other: int) -> int:
         else:
             last = middle
     return int(first) if first < r.nodes[n].unchannelled and r.channels[first].kind == kind else -1
+
+
+@kernel
+def _traced(r: Radio, n: int, other: int, t: int) -> int:
+    """Returns the row of `trace` for a packet from node `n` to node `other` at t [ns]; -1 if they are not in it.
+
+    It is the last row of this link up to t, or the first one.
+    """
+    first, last = 0, r.trace.size
+    while first < last:
+        middle = (first + last) // 2
+        sender, hearer = r.trace[middle].sender, r.trace[middle].hearer
+        if sender < n or (sender == n and (hearer < other or (hearer == other and r.trace[middle].time <= t))):
+            first = middle + 1
+        else:
+            last = middle
+    for row in (first - 1, first):
+        if 0 <= row < r.trace.size and r.trace[row].sender == n and r.trace[row].hearer == other:
+            return int(row)
+    return -1
 
 
 @kernel
@@ -48,6 +79,9 @@ def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int,
     channel = _channel(r, n, other) if r.channels.size > 0 else -1
     if channel >= 0:
         latency, jitter, loss = r.channels[channel].latency, r.channels[channel].jitter, r.channels[channel].loss
+    row = _traced(r, n, other, t) if r.trace.size > 0 else -1
+    if row >= 0:
+        latency, jitter, loss = r.trace[row].delay, 0, 0.0
     arrival = t + latency
     if jitter > 0:
         arrival += int(np.int64(jitter * chance(s.seed, identity, hearer, number, JITTER)))
@@ -55,6 +89,8 @@ def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int,
         return -1, LOST_OUTAGE
     if s.range < np.inf and distance2(r, reals, n, other) > s.range * s.range:
         return -1, LOST_RANGE
+    if row >= 0 and chance(s.seed, identity, hearer, number, LOSS) >= r.trace[row].delivered:
+        return -1, LOST_TRACE
     if s.effects != 0:
         cause = effect(r, reals, t, arrival, e, other, number, channel)
         if cause != BY_RADIO:

@@ -8,8 +8,8 @@ the state of packet k follows from the last number up to k at which the state wa
 
 **Signals**: the received power is the transmitted power minus the loss at 1 m, minus 10 n lg(d / 1 m), plus shadowing
 of the pair of nodes (normally distributed in dB, constant, and equal in both directions), plus Rayleigh fading of the
-packet (its power is exponentially distributed). A packet weaker than the receiver's sensitivity is lost (Rappaport
-2002, chapters 4 and 5).
+packet (its power is exponentially distributed), minus the losses of the obstacles between them (`obstacles`). A packet
+weaker than the receiver's sensitivity is lost (Rappaport 2002, chapters 4 and 5).
 
 **Errors**: each bit is inverted with the same probability. The packet arrives with these errors, and its CRC does not
 match.
@@ -31,6 +31,7 @@ from cosim_master.network.radio.chances import (
     exponential,
     normal,
 )
+from cosim_master.network.radio.obstacles import loss_behind
 from cosim_master.network.radio.tables import (
     BY_RADIO,
     LOST_BURST,
@@ -70,8 +71,10 @@ def in_burst(seed: np.uint64, source: np.uint64, sink: np.uint64, number: int, s
 def too_weak(r: Radio, reals: NDArray[np.float64], e: int, other: int, number: int) -> bool:
     """Returns whether the signal of a packet of endpoint `e` is below the sensitivity of node `other`."""
     s, n = r.settings[0], r.endpoints[e].node
-    distance = max(np.sqrt(distance2(r, reals, n, other)), 1.0)
-    power = s.power - s.path_loss - 10.0 * s.exponent * np.log10(distance)
+    distance = np.sqrt(distance2(r, reals, n, other))
+    power = s.power - s.path_loss - 10.0 * s.exponent * np.log10(max(distance, 1.0))
+    if r.obstacles.shape[0] > 0:
+        power -= loss_behind(r, reals, n, other, distance)
     if s.shadowing > 0.0:
         a, b = r.nodes[n].identity, r.nodes[other].identity
         power += s.shadowing * normal(s.seed, min(a, b), max(a, b), 0, SHADOW)

@@ -43,12 +43,21 @@ from cosim_master.network.radio.chances import DUPLICATE as OF_DUPLICATE
 from cosim_master.network.radio.chances import DUPLICATE_JITTER, chance
 from cosim_master.network.radio.channel import over_link, over_radio
 from cosim_master.network.radio.effects import damage, first_error
-from cosim_master.network.radio.medium import collided, departure, listen_to_slot, next_slot_over, put_into_slot
+from cosim_master.network.radio.medium import (
+    collided,
+    departure,
+    listen_to_slot,
+    next_slot_over,
+    on_air,
+    sense,
+    wait_for_medium,
+)
 from cosim_master.network.radio.queues import log_packet, put, record_event, take_out
 from cosim_master.network.radio.tables import (
     ALOHA,
     BY_RADIO,
     COUNTED,
+    CSMA,
     DUPLICATE,
     GROUND,
     LOGGED,
@@ -67,7 +76,7 @@ from cosim_master.network.radio.tables import (
 )
 from cosim_master.network.radio.topology import find_hearers
 
-__all__ = ["admit", "end_slots", "send"]
+__all__ = ["admit", "send", "serve_medium"]
 
 
 @kernel
@@ -126,14 +135,14 @@ def _by_radio(
     n = r.endpoints[e].node
     number = r.endpoints[e].number
     r.endpoints[e].number = number + 1
-    if r.settings[0].medium != ALOHA:
-        return _transmit(r, reals, t, t, e, number, to_system, buf, start, stop)
+    if r.settings[0].medium < ALOHA:
+        return _transmit(r, reals, t, t, e, number, -1, to_system, buf, start, stop)
     taken = False
     waits = True
     for i in range(find_hearers(r, reals, n)):
         if _wanted(r, r.hearers[i], to_system):
             if not taken:
-                waits = put_into_slot(r, t, e, number, to_system, buf, start, stop)
+                waits = wait_for_medium(r, t, e, number, to_system, buf, start, stop)
             taken = True
             if not waits:
                 record_event(r, t, -1, e, r.hearers[i], buf, start, stop, LOST_QUEUE)
@@ -148,12 +157,16 @@ def _transmit(
     t: int,
     e: int,
     number: int,
+    place: int,
     to_system: int,
     buf: NDArray[np.uint8],
     start: int,
     stop: int,
 ) -> bool:
-    """Sends a packet of endpoint `e`, which is on the air at t, through the channel to the nodes of the topology."""
+    """Sends a packet of endpoint `e`, which is on the air at t, through the channel to the nodes of the topology.
+
+    `place`: where it waited for the medium; -1 if it did not. A packet with a negative t has waited too long.
+    """
     s, n = r.settings[0], r.endpoints[e].node
     hearers = find_hearers(r, reals, n)
     taken = False
@@ -167,7 +180,7 @@ def _transmit(
         if t < 0:
             record_event(r, sent, -1, e, other, buf, start, stop, LOST_QUEUE)
             continue
-        if s.medium == ALOHA and collided(r, other):
+        if place >= 0 and collided(r, other, place):
             record_event(r, sent, -1, e, other, buf, start, stop, LOST_COLLISION)
             continue
         arrival, outcome = over_radio(r, reals, t, e, other, number)
@@ -176,9 +189,9 @@ def _transmit(
             logged = 0 if wrong else COUNTED
             for j in range(r.nodes[other].first, r.nodes[other].last):
                 if _hears(r, j, to_system):
-                    place = put(r, j, arrival, buf, start, stop, logged, -1)
+                    copy = put(r, j, arrival, buf, start, stop, logged, -1)
                     if wrong:
-                        damage(r, place, e, other, number)
+                        damage(r, copy, e, other, number)
                     logged = 0
             if wrong:
                 arrival, outcome = -1, LOST_ERRORS
@@ -215,7 +228,40 @@ def _duplicate(
 
 
 @kernel
-def end_slots(r: Radio, reals: NDArray[np.float64], t: int) -> None:
+def serve_medium(r: Radio, reals: NDArray[np.float64], t: int) -> None:
+    """Routes the packets whose slots, or whose times on the air, have ended by time t [ns]."""
+    if r.settings[0].medium == CSMA:
+        _take_turns(r, reals, t)
+    else:
+        _end_slots(r, reals, t)
+
+
+@kernel
+def _route_first(r: Radio, reals: NDArray[np.float64], t: int) -> None:
+    """Routes the first packet at the medium, which was on the air until t [ns]; loses it if t is negative."""
+    medium = r.endpoints.size - 1
+    place = r.endpoints[medium].first
+    row = r.places[place]
+    _transmit(r, reals, row.sent, t, row.sender, row.number, place, row.addressee, r.data[place], 0, row.length)
+    take_out(r, medium)
+    r.counters[WAITING] -= 1
+
+
+@kernel
+def _take_turns(r: Radio, reals: NDArray[np.float64], t: int) -> None:
+    """Lets packets sense the medium, and routes those that have left it, in the order of time up to t [ns]."""
+    medium = r.endpoints.size - 1
+    place = r.endpoints[medium].first
+    while place >= 0 and r.places[place].arrival <= t:
+        if on_air(r, place):
+            _route_first(r, reals, r.places[place].arrival)
+        elif not sense(r, reals, place):
+            _route_first(r, reals, -1)
+        place = r.endpoints[medium].first
+
+
+@kernel
+def _end_slots(r: Radio, reals: NDArray[np.float64], t: int) -> None:
     """Routes the packets of slots that have ended by time t [ns]."""
     medium = r.endpoints.size - 1
     end = next_slot_over(r, t)
@@ -223,10 +269,7 @@ def end_slots(r: Radio, reals: NDArray[np.float64], t: int) -> None:
         listen_to_slot(r, reals, end)
         place = r.endpoints[medium].first
         while place >= 0 and r.places[place].arrival == end:
-            row = r.places[place]
-            _transmit(r, reals, row.sent, end, row.sender, row.number, row.logged, r.data[place], 0, row.length)
-            take_out(r, medium)
-            r.counters[WAITING] -= 1
+            _route_first(r, reals, end)
             place = r.endpoints[medium].first
         end = next_slot_over(r, t)
 

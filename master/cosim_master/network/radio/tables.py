@@ -17,6 +17,7 @@ __all__ = [
     "CHANNEL",
     "COUNTED",
     "COUNTERS",
+    "CSMA",
     "DEFERRED",
     "DEFINITION",
     "DELIVERED",
@@ -40,6 +41,7 @@ __all__ = [
     "LOST_QUEUE",
     "LOST_RANGE",
     "LOST_SIGNAL",
+    "LOST_TRACE",
     "MALFORMED",
     "NEAREST",
     "NEAREST_ON_AXIS",
@@ -55,6 +57,7 @@ __all__ = [
     "SETTINGS",
     "SHARED",
     "SWARM",
+    "TRACED",
     "USED_EVENTS",
     "USED_LOG",
     "WAITING",
@@ -64,7 +67,7 @@ BROADCAST, NEAREST, NEAREST_ON_AXIS, LISTED = 0, 1, 2, 3
 """Topologies."""
 
 
-OWN, SHARED, ALOHA = 1, 2, 3
+OWN, SHARED, ALOHA, CSMA = 1, 2, 3, 4
 """Media; 0: packets take no time on the air."""
 
 
@@ -84,11 +87,13 @@ OUTCOMES = (
     "lost: queue",
     "lost: collision",
     "duplicate",
+    "lost: trace",
 )
 
 
 ON_BOARD, BY_RADIO, LOST_CHANNEL, LOST_RANGE, LOST_OUTAGE, NO_ROUTE, MALFORMED = range(7)
 LOST_BURST, LOST_SIGNAL, LOST_JAMMED, LOST_PARTITION, LOST_ERRORS, LOST_QUEUE, LOST_COLLISION, DUPLICATE = range(7, 15)
+LOST_TRACE = 15
 
 
 EVENT = np.dtype(
@@ -164,11 +169,13 @@ SETTINGS = np.dtype(
         ("rayleigh", "u1"),
         ("bit_errors", "f8"),
         ("duplicates", "f8"),
-        ("medium", "u1"),  # OWN, SHARED, ALOHA or 0
+        ("medium", "u1"),  # OWN, SHARED, ALOHA, CSMA or 0
         ("rate", "f8"),  # baud
         ("queue", "i8"),
         ("slot", "i8"),
         ("window", "f8"),  # slots
+        ("backoff", "i8"),
+        ("sensing", "i8"),
         ("seed", "u8"),
         ("keep", "i8"),  # write events and logs
     ]
@@ -196,16 +203,23 @@ PLACE = np.dtype(
         ("logged", "i8"),  # this copy is written to the receiving node's log; COUNTED: it is also counted
         ("following", "i8"),  # linked lists: the next place
         ("gateway", "i8"),  # by which it entered, -1: none
-        ("sender", "i8"),  # of a packet that waits for its slot: the endpoint,
+        ("sender", "i8"),  # of a packet that waits for the medium: the endpoint,
         ("number", "i8"),  # its number there,
-        ("sent", "i8"),  # and when; `logged` is then the system that it is for
+        ("sent", "i8"),  # when,
+        ("addressee", "i8"),  # and the system that it is for
     ]
 )
-"""One packet in flight; its bytes are the same row of `Radio.data`. The last three columns are for the medium only."""
+"""One packet in flight; its bytes are the same row of `Radio.data`. The last four columns are for the medium only."""
 
 
 COUNTED, LOGGED = 1, 2
-"""Values of PLACE.logged other than 0: a packet by radio counts as delivered, a packet by wire is only logged."""
+"""Values of PLACE.logged other than 0: a packet by radio counts as delivered, a packet by wire is only logged. With
+CSMA, LOGGED marks a packet at the medium that is on the air.
+"""
+
+
+TRACED = np.dtype([("sender", "i8"), ("hearer", "i8"), ("time", "i8"), ("delay", "i8"), ("delivered", "f8")])
+"""A row of the trace file: nodes, times in ns, probability of delivery."""
 
 
 DEFINITION = np.dtype([("message", "i8"), ("crc_extra", "i8"), ("target_system", "i8")])
@@ -238,7 +252,9 @@ class Radio(NamedTuple):
     outages: NDArray[np.int64]  # rows (node, from, until)
     partitions: NDArray[np.int64]  # rows (from, until, side of each node)
     jamming: NDArray[np.float64]  # rows (north, east, radius [m], from, until)
-    media: NDArray[np.int64]  # per medium: free from [ns], or last slot; with slots: numbers sent and heard; else none
+    obstacles: NDArray[np.float64]  # rows: see `obstacles`
+    trace: NDArray[Any]  # TRACED, sorted by sender, hearer and time
+    media: NDArray[np.int64]  # none, or rows of one number per node: see `medium`
     places: NDArray[Any]  # PLACE
     data: NDArray[np.uint8]  # (places, MAX_PACKET)
     order: NDArray[np.int64]  # nodes along the axis, kept sorted
@@ -252,7 +268,7 @@ class Radio(NamedTuple):
 
 
 ROLES = declared(
-    CONSTANT="settings nodes links channels outages partitions jamming dialect",
+    CONSTANT="settings nodes links channels outages partitions jamming obstacles trace dialect",
     STATE="endpoints places data order along counters media",
     PASSING="gateways",  # a run with gateways has no checkpoints
     BUFFER="hearers events log",

@@ -17,9 +17,9 @@ inlined = functools.partial(kernel, inline=True)
 
 
 @inlined
-def point_in_time(clock: NDArray[np.int64], k: int) -> int:
+def point_in_time(counters: NDArray[np.int64], k: int) -> int:
     """Returns the communication point t_k, rounded to ns."""
-    ticks, per_ns = clock[START] + k * clock[BASE], clock[PER_NS]
+    ticks, per_ns = counters[START] + k * counters[BASE], counters[PER_NS]
     return int(ticks if per_ns == 1 else (ticks + per_ns // 2) // per_ns)
 
 
@@ -29,8 +29,8 @@ def exchange(
     feeds: NDArray[Any],
     sources: NDArray[np.uint32],
     wires: NDArray[Any],
-    mirrors: NDArray[np.int64],
-    mapped: NDArray[np.int64],
+    int_to_real: NDArray[np.int64],
+    value_maps: NDArray[np.int64],
     real_out: NDArray[np.float64],
     int_out: NDArray[np.int32],
     real_in: NDArray[np.float64],
@@ -39,12 +39,12 @@ def exchange(
 ) -> None:
     """Sets the inputs of the due instances of `feeds` from the connected outputs: all data flows here."""
     reals = np.uintp(real_in.size)
-    for j in range(mapped.shape[0]):
-        source, place, key = mapped[j, 0], mapped[j, 1], mapped[j, 2]
+    for j in range(value_maps.shape[0]):
+        source, place, key = value_maps[j, 0], value_maps[j, 1], value_maps[j, 2]
         if source < 0:
             low, high = np.int64(int_out[-1 - source]) & 0xFFFFFFFF, np.int64(int_out[-source])
             if high * 4294967296 + low == key:
-                wide = mapped[j, 3]
+                wide = value_maps[j, 3]
                 low = wide & 0xFFFFFFFF
                 int_out[place] = low - 4294967296 if low > 2147483647 else low
                 int_out[place + 1] = wide >> 32
@@ -55,13 +55,13 @@ def exchange(
         elif key == SIGN:
             int_out[place] = -1 if value < 0 else 0
         elif key == value:
-            int_out[place] = mapped[j, 3]
-    for j in range(mirrors.shape[0]):
-        source = mirrors[j, 0]
+            int_out[place] = value_maps[j, 3]
+    for j in range(int_to_real.shape[0]):
+        source = int_to_real[j, 0]
         if source < 0:
-            real_out[mirrors[j, 1]] = np.int64(int_out[-1 - source]) & 0xFFFFFFFF
+            real_out[int_to_real[j, 1]] = np.int64(int_out[-1 - source]) & 0xFFFFFFFF
         else:
-            real_out[mirrors[j, 1]] = int_out[source]
+            real_out[int_to_real[j, 1]] = int_out[source]
     for i in range(feeds.size):
         feed = feeds[i]
         period = instances[np.uintp(feed.instance)].period
@@ -81,16 +81,28 @@ def exchange(
 @kernel
 def feed(p: Plan, k: int, feeds: NDArray[Any]) -> None:
     """Exchanges as `exchange` does, for some instances; the part common to all is also done if none are given."""
-    exchange(p.instances, feeds, p.sources, p.wires, p.mirrors, p.mapped, p.real_out, p.int_out, p.real_in, p.int_in, k)
+    exchange(
+        p.instances,
+        feeds,
+        p.sources,
+        p.wires,
+        p.int_to_real,
+        p.value_maps,
+        p.real_out,
+        p.int_out,
+        p.real_in,
+        p.int_in,
+        k,
+    )
 
 
 @kernel
 def delay(p: Plan, k: int) -> None:
     """Stores the current outputs in delayed connections, and takes earlier ones out of them."""
-    if k % p.clock[FINER] != 0:
+    if k % p.counters[FINER] != 0:
         return
     feed(p, k, p.feeds[:0])
-    step = k // p.clock[FINER]
+    step = k // p.counters[FINER]
     for j in range(p.delays.size):
         d = p.delays[j]
         value = d.factor * p.real_out[d.source] + d.offset if d.whole == 0 else float(p.int_out[d.source])
@@ -109,14 +121,14 @@ def delay(p: Plan, k: int) -> None:
 @kernel
 def extrapolate(p: Plan, k: int, first: int, last: int) -> None:
     """Computes the derivatives of the extrapolated inputs of the instances first to last - 1, if they begin a step."""
-    t = p.clock[START] + k * p.clock[BASE]
+    t = p.counters[START] + k * p.counters[BASE]
     for j in range(p.slopes.size):
         s = p.slopes[j]
         if s.instance < first or s.instance >= last or k % p.instances[s.instance].period != 0:
             continue
         value = p.real_in[s.input]
-        p.delay_line[s.place] = (
-            (value - s.before) / ((t - s.at) / (1e9 * p.clock[PER_NS])) if s.known != 0 and t > s.at else 0.0
+        p.derivatives[j] = (
+            (value - s.before) / ((t - s.at) / (1e9 * p.counters[PER_NS])) if s.known != 0 and t > s.at else 0.0
         )
         s.before = value
         s.at = t

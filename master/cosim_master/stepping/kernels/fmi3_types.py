@@ -31,35 +31,17 @@ from cosim_master.stepping.kernels.fmi_calls import (
     store_i4,
     store_i8,
 )
+from cosim_master.stepping.kernels.widths import WIDE_WIDTHS, WIDTHS
 
-__all__ = ["OUT_OF_RANGE", "PACKED", "TYPED", "WIDE_WIDTHS", "WIDTHS", "call3"]
+__all__ = ["OUT_OF_RANGE", "TYPED", "call3"]
 
 OUT_OF_RANGE = -5
 """Replaces a status: an integer does not fit into the variable's type, or into 32 bits."""
 
-_PLAIN, _BINARY, _FLOAT32, _INT8, _UINT8, _INT16, _UINT16, _UINT32, _INT64, _UINT64, _BOOLEAN = range(1, 12)
-_WIDE, _WIDE_UINT32 = 12, 13
-PACKED = 14
-"""`width` of a CALL row whose values are the plan's own, and whose numbers of references and of values are less than
-65536: `values` is the address of the values, and `n` contains both numbers, that of values in the upper half.
-"""
-WIDTHS = {
-    "Float64": _PLAIN,
-    "Int32": _PLAIN,
-    "Binary": _BINARY,
-    "Float32": _FLOAT32,
-    "Int8": _INT8,
-    "UInt8": _UINT8,
-    "Int16": _INT16,
-    "UInt16": _UINT16,
-    "UInt32": _UINT32,
-    "Int64": _INT64,
-    "UInt64": _UINT64,
-    "Boolean": _BOOLEAN,
-}
-"""`width` of a CALL row by FMI 3 type; 0 is FMI 2."""
-WIDE_WIDTHS = {"Int64": _WIDE, "UInt64": _WIDE, "UInt32": _WIDE_UINT32}
-"""The same for types whose values have two places in the plan."""
+_PLAIN, _BINARY, _FLOAT32, _BOOLEAN = (WIDTHS[name] for name in ("Int32", "Binary", "Float32", "Boolean"))
+_INT8, _INT16, _UINT8, _UINT16 = (WIDTHS[name] for name in ("Int8", "Int16", "UInt8", "UInt16"))
+_UINT32, _UINT64 = WIDTHS["UInt32"], WIDTHS["UInt64"]
+_WIDE, _WIDE_UINT32 = WIDE_WIDTHS["Int64"], WIDE_WIDTHS["UInt32"]
 TYPED = np.dtype(
     [
         ("values", "u8"),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cosim.kernel import kernel
 from cosim.packets import decode_base64
 from cosim_master.stepping.kernels.exchange import exchange, extrapolate, feed, inlined
-from cosim_master.stepping.kernels.fmi3_types import PACKED, call3
+from cosim_master.stepping.kernels.fmi3_types import call3
 from cosim_master.stepping.kernels.fmi_calls import (
     byte_at,
     do_step2,
@@ -47,9 +47,11 @@ from cosim_master.stepping.kernels.tables import (
     K,
     Plan,
 )
+from cosim_master.stepping.kernels.widths import PACKED
 
 __all__ = [
     "any_pending",
+    "begin_ahead",
     "_blame",
     "_call",
     "step_in_order",
@@ -90,13 +92,13 @@ def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last
 
 @kernel
 def _blame(
-    instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64], clock: NDArray[np.int64]
+    instances: NDArray[Any], feeds: NDArray[Any], real_out: NDArray[np.float64], counters: NDArray[np.int64]
 ) -> int:
     """Marks every instance with a NaN output as failed, unless NaN is allowed; returns the number of these instances.
 
     Without any NaN, only the first loop runs, which tests several outputs at a time.
     """
-    if clock[NAN_ALLOWED] != 0:
+    if counters[NAN_ALLOWED] != 0:
         return 0
     found = 0
     for j in range(real_out.size):
@@ -119,20 +121,20 @@ def _collect_packets(
     calls: NDArray[Any],
     ports: NDArray[Any],
     i: int,
-    scratch: NDArray[np.uint8],
+    encoded: NDArray[np.uint8],
     tx: NDArray[np.uint8],
 ) -> None:
     """Collects the packets sent by all endpoints of instance `i`; those of the first endpoint are already fetched."""
     first = instances[i].endpoint
-    collect(instances, ports, i, first, scratch, tx)
+    collect(instances, ports, i, first, encoded, tx)
     for e in range(first + 1, first + 1 + np.int64(ports[first].further)):
         if _call(instances, calls, i, ports[e].get, ports[e].get + np.uint32(1)):
-            collect(instances, ports, i, e, scratch, tx)
+            collect(instances, ports, i, e, encoded, tx)
 
 
 @kernel
 def collect(
-    instances: NDArray[Any], ports: NDArray[Any], i: int, e: int, scratch: NDArray[np.uint8], tx: NDArray[np.uint8]
+    instances: NDArray[Any], ports: NDArray[Any], i: int, e: int, encoded: NDArray[np.uint8], tx: NDArray[np.uint8]
 ) -> None:
     """Decodes packets of endpoint `e` of instance `i` from base64 into its row of `tx`, which is empty until then."""
     port = ports[e]
@@ -149,13 +151,13 @@ def collect(
         port.sent = np.int64(port.got_size)
         return
     character = byte_at(port.got)
-    while character != 0 and n < scratch.size:
-        scratch[n] = character
+    while character != 0 and n < encoded.size:
+        encoded[n] = character
         n += 1
         character = byte_at(np.uintp(port.got + np.uintp(n)))
     if n == 0:
         return
-    length = TOO_LONG if character != 0 else decode_base64(scratch, n, tx[e])
+    length = TOO_LONG if character != 0 else decode_base64(encoded, n, tx[e])
     if length == TOO_LONG:
         fail(instances, i, GET_STRING, TOO_LONG, 0)
     elif length < 0:
@@ -202,25 +204,59 @@ def _do_step3(m: Any, t: float, h: float, final: int, near: float) -> Any:
     return status
 
 
+@kernel
+def begin_ahead(
+    instances: NDArray[Any],
+    calls: NDArray[Any],
+    ports: NDArray[Any],
+    counters: NDArray[np.int64],
+    ahead: NDArray[Any],
+) -> None:
+    """Begins the steps of isolated instances, which their processes then make while others step; see proxy.c.
+
+    `step_some` makes the same calls again: they have no effect, and its call of doStep waits for the end of the step.
+    """
+    k, base = counters[K], counters[BASE]
+    left = counters[LAST] - k
+    per_second = 1e9 * counters[PER_NS]
+    t = (counters[START] + k * base) / per_second
+    for one in ahead:
+        i: Any = np.uintp(one.instance)
+        m = instances[i]
+        if one.begin == np.uintp(0) or (m.period != 1 and k % m.period != 0):
+            continue
+        packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
+        if not _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get):
+            continue
+        h = min(m.period, left) * base / per_second
+        if m.answers == np.uintp(0):
+            do_step2(one.begin, m.handle, t, h, counters[FINAL])
+        else:
+            do_step3(one.begin, m.handle, t, h, counters[FINAL], m.answers)
+    for one in ahead:
+        if one.begin != np.uintp(0):
+            do_step2(one.post, instances[np.uintp(one.instance)].handle, t, 0.0, 0)
+
+
 @inlined
 def step_some(
     instances: NDArray[Any],
     calls: NDArray[Any],
     ports: NDArray[Any],
-    scratch: NDArray[np.uint8],
+    encoded: NDArray[np.uint8],
     tx: NDArray[np.uint8],
-    clock: NDArray[np.int64],
+    counters: NDArray[np.int64],
     chosen: NDArray[np.int64],
 ) -> int:
     """Makes the current base step of the instances `chosen`: each begins a step, ends one, does both, or does neither.
 
     Returns the number of failed instances.
     """
-    k, base = clock[K], clock[BASE]
-    left = clock[LAST] - k
-    final = clock[FINAL]
-    per_second = 1e9 * clock[PER_NS]
-    t = (clock[START] + k * base) / per_second
+    k, base = counters[K], counters[BASE]
+    left = counters[LAST] - k
+    final = counters[FINAL]
+    per_second = 1e9 * counters[PER_NS]
+    t = (counters[START] + k * base) / per_second
     failed = 0
     for chosen_one in chosen:
         i: Any = np.uintp(chosen_one)  # a possibly negative index costs a comparison at each use
@@ -241,7 +277,7 @@ def step_some(
                     status = do_step2(m.do_step, m.handle, t, m.h, final)
                 else:
                     # Times of events are whole nanoseconds.
-                    status = _do_step3(m, t, m.h, final, 0.0 if clock[PER_NS] == 1 else 6e-10)
+                    status = _do_step3(m, t, m.h, final, 0.0 if counters[PER_NS] == 1 else 6e-10)
                 later = status == LEFT
                 if not later and (status > 1 or status < 0):
                     fail(instances, i, DO_STEP, status, 0)
@@ -249,7 +285,7 @@ def step_some(
         if since + 1 == m.length and well and not later:
             well = _call(instances, calls, i, m.first_get, m.last_get)
             if m.endpoint >= 0 and well:
-                _collect_packets(instances, calls, ports, i, scratch, tx)
+                _collect_packets(instances, calls, ports, i, encoded, tx)
                 well = m.failed[0] == 0
         if not well:
             failed += 1
@@ -258,7 +294,7 @@ def step_some(
 
 @kernel
 def step_chosen(p: Plan, chosen: NDArray[np.int64]) -> int:
-    return step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, p.clock, chosen)
+    return step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, chosen)
 
 
 @kernel
@@ -277,8 +313,8 @@ def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
             p.feeds[i : i + 1],
             p.sources,
             p.wires,
-            p.mirrors,
-            p.mapped,
+            p.int_to_real,
+            p.value_maps,
             p.real_out,
             p.int_out,
             p.real_in,
@@ -287,24 +323,24 @@ def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
         )
         if p.slopes.size > 0:
             extrapolate(p, k, i, i + 1)
-        failed += step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, p.clock, chosen[j : j + 1])
+        failed += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, chosen[j : j + 1])
     return failed
 
 
 @kernel
 def step_each(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Exchanges and steps the instances `chosen`, one after the other."""
-    p.clock[FAILURES] += step_in_order(p, p.clock[K], chosen)
-    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
+    p.counters[FAILURES] += step_in_order(p, p.counters[K], chosen)
+    p.counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
 
 
 @kernel
 def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Exchanges for all instances `chosen`, then steps them."""
     for i in chosen:
-        feed(p, p.clock[K], p.feeds[i : i + 1])
-    p.clock[FAILURES] += step_chosen(p, chosen)
-    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
+        feed(p, p.counters[K], p.feeds[i : i + 1])
+    p.counters[FAILURES] += step_chosen(p, chosen)
+    p.counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
 
 
 @kernel
@@ -312,14 +348,14 @@ def collect_all(p: Plan) -> None:
     """Collects the outputs of every instance after initialization."""
     for i in range(p.instances.size):
         m = p.instances[i]
-        if p.clock[FAILURES] > 0 and _corrupted(p.instances, m.library):
+        if p.counters[FAILURES] > 0 and _corrupted(p.instances, m.library):
             continue
         _call(p.instances, p.calls, i, m.first_get, m.last_get)
         if m.endpoint >= 0 and m.failed[0] == 0:
-            _collect_packets(p.instances, p.calls, p.ports, i, p.scratch[0], p.tx)
+            _collect_packets(p.instances, p.calls, p.ports, i, p.encoded[0], p.tx)
         if m.failed[0] != 0:
-            p.clock[FAILURES] += 1
-    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
+            p.counters[FAILURES] += 1
+    p.counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
 
 
 @kernel
@@ -338,7 +374,7 @@ def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
         m = p.instances[i]
         _call(p.instances, p.calls, i, m.first_get, m.last_get)
         if m.endpoint >= 0 and m.failed[0] == 0:
-            _collect_packets(p.instances, p.calls, p.ports, i, p.scratch[0], p.tx)
+            _collect_packets(p.instances, p.calls, p.ports, i, p.encoded[0], p.tx)
         if m.failed[0] != 0:
-            p.clock[FAILURES] += 1
-    p.clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
+            p.counters[FAILURES] += 1
+    p.counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)

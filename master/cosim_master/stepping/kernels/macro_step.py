@@ -4,13 +4,13 @@
     DELIVER   packets that have arrived by t_k         -> mavlink_rx of receivers that are due
               (before that, those of slots of the medium that are over by t_k -> channel -> in flight)
     STEP      exchange: outputs(t_k) -> inputs, all read before any is written (Jacobi)
-              step every instance that is due: t_k -> t_k + n*h
+              step every instance that is due: t_k -> t_k + n*h; isolated ones begin before the others
               collect outputs of the instances whose step ends at t_k + h
     SEND      their mavlink_tx -> router -> channel -> in flight
     RECORD    a row of values at t_k + h, when due; k := k + 1
 
 With Gauss-Seidel, instances step one after the other, and each takes its inputs from the latest outputs.
-Delayed connections and extrapolated inputs store earlier values (`Plan.delay_line`).
+Delayed connections (`Plan.delay_line`) and extrapolated inputs (`Plan.slopes`) store earlier values.
 
 Base steps in which no instance begins or ends a step are skipped (`Plan.grids`).
 
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from cosim.kernel import kernel
 from cosim.packets import MAX_PACKET, encode_base64
 from cosim_master.network.radio.queues import arrived, deliver
-from cosim_master.network.radio.router import end_slots, send
+from cosim_master.network.radio.router import send, serve_medium
 from cosim_master.network.radio.tables import (
     FREE_PLACES,
     IN_FLIGHT,
@@ -43,7 +43,7 @@ from cosim_master.network.radio.tables import (
 )
 from cosim_master.network.radio.topology import copies, sort_along
 from cosim_master.stepping.kernels.exchange import delay, exchange, extrapolate, point_in_time
-from cosim_master.stepping.kernels.instances import _blame, _call, any_pending, step_in_order, step_some
+from cosim_master.stepping.kernels.instances import _blame, _call, any_pending, begin_ahead, step_in_order, step_some
 from cosim_master.stepping.kernels.tables import (
     BASE,
     BLOCK,
@@ -87,50 +87,48 @@ def _is_point(grids: NDArray[np.int64], k: int, finer: int) -> bool:
 
 
 @kernel
-def _following(grids: NDArray[np.int64], clock: NDArray[np.int64], k: int, stop: int) -> int:
+def _following(grids: NDArray[np.int64], counters: NDArray[np.int64], k: int, stop: int) -> int:
     """Returns the first base step in k to `stop` in which an instance begins or ends a step or a row is due."""
-    found = stop if k >= clock[LAST] else min(stop, clock[LAST] - 1)
+    found = stop if k >= counters[LAST] else min(stop, counters[LAST] - 1)
     for j in range(grids.size):
         begins = -(-k // grids[j]) * grids[j]
         ends = -(-(k + 1) // grids[j]) * grids[j] - 1
         found = min(found, begins, ends)
-    if clock[EVERY] > 1:
-        found = min(found, -(-k // clock[EVERY]) * clock[EVERY])
+    if counters[EVERY] > 1:
+        found = min(found, -(-k // counters[EVERY]) * counters[EVERY])
     return int(max(found, k))
 
 
 @kernel
 def next_point(p: Plan, stop: int) -> int:
     """Returns the next base step after the current one at which an action is due, at most `stop`."""
-    k = p.clock[K] + 1
-    if p.grids.size > 0 and p.delays.size == 0 and p.clock[FINER] == 1:
-        return int(_following(p.grids, p.clock, k, stop))
+    k = p.counters[K] + 1
+    if p.grids.size > 0 and p.delays.size == 0 and p.counters[FINER] == 1:
+        return int(_following(p.grids, p.counters, k, stop))
     return int(k)
 
 
 @kernel
 def _deliver_all(p: Plan, r: Radio, k: int) -> None:
-    """Delivers packets that have arrived to instances that are due, as base64 text."""
-    instances, ports, text, endpoints, places = p.instances, p.ports, p.text, r.endpoints, r.places
-    t = point_in_time(p.clock, k)
+    """Delivers packets that have arrived to instances that are due, as base64 text or, to FMI 3, as bytes."""
+    instances, ports, rx, endpoints, places = p.instances, p.ports, p.rx, r.endpoints, r.places
+    t = point_in_time(p.counters, k)
     for e in range(ports.size):
         port = ports[e]
         period = instances[port.instance].period
         if port.has_rx == 0 or (period > 1 and k % period != 0):
             continue
         if arrived(endpoints, places, t, e):
-            n = deliver(r, t, e, p.tx[e])
+            n = deliver(r, t, e, rx[e] if port.binary != 0 else p.received)
             if port.binary != 0:
-                for j in range(n):
-                    text[e, j] = p.tx[e, j]
-                port.rx_size = n
+                port.given_size = n
             else:
-                text[e, encode_base64(p.tx[e], n, text[e])] = 0
+                rx[e, encode_base64(p.received, n, rx[e])] = 0
             port.filled = 2
         elif port.filled > 0:
             port.filled -= 1
-            port.rx_size = 0
-            text[e, 0] = 0
+            port.given_size = 0
+            rx[e, 0] = 0
         first = instances[port.instance].endpoint
         if first != e and port.filled > 0:
             ports[first].filled = max(ports[first].filled, 1)  # all are set together
@@ -170,7 +168,7 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
         return NEED_LOG
     if r.settings[0].topology == NEAREST_ON_AXIS:
         sort_along(r, p.real_out)
-    t = point_in_time(p.clock, k + 1)
+    t = point_in_time(p.counters, k + 1)
     for e in range(p.ports.size):
         if p.ports[e].sent > 0:
             send(r, p.real_out, t, e, p.tx[e], p.ports[e].sent)
@@ -179,8 +177,8 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
 
 
 @kernel
-def _end_slots(p: Plan, r: Radio, k: int) -> int:
-    """Routes the packets of slots that have ended; returns DONE, or the need of the array that must grow first."""
+def _serve_medium(p: Plan, r: Radio, k: int) -> int:
+    """Routes the packets that have left the medium; returns DONE, or the need of the array that must grow first."""
     need = places_needed(p, r)
     if need > r.counters[FREE_PLACES]:
         return NEED_PLACES
@@ -188,50 +186,50 @@ def _end_slots(p: Plan, r: Radio, k: int) -> int:
         return NEED_LOG
     if r.settings[0].topology == NEAREST_ON_AXIS:
         sort_along(r, p.real_out)
-    end_slots(r, p.real_out, point_in_time(p.clock, k))
+    serve_medium(r, p.real_out, point_in_time(p.counters, k))
     return DONE
 
 
 @kernel
 def _record(p: Plan, k: int) -> None:
     """Adds a row at time t_k to the block."""
-    row = p.clock[ROWS]
-    p.ticks[row] = p.clock[START] + k * p.clock[BASE]
+    row = p.counters[ROWS]
+    p.ticks[row] = p.counters[START] + k * p.counters[BASE]
     real_block, real_out, real_recorded = p.real_block[row], p.real_out, p.real_recorded
     for j in range(real_recorded.size):
         real_block[j] = real_out[real_recorded[j]]
     int_block, int_out, int_recorded = p.int_block[row], p.int_out, p.int_recorded
     for j in range(int_recorded.size):
         int_block[j] = int_out[int_recorded[j]]
-    p.clock[ROWS] = row + 1
+    p.counters[ROWS] = row + 1
 
 
 @kernel
 def record(p: Plan) -> None:
     """Adds a row at the current time."""
-    _record(p, p.clock[K])
+    _record(p, p.counters[K])
 
 
 @kernel
 def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Completes the last macro step, with which the instances `chosen` end the run, and adds a row for its end."""
-    clock = p.clock
+    counters = p.counters
     for i in chosen:
         p.instances[i].failed[0] = 0
         _call(p.instances, p.calls, i, p.instances[i].first_get, p.instances[i].last_get)
-    clock[FAILURES] = 0
-    clock[K] += 1
-    clock[PHASE] = DELIVER
-    _record(p, clock[K])
+    counters[FAILURES] = 0
+    counters[K] += 1
+    counters[PHASE] = DELIVER
+    _record(p, counters[K])
 
 
 @kernel
 def run(p: Plan, r: Radio, k_stop: int) -> int:
     """Makes macro steps until k = `k_stop`, or until Python is needed; returns the reason."""
-    clock = p.clock
+    counters = p.counters
     while True:
-        k = clock[K]
-        if clock[PHASE] == DELIVER:
+        k = counters[K]
+        if counters[PHASE] == DELIVER:
             if k >= k_stop:
                 return DONE
             in_flight = r.counters[IN_FLIGHT]
@@ -242,25 +240,25 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
             ):
                 return NEED_LOG
             if r.counters[WAITING] > 0:
-                reason = _end_slots(p, r, k)
+                reason = _serve_medium(p, r, k)
                 if reason != DONE:
                     return reason
             if p.ports.size > 0:
                 _deliver_all(p, r, k)
-            clock[PHASE] = STEP
-        if clock[PHASE] == STEP:
+            counters[PHASE] = STEP
+        if counters[PHASE] == STEP:
             if p.delays.size > 0:
                 delay(p, k)
-            if clock[ORDER] == BY_PYTHON:
+            if counters[ORDER] == BY_PYTHON:
                 return STEPS_DUE
-            if clock[ORDER] == JACOBI:
+            if counters[ORDER] == JACOBI:
                 exchange(
                     p.instances,
-                    p.runs,
+                    p.input_runs,
                     p.sources,
                     p.wires,
-                    p.mirrors,
-                    p.mapped,
+                    p.int_to_real,
+                    p.value_maps,
                     p.real_out,
                     p.int_out,
                     p.real_in,
@@ -269,35 +267,37 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 )
                 if p.slopes.size > 0:
                     extrapolate(p, k, 0, p.instances.size)
-            if clock[BLOCK] > 0:
+                if p.ahead.size > 0:
+                    begin_ahead(p.instances, p.calls, p.ports, counters, p.ahead)
+            if counters[BLOCK] > 0:
                 hand_out(p)
-            if clock[ORDER] == IN_ORDER:
-                clock[FAILURES] += step_in_order(p, k, p.confined)
+            if counters[ORDER] == IN_ORDER:
+                counters[FAILURES] += step_in_order(p, k, p.confined)
             elif p.confined.size > 0:
-                clock[FAILURES] += step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, p.confined)
-            if clock[BLOCK] > 0:
-                clock[FAILURES] += join_in(p)
+                counters[FAILURES] += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, p.confined)
+            if counters[BLOCK] > 0:
+                counters[FAILURES] += join_in(p)
             elif p.free.size > 0:
-                clock[FAILURES] += step_some(p.instances, p.calls, p.ports, p.scratch[0], p.tx, clock, p.free)
-            clock[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.clock)
-            if clock[FAILURES] > 0:
+                counters[FAILURES] += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, p.free)
+            counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
+            if counters[FAILURES] > 0:
                 return FAILED
-            clock[PHASE] = SEND
-            if clock[EVENTFUL] > 0 and any_pending(p.instances):
+            counters[PHASE] = SEND
+            if counters[EVENTFUL] > 0 and any_pending(p.instances):
                 return EVENTS_DUE
-        if clock[PHASE] == SEND:
+        if counters[PHASE] == SEND:
             reason = _send_all(p, r, k) if p.ports.size > 0 else DONE
             if reason != DONE:
                 return reason
         k += 1
-        if p.grids.size > 0 and p.delays.size == 0 and clock[FINER] == 1:
-            k = _following(p.grids, clock, k, max(k, k_stop))
-        clock[K] = k
-        clock[PHASE] = DELIVER
+        if p.grids.size > 0 and p.delays.size == 0 and counters[FINER] == 1:
+            k = _following(p.grids, counters, k, max(k, k_stop))
+        counters[K] = k
+        counters[PHASE] = DELIVER
         if (
-            k % clock[EVERY] == 0
-            and (p.grids.size == 0 or clock[EVERY] > clock[FINER] or _is_point(p.grids, k, clock[FINER]))
-        ) or k == clock[LAST]:
+            k % counters[EVERY] == 0
+            and (p.grids.size == 0 or counters[EVERY] > counters[FINER] or _is_point(p.grids, k, counters[FINER]))
+        ) or k == counters[LAST]:
             _record(p, k)
-            if clock[ROWS] == p.ticks.size:
+            if counters[ROWS] == p.ticks.size:
                 return BLOCK_FULL

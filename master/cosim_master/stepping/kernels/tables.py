@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.network.roles import declared
-from cosim_master.stepping.kernels.fmi3_types import WIDTHS
+from cosim_master.stepping.kernels.widths import WIDTHS
 
 __all__ = [
+    "AHEAD",
     "ANSWERS",
     "BASE",
     "BEGIN",
@@ -81,7 +82,7 @@ DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE, STEPS_DUE = 0, 1, 2
 """Reasons for which `run` returns."""
 
 DELIVER, STEP, SEND = 0, 1, 2
-"""Phases of a macro step, in `Plan.clock[PHASE]`."""
+"""Phases of a macro step, in `Plan.counters[PHASE]`."""
 
 FUNCTIONS = (
     "",
@@ -148,7 +149,7 @@ FEED = np.dtype(
         ("last_out", "u4", (3,)),
     ]
 )
-"""The inputs and outputs of an instance; in `Plan.runs`, of adjacent instances with one period."""
+"""The inputs and outputs of an instance; in `Plan.input_runs`, of adjacent instances with one period."""
 CALL = np.dtype(
     [
         ("function", "u8"),
@@ -157,7 +158,7 @@ CALL = np.dtype(
         ("values", "u8"),  # of FMI 3: address of a TYPED record
         ("n", "u4"),
         ("number", "u2"),  # in FUNCTIONS
-        ("width", "u2"),  # 0 is FMI 2; of FMI 3 see `fmi3_types`
+        ("width", "u2"),  # 0 is FMI 2; of FMI 3 see `widths`
     ]
 )
 """A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan. It is small, too.
@@ -176,30 +177,31 @@ DELAY = np.dtype(
     ]
 )
 """A delayed connection, or a term of a sum."""
+AHEAD = np.dtype([("instance", "i8"), ("begin", "u8"), ("post", "u8")])
+"""An isolated instance whose step can be begun before its call of doStep: addresses of functions; 0: not any more."""
 SLOPE = np.dtype(
     [
         ("input", "i8"),  # in real_in
         ("instance", "i8"),
-        ("place", "i8"),  # in delay_line: its derivative
         ("before", "f8"),  # its value in the step before,
         ("at", "i8"),  # which began then, ns,
         ("known", "i8"),  # if there was one
     ]
 )
-"""An extrapolated input."""
+"""An extrapolated input; its derivative is in the same row of `Plan.derivatives`."""
 PORTS = np.dtype(
     [
         ("instance", "i8"),
         ("has_rx", "i8"),
         ("has_tx", "i8"),
-        ("text", "u8"),  # address of the C string for mavlink_rx
+        ("given", "u8"),  # address of its row of `rx`, the value of mavlink_rx
         ("got", "u8"),  # what fmi2GetString returned
         ("filled", "i8"),  # 2: packets to set, 1: to be set to "" once, 0: nothing to do
         ("sent", "i8"),  # bytes in `tx`
         ("rx", "u4"),  # value references
         ("tx", "u4"),
         ("binary", "i8"),  # of FMI 3: bytes instead of base64 text
-        ("rx_size", "u8"),
+        ("given_size", "u8"),
         ("got_size", "u8"),
         ("get", "u4"),  # call that gets the packets; that of an instance's first endpoint is among its others
         ("further", "u4"),  # further endpoints of the same instance
@@ -212,7 +214,7 @@ K, PHASE, ROWS, FAILURES, START, BASE, LAST, EVERY, REALS_IN, REALS_OUT, BLOCK, 
     15
 )
 PER_NS, NAN_ALLOWED = 15, 16
-"""Places in `Plan.clock`. START and BASE in ticks, of which PER_NS make a nanosecond; REALS_IN, REALS_OUT: number of
+"""Places in `Plan.counters`. START and BASE in ticks, of which PER_NS make a nanosecond; REALS_IN, REALS_OUT: number of
 real inputs and outputs; BLOCK: number of instances that a thread takes at a time, 0 without threads. EVENTFUL: number
 of instances that use Event Mode. ORDER: JACOBI, IN_ORDER or BY_PYTHON, which is `iteration`. FINER: number of parts
 into which base steps are currently divided. FINAL: whether no FMU state from before a step is restored after it.
@@ -227,9 +229,9 @@ never take a block of an earlier step, and no thread waits for an idle one.
 """
 
 COPY, SIGN = 2**40, 2**41
-"""Keys in `Plan.mapped` outside the range of 32-bit integers. COPY: the first row of a mapping, which copies the value
-unchanged. A row with another key replaces the value if it equals the key (mapping transformations of SSP). SIGN: the
-upper half that extends a 32-bit value to 64 bits. A source of -1 - i is a 64-bit integer at i and i + 1.
+"""Keys in `Plan.value_maps` outside the range of 32-bit integers. COPY: the first row of a mapping, which copies the
+value unchanged. A row with another key replaces the value if it equals the key (mapping transformations of SSP). SIGN:
+the upper half that extends a 32-bit value to 64 bits. A source of -1 - i is a 64-bit integer at i and i + 1.
 """
 
 
@@ -244,7 +246,7 @@ class Plan(NamedTuple):
     instances: NDArray[Any]  # INSTANCE
     calls: NDArray[Any]  # CALL, instance by instance
     feeds: NDArray[Any]  # FEED, of each instance
-    runs: NDArray[Any]  # FEED, of as many instances as can be fed at a time
+    input_runs: NDArray[Any]  # FEED, of as many instances as can be fed at a time
     sources: NDArray[np.uint32]  # of each input, within real_out or int_out
     wires: NDArray[Any]  # WIRE, of each real input
     in_reference: NDArray[np.uint32]
@@ -253,24 +255,30 @@ class Plan(NamedTuple):
     out_reference: NDArray[np.uint32]
     real_out: NDArray[np.float64]
     int_out: NDArray[np.int32]
-    mirrors: NDArray[np.int64]  # rows (int_out, real_out): integer outputs that real inputs take; -1 - i: a UInt32 at i
-    mapped: NDArray[np.int64]  # rows (int_out, int_out, key, value): see COPY
+    int_to_real: NDArray[
+        np.int64
+    ]  # rows (int_out, real_out): integer outputs that real inputs take; -1 - i: a UInt32 at i
+    value_maps: NDArray[np.int64]  # rows (int_out, int_out, key, value): see COPY
     ports: NDArray[Any]  # PORTS, of each endpoint
-    text: NDArray[np.uint8]  # (endpoints, longest text)
-    scratch: NDArray[np.uint8]  # (threads, longest text)
-    tx: NDArray[np.uint8]  # (endpoints, largest capacity)
+    rx: NDArray[np.uint8]  # (endpoints, longest text): packets for an instance: base64 text, bytes for FMI 3
+    received: NDArray[np.uint8]  # (largest capacity,): packets being delivered, before they are text
+    tx: NDArray[np.uint8]  # (endpoints, largest capacity): packets from an instance
+    encoded: NDArray[np.uint8]  # (threads, longest text): packets being collected, while they are text
     real_recorded: NDArray[np.int64]
     int_recorded: NDArray[np.int64]
     real_block: NDArray[np.float64]  # (rows, recorded reals)
     int_block: NDArray[np.int32]
     ticks: NDArray[np.int64]  # time of each row of the block, in ticks
-    clock: NDArray[np.int64]
+    counters: NDArray[np.int64]
     grids: NDArray[np.int64]  # the periods, if no instance steps by the base step; else none
     delays: NDArray[Any]  # DELAY
     slopes: NDArray[Any]  # SLOPE, instance by instance
-    delay_line: NDArray[np.float64]  # values in delayed connections, derivatives of inputs, memory of step sizes
+    derivatives: NDArray[np.float64]  # of the inputs in `slopes`
+    delay_line: NDArray[np.float64]  # values in delayed connections
+    step_sizes: NDArray[np.float64]  # the values that determine the next step size, where it is chosen
     confined: NDArray[np.int64]  # instances that only the main thread steps, in the order in which it does
     free: NDArray[np.int64]  # instances that any thread may step
+    ahead: NDArray[Any]  # AHEAD, in the order of `confined`
     shared: NDArray[np.int64]
     native: NDArray[np.uint8]  # of FMI 3: value references, buffers and answers that `calls` and `instances` point to
 
@@ -279,17 +287,17 @@ ROLES = declared(
     CONSTANT="""
         instances.handle instances.do_step instances.answers instances.library instances.endpoint
         instances.first_set instances.first_set_value instances.first_get instances.last_get
-        calls feeds runs sources wires in_reference out_reference mirrors mapped real_recorded int_recorded grids delays
-        slopes.input slopes.instance slopes.place confined free
-        ports.instance ports.has_rx ports.has_tx ports.text ports.rx ports.tx ports.binary ports.get ports.further
+        calls feeds input_runs sources wires in_reference out_reference int_to_real value_maps
+        real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead
+        ports.instance ports.has_rx ports.has_tx ports.given ports.rx ports.tx ports.binary ports.get ports.further
     """,
     STATE="""
-        instances.h instances.length real_in int_in real_out int_out text tx delay_line
-        slopes.before slopes.at slopes.known ports.filled ports.sent ports.rx_size
+        instances.h instances.length real_in int_in real_out int_out rx tx derivatives
+        delay_line step_sizes slopes.before slopes.at slopes.known ports.filled ports.sent ports.given_size
     """,
-    # Of `clock`, checkpoints store K and PHASE as words; of `native`, they store the answers of FMI 3 instances, by
+    # Of `counters`, checkpoints store K and PHASE as words; of `native`, they store the answers of FMI 3 instances, by
     # instance.
-    PASSING="instances.period instances.failed ports.got ports.got_size clock native",
-    BUFFER="scratch real_block int_block ticks shared",
+    PASSING="instances.period instances.failed ports.got ports.got_size counters native",
+    BUFFER="received encoded real_block int_block ticks shared",
 )
 """The role of each array of `Plan`, and of each column of its tables if their roles differ."""

@@ -16,7 +16,7 @@ __all__ = ["hand_out", "join_in", "work"]
 def take_blocks(p: Plan, thread: int) -> int:
     """Steps blocks of instances until none of this step are left; returns the number of blocks."""
     at = p.shared.ctypes.data
-    size = p.clock[BLOCK]
+    size = p.counters[BLOCK]
     per_step = (p.free.size + size - 1) // size
     taken = 0
     while True:
@@ -27,7 +27,7 @@ def take_blocks(p: Plan, thread: int) -> int:
             continue
         first = ticket % per_step * size
         faults = step_some(
-            p.instances, p.calls, p.ports, p.scratch[thread], p.tx, p.clock, p.free[first : first + size]
+            p.instances, p.calls, p.ports, p.encoded[thread], p.tx, p.counters, p.free[first : first + size]
         )
         if faults > 0:
             atomic_add(np.uintp(at + 8 * FAULTS), faults)
@@ -52,7 +52,7 @@ def work(p: Plan, thread: int) -> int:
 @kernel
 def hand_out(p: Plan) -> None:
     """Makes the free instances available to other threads."""
-    size = p.clock[BLOCK]
+    size = p.counters[BLOCK]
     atomic_add(np.uintp(p.shared.ctypes.data + 8 * LIMIT), (p.free.size + size - 1) // size)
 
 

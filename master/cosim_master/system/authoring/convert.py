@@ -1,4 +1,4 @@
-"""Writes systems for other engines, and multi-models and structures of OSP as SSPs: a file, and FMUs in resources/.
+"""Writes systems for other engines, and those of other tools as SSPs: a file, and FMUs in resources/.
 
     convert(system, folder)              SystemStructure.ssd with all data that a run of ours needs
     convert(system, folder, "libcosim")  OspSystemStructure.xml
@@ -64,7 +64,7 @@ def convert(system: str | Path, folder: Path, engine: str | None = None) -> Conv
     """Writes a system into a folder.
 
     Args:
-        system: a multi-model (.json) or an OspSystemStructure.xml; with `engine` any system.
+        system: a multi-model (.json), an OspSystemStructure.xml or a project of MasterSim; with `engine` any system.
         folder: the folder to write, which must not exist.
         engine: one of ENGINES; None writes an SSP for ourselves.
 
@@ -106,7 +106,8 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
     for link in checked.links:
         name = ".".join(link.target)
         summed = link.term is not None and engine != "libcosim"
-        if engine == "fmpy" and fmus[link.target[0]].variables[link.target[1]].type in ("String", "Binary"):
+        text = fmus[link.target[0]].variables[link.target[1]].type in ("String", "Binary")
+        if engine in ("fmpy", "omsimulator") and text:
             yield Problem(link.where, ENGINE_TYPES.text(name, "a text", "a text", engine))
         if link.mapping or link.recoded or summed or (link.initial_only and engine == "libcosim"):
             what = "a sum" if summed else "a parameter" if link.initial_only else "mapped on the way"
@@ -119,18 +120,24 @@ def _problems(checked: CheckedSystem, engine: str | None) -> Iterable[Problem]:
         ):
             yield Problem(link.where, ENGINE_TYPES.text(name, target.type, source.type, engine))
     for one in checked.instances:
-        if one.fmu.table is not None and not (engine == "omsimulator" and _is_linear_csv(one)):
-            yield Problem(one.where, ENGINE_TABLE.text(one.name, one.fmu.path.name, engine or "an FMU's place"))
+        if engine and one.fmu.table is not None and not (engine == "omsimulator" and _is_linear_csv(one)):
+            yield Problem(one.where, ENGINE_TABLE.text(one.name, one.fmu.path.name, engine))
         if one.fmu.fmi_version.startswith("3") and engine in ("libcosim", "fmpy"):
             yield Problem(one.where, ENGINE_FMI.text(one.name, "3.0", engine))
 
 
 def _is_linear_csv(instance: ComponentInstance) -> bool:
     """Returns whether OMSimulator interprets a CSV file in the same way: Reals are linear, other values are held."""
+    return _table_type(instance) == "text/csv" and instance.fmu.path.suffix.lower() == ".csv"
+
+
+def _table_type(instance: ComponentInstance) -> str:
+    """Returns the type of a component that is a table."""
     fmu = instance.fmu
-    if fmu.table is None or fmu.path.suffix.lower() != ".csv":
-        return False
-    return not any(column.held for name, column in fmu.table.columns.items() if fmu.variables[name].type == "Real")
+    columns = {} if fmu.table is None else fmu.table.columns
+    held = any(column.held for name, column in columns.items() if fmu.variables[name].type == "Real")
+    kind = "application/vnd.apache.parquet" if fmu.path.suffix.lower() == ".parquet" else "text/csv"
+    return f"{kind}; interpolation=hold" if held else kind
 
 
 def _copied(checked: CheckedSystem, folder: Path) -> dict[Path, str]:
@@ -205,8 +212,13 @@ class _Writing:
         return [v for v in instance.fmu.variables.values() if v.name in ends or v.causality == "output"]
 
     def _connectors(self, instance: ComponentInstance) -> list[Variable]:
-        """Returns the variables that are connectors. FMPy does not support texts, and fails for unconnected inputs."""
+        """Returns the variables that are connectors.
+
+        FMPy and OMSimulator have no connectors for texts, and FMPy fails for unconnected inputs.
+        """
         found = self._variables(instance)
+        if self.engine == "omsimulator":
+            return [v for v in found if v.type not in ("String", "Binary", "Clock")]
         if self.engine != "fmpy":
             return found
         driven = {link.target for link in self.checked.links}
@@ -225,10 +237,12 @@ class _Writing:
 
     def ssd(self, sources: Mapping[Path, str]) -> etree._ElementTree:
         structure = self.checked.structure
-        head = {"version": self._version, "name": structure.name or "system"}
+        title, name = structure.name or "system", structure.system.name or "system"
+        if self.engine:
+            title, name = _plain(title), _plain(name)
+        head = {"version": self._version, "name": title}
         root = etree.Element(_tag("ssd", "SystemStructureDescription"), head, nsmap=_NAMESPACES)
-        name = structure.system.name or "system"
-        system = _add(root, "ssd", "System", {"name": _plain(name) if self.engine else name})
+        system = _add(root, "ssd", "System", {"name": name})
         elements = _add(system, "ssd", "Elements")
         for instance in self.checked.instances:
             self._component(elements, instance, sources[instance.fmu.path])
@@ -249,7 +263,7 @@ class _Writing:
         return etree.ElementTree(root)
 
     def _component(self, parent: etree._Element, instance: ComponentInstance, source: str) -> None:
-        kind = FMU_TYPE if instance.fmu.table is None else "text/csv"
+        kind = FMU_TYPE if instance.fmu.table is None else _table_type(instance)
         head = {"name": self._names[instance.name], "type": kind, "source": source}
         made = _add(parent, "ssd", "Component", head)
         if variables := self._connectors(instance):
@@ -261,7 +275,8 @@ class _Writing:
             binding = _add(_add(made, "ssd", "ParameterBindings"), "ssd", "ParameterBinding")
             values = _add(_add(binding, "ssd", "ParameterValues"), "ssv", "ParameterSet", self._set_head())
             self._parameters(values, {name: (instance, name) for name in instance.start_values})
-        if self._stepping_of_their_own() and instance.step_size is not None:
+        own = self._stepping_of_their_own() and self.engine != "omsimulator"  # which refuses annotations of components
+        if own and instance.step_size is not None:
             step = {"stepSize": repr(instance.step_size)}
             _add(made, "ssd", "Annotations").append(
                 annotation("org.uav-cosim.stepping", "stepping", step, instance.where).element

@@ -1,8 +1,9 @@
 """Draws a system as SVG: components and nested systems with their connectors, and the connections between them.
 
 If the file contains geometry (SSP 2.0, section 5.4.2.3 and following: ElementGeometry, ConnectorGeometry,
-ConnectionGeometry), it is used. Otherwise elements are arranged in columns in the direction of the data. Only the
-system's files are read, without a comparison with FMUs.
+ConnectionGeometry), it is used. Otherwise elements are arranged in columns in the direction of the data, and equal
+elements without wires are drawn once, with their number. Arrays are one connector. Only the system's files are read,
+without a comparison with FMUs.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.files.xml import line_of
+from cosim_master.system.authoring.swarm.scenario import NETWORK
+from cosim_master.system.authoring.text.condense import bundled, collapsed
 from cosim_master.system.structure import Component, Connection, Connector, Element, System, SystemStructure
 
 __all__ = ["graph"]
@@ -25,10 +28,14 @@ _SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 _LETTER, _LINE, _TITLE = 6.6, 16.0, 24.0
 """Width of a letter, height of a connector and of a title, in pixels of the drawing."""
 _GAP_X, _GAP_Y, _MARGIN = 90.0, 40.0, 40.0
+_RADIO = 70.0
+"""Height of the radio, with the distance to the system above it."""
 _COLOURS = {"input": "#1f77b4", "output": "#d62728", "parameter": "#7f7f7f", "calculatedParameter": "#9467bd"}
 _STYLE = (
     "text{font:11px sans-serif;fill:#222}.title{font-weight:bold}.system{fill:#f7f7f2;stroke:#888}"
-    ".component{fill:#fff;stroke:#333}.wire{fill:none;stroke:#557;stroke-width:1.2}"
+    ".what{fill:#666;font-style:italic}.component{fill:#fff;stroke:#333}"
+    ".radio{fill:#e8f0f8;stroke:#0072b2}.wire{fill:none;stroke:#557;stroke-width:1.2}"
+    ".air{fill:none;stroke:#0072b2;stroke-dasharray:4 3}"
 )
 _Point: TypeAlias = tuple[float, float]
 
@@ -67,15 +74,39 @@ def graph(structure: SystemStructure) -> bytes:
     """
     if structure.problems:
         raise SystemDescriptionError(structure.problems)
-    box = _of_system(structure.system, structure.system.name, structure.system.connectors, _Geometry())
-    width, height = box.width + 2 * _MARGIN, box.height + 2 * _MARGIN
+    system = bundled(structure.system)
+    box = _of_system(system, system.name, system.connectors, _Geometry())
+    radio = _radio(structure.system)
+    width = max(box.width, _LETTER * len(radio) + 20.0) + 2 * _MARGIN
+    height = box.height + 2 * _MARGIN + (_RADIO if radio else 0.0)
     size = {"width": f"{width:.0f}", "height": f"{height:.0f}", "viewBox": f"0 0 {width:.0f} {height:.0f}"}
     nsmap: Any = {None: _SVG}
     root = etree.Element(f"{{{_SVG}}}svg", size, nsmap=nsmap)
     _add(root, "title").text = structure.name
     _add(root, "style").text = _STYLE
     _draw(root, box, _MARGIN, _MARGIN)
+    if radio:
+        _draw_radio(root, radio, box)
     return etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+
+
+def _radio(system: System) -> str:
+    """Returns the settings of the radio as text; empty if the file has none."""
+    for one in system.annotations:
+        if one.type == NETWORK:
+            element = next((child for child in one.element if isinstance(child.tag, str)), None)
+            given = [] if element is None else [f"{name} {element.get(name)}" for name in map(str, element.attrib)]
+            return ": ".join(["radio", ", ".join(given)]) if given else "radio"
+    return ""
+
+
+def _draw_radio(root: etree._Element, text: str, box: _Box) -> None:
+    """Draws the radio below the system, connected by a dashed line."""
+    y = _MARGIN + box.height + _RADIO - 34.0
+    _add(root, "path", class_="air", d=f"M{_MARGIN + box.width / 2:.1f},{_MARGIN + box.height:.1f} V{y:.1f}")
+    wide = max(box.width, _LETTER * len(text) + 20.0)
+    _add(root, "rect", class_="radio", x=_MARGIN, y=y, width=wide, height=34.0, rx=6.0)
+    _add(root, "text", x=_MARGIN + 10.0, y=y + 21.0).text = text
 
 
 # ---- contents --------------------------------------------------------------------------------------------------------
@@ -104,11 +135,13 @@ class _Geometry:
 
 
 def _of_system(system: System, name: str, connectors: Sequence[Connector], geometry: _Geometry) -> _Box:
+    boxes = _placed(system, geometry)
+    if boxes is None:
+        system = collapsed(system)
     inside = {c.name: c for c in (*system.connectors, *connectors)}
     box = _Box(name, "system", {c.name: _Port(c) for c in inside.values()})
     for element in system.elements:
         box.children[element.name] = _of_element(element, geometry)
-    boxes = _placed(system, geometry)
     if boxes is None:
         _in_columns(system, box)
     else:
@@ -140,7 +173,9 @@ def _size(box: _Box, inner: tuple[float, float]) -> None:
     names = _LETTER * (max(map(len, left), default=0) + max(map(len, right), default=0)) + 30.0
     beside = names if inner == (0.0, 0.0) else inner[0] + names + 2 * _MARGIN
     box.width = max(beside, _LETTER * len(box.name) + 20.0, 90.0)
-    rows = max(len(left), len(right)) * _LINE + _TITLE + 8.0
+    box.width = max(box.width, _LETTER * len(box.what) + 20.0)
+    top = _head(box)
+    rows = max(len(left), len(right)) * _LINE + top + 8.0
     box.height = max(rows, inner[1] + _TITLE + _MARGIN, 44.0)
     if inner != (0.0, 0.0):
         shift = _LETTER * max(map(len, left), default=0) + 15.0 + _MARGIN
@@ -149,13 +184,18 @@ def _size(box: _Box, inner: tuple[float, float]) -> None:
         box.wires = [(wire, [(x + shift, y + _TITLE) for x, y in points]) for wire, points in box.wires]
 
 
+def _head(box: _Box) -> float:
+    """Returns the height of the title, below which connectors begin; a component also has the name of its file."""
+    return _TITLE if box.what == "system" else _TITLE + 14.0
+
+
 def _ports(box: _Box, connectors: Sequence[Connector], system: System | None, geometry: _Geometry) -> None:
     """Returns the places of connectors in their box: inputs left, outputs right, or as in the file."""
     for on_left in (True, False):
         side = [port for port in box.ports.values() if port.on_left == on_left]
         for i, port in enumerate(side):
             port.x = 0.0 if on_left else box.width
-            port.y = _TITLE + (i + 0.5) * (box.height - _TITLE) / len(side)
+            port.y = _head(box) + (i + 0.5) * (box.height - _head(box)) / len(side)
     if system is None:
         return
     for connector in connectors:
@@ -289,6 +329,8 @@ def _draw(parent: etree._Element, box: _Box, x: float, y: float) -> None:
     _add(group, "rect", class_=kind, x=x, y=y, width=box.width, height=box.height, rx=4.0)
     title = _add(group, "text", class_="title", x=x + 8.0, y=y + 16.0)
     title.text = box.name
+    if kind == "component":
+        _add(group, "text", class_="what", x=x + 8.0, y=y + 30.0).text = box.what
     _add(group, "title").text = f"{box.name}: {box.what}"
     for child in box.children.values():
         _draw(group, child, x + child.x, y + child.y)

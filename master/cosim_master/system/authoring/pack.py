@@ -21,7 +21,7 @@ from lxml import etree
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.files import archive
-from cosim_master.system.authoring.sources import Reference, references
+from cosim_master.system.authoring.text.sources import Reference, references
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, read_system

@@ -26,8 +26,9 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.diagnostics.limitations import INNER_FILE
 from cosim_master.files import archive
 from cosim_master.files.xml_edit import Document, Edit, Node, applied, tag_text
-from cosim_master.system.authoring.difference import difference
-from cosim_master.system.authoring.ssp_text import (
+from cosim_master.system.authoring.swap import documents, rebased
+from cosim_master.system.authoring.text.difference import difference
+from cosim_master.system.authoring.text.ssp_text import (
     Scope,
     binding_text,
     connection_attributes,
@@ -39,7 +40,6 @@ from cosim_master.system.authoring.ssp_text import (
     type_text,
     value_text,
 )
-from cosim_master.system.authoring.swap import documents, rebased
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import FMU_TYPE, read_system
 from cosim_master.system.reading.ssp.grammar import (

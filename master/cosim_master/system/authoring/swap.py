@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
@@ -17,8 +17,10 @@ from typing import Any, TypeAlias
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
 from cosim_master.files import archive
+from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system import shipped
-from cosim_master.system.authoring.sources import references
+from cosim_master.system.authoring.fitting import companions, misfits
+from cosim_master.system.authoring.text.sources import references
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import FMU_TYPE, ROOT_DOCUMENT, SSP_TYPE, read_system
 from cosim_master.system.structure import Component, Element, System, SystemStructure
@@ -26,8 +28,17 @@ from cosim_master.system.structure import Component, Element, System, SystemStru
 __all__ = ["documents", "rebased", "swap"]
 
 
-def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | None = None) -> Path:
+def swap(
+    system: str | Path,
+    component: str,
+    fmu: str | Path,
+    out: str | Path | None = None,
+    note: Callable[[str], None] | None = None,
+) -> Path:
     """Replaces the FMU of one component of a system, or of all that a pattern matches.
+
+    If another component of the same system does not accept the values that the new FMU declares for its outputs
+    (`cosim.verdict.Values`), it is swapped, too, for an FMU that does: the autopilot for a vehicle.
 
     An .ssd that other components also use is copied, once for all components with the same change, and only their
     references are redirected. If all its users change, the .ssd itself is changed. Sources that lead out of the
@@ -38,6 +49,8 @@ def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | 
         component: hierarchical name of the component ("drone3.vehicle"), or a pattern of such names ("drone*.vehicle").
         fmu: the new FMU; an .ssp stores a copy of it in resources/.
         out: the new system: an .ssp or a folder, which must not exist. None changes `system` itself.
+        note: called with a sentence for each other component that is swapped, or that does not accept the new FMU and
+            stays, because there is no FMU that does.
 
     Returns:
         The path written: `out`, or `system`.
@@ -61,9 +74,58 @@ def swap(system: str | Path, component: str, fmu: str | Path, out: str | Path | 
         target = Path(system) if out is None else Path(out)
         if out is not None and target.exists():
             raise _refusal(str(target), "exists already; give a path that does not")
+        others, unfit = _companions(structure, chains, path)
         edition = _Edition(structure, chains, path, target, in_place=out is None)
         edition.write()
-        return target
+    for name, (other, _) in others.items():
+        swap(target, name, other)
+    if note is not None:
+        for text in (*(f"{name} is now {other.stem}: {reason}" for name, (other, reason) in others.items()), *unfit):
+            note(text)
+    return target
+
+
+def _companions(
+    structure: SystemStructure, chains: Sequence[Sequence[Element]], fmu: Path
+) -> tuple[dict[str, tuple[Path, str]], list[str]]:
+    """Returns the FMUs that other components need so that they fit the new one, and the reasons, by component.
+
+    The second is a sentence for each component that does not fit and for which no FMU is found.
+    """
+    found: dict[str, tuple[Path, str]] = {}
+    unfit: list[str] = []
+    known: dict[Path, FmuDescription | None] = {}
+    for chain in chains:
+        parent = _inside(chain[-2]) if len(chain) > 1 else structure.system
+        new = chain[-1].name
+        if parent is None:
+            continue
+        sources = {one.name: one.source for one in parent.elements if isinstance(one, Component) and _is_fmu(one)}
+        fmus = {}
+        for name, source in {**sources, new: fmu}.items():
+            if source is not None and source not in known:
+                known[source] = _described(source)
+            if source is not None and (one := known[source]) is not None:
+                fmus[name] = one
+        head = [element.name for element in chain[:-1]]
+        others = companions(parent, fmus, [new], (fmu.parent, shipped.fmus()))
+        for name, one in others.items():
+            reason = f"{fmus[name].path.stem} does not accept {fmu.stem}"
+            found[".".join([*head, name])] = one.path, reason
+        fitted = {**fmus, **others}
+        for user, _, _, origin in misfits(parent, fitted):
+            if new in (user, origin):
+                name, body = ".".join([*head, user]), fitted[origin].path.stem
+                unfit.append(f"{name} does not accept {body}, and no FMU that does is found")
+    return found, unfit
+
+
+def _described(file: Path) -> FmuDescription | None:
+    """Returns the description of an FMU, None if it cannot be read (which `check` reports)."""
+    try:
+        return describe(file)
+    except SystemDescriptionError:
+        return None
 
 
 def _refusal(shown: str, message: str) -> SystemDescriptionError:

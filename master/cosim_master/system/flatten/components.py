@@ -408,7 +408,7 @@ class _Assembly:
                 f'{connector.where}: enumeration "{connector.enumeration}" is not defined in the file; '
                 f"the items of {fmu.path.name} are used"
             )
-        elif variable.items and dict(connector.items) != dict(variable.items):
+        elif variable.items and not connector.items.items() <= variable.items.items():  # an older file may list fewer
             text = (
                 f'enumeration "{connector.enumeration}" of connector "{connector.name}" has other items than '
                 f"{fmu.path.name}: {listed(connector.items)} instead of {listed(variable.items)}"

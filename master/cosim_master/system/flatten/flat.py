@@ -19,7 +19,11 @@ from cosim_master.system.flatten.init_order import Stage
 from cosim_master.system.flatten.parameters import Assignment, Unmatched
 from cosim_master.system.structure import Annotation, SystemStructure, Value
 
-__all__ = ["Alias", "CheckedSystem", "ComponentInstance", "FlatConnection", "OwnedAnnotation", "natural"]
+__all__ = ["PROCESSES", "Alias", "CheckedSystem", "ComponentInstance", "FlatConnection", "OwnedAnnotation", "natural"]
+
+
+PROCESSES = ("here", "file", "instance")
+"""The process of an instance: that of the run, one with the other instances of its FMU file, or its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +36,8 @@ class ComponentInstance:
         step_size: communication step in s: the system's, or the FMU's own, or None.
         solver: solver of an FMU for Model Exchange, None for all others.
         step_source: the origin of the step size, "system" or "FMU"; empty without a step size.
+        restarts: how often the system lets this process be started anew after a crash.
+        process: the process in which the system has it run, a key of `PROCESSES`; empty if it leaves that to the run.
     """
 
     name: str
@@ -41,6 +47,8 @@ class ComponentInstance:
     where: Where
     solver: Choice | None = None
     step_source: str = ""
+    process: str = ""
+    restarts: int = 0
 
     def integrated(self, solver: Choice) -> ComponentInstance:
         """Returns the same instance with a solver; the FMU's state is complete only if the solver has no memory."""

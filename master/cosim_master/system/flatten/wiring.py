@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from cosim_master.diagnostics.errors import Finding, Problem, Where
-from cosim_master.diagnostics.limitations import CLOCK_END, DIRECTION, NARROWING
+from cosim_master.diagnostics.limitations import DIRECTION, NARROWING
 from cosim_master.diagnostics.names import near
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.system.flatten.components import Part, Port, element_name, indices_of
@@ -167,7 +167,9 @@ class Wiring:
             return (start, end) if forward else (end, start)
         for port, other in (ports, ports[::-1]):
             if port.ticks and other.type in ("Clock", None):
-                self._problem(connection.where, CLOCK_END.text(port, port.interval_variability, other))
+                what = f"{port} is a {port.interval_variability} Clock, which ticks by itself"
+                text = f"{what}: it can drive a triggered input Clock, but {other} is none"
+                self._problem(connection.where, text)
                 return None
         shown = [
             f"{port.kind} {port} of {'the system' if owner == 'system' else 'an element'}"

@@ -23,7 +23,6 @@ from cosim_master.diagnostics.limitations import (
     ALGORITHM,
     FAULTS,
     LARGE_FILE,
-    OTHER_KEYS,
     STABILISATION,
     SWAP,
     TRANSFER,
@@ -245,7 +244,8 @@ class _Reading:
                 text = f"{shown(key)} is not a key of a multi-model: it is ignored"
                 self.notes.append(Finding(file.where(key), text, "unknown keys of a multi-model"))
         if harmless:
-            self.notes.append(OTHER_KEYS.text(file.path, ", ".join(map(shown, harmless))))
+            keys = ", ".join(map(shown, harmless))
+            self.notes.append(f"{file.path}: ignored, since it changes no values: {keys}")
         file.content = content
 
     def configuration(self, file: _Json) -> None:

@@ -6,7 +6,7 @@ standard are reported with the valid alternatives. Geometry is skipped, since it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.diagnostics.names import near
 from cosim_master.system import shipped
 from cosim_master.system.reading.into_cps import read_multimodel
+from cosim_master.system.reading.mastersim import read_mastersim
 from cosim_master.system.reading.osp import OSP_DOCUMENT, read_osp
 from cosim_master.system.reading.single_fmu import read_fmu
 from cosim_master.system.reading.ssp.references import File, Files, parsed
@@ -23,12 +24,22 @@ from cosim_master.system.structure import SystemStructure
 __all__ = ["COMPONENT_TYPES", "FMU_TYPE", "ROOT_DOCUMENT", "SSD_TYPE", "SSP_TYPE", "read_system"]
 
 
+_OTHERS: Mapping[str, tuple[str, Callable[[Path], SystemStructure]]] = {
+    ".fmu": ("an FMU", read_fmu),
+    ".json": ("a multi-model", read_multimodel),
+    ".xml": ("a structure of OSP", read_osp),
+    ".msim": ("a project of MasterSim", read_mastersim),
+}
+"""Files that are not SSP, by their suffix: what they are, and their reader."""
+
+
 def read_system(path: str | PathLike[str], variant: str | None = None) -> SystemStructure:
     """Reads a system structure and all files that it refers to, except the contents of FMUs.
 
     Args:
-        path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, a multi-model (.json), an FMU, which
-            is then the only component of a system, or, if no such file exists, the name of a shipped system.
+        path: an .ssd file, an .ssp archive, a folder with a SystemStructure.ssd, a multi-model (.json), an
+            OspSystemStructure.xml or a folder with it, a project of MasterSim (.msim), an FMU, which is then the only
+            component of a system, or, if no such file exists, the name of a shipped system.
         variant: selects an .ssd at the root of the archive or folder, by the name of the description in it, or of its
             file. None: SystemStructure.ssd.
 
@@ -44,23 +55,14 @@ def read_system(path: str | PathLike[str], variant: str | None = None) -> System
         given = _shipped(str(given))
     place = given.absolute()
     files = Files()
-    if given.suffix.lower() == ".fmu":
-        if variant is not None:
-            message = f'an FMU has no variants; give it without --variant "{variant}"'
-            raise SystemDescriptionError([Problem(Where(str(given)), message)])
-        return read_fmu(given)
-    if given.suffix.lower() == ".json":
-        if variant is not None:
-            message = f'a multi-model has no variants; give it without --variant "{variant}"'
-            raise SystemDescriptionError([Problem(Where(str(given)), message)])
-        return read_multimodel(given)
     if given.is_dir() and not (given / ROOT_DOCUMENT).is_file() and (given / OSP_DOCUMENT).is_file():
         given = given / OSP_DOCUMENT
-    if given.suffix.lower() == ".xml":
+    if (other := _OTHERS.get(given.suffix.lower())) is not None and not given.is_dir():
+        what, read = other
         if variant is not None:
-            message = f'a structure of OSP has no variants; give it without --variant "{variant}"'
+            message = f'{what} has no variants; give it without --variant "{variant}"'
             raise SystemDescriptionError([Problem(Where(str(given)), message)])
-        return read_osp(given)
+        return read(given)
     try:
         if given.is_dir():
             root = _chosen(File(place, str(given)), variant, files)
@@ -72,7 +74,9 @@ def read_system(path: str | PathLike[str], variant: str | None = None) -> System
                 raise SystemDescriptionError([Problem(Where(str(given)), message)])
             root = File(place, str(given))
         else:
-            kinds = f"an .ssd, an .ssp, an .fmu, a multi-model (.json), an {OSP_DOCUMENT}"
+            kinds = (
+                f"an .ssd, an .ssp, an .fmu, a multi-model (.json), an {OSP_DOCUMENT}, a project of MasterSim (.msim)"
+            )
             message = f"is neither {kinds} nor a folder with {ROOT_DOCUMENT}"
             raise SystemDescriptionError([Problem(Where(str(given)), message)])
         return _structure(given, root, files)

@@ -8,7 +8,8 @@
 
 `algorithm`: "jacobi" (the default), "gauss-seidel", "fixed-point", "quasi-newton", "richardson" or "var-step";
 docs/masters.md describes the guarantees of each, and its limits.
-`order`: a prescribed order of instances that depend on each other; it may be incomplete.
+`order`: a prescribed order of instances that depend on each other; it may be incomplete. With `strictOrder="true"`
+(gauss-seidel), it is the order of all instances, whatever their dependencies.
 `tolerance`, `iterations`, `relaxation`: settings of the two iterating algorithms. `tolerance`, `minimumStep`,
 `maximumStep` (s): settings of Richardson. `minimumStep`, `maximumStep` and `constraint` (see `constraints`): settings
 of var-step.
@@ -81,7 +82,7 @@ class Traits:
 _OF_ITERATIONS = ("order", "tolerance", "iterations", "relaxation")
 ALGORITHMS = {
     "jacobi": Traits(),
-    "gauss-seidel": Traits(("order",), ordered=True),
+    "gauss-seidel": Traits(("order", "strictOrder"), ordered=True),
     "fixed-point": Traits(_OF_ITERATIONS, ordered=True, iterating=True),
     "quasi-newton": Traits(_OF_ITERATIONS, ordered=True, iterating=True),
     "richardson": Traits(("tolerance", "minimumStep", "maximumStep"), variable=True),
@@ -248,8 +249,12 @@ def master_settings_of(checked: CheckedSystem) -> MasterSettings:
     if kind.variable:
         _refuse_steps(checked, delays, algorithm, irreversible, problems)
     if kind.ordered:
-        groups = _groups(checked, delays, _ranks(checked, reader, order))
-        notes = _notes(checked, groups, algorithm)
+        ranks = _ranks(checked, reader, order)
+        if reader.choice("strictOrder", "false", ("true", "false")) == "true" and algorithm == "gauss-seidel":
+            groups = _in_order(checked, reader, order)
+        else:
+            groups = _groups(checked, delays, ranks)
+            notes = _notes(checked, groups, algorithm)
         if kind.iterating:
             loops = _loops(checked, groups, delays)
             _refuse(checked, loops, algorithm, problems)
@@ -382,6 +387,16 @@ def _ranks(checked: CheckedSystem, reader: Attributes, order: Sequence[str]) -> 
             reader.problem(f'order names "{name}", which is not an instance; {near(name, names)}')
     place = {name: n for n, name in reversed(list(enumerate(order)))}
     return [place.get(name, len(order)) for name in names]
+
+
+def _in_order(checked: CheckedSystem, reader: Attributes, order: Sequence[str]) -> tuple[tuple[int, ...], ...]:
+    """Returns each instance as a group of its own, in the declared order, which must contain all of them once."""
+    number = {one.name: i for i, one in enumerate(checked.instances)}
+    if missing := [name for name in number if name not in order]:
+        reader.problem(f"strictOrder: order must contain all instances; missing: {', '.join(missing[:5])}")
+    if len(set(order)) < len(order):
+        reader.problem("strictOrder: order contains an instance twice")
+    return tuple((number[name],) for name in dict.fromkeys(order) if name in number)
 
 
 def _groups(

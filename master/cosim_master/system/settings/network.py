@@ -1,4 +1,4 @@
-"""The network of a system: its nodes and endpoints, and the settings of router and channel from its annotation.
+"""The network of a system: its nodes (`nodes`), and the settings of router and channel from its annotation.
 
     <ssc:Annotation type="org.uav-cosim.network">
       <network xmlns="https://uav-cosim.org/ns/1" topology="nearest" axis="0 1 0" neighbours="1"
@@ -7,6 +7,8 @@
         <outage node="drone3" start="10" stop="20"/>
         <partition nodes="drone1 drone2" start="30" stop="40"/>
         <jamming north="0" east="50" radius="20"/>
+        <box north="20" east="50" length="10" width="30" height="15" loss="12"/>
+        <cylinder north="80" east="0" radius="5" height="40" loss="6" attenuation="0.5"/>
       </network>
     </ssc:Annotation>
 
@@ -27,12 +29,17 @@ receiver; `burstLoss`: probability of a loss within a burst. A `link` may have t
 `sensitivity`: in dBm; packets received with less are lost. They are sent with `power` (dBm), lose `pathLoss` (dB) in
 the first metre and 10 `exponent` dB per decade of distance after it; `shadowing`: standard deviation in dB of the
 additional loss of a pair of nodes; `rayleigh`: whether packets fade.
+`box`, `cylinder`: obstacles that weaken signals; `length` is the extent to the north, `width` to the east, `base` the
+height of the bottom above the origin, in m; a signal whose straight way passes through loses `loss` (dB) and
+`attenuation` (dB/m) for each metre inside.
 `bitErrors`: probability that a bit is inverted; the packet then arrives with a wrong CRC. `duplicates`: probability
 that a packet arrives a second time, up to the jitter later.
 `medium`: "none" (packets take no time on the air), "own" (each node sends its packets one after the other), "shared"
 (all nodes together send their packets one after the other), "aloha" (all nodes send in slots of length `slot`, in s,
-each packet in one of the next `window`; packets in the same slot collide). `rate`: in baud, ten per byte; a packet that
-waits longer than `queue`, in s, is lost.
+each packet in one of the next `window`; packets in the same slot collide), "csma" (each packet waits for a random part
+of `backoff`, in s, and goes if its sender hears nobody; others hear it after `sensing`, in s). `rate`: in baud, ten per
+byte; a packet that waits longer than `queue`, in s, is lost.
+`trace`: a CSV file, relative to the system's document, with recorded fates of packets (`trace`).
 `position`: path, below a node, of its NED position in m. By default, it is the output that the only FMU of the node
 declares as its position, or else the one with the conventional name (`cosim.vehicle`).
 `dialect`: a MAVLink XML file, relative to the system's document, with messages that ardupilotmega does not contain:
@@ -47,45 +54,30 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.packets import MAX_PACKET
-from cosim.vehicle import LINES, POSITION, VEHICLE
-from cosim.verdict import Role
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
-from cosim_master.diagnostics.limitations import DIALECT, SEVERAL_PORTS, SMALL_PORT
+from cosim_master.diagnostics.limitations import DIALECT
 from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
-from cosim_master.fmi.description.declarations import elements_of
-from cosim_master.fmi.description.read import FmuDescription, Variable
-from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
+from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.annotation import Attributes, root_annotation
+from cosim_master.system.settings.nodes import BY_CONVENTION, TELEMETRY, Endpoint, Node, nodes_of
+from cosim_master.system.settings.obstacles import Obstacle, read_box, read_cylinder
+from cosim_master.system.settings.trace import Trace, read_trace
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message
 
 __all__ = [
     "ANNOTATION",
-    "SERIAL",
-    "TELEMETRY",
     "Channel",
-    "Endpoint",
     "Gateway",
     "Jamming",
     "Network",
-    "Node",
     "Partition",
     "network_of",
     "with_gateways",
 ]
 
 ANNOTATION = "org.uav-cosim.network"
-_BY_CONVENTION = f"{VEHICLE}.{POSITION}"
-"""Path of a node's position, if neither the annotation nor an FMU specifies it."""
-TELEMETRY, SERIAL = "telemetry", "serial"
-"""Lines for gateways only: for ground stations by radio, and for the wired gateway. FMUs declare their ports, or name
-them by convention (`cosim.vehicle`).
-"""
-_LINES = {TELEMETRY: Role.TELEMETRY, SERIAL: Role.SERIAL}
-
-
 _OF_LINKS: Mapping[str, tuple[str, float]] = {
     "latency": ("latency", 3600.0),
     "jitter": ("jitter", 3600.0),
@@ -109,44 +101,22 @@ _EFFECTS: Mapping[str, tuple[str, float, float]] = {
     "rate": ("rate", 1.0, math.inf),
     "queue": ("queue", 0.0, 3600.0),
     "slot": ("slot", 0.0, 3600.0),
+    "backoff": ("backoff", 0.0, 3600.0),
+    "sensing": ("sensing", 0.0, 3600.0),
 }
 """Fields of `Network` for effects: the attribute, its least and its largest value."""
-_OF_MEDIA = {"rate": ("own", "shared"), "queue": ("own", "shared", "aloha"), "slot": ("aloha",), "window": ("aloha",)}
+_OF_MEDIA = {
+    "rate": ("own", "shared", "csma"),
+    "queue": ("own", "shared", "aloha", "csma"),
+    "slot": ("aloha",),
+    "window": ("aloha",),
+    "backoff": ("csma",),
+    "sensing": ("csma",),
+}
 """Attributes of media, and the media that have them."""
+_SHORTEST = 80
+"""Bits on the air of the shortest packet, one of MAVLink 1 without payload."""
 _OF_SIGNALS = ("power", "pathLoss", "exponent", "shadowing", "rayleigh")
-
-
-@dataclass(frozen=True, slots=True)
-class Endpoint:
-    """A pair of packet ports of one instance; either may be missing.
-
-    `line`: TELEMETRY or SERIAL, if the pair is for gateways only.
-    """
-
-    instance: str
-    rx: Variable | None
-    tx: Variable | None
-    line: str = ""
-
-    @property
-    def name(self) -> str:
-        """The name in recordings: instance and line."""
-        return f"{self.instance}.{self.line}" if self.line else self.instance
-
-
-@dataclass(frozen=True, slots=True)
-class Node:
-    """A radio node with one antenna: an instance's parent system (an instance of the root system is its own node).
-
-    `position`: instance and variables of its NED position [m], if it has one. `lines`: endpoints that gateways may use;
-    those in use are also among `endpoints`. `autopilots`: names of the instances that declare to be autopilots.
-    """
-
-    name: str
-    endpoints: tuple[Endpoint, ...]
-    position: tuple[tuple[str, Variable], ...] = ()
-    lines: tuple[Endpoint, ...] = ()
-    autopilots: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,12 +202,16 @@ class Network:
     queue: float = 1.0
     slot: float = 0.0
     window: int = 1
+    backoff: float = 0.0
+    sensing: float = 0.0
     seed: int = 0
     links: frozenset[tuple[str, str]] = frozenset()
     channels: tuple[Channel, ...] = ()
     outages: tuple[tuple[str, float, float], ...] = ()
     partitions: tuple[Partition, ...] = ()
     jamming: tuple[Jamming, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
+    trace: Trace | None = None
     dialect: tuple[Message, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
@@ -250,87 +224,15 @@ def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
     """
     problems: list[Problem] = []
     reader = root_annotation(checked, ANNOTATION, "network", problems)
-    nodes = _nodes(checked, reader.text("position", ""), problems)
+    nodes = nodes_of(checked, reader.text("position", ""), problems)
     dialect = _dialect(reader, checked.structure.document.parent)
-    network = replace(_settings(reader, nodes, seed), dialect=dialect)
+    trace = _trace(reader, nodes, checked.structure.document.parent)
+    network = replace(_settings(reader, nodes, seed), dialect=dialect, trace=trace)
+    if trace is not None and network.topology == "listed":
+        _check_listed(reader, network, trace)
     if problems:
         raise SystemDescriptionError(problems)
     return network
-
-
-def _nodes(checked: CheckedSystem, position: str, problems: list[Problem]) -> tuple[Node, ...]:
-    wired = {link.target for link in checked.links} | {link.source for link in checked.links}
-    grouped: dict[str, list[Endpoint]] = {}
-    lines: dict[str, list[Endpoint]] = {}
-    instances = {instance.name: instance for instance in checked.instances}
-    declared = _declared_positions(checked.instances)
-    for instance in checked.instances:
-        ports = [
-            v
-            for v in instance.fmu.variables.values()
-            if v.packet_capacity is not None and (instance.name, v.name) not in wired
-        ]
-        own = _lines(instance, ports)
-        ports = [v for v in ports if not any(v in (line.rx, line.tx) for line in own)]
-        rx = [v for v in ports if v.causality == "input"]
-        tx = [v for v in ports if v.causality == "output"]
-        if not rx and not tx:
-            continue
-        for found in (rx, tx):
-            if len(found) > 1:
-                names = ", ".join(v.name for v in found)
-                text = SEVERAL_PORTS.text(instance.name, found[0].causality, names)
-                problems.append(Problem(instance.where, text))
-        for v in (*rx, *(line.rx for line in own if line.rx is not None)):
-            if (v.packet_capacity or 0) < MAX_PACKET:
-                text = SMALL_PORT.text(f"{instance.name}.{v.name}", v.packet_capacity, MAX_PACKET)
-                problems.append(Problem(instance.where, text))
-        node = instance.name.rpartition(".")[0] or instance.name
-        ends = Endpoint(instance.name, rx[0] if rx else None, tx[0] if tx else None)
-        grouped.setdefault(node, []).append(ends)
-        lines.setdefault(node, []).extend(own)
-    return tuple(
-        Node(
-            name,
-            tuple(endpoints),
-            (() if position else declared.get(name, ())) or _position(name, position or _BY_CONVENTION, instances),
-            tuple(lines[name]),
-            tuple(e.instance for e in endpoints if Role.ARMED in instances[e.instance].fmu.verdicts.values()),
-        )
-        for name, endpoints in grouped.items()
-    )
-
-
-def _lines(instance: ComponentInstance, ports: Sequence[Variable]) -> list[Endpoint]:
-    """Returns the lines to gateways of an instance that also has other packet ports."""
-    by_name = {v.name: v for v in ports}
-    found = []
-    for line in (TELEMETRY, SERIAL):
-        rx, tx = (by_name.get(name) for name in _ends_of_line(instance.fmu, _LINES[line]))
-        if rx is not None and tx is not None and (rx.causality, tx.causality) == ("input", "output"):
-            found.append(Endpoint(instance.name, rx, tx, line))
-    return found if len(ports) > 2 * len(found) else []
-
-
-def _ends_of_line(fmu: FmuDescription, role: Role) -> tuple[str, str]:
-    """Returns the names of the input and the output that an FMU declares as a line, or of the conventional ones."""
-    declared = [fmu.variables[name] for name, verdict in fmu.verdicts.items() if verdict is role]
-    inputs = [v.name for v in declared if v.causality == "input"]
-    outputs = [v.name for v in declared if v.causality == "output"]
-    return (inputs[0], outputs[0]) if inputs and outputs else LINES[role]
-
-
-def _declared_positions(instances: Sequence[ComponentInstance]) -> dict[str, tuple[tuple[str, Variable], ...]]:
-    """Returns, by node, the variables that its only FMU with a position declares as the position."""
-    found: dict[str, list[tuple[tuple[str, Variable], ...]]] = {}
-    for instance in instances:
-        node = instance.name.rpartition(".")[0] or instance.name
-        variables = instance.fmu.variables
-        for name, verdict in instance.fmu.verdicts.items():
-            if verdict is Role.POSITION:
-                elements = elements_of(name, variables)
-                found.setdefault(node, []).append(tuple((instance.name, variables[one]) for one in elements))
-    return {node: positions[0] for node, positions in found.items() if len(positions) == 1}
 
 
 def with_gateways(network: Network, gateways: Sequence[Gateway]) -> Network:
@@ -349,22 +251,11 @@ def with_gateways(network: Network, gateways: Sequence[Gateway]) -> Network:
     return replace(network, nodes=nodes, gateways=tuple(gateways))
 
 
-def _position(node: str, path: str, instances: Mapping[str, ComponentInstance]) -> tuple[tuple[str, Variable], ...]:
-    component, _, name = path.rpartition(".")
-    instance = instances.get(f"{node}.{component}" if component else node)
-    if instance is None:
-        return ()
-    variables = [instance.fmu.variables.get(f"{name}[{i}]") for i in (1, 2, 3)]
-    if any(v is None or v.type != "Real" or v.causality != "output" for v in variables):
-        return ()
-    return tuple((instance.name, v) for v in variables if v is not None)
-
-
 def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Network:
     written_seed = reader.integer("seed", 0, 0, 2**53)
     if reader.overridden("seed") and seed not in (None, written_seed):
         reader.problem(f"the seed is given twice, as {seed} and by --set network.seed={written_seed}; give it once")
-    children = reader.children("link", "outage", "partition", "jamming")
+    children = reader.children("link", "outage", "partition", "jamming", "box", "cylinder")
     topology = reader.choice("topology", "broadcast", ("broadcast", "nearest", "listed"))
     axis = _axis(reader)
     made = [link for link in children["link"] if topology == "listed" or not _only_makes(reader, link)]
@@ -384,8 +275,9 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
         outages=tuple(_outage(child, nodes) for child in children["outage"]),
         partitions=tuple(_partition(child, nodes) for child in children["partition"]),
         jamming=tuple(map(_jamming, children["jamming"])),
+        obstacles=(*map(read_box, children["box"]), *map(read_cylinder, children["cylinder"])),
         rayleigh=reader.choice("rayleigh", "false", ("true", "false")) == "true",
-        medium=reader.choice("medium", "none", ("none", "own", "shared", "aloha")),
+        medium=reader.choice("medium", "none", ("none", "own", "shared", "aloha", "csma")),
         window=reader.integer("window", 1, 1, 1_000_000),
         **_effects(reader),
         notes=_notes(reader, nodes),
@@ -407,7 +299,7 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
 def _check_positions(reader: Attributes, nodes: Sequence[Node], what: str) -> None:
     for node in nodes:
         if not node.position:
-            path = reader.text("position", _BY_CONVENTION)
+            path = reader.text("position", BY_CONVENTION)
             text = f'position="{path}": there are no Real outputs {path}[1] to [3] below node {node.name}'
             reader.problem(f"{what} need positions; {text}")
 
@@ -432,14 +324,22 @@ def _check_effects(reader: Attributes, settings: Network) -> None:
         for name in _OF_SIGNALS:
             if reader.text(name, ""):
                 reader.problem(f"{name} is for signals that can be too weak: give sensitivity, in dBm")
+        if settings.obstacles:
+            reader.problem("<box> and <cylinder> are for signals that can be too weak: give sensitivity, in dBm")
     for name, media in _OF_MEDIA.items():
         if reader.text(name, "") and settings.medium not in media:
             names = " or ".join(f'"{one}"' for one in media)
             reader.problem(f'{name} is for medium={names}, this is "{settings.medium}"')
-    if settings.medium in ("own", "shared") and settings.rate == math.inf:
+    if settings.medium in ("own", "shared", "csma") and settings.rate == math.inf:
         reader.problem(f'medium="{settings.medium}" needs a rate, in baud')
     if settings.medium == "aloha" and settings.slot <= 0.0:
         reader.problem('medium="aloha" needs a slot, in s')
+    if settings.medium == "csma":
+        if settings.backoff <= 0.0:
+            reader.problem('medium="csma" needs a backoff, in s: the longest wait before a packet senses the medium')
+        if settings.rate < math.inf and settings.sensing * settings.rate >= _SHORTEST:
+            text = f"it must be less than the time of the shortest packet on the air, {_SHORTEST / settings.rate:.3g} s"
+            reader.problem(f"sensing={settings.sensing:g} s: {text}")
 
 
 def _partition(child: Attributes, nodes: Sequence[Node]) -> Partition:
@@ -490,6 +390,24 @@ def _dialect(reader: Attributes, folder: Path) -> tuple[Message, ...]:
         for line in str(error).splitlines():
             reader.problem(DIALECT.text(name, line))
     return ()
+
+
+def _trace(reader: Attributes, nodes: Sequence[Node], folder: Path) -> Trace | None:
+    name = reader.text("trace", "")
+    if not name:
+        return None
+    try:
+        return read_trace(folder / name, name, [node.name for node in nodes], reader.problems)
+    except OSError as error:
+        reader.problem(f'trace="{name}": {folder / name}: {error.strerror}')
+    return None
+
+
+def _check_listed(reader: Attributes, network: Network, trace: Trace) -> None:
+    """Reports links of a trace that the topology does not have."""
+    for source, target in sorted({(a, b) for _, a, b, _, _ in trace.rows} - network.links):
+        text = f"it has a link from {source} to {target}, which no <link> creates"
+        reader.problem(f'trace="{trace.file}": {text}; add the link, or remove the rows')
 
 
 def _axis(reader: Attributes) -> tuple[float, float, float] | None:

@@ -3,8 +3,9 @@
 The current follows the throttle: it is `hover_current` in hover and proportional to the power for thrust, throttle to
 the power of 1.5 (momentum theory). With SIM_BATT_CAP_AH = 0, the voltage stays at SIM_BATT_VOLTAGE, as in a simulated
 ArduCopter by default. Otherwise, the open-circuit voltage follows the discharge curve of a lithium-polymer cell, and
-the load drops it by `battery_resistance` times the current. A low battery does not weaken the motors. The battery is
-checked ten times a second. Kernels over the autopilot's record `m`.
+the load drops it by `battery_resistance` times the current. Such a battery does not weaken the motors; a `PowerSystem`
+does, whose voltage and current replace those of this model if they are connected. The battery is checked ten times a
+second. Kernels over the autopilot's record `m`.
 
 Sources: ArduPilot, AP_BattMonitor (update_failsafes, check_failsafes); the discharge curve is a typical one of
 lithium-polymer cells at rest.
@@ -46,6 +47,12 @@ def _share_at_rest(charge: float) -> float:
 @kernel
 def drain(m: Any, dt: float) -> None:
     """Updates m.battery_voltage [V], _current [A], _used [mAh] and _energy [J] for the motors' consumption over dt."""
+    if m.supply_voltage >= 0.0:
+        m.battery_voltage = m.supply_voltage
+        m.battery_current = m.supply_current
+        m.battery_used += m.supply_current * dt / _MILLIAMPERE_HOUR
+        m.battery_energy += m.supply_voltage * m.supply_current * dt
+        return
     current = 0.0
     if m.armed and m.spool_state > GROUND_IDLE and m.throttle_hover > 0.0:
         load = clip(m.throttle_out / m.throttle_hover, 0.0, 10.0)

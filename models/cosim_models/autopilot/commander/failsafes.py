@@ -107,7 +107,8 @@ def _watch_station(m: Any, t: float) -> None:
 @kernel
 def _beyond(m: Any) -> tuple[float, float, float]:
     """Returns the distances [m] by which the vehicle is above, outside and below its fences; negative within."""
-    n, e, height = m.pos[0] - m.home[0], m.pos[1] - m.home[1], m.pos[2] - m.home[2]
+    p, home = m.position_neu, m.home_neu
+    n, e, height = p[0] - home[0], p[1] - home[1], p[2] - home[2]
     return height - m.FENCE_ALT_MAX, math.sqrt(n * n + e * e) - m.FENCE_RADIUS, m.FENCE_ALT_MIN - height
 
 
@@ -186,7 +187,8 @@ def _watch_fence(m: Any, t: float) -> None:
         now += CIRCLE
     if (m.FENCE_TYPE & LOWEST) != 0 and m.fence_low_armed and not m.on_ground and below >= 0.0:
         now += LOWEST
-    if (m.FENCE_TYPE & POLYGON) != 0 and m.fence_count > 0 and not within_polygons(m, m.pos[0], m.pos[1]):
+    n, e = m.position_neu[0], m.position_neu[1]
+    if (m.FENCE_TYPE & POLYGON) != 0 and m.fence_count > 0 and not within_polygons(m, n, e):
         now += POLYGON
     if m.mode == LAND or m.mode == RTL:
         now &= ~LOWEST  # the descent is intended

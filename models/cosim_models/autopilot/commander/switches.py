@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.kernel import get_whole, kernel
+from cosim.fields import get_whole
+from cosim.kernel import kernel
 from cosim.model import record_layout
 from cosim_models.autopilot.commander.mode_requests import arm_checked, change_mode
 from cosim_models.autopilot.flight.state import disarm

@@ -47,6 +47,8 @@ _OCTA_X = np.array(
         (112.5, _CW),
     ]
 )
+# Y6B: each arm has a clockwise motor above and a counter-clockwise one below.
+_Y6 = np.array([(60.0, _CW), (60.0, _CCW), (180.0, _CW), (180.0, _CCW), (-60.0, _CW), (-60.0, _CCW)])
 
 
 @kernel
@@ -64,6 +66,8 @@ def motor_factors(airframe: int, factors: Any) -> int:
         layout = _HEXA_X
     elif airframe == 3:
         layout = _OCTA_X
+    elif airframe == 4:
+        layout = _Y6
     else:
         return 0
     count = layout.shape[0]

@@ -177,7 +177,7 @@ def learn_hover_throttle(m: Any, dt: float) -> None:
     """Adapts the hover throttle to the throttle in level hover (MOT_HOVER_LEARN)."""
     if m.MOT_HOVER_LEARN < 1 or not m.armed or m.on_ground or m.spool_state != THROTTLE_UNLIMITED:
         return
-    if abs(m.velocity_desired[2]) > 1e-3 or abs(m.vel[2]) > 0.6 or m.throttle_filtered <= 0.0:
+    if abs(m.desired_velocity_neu[2]) > 1e-3 or abs(m.velocity_neu[2]) > 0.6 or m.throttle_filtered <= 0.0:
         return
     if m.q[1] * m.q[1] + m.q[2] * m.q[2] > math.sin(math.radians(2.5)) ** 2:
         return

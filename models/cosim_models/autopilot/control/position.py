@@ -101,54 +101,54 @@ def _leaning_acceleration(m: Any) -> tuple[float, float]:
 @kernel
 def initialise_ne(m: Any) -> None:
     """Sets the desired horizontal motion to the current one, and the integral such that the lean angles stay."""
-    m.position_desired[0] = m.pos[0]
-    m.position_desired[1] = m.pos[1]
-    m.velocity_desired[0] = m.vel[0]
-    m.velocity_desired[1] = m.vel[1]
-    an, ae = limit_length(m.acc[0], m.acc[1], m.accel_max)
-    m.acceleration_desired[0] = an
-    m.acceleration_desired[1] = ae
+    m.desired_position_neu[0] = m.position_neu[0]
+    m.desired_position_neu[1] = m.position_neu[1]
+    m.desired_velocity_neu[0] = m.velocity_neu[0]
+    m.desired_velocity_neu[1] = m.velocity_neu[1]
+    an, ae = limit_length(m.acceleration_neu[0], m.acceleration_neu[1], m.accel_max)
+    m.desired_acceleration_neu[0] = an
+    m.desired_acceleration_neu[1] = ae
     tn, te = _leaning_acceleration(m)
-    m.acceleration_target[0] = tn
-    m.acceleration_target[1] = te
+    m.target_acceleration_neu[0] = tn
+    m.target_acceleration_neu[1] = te
     m.velocity_pid[4] = tn - an
     m.velocity_pid[5] = te - ae
     m.velocity_pid[6] = 0.0
-    m.limit[0] = 0.0
-    m.limit[1] = 0.0
+    m.limit_neu[0] = 0.0
+    m.limit_neu[1] = 0.0
 
 
 @kernel
 def stopping_ne(m: Any) -> tuple[float, float]:
     """Returns the north and east position at which the vehicle can come to rest."""
-    vn, ve = m.vel[0], m.vel[1]
+    vn, ve = m.velocity_neu[0], m.velocity_neu[1]
     speed = math.sqrt(vn * vn + ve * ve)
     way = inverse_sqrt_controller(speed, m.PSC_POSXY_P, m.accel_max) / speed if speed > 0.0 else 0.0
-    return m.pos[0] + vn * way, m.pos[1] + ve * way
+    return m.position_neu[0] + vn * way, m.position_neu[1] + ve * way
 
 
 @kernel
 def stop_ne(m: Any) -> None:
     """Like `initialise_ne`, but the desired motion is rest at the stopping point."""
     initialise_ne(m)
-    m.position_desired[0], m.position_desired[1] = stopping_ne(m)
+    m.desired_position_neu[0], m.desired_position_neu[1] = stopping_ne(m)
     for i in range(2):
-        m.velocity_desired[i] = 0.0
-        m.acceleration_desired[i] = 0.0
+        m.desired_velocity_neu[i] = 0.0
+        m.desired_acceleration_neu[i] = 0.0
 
 
 @kernel
 def initialise_up(m: Any) -> None:
     """Sets the desired vertical motion to the current one, and the integral such that the throttle stays."""
-    m.position_desired[2] = m.pos[2]
-    m.velocity_desired[2] = m.vel[2]
-    m.acceleration_desired[2] = clip(m.acc[2], -m.accel_up, m.accel_up)
-    m.acceleration_target[2] = m.acceleration_desired[2]
+    m.desired_position_neu[2] = m.position_neu[2]
+    m.desired_velocity_neu[2] = m.velocity_neu[2]
+    m.desired_acceleration_neu[2] = clip(m.acceleration_neu[2], -m.accel_up, m.accel_up)
+    m.target_acceleration_neu[2] = m.desired_acceleration_neu[2]
     m.climb_pid[RUNNING] = 0.0
     m.climb_pid[INTEGRAL] = 0.0
     m.accel_pid[RUNNING] = 0.0
     m.accel_pid[INTEGRAL] = m.throttle_in - m.throttle_hover
-    m.limit[2] = 0.0
+    m.limit_neu[2] = 0.0
 
 
 @kernel
@@ -157,8 +157,8 @@ def relax_ne(m: Any, dt: float) -> None:
     initialise_ne(m)
     keep = 1.0 - dt / (dt + _RELAX)
     for i in range(2):
-        m.acceleration_target[i] *= keep
-        m.velocity_pid[4 + i] = m.acceleration_target[i] - m.acceleration_desired[i]
+        m.target_acceleration_neu[i] *= keep
+        m.velocity_pid[4 + i] = m.target_acceleration_neu[i] - m.desired_acceleration_neu[i]
 
 
 @kernel
@@ -174,24 +174,36 @@ def relax_up(m: Any, throttle: float, dt: float) -> None:
 
 @kernel
 def _advance_ne(m: Any, dt: float) -> None:
-    p, v, a, e = m.position_desired, m.velocity_desired, m.acceleration_desired, m.position_error
+    p, v, a, e = m.desired_position_neu, m.desired_velocity_neu, m.desired_acceleration_neu, m.position_error_neu
     p[0], p[1], v[0], v[1] = advance_limited_ne(
-        p[0], p[1], v[0], v[1], a[0], a[1], dt, m.limit[0], m.limit[1], e[0], e[1], m.velocity_pid[0], m.velocity_pid[1]
+        p[0],
+        p[1],
+        v[0],
+        v[1],
+        a[0],
+        a[1],
+        dt,
+        m.limit_neu[0],
+        m.limit_neu[1],
+        e[0],
+        e[1],
+        m.velocity_pid[0],
+        m.velocity_pid[1],
     )
 
 
 @kernel
 def _advance_up(m: Any, dt: float) -> None:
-    p, v = m.position_desired, m.velocity_desired
+    p, v = m.desired_position_neu, m.desired_velocity_neu
     p[2], v[2] = advance_limited(
-        p[2], v[2], m.acceleration_desired[2], dt, m.limit[2], m.position_error[2], m.climb_pid[ERROR]
+        p[2], v[2], m.desired_acceleration_neu[2], dt, m.limit_neu[2], m.position_error_neu[2], m.climb_pid[ERROR]
     )
 
 
 @kernel
 def _overspeed(m: Any) -> float:
     """Returns the factor on the vertical limits while the vehicle exceeds the speed limits."""
-    v = m.velocity_desired[2]
+    v = m.desired_velocity_neu[2]
     if v > m.speed_up and m.speed_up > 0.0:
         return float(_OVERSPEED_GAIN * v / m.speed_up)
     if -v > m.speed_down and m.speed_down > 0.0:
@@ -205,7 +217,7 @@ def seek_position(m: Any, n: float, e: float, u: float, dt: float) -> None:
     gain = _overspeed(m)
     _advance_ne(m, dt)
     _advance_up(m, dt)
-    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    p, v, a = m.desired_position_neu, m.desired_velocity_neu, m.desired_acceleration_neu
     dn, de, du = n - p[0], e - p[1], u - p[2]
     distance = math.sqrt(dn * dn + de * de + du * du)
     flat_max = 0.0
@@ -228,7 +240,7 @@ def seek_position(m: Any, n: float, e: float, u: float, dt: float) -> None:
 def seek_position_ne(m: Any, n: float, e: float, dt: float) -> None:
     """Shapes the desired horizontal motion to (n, e), which may change in every step."""
     _advance_ne(m, dt)
-    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    p, v, a = m.desired_position_neu, m.desired_velocity_neu, m.desired_acceleration_neu
     a[0], a[1] = shape_position_ne(
         n, e, 0.0, 0.0, 0.0, 0.0, p[0], p[1], v[0], v[1], a[0], a[1], m.speed_max, m.accel_max, m.jerk_max, dt, False
     )
@@ -239,7 +251,7 @@ def seek_position_up(m: Any, u: float, vu: float, dt: float) -> None:
     """Shapes the desired vertical motion to height u, passed at climb rate vu."""
     gain = _overspeed(m)
     _advance_up(m, dt)
-    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    p, v, a = m.desired_position_neu, m.desired_velocity_neu, m.desired_acceleration_neu
     accel = m.accel_up * gain
     low = -min(accel, _ACCEL_DOWN_MAX)
     a[2] = shape_position(
@@ -251,7 +263,7 @@ def seek_position_up(m: Any, u: float, vu: float, dt: float) -> None:
 def seek_velocity_ne(m: Any, vn: float, ve: float, an: float, ae: float, dt: float) -> None:
     """Shapes the desired horizontal velocity to (vn, ve), with (an, ae) added to the acceleration."""
     _advance_ne(m, dt)
-    v, a = m.velocity_desired, m.acceleration_desired
+    v, a = m.desired_velocity_neu, m.desired_acceleration_neu
     a[0], a[1] = shape_velocity_ne(vn, ve, an, ae, v[0], v[1], a[0], a[1], m.accel_max, m.jerk_max, dt, False)
 
 
@@ -259,15 +271,15 @@ def seek_velocity_ne(m: Any, vn: float, ve: float, an: float, ae: float, dt: flo
 def seek_velocity_up(m: Any, vu: float, au: float, landing: bool, dt: float) -> None:
     """Shapes the desired climb rate to vu; if `landing`, the desired height falls even if the throttle cannot."""
     if landing:
-        m.limit[2] = max(m.limit[2], 0.0)
+        m.limit_neu[2] = max(m.limit_neu[2], 0.0)
     gain = _overspeed(m)
     _advance_up(m, dt)
     accel = m.accel_up * gain
-    m.acceleration_desired[2] = shape_velocity(
+    m.desired_acceleration_neu[2] = shape_velocity(
         vu,
         au,
-        m.velocity_desired[2],
-        m.acceleration_desired[2],
+        m.desired_velocity_neu[2],
+        m.desired_acceleration_neu[2],
         -min(accel, _ACCEL_DOWN_MAX),
         accel,
         m.jerk_up * gain,
@@ -282,7 +294,7 @@ def seek_position_velocity(m: Any, p_to: Any, v_to: Any, a_to: Any, dt: float) -
     gain = _overspeed(m)
     _advance_ne(m, dt)
     _advance_up(m, dt)
-    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    p, v, a = m.desired_position_neu, m.desired_velocity_neu, m.desired_acceleration_neu
     a[0], a[1] = shape_position_ne(
         p_to[0],
         p_to[1],
@@ -328,7 +340,7 @@ def seek_acceleration(m: Any, an: float, ae: float, au: float, dt: float) -> Non
     """Shapes the desired acceleration to (an, ae, au), jerk-limited; velocity and position follow."""
     _advance_ne(m, dt)
     _advance_up(m, dt)
-    a = m.acceleration_desired
+    a = m.desired_acceleration_neu
     jn, je = limit_length(an - a[0], ae - a[1], m.jerk_max * dt)
     a[0] += jn
     a[1] += je
@@ -339,8 +351,8 @@ def seek_acceleration(m: Any, an: float, ae: float, au: float, dt: float) -> Non
 def soften_for_landing(m: Any, dt: float) -> None:
     """Reduces the horizontal position error and stops the integral from growing while the feet may touch the ground."""
     for i in range(2):
-        m.position_desired[i] += (m.pos[i] - m.position_desired[i]) * (dt / (dt + _RELAX))
-        m.limit[i] = m.acceleration_target[i]
+        m.desired_position_neu[i] += (m.position_neu[i] - m.desired_position_neu[i]) * (dt / (dt + _RELAX))
+        m.limit_neu[i] = m.target_acceleration_neu[i]
 
 
 # ---- control: make the vehicle follow the desired motion ------------------------------------------------------------
@@ -348,22 +360,22 @@ def soften_for_landing(m: Any, dt: float) -> None:
 
 @kernel
 def control_ne(m: Any, dt: float) -> None:
-    """Computes the demanded horizontal acceleration m.acceleration_target[0:2], within the permitted lean angle."""
-    p, e = m.position_desired, m.position_error
+    """Computes the demanded horizontal acceleration m.target_acceleration_neu[0:2], within the permitted lean angle."""
+    p, e = m.desired_position_neu, m.position_error_neu
     farthest = inverse_sqrt_controller(m.speed_max, m.PSC_POSXY_P, m.accel_max)
-    e[0], e[1] = limit_length(p[0] - m.pos[0], p[1] - m.pos[1], farthest)
-    p[0] = m.pos[0] + e[0]
-    p[1] = m.pos[1] + e[1]
+    e[0], e[1] = limit_length(p[0] - m.position_neu[0], p[1] - m.position_neu[1], farthest)
+    p[0] = m.position_neu[0] + e[0]
+    p[1] = m.position_neu[1] + e[1]
     distance = math.sqrt(e[0] * e[0] + e[1] * e[1])
     share = sqrt_controller(distance, m.PSC_POSXY_P, m.accel_max, 0.0) / distance if distance > 0.0 else 0.0
-    m.velocity_target[0] = e[0] * share + m.velocity_desired[0]
-    m.velocity_target[1] = e[1] * share + m.velocity_desired[1]
+    m.target_velocity_neu[0] = e[0] * share + m.desired_velocity_neu[0]
+    m.target_velocity_neu[1] = e[1] * share + m.desired_velocity_neu[1]
     an, ae = pid_plane(
         m.velocity_pid,
-        m.velocity_target[0],
-        m.velocity_target[1],
-        m.vel[0],
-        m.vel[1],
+        m.target_velocity_neu[0],
+        m.target_velocity_neu[1],
+        m.velocity_neu[0],
+        m.velocity_neu[1],
         m.PSC_VELXY_P,
         m.PSC_VELXY_I,
         m.PSC_VELXY_D,
@@ -371,36 +383,36 @@ def control_ne(m: Any, dt: float) -> None:
         lowpass_alpha(dt, m.PSC_VELXY_FLTE),
         lowpass_alpha(dt, m.PSC_VELXY_FLTD),
         dt,
-        m.limit[0],
-        m.limit[1],
+        m.limit_neu[0],
+        m.limit_neu[1],
         m.PSC_VELXY_FF,
     )
-    an += m.acceleration_desired[0]
-    ae += m.acceleration_desired[1]
-    m.limit[0] = 0.0
-    m.limit[1] = 0.0
+    an += m.desired_acceleration_neu[0]
+    ae += m.desired_acceleration_neu[1]
+    m.limit_neu[0] = 0.0
+    m.limit_neu[1] = 0.0
     size = an * an + ae * ae
     if size > _ALWAYS * _ALWAYS:
         most = m.PSC_ANGLE_MAX if m.PSC_ANGLE_MAX > 0.0 else 0.01 * m.ANGLE_MAX
         lean = min(max(m.lean_max, _LEAN_MIN), math.radians(most))
         largest = GRAVITY * math.tan(lean)
         if size > largest * largest:
-            m.limit[0] = an
-            m.limit[1] = ae
-            an, ae = limit_cornering(m.velocity_desired[0], m.velocity_desired[1], an, ae, largest)
-    m.acceleration_target[0] = an
-    m.acceleration_target[1] = ae
+            m.limit_neu[0] = an
+            m.limit_neu[1] = ae
+            an, ae = limit_cornering(m.desired_velocity_neu[0], m.desired_velocity_neu[1], an, ae, largest)
+    m.target_acceleration_neu[0] = an
+    m.target_acceleration_neu[1] = ae
     _head_along_path(m)
 
 
 @kernel
 def _head_along_path(m: Any) -> None:
     """Sets heading and yaw rate along the desired path; holds them below 5 % of the speed limit."""
-    vn, ve = m.velocity_desired[0], m.velocity_desired[1]
+    vn, ve = m.desired_velocity_neu[0], m.desired_velocity_neu[1]
     speed = math.sqrt(vn * vn + ve * ve)
     m.path_turn_rate = 0.0
     if speed > 0.05 * m.speed_max:
-        an, ae = m.acceleration_desired[0], m.acceleration_desired[1]
+        an, ae = m.desired_acceleration_neu[0], m.desired_acceleration_neu[1]
         m.path_heading = math.atan2(ve, vn)
         m.path_turn_rate = (ae * vn - an * ve) / (speed * speed)
 
@@ -408,20 +420,20 @@ def _head_along_path(m: Any) -> None:
 @kernel
 def control_up(m: Any, dt: float) -> None:
     """Sets the throttle that follows the desired vertical motion."""
-    p = m.position_desired
+    p = m.desired_position_neu
     highest = inverse_sqrt_controller(m.speed_up, m.PSC_POSZ_P, m.accel_up)
     lowest = inverse_sqrt_controller(m.speed_down, m.PSC_POSZ_P, m.accel_up)
-    error = clip(p[2] - m.pos[2], -lowest, highest)
-    p[2] = m.pos[2] + error
-    m.position_error[2] = error
-    m.velocity_target[2] = sqrt_controller(error, m.PSC_POSZ_P, m.accel_up, 0.0) + m.velocity_desired[2]
+    error = clip(p[2] - m.position_neu[2], -lowest, highest)
+    p[2] = m.position_neu[2] + error
+    m.position_error_neu[2] = error
+    m.target_velocity_neu[2] = sqrt_controller(error, m.PSC_POSZ_P, m.accel_up, 0.0) + m.desired_velocity_neu[2]
     s = m.climb_pid
-    climb_error = m.velocity_target[2] - m.vel[2]
+    climb_error = m.target_velocity_neu[2] - m.velocity_neu[2]
     held = (m.limit_throttle_lower and climb_error < 0.0) or (m.limit_throttle_upper and climb_error > 0.0)
-    m.acceleration_target[2] = m.acceleration_desired[2] + pid(
+    m.target_acceleration_neu[2] = m.desired_acceleration_neu[2] + pid(
         s,
-        m.velocity_target[2],
-        m.vel[2],
+        m.target_velocity_neu[2],
+        m.velocity_neu[2],
         m.PSC_VELZ_P,
         m.PSC_VELZ_I,
         m.PSC_VELZ_D,
@@ -436,8 +448,8 @@ def control_up(m: Any, dt: float) -> None:
     )
     throttle = m.throttle_hover + pid(
         m.accel_pid,
-        m.acceleration_target[2],
-        m.acc[2],
+        m.target_acceleration_neu[2],
+        m.acceleration_neu[2],
         m.PSC_ACCZ_P * _THROUGHPUT,
         m.PSC_ACCZ_I * _THROUGHPUT,
         m.PSC_ACCZ_D * _THROUGHPUT,
@@ -451,7 +463,7 @@ def control_up(m: Any, dt: float) -> None:
         m.PSC_ACCZ_PDMX * _PER_MILLE,
     )
     set_throttle(m, throttle, True, _THROTTLE_FILTER, dt)
-    m.limit[2] = 1.0 if m.limit_throttle_upper else -1.0 if m.limit_throttle_lower else 0.0
+    m.limit_neu[2] = 1.0 if m.limit_throttle_upper else -1.0 if m.limit_throttle_lower else 0.0
 
 
 @kernel

@@ -117,7 +117,7 @@ def change_speed(m: Any, kind: int, speed: float) -> None:
 def _place(m: Any, row: int) -> tuple[float, float, float]:
     """Returns north, east and up of an item; a missing position (0, 0) or height is replaced by the desired one."""
     r = m.mission[row]
-    p = m.position_desired
+    p = m.desired_position_neu
     n, e, u = p[0], p[1], p[2]
     if r[LATITUDE] != 0.0 or r[LATITUDE + 1] != 0.0:
         n, e, _ = local_from_geodetic(
@@ -131,7 +131,7 @@ def _place(m: Any, row: int) -> tuple[float, float, float]:
     if r[FRAME] == 0.0 or r[FRAME] == 5.0:
         u = r[Z] - m.origin_altitude
     elif r[Z] != 0.0 or r[COMMAND] == MAV_CMD_NAV_WAYPOINT:
-        u = r[Z] + m.home[2]
+        u = r[Z] + m.home_neu[2]
     return n, e, u
 
 
@@ -152,9 +152,9 @@ def _go_to(m: Any, n: float, e: float, u: float, t: float) -> None:
 
 @kernel
 def _arrived(m: Any, passing: bool) -> bool:
-    p, g = m.position_desired, m.guided_position
+    p, g = m.desired_position_neu, m.guided_position_neu
     if passing:
-        n, e, u = g[0] - m.pos[0], g[1] - m.pos[1], g[2] - m.pos[2]
+        n, e, u = g[0] - m.position_neu[0], g[1] - m.position_neu[1], g[2] - m.position_neu[2]
         return bool(n * n + e * e + u * u < (0.01 * m.WPNAV_RADIUS) ** 2)
     n, e, u = g[0] - p[0], g[1] - p[1], g[2] - p[2]
     return bool(n * n + e * e + u * u < _AT_REST * _AT_REST)
@@ -179,10 +179,10 @@ def _begin_turns(m: Any, row: int, t: float) -> None:
     m.circle_told = -1
     edge_n, edge_e, distance = nearest_on_circle(m, up)
     if distance <= _AT_CENTRE:
-        _go_to(m, m.position_desired[0], m.position_desired[1], m.position_desired[2], t)
+        _go_to(m, m.desired_position_neu[0], m.desired_position_neu[1], m.desired_position_neu[2], t)
         _begin_round(m)
         return
-    dn, de = m.pos[0] - n, m.pos[1] - e
+    dn, de = m.position_neu[0] - n, m.position_neu[1] - e
     from_centre = math.sqrt(dn * dn + de * de)
     _go_to(m, edge_n, edge_e, up, t)
     if from_centre <= m.circle_radius or from_centre <= _LOOK_AT_EDGE:
@@ -240,9 +240,9 @@ def _begin(m: Any, row: int, t: float) -> None:
     m.auto_stage = _GOING
     m.auto_landing = False
     m.auto_since = t
-    p = m.position_desired
+    p = m.desired_position_neu
     if command == MAV_CMD_NAV_TAKEOFF and m.on_ground:
-        start_takeoff(m, m.home[2] + m.mission[row, Z])
+        start_takeoff(m, m.home_neu[2] + m.mission[row, Z])
     elif command == MAV_CMD_NAV_TAKEOFF:
         _, _, up = _place(m, row)
         _go_to(m, p[0], p[1], up, t)
@@ -371,7 +371,7 @@ def _advance(m: Any, row: int, t: float) -> None:
     m.mission_current = max(mission_count(m) - 1, 0)
     m.auto_command = _FINISHED
     n, e = stopping_ne(m)
-    _go_to(m, n, e, m.position_desired[2], t)
+    _go_to(m, n, e, m.desired_position_neu[2], t)
     hold_heading(m)
 
 

@@ -36,7 +36,7 @@ def begin_circle(m: Any, by_heading: bool) -> None:
     Requires m.circle_centre, _radius and _rate.
     """
     heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
-    c, p = m.circle_centre, m.position_desired
+    c, p = m.circle_centre, m.desired_position_neu
     if m.circle_radius <= 0.0:
         m.circle_angle = heading
     elif by_heading or (p[0] == c[0] and p[1] == c[1]):
@@ -52,7 +52,7 @@ def nearest_on_circle(m: Any, up: float) -> tuple[float, float, float]:
     """Returns the circle's point nearest to the stopping point, and the latter's distance from the centre at `up`."""
     c = m.circle_centre
     rest_n, rest_e = stopping_ne(m)
-    n, e, u = rest_n - c[0], rest_e - c[1], m.position_desired[2] - up
+    n, e, u = rest_n - c[0], rest_e - c[1], m.desired_position_neu[2] - up
     distance = math.sqrt(n * n + e * e + u * u)
     if m.circle_radius <= 0.0:
         return c[0], c[1], distance
@@ -90,7 +90,7 @@ def go_round(m: Any, climb: float, dt: float) -> None:
     seek_velocity_up(m, climb, 0.0, False, dt)
     nose = m.circle_angle
     if m.circle_radius > 0.0:
-        nose = math.atan2(c[1] - m.position_desired[1], c[0] - m.position_desired[0])
+        nose = math.atan2(c[1] - m.desired_position_neu[1], c[0] - m.desired_position_neu[0])
         if (m.CIRCLE_OPTIONS & _ALONG) != 0:
             nose += -0.5 * math.pi if m.circle_rate > 0.0 else 0.5 * math.pi
     look_round(m, wrap_pi(nose))

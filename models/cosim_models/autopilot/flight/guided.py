@@ -114,8 +114,8 @@ def guide_stop(m: Any, t: float) -> None:
     m.submode = VELOCITY
     m.guided_time = t
     for i in range(3):
-        m.guided_velocity[i] = 0.0
-        m.guided_acceleration[i] = 0.0
+        m.guided_velocity_neu[i] = 0.0
+        m.guided_acceleration_neu[i] = 0.0
 
 
 @kernel
@@ -130,7 +130,7 @@ def guide_position(m: Any, n: float, e: float, u: float, t: float) -> None:
     """Flies to a point in GUIDED."""
     _enter_submode(m, POSITION)
     default_nose(m)
-    m.guided_position[0], m.guided_position[1], m.guided_position[2] = n, e, u
+    m.guided_position_neu[0], m.guided_position_neu[1], m.guided_position_neu[2] = n, e, u
     m.guided_time = t
 
 
@@ -139,15 +139,15 @@ def guide_velocity(m: Any, vn: float, ve: float, vu: float, t: float) -> None:
     """Flies at a velocity in GUIDED, for GUID_TIMEOUT."""
     _enter_submode(m, VELOCITY)
     default_nose(m)
-    m.guided_velocity[0], m.guided_velocity[1], m.guided_velocity[2] = vn, ve, vu
+    m.guided_velocity_neu[0], m.guided_velocity_neu[1], m.guided_velocity_neu[2] = vn, ve, vu
     for i in range(3):
-        m.guided_acceleration[i] = 0.0
+        m.guided_acceleration_neu[i] = 0.0
     m.guided_time = t
 
 
 @kernel
 def guide_position_velocity(m: Any, t: float) -> None:
-    """Follows a moving point in GUIDED; the caller has set m.guided_position, _velocity and _acceleration."""
+    """Follows a moving point in GUIDED; the caller has set m.guided_position_neu, velocity and acceleration."""
     _enter_submode(m, POSITION_VELOCITY)
     default_nose(m)
     m.guided_time = t
@@ -158,16 +158,16 @@ def guide_acceleration(m: Any, an: float, ae: float, au: float, t: float) -> Non
     """Accelerates in GUIDED, for GUID_TIMEOUT."""
     _enter_submode(m, ACCELERATION)
     default_nose(m)
-    m.guided_acceleration[0], m.guided_acceleration[1], m.guided_acceleration[2] = an, ae, au
+    m.guided_acceleration_neu[0], m.guided_acceleration_neu[1], m.guided_acceleration_neu[2] = an, ae, au
     m.guided_time = t
 
 
 @kernel
 def take_off(m: Any, height: float) -> bool:
     """Takes off in GUIDED to `height` [m above home]; returns False if that is not possible."""
-    if not m.armed or not m.on_ground or m.mode != GUIDED or m.home[2] + height <= m.pos[2]:
+    if not m.armed or not m.on_ground or m.mode != GUIDED or m.home_neu[2] + height <= m.position_neu[2]:
         return False
-    start_takeoff(m, m.home[2] + height)
+    start_takeoff(m, m.home_neu[2] + height)
     m.auto_armed = True
     return True
 
@@ -178,7 +178,7 @@ def start_takeoff(m: Any, up: float) -> None:
     standard_limits(m)
     m.submode = TAKEOFF
     hold_heading(m)
-    m.takeoff_from = m.pos[2]
+    m.takeoff_from = m.position_neu[2]
     m.takeoff_to = up
     m.takeoff_done = False
 
@@ -197,7 +197,7 @@ def start_land(m: Any) -> None:
 @kernel
 def _return_height(m: Any, n: float, e: float, height: float) -> float:
     """Returns the height [m above home] of the return flight to a point (n, e) whose own height is `height`."""
-    now = m.pos[2] - m.home[2]
+    now = m.position_neu[2] - m.home_neu[2]
     least = max(_RTL_ALT_MIN, now + max(0.01 * m.RTL_CLIMB_MIN, 0.0))
     wanted = max(height, 0.01 * m.RTL_ALT, least)
     if m.RTL_CONE_SLOPE >= _RTL_CONE_MIN:  # nearby, a full climb is unnecessary
@@ -218,8 +218,8 @@ def start_rtl(m: Any) -> None:
     m.rtl_stage = CLIMB
     n, e, height = best_return(m)
     m.rtl_place[0], m.rtl_place[1] = n, e
-    m.guided_position[0], m.guided_position[1] = stopping_ne(m)
-    m.guided_position[2] = m.home[2] + _return_height(m, n, e, height)
+    m.guided_position_neu[0], m.guided_position_neu[1] = stopping_ne(m)
+    m.guided_position_neu[2] = m.home_neu[2] + _return_height(m, n, e, height)
     if m.RTL_SPEED > 0.0:
         m.speed_max = 0.01 * m.RTL_SPEED
 
@@ -251,7 +251,7 @@ def run_takeoff(m: Any, dt: float) -> None:
         control_up(m, dt)
         relax_yaw(m)
         forget_torques(m, False, dt)
-        follow_yaw_rate(m, m.acceleration_target[0], m.acceleration_target[1], -GRAVITY, 0.0, dt)
+        follow_yaw_rate(m, m.target_acceleration_neu[0], m.target_acceleration_neu[1], -GRAVITY, 0.0, dt)
         return
     if m.on_ground:
         throttle = clip(m.throttle_in + dt / max(m.TKOFF_SLEW_TIME, 0.01), 0.0, 1.0)
@@ -260,11 +260,11 @@ def run_takeoff(m: Any, dt: float) -> None:
         relax_ne(m, dt)
         control_ne(m, dt)
         forget_torques(m, False, dt)
-        follow_yaw_rate(m, m.acceleration_target[0], m.acceleration_target[1], -GRAVITY, 0.0, dt)
+        follow_yaw_rate(m, m.target_acceleration_neu[0], m.target_acceleration_neu[1], -GRAVITY, 0.0, dt)
         if (
             throttle >= min(m.TKOFF_THR_MAX, _TAKEOFF_THROTTLE)
-            or m.acc[2] >= 0.5 * m.accel_up
-            or m.velocity_desired[2] >= 0.1 * m.speed_up
+            or m.acceleration_neu[2] >= 0.5 * m.accel_up
+            or m.desired_velocity_neu[2] >= 0.1 * m.speed_up
         ):
             m.on_ground = False
         return
@@ -273,8 +273,8 @@ def run_takeoff(m: Any, dt: float) -> None:
     seek_position_up(m, m.takeoff_to, 0.0, dt)
     control_up(m, dt)
     lean(m, dt)
-    climbed = m.position_desired[2] - m.takeoff_from >= 0.9 * (m.takeoff_to - m.takeoff_from)
-    if climbed and m.velocity_desired[2] < 0.1 * m.speed_up:
+    climbed = m.desired_position_neu[2] - m.takeoff_from >= 0.9 * (m.takeoff_to - m.takeoff_from)
+    if climbed and m.desired_velocity_neu[2] < 0.1 * m.speed_up:
         m.takeoff_done = True
 
 
@@ -289,12 +289,12 @@ def run_guided(m: Any, t: float, dt: float) -> None:
     m.spool_wanted = THROTTLE_UNLIMITED
     if m.submode != POSITION and t - m.guided_time > m.GUID_TIMEOUT:
         for i in range(3):
-            m.guided_velocity[i] = 0.0
-            m.guided_acceleration[i] = 0.0
+            m.guided_velocity_neu[i] = 0.0
+            m.guided_acceleration_neu[i] = 0.0
         stop_turning(m)
         if m.submode == ACCELERATION:
             guide_stop(m, t)
-    p, v, a = m.guided_position, m.guided_velocity, m.guided_acceleration
+    p, v, a = m.guided_position_neu, m.guided_velocity_neu, m.guided_acceleration_neu
     if m.submode == POSITION:
         seek_position(m, p[0], p[1], p[2], dt)
     elif m.submode == VELOCITY:
@@ -328,7 +328,7 @@ def _descend(m: Any, dt: float) -> None:
     """Descends at the speed limit to LAND_ALT_LOW, then at LAND_SPEED; the pilot may move the landing point."""
     slow = 0.01 * m.LAND_SPEED
     fast = 0.01 * m.LAND_SPEED_HIGH if m.LAND_SPEED_HIGH > 0.0 else m.speed_down
-    height = m.pos[2] - m.home[2]
+    height = m.position_neu[2] - m.home_neu[2]
     low = 0.01 * max(m.LAND_ALT_LOW, 100.0)
     rate = sqrt_controller(low - height, m.PSC_POSZ_P, m.accel_up, dt)
     seek_velocity_up(m, clip(rate, min(-fast, -slow), -slow), 0.0, True, dt)
@@ -354,9 +354,9 @@ def run_land(m: Any, dt: float) -> None:
 
 @kernel
 def fly_to_point(m: Any, dt: float) -> None:
-    """Performs one step towards m.guided_position."""
+    """Performs one step towards m.guided_position_neu."""
     m.spool_wanted = THROTTLE_UNLIMITED
-    p = m.guided_position
+    p = m.guided_position_neu
     seek_position(m, p[0], p[1], p[2], dt)
     control_ne(m, dt)
     control_up(m, dt)
@@ -368,10 +368,10 @@ def _come_down(m: Any, dt: float) -> None:
     """Descends to RTL_ALT_FINAL and holds that height; the pilot may move the landing point."""
     m.spool_wanted = THROTTLE_UNLIMITED
     vn, ve = _reposition(m)
-    p = m.guided_position
+    p = m.guided_position_neu
     seek_velocity_ne(m, vn, ve, 0.0, 0.0, dt)
     seek_position_up(m, p[2], 0.0, dt)
-    p[0], p[1] = m.position_desired[0], m.position_desired[1]
+    p[0], p[1] = m.desired_position_neu[0], m.desired_position_neu[1]
     control_ne(m, dt)
     control_up(m, dt)
     lean(m, dt)
@@ -389,8 +389,8 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
         _come_down(m, dt)
         return
     fly_to_point(m, dt)
-    p = m.guided_position
-    gap = m.position_desired
+    p = m.guided_position_neu
+    gap = m.desired_position_neu
     if m.rtl_stage == CLIMB:
         if abs(p[2] - gap[2]) < 0.1:
             m.rtl_stage = RETURN
@@ -398,7 +398,7 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
             p[1] = m.rtl_place[1]
             default_nose(m)
     elif m.rtl_stage == RETURN:
-        near = math.sqrt((p[0] - m.pos[0]) ** 2 + (p[1] - m.pos[1]) ** 2) < 0.01 * m.WPNAV_RADIUS
+        near = math.sqrt((p[0] - m.position_neu[0]) ** 2 + (p[1] - m.position_neu[1]) ** 2) < 0.01 * m.WPNAV_RADIUS
         if near and math.sqrt((p[0] - gap[0]) ** 2 + (p[1] - gap[1]) ** 2) < 0.2:
             m.rtl_stage = WAIT
             m.loiter_since = t
@@ -407,7 +407,7 @@ def run_rtl(m: Any, t: float, dt: float) -> None:
         if m.RTL_ALT_FINAL > 0.0 and not m.radio_lost:
             m.rtl_stage = FINAL
             hold_heading(m)
-            p[2] = m.home[2] + 0.01 * m.RTL_ALT_FINAL
+            p[2] = m.home_neu[2] + 0.01 * m.RTL_ALT_FINAL
             return
         m.rtl_stage = DESCEND
         start_land(m)

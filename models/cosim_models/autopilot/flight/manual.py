@@ -114,7 +114,7 @@ def _is_flying(m: Any, climb: float, t: float, dt: float) -> bool:
     if m.armed and (m.pilot_takeoff or (m.on_ground and climb > 0.0 and m.spool_state == THROTTLE_UNLIMITED)):
         if not m.pilot_takeoff:
             m.pilot_takeoff = True
-            m.takeoff_from = m.position_desired[2]
+            m.takeoff_from = m.desired_position_neu[2]
             m.takeoff_to = m.takeoff_from + 0.01 * m.PILOT_TKOFF_ALT
         return True
     if m.armed and m.auto_armed and not m.on_ground:
@@ -139,7 +139,7 @@ def _climb(m: Any, climb: float, dt: float) -> None:
     if not m.on_ground:
         seek_position_up(m, m.takeoff_to, climb, dt)
         control_up(m, dt)
-        if climb < 0.0 or 0.999 * rise < m.position_desired[2] - m.takeoff_from:
+        if climb < 0.0 or 0.999 * rise < m.desired_position_neu[2] - m.takeoff_from:
             m.pilot_takeoff = False
         return
     throttle = clip(m.throttle_in + dt / max(m.TKOFF_SLEW_TIME, 0.01), 0.0, 1.0)
@@ -147,9 +147,9 @@ def _climb(m: Any, climb: float, dt: float) -> None:
     set_throttle(m, throttle, True, 0.0, dt)
     if (
         throttle >= min(m.TKOFF_THR_MAX, _TAKEOFF_THROTTLE)
-        or m.acc[2] >= 0.5 * m.accel_up
-        or m.velocity_desired[2] >= clip(climb, 0.1 * m.speed_up, 0.5 * m.speed_up)
-        or (rise > 0.0 and m.position_desired[2] - m.takeoff_from > 0.5 * rise)
+        or m.acceleration_neu[2] >= 0.5 * m.accel_up
+        or m.desired_velocity_neu[2] >= clip(climb, 0.1 * m.speed_up, 0.5 * m.speed_up)
+        or (rise > 0.0 and m.desired_position_neu[2] - m.takeoff_from > 0.5 * rise)
     ):
         m.on_ground = False
 
@@ -236,7 +236,7 @@ def _move(m: Any, t: float, dt: float) -> None:
     moved = forward != 0.0 or right != 0.0
     if moved:
         wn, we = _acceleration_of(m, roll, pitch)
-    p, v, a = m.position_desired, m.velocity_desired, m.acceleration_desired
+    p, v, a = m.desired_position_neu, m.desired_velocity_neu, m.desired_acceleration_neu
     an, ae = _predict(m, roll, pitch, dt)
     v[0] += an * dt
     v[1] += ae * dt
@@ -273,7 +273,7 @@ def run_loiter(m: Any, t: float, dt: float) -> None:
     _move(m, t, dt)
     control_ne(m, dt)
     _climb(m, climb, dt)
-    a = m.acceleration_target
+    a = m.target_acceleration_neu
     follow_yaw_rate(m, a[0], a[1], -GRAVITY, _yaw_rate(m, t, dt), dt)
 
 
@@ -298,8 +298,8 @@ def start_circle(m: Any) -> None:
     initialise_up(m)
     _take_circle(m)
     ahead = 0.0 if (m.CIRCLE_OPTIONS & _AT_CENTRE) != 0 else m.circle_radius
-    m.circle_centre[0] = m.position_desired[0] + ahead * math.cos(heading)
-    m.circle_centre[1] = m.position_desired[1] + ahead * math.sin(heading)
+    m.circle_centre[0] = m.desired_position_neu[0] + ahead * math.cos(heading)
+    m.circle_centre[1] = m.desired_position_neu[1] + ahead * math.sin(heading)
     begin_circle(m, True)
     circle_nose(m)
     look_round(m, heading)

@@ -70,7 +70,7 @@ def arm(m: Any, t: float) -> None:
     m.idle_since = t
     m.armed_heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
     for i in range(3):
-        m.home[i] = m.pos[i]
+        m.home_neu[i] = m.position_neu[i]
     m.land_time = 0.0
 
 
@@ -102,9 +102,9 @@ def detect_landing(m: Any, dt: float) -> None:
     still = 0.0
     moving = 0.0
     for i in range(3):
-        m.land_accel[i] += alpha * (m.acc[i] - m.land_accel[i])
-        still += m.land_accel[i] * m.land_accel[i]
-        moving += m.acc[i] * m.acc[i]
+        m.land_acceleration_neu[i] += alpha * (m.acceleration_neu[i] - m.land_acceleration_neu[i])
+        still += m.land_acceleration_neu[i] * m.land_acceleration_neu[i]
+        moving += m.acceleration_neu[i] * m.acceleration_neu[i]
     upright = 1.0 - 2.0 * (m.attitude_target[1] ** 2 + m.attitude_target[2] ** 2)  # cosine of the lean of the target
     rough = upright < _LARGE_LEAN or m.thrust_error > _LARGE_ERROR
     if not m.armed:
@@ -119,7 +119,7 @@ def detect_landing(m: Any, dt: float) -> None:
         and m.throttle_mix <= 1.1 * m.ATC_THR_MIX_MIN
         and not rough
         and still <= _LANDED_ACCEL * _LANDED_ACCEL
-        and abs(m.vel[2]) < _LANDED_SPEED
+        and abs(m.velocity_neu[2]) < _LANDED_SPEED
     ):
         m.land_time += dt
         if m.land_time >= _LANDED_TIME:
@@ -134,7 +134,7 @@ def detect_landing(m: Any, dt: float) -> None:
     elif (
         not m.armed
         or m.on_ground
-        or (not rough and moving <= _MOVING_ACCEL * _MOVING_ACCEL and m.velocity_desired[2] < 0.0)
+        or (not rough and moving <= _MOVING_ACCEL * _MOVING_ACCEL and m.desired_velocity_neu[2] < 0.0)
     ):
         wanted = m.ATC_THR_MIX_MIN
     mix_towards(m, wanted, dt)

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from cosim.fields import get_real
 from cosim.frames import euler_from_quaternion
-from cosim.kernel import get_real, kernel
+from cosim.kernel import kernel
 from cosim.messages import RC_CHANNELS_OVERRIDE_CHAN1_RAW, RC_CHANNELS_OVERRIDE_CHAN9_RAW, decode_manual_control
 from cosim.model import record_layout
 from cosim.packets import get_u16

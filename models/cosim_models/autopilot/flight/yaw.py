@@ -204,7 +204,7 @@ def lean(m: Any, dt: float) -> None:
     """Passes the demanded acceleration and heading to the attitude controller."""
     if m.rc_known:
         _follow_pilot(m)
-    an, ae = m.acceleration_target[0], m.acceleration_target[1]
+    an, ae = m.target_acceleration_neu[0], m.target_acceleration_neu[1]
     if m.yaw_mode == _ALONG_PATH:
         follow_heading(m, an, ae, -GRAVITY, m.path_heading, m.path_turn_rate, dt)
     elif m.yaw_mode == _FIXED or m.yaw_mode == _ROUND:

@@ -11,11 +11,12 @@ Source: ArduPilot, GCS_MAVLINK (one for each channel).
 from __future__ import annotations
 
 import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from cosim.kernel import kernel
+from cosim.messages import MAV_COMP_ID_AUTOPILOT1
 from cosim.packets import MAX_PACKET, pack
 
 __all__ = [
@@ -30,18 +31,16 @@ __all__ = [
     "send_to_all",
 ]
 
-MAVLINK, TELEMETRY, SERIAL = (cast(int, np.int64(i)) for i in range(3))
+MAVLINK, TELEMETRY, SERIAL = range(3)
 """Links, in the order in which they are served."""
 LINKS = 3
-
-_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 
 
 @kernel
 def _append(m: Any, buffer: Any, used: int, message: int) -> int:
     """Appends m.payload to the `used` bytes of a buffer; returns the new number of bytes, negative on failure."""
-    link = m.link
-    n = pack(buffer, used, m.payload, message, m.sequence[link], m.SYSID_THISMAV, _COMPONENT, m.link_version[link])
+    link, sender = m.link, m.SYSID_THISMAV
+    n = pack(buffer, used, m.payload, message, m.sequence[link], sender, MAV_COMP_ID_AUTOPILOT1, m.link_version[link])
     if n >= 0:
         m.sequence[link] = (m.sequence[link] + 1) % 256
     return n

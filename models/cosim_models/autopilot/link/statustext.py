@@ -7,7 +7,7 @@ Source: ArduPilot's texts, as recorded from ArduCopter 4.7-dev or read in its so
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -72,10 +72,9 @@ __all__ = [
     "send_texts",
 ]
 
-CRITICAL, WARNING, INFO = (cast(int, np.int64(severity)) for severity in (2, 4, 6))  # MAV_SEVERITY
-_STATUSTEXT = cast(int, np.int64(STATUSTEXT))
+CRITICAL, WARNING, INFO = 2, 4, 6  # MAV_SEVERITY
 _EVERY_LINK = 2**LINKS - 1
-NO_NUMBER = cast(int, np.int64(-1))
+NO_NUMBER = -1
 """Number argument of `say` for texts without a number."""
 
 _TEXTS: list[bytes] = []
@@ -83,7 +82,7 @@ _TEXTS: list[bytes] = []
 
 def _text(text: bytes) -> int:
     _TEXTS.append(text)
-    return cast(int, np.int64(len(_TEXTS) - 1))
+    return len(_TEXTS) - 1
 
 
 ARMING = _text(b"Arming motors")
@@ -228,4 +227,4 @@ def _send_text(m: Any, row: int) -> bool:
         else:
             put_statustext_text(m.payload, at, byte)
             at += 1
-    return send(m, _STATUSTEXT)
+    return send(m, STATUSTEXT)

@@ -38,6 +38,7 @@ from cosim.messages import (
     MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
     MAV_CMD_REQUEST_MESSAGE,
     MAV_CMD_SET_MESSAGE_INTERVAL,
+    MAV_COMP_ID_AUTOPILOT1,
     MAV_DO_REPOSITION_FLAGS_CHANGE_MODE,
     MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
     MAV_RESULT_ACCEPTED,
@@ -142,7 +143,6 @@ from cosim_models.autopilot.record.streams import STREAM_COUNT, stream_group, st
 __all__ = ["receive"]
 
 
-_COMPONENT = 1
 _SHORTEST, _ACK = 13, 22  # bytes of a COMMAND_LONG that contains only zeros, and of its COMMAND_ACK
 # Sums of POSITION_TARGET_TYPEMASK_X_IGNORE and the like.
 _NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0
@@ -276,7 +276,7 @@ def _locate(m: Any, lat: int, lon: int, altitude: float, reference: int) -> tupl
     )
     if reference == _ABSOLUTE:
         return n, e, -d - m.origin_altitude
-    return n, e, m.home[2] - d
+    return n, e, m.home_neu[2] - d
 
 
 @kernel
@@ -344,7 +344,7 @@ def _guide(
         an, ae, au = 0.0, 0.0, 0.0
     if position and velocity:
         guide_position_velocity(m, t)
-        m.guided_position[0], m.guided_position[1], m.guided_position[2] = n, e, u
+        m.guided_position_neu[0], m.guided_position_neu[1], m.guided_position_neu[2] = n, e, u
     elif velocity:
         guide_velocity(m, vn, ve, vu, t)
     elif acceleration and not position:
@@ -355,8 +355,8 @@ def _guide(
         guide_stop(m, t)
         return
     if velocity:
-        m.guided_velocity[0], m.guided_velocity[1], m.guided_velocity[2] = vn, ve, vu
-        m.guided_acceleration[0], m.guided_acceleration[1], m.guided_acceleration[2] = an, ae, au
+        m.guided_velocity_neu[0], m.guided_velocity_neu[1], m.guided_velocity_neu[2] = vn, ve, vu
+        m.guided_acceleration_neu[0], m.guided_acceleration_neu[1], m.guided_acceleration_neu[2] = an, ae, au
     _set_nose(m, mask, yaw, yaw_rate, relative)
 
 
@@ -379,7 +379,7 @@ def _local_target(m: Any, t: float) -> None:
         ax, ay = ax * c - ay * s, ax * s + ay * c
     up = -z
     if frame != 1:
-        x, y, up = x + m.pos[0], y + m.pos[1], up + m.pos[2]
+        x, y, up = x + m.position_neu[0], y + m.position_neu[1], up + m.position_neu[2]
     _guide(m, mask, x, y, up, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, body, t)
 
 
@@ -410,10 +410,10 @@ def _guided_item(m: Any, current: int, frame: int, lat: float, lon: float, z: fl
     if m.mode != GUIDED or reference < 0 or not math.isfinite(z):
         return False
     if current == 3:
-        n, e = m.position_desired[0], m.position_desired[1]
+        n, e = m.desired_position_neu[0], m.desired_position_neu[1]
         if m.submode == POSITION:
-            n, e = m.guided_position[0], m.guided_position[1]
-        u = z - m.origin_altitude if reference == _ABSOLUTE else z + m.home[2]
+            n, e = m.guided_position_neu[0], m.guided_position_neu[1]
+        u = z - m.origin_altitude if reference == _ABSOLUTE else z + m.home_neu[2]
     else:
         if not (abs(lat) <= 9e8 and abs(lon) <= 1.8e9):
             return False
@@ -543,10 +543,11 @@ def receive(m: Any, packets: Any, n: int, t: float) -> None:
             continue
         sender = system(packets, start)
         to_system, to_component = target(packets, start)
-        if sender == m.SYSID_THISMAV and component(packets, start) == _COMPONENT:
+        if sender == m.SYSID_THISMAV and component(packets, start) == MAV_COMP_ID_AUTOPILOT1:
             continue
         m.link_version[m.link] = version(packets, start)
-        if (to_system == 0 or to_system == m.SYSID_THISMAV) and (to_component == 0 or to_component == _COMPONENT):
+        for_vehicle = to_system == 0 or to_system == m.SYSID_THISMAV
+        if for_vehicle and to_component in (0, MAV_COMP_ID_AUTOPILOT1):
             unpack(packets, start, m.received)
             _dispatch(m, message_id(packets, start), sender, component(packets, start), t)
     m.ack_room = 0

@@ -11,7 +11,7 @@ transfer from ArduCopter 4.7-dev to MAVProxy.
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -27,31 +27,28 @@ from cosim.messages import (
 )
 from cosim.packets import clear, get_u8, get_u16, get_u32, put_f32, put_i8, put_i16, put_i32, put_u8, put_u16, put_u32
 from cosim_models.autopilot.link.links import can_answer, send
-from cosim_models.autopilot.mavlink.parameters import PARAMETER_COUNT, PARAMETER_NAMES, parameter_type, parameter_value
+from cosim_models.autopilot.mavlink.parameters import (
+    PARAMETER_COUNT,
+    PARAMETER_NAMES,
+    PARAMETER_TYPES,
+    parameter_type,
+    parameter_value,
+)
 
 __all__ = ["answer_file_transfer", "continue_burst"]
 
 
-# Numpy integers, because numba recompiles a kernel for every Python integer passed as a constant.
-def _whole(value: int) -> int:
-    return cast(int, np.int64(value))
-
-
 # The protocol's header in the payload.
-_SEQUENCE = _whole(FILE_TRANSFER_PROTOCOL_PAYLOAD)
-_SESSION, _OPCODE, _SIZE, _REQUEST, _COMPLETE, _OFFSET, _DATA = (
-    _whole(FILE_TRANSFER_PROTOCOL_PAYLOAD + i) for i in (2, 3, 4, 5, 6, 8, 12)
+_SEQUENCE, _SESSION, _OPCODE, _SIZE, _REQUEST, _COMPLETE, _OFFSET, _DATA = (
+    FILE_TRANSFER_PROTOCOL_PAYLOAD + i for i in (0, 2, 3, 4, 5, 6, 8, 12)
 )
 _MOST = 239  # bytes of data
-_SYSTEM, _COMPONENT = (_whole(i) for i in (1, 2))  # of the message
-_TERMINATE, _RESET, _LIST, _OPEN, _READ, _BURST = (_whole(i) for i in (1, 2, 3, 4, 5, 15))
+_SYSTEM, _COMPONENT = 1, 2  # of the message
+_TERMINATE, _RESET, _LIST, _OPEN, _READ, _BURST = 1, 2, 3, 4, 5, 15
 _CREATE, _LAST_WRITING = 6, 13
-_ACK, _NAK = (_whole(i) for i in (128, 129))
-_INVALID_SESSION, _END, _UNKNOWN, _PROTECTED, _NOT_FOUND = (_whole(i) for i in (4, 6, 7, 9, 10))
-_NOTHING, _ONE, _FOUR = (_whole(i) for i in (0, 1, 4))
+_ACK, _NAK = 128, 129
+_INVALID_SESSION, _END, _UNKNOWN, _PROTECTED, _NOT_FOUND = 4, 6, 7, 9, 10
 _SHARE = 0.005  # s between packets of a burst
-_FILE_TRANSFER = _whole(FILE_TRANSFER_PROTOCOL)
-_MESSAGE_LENGTH = _whole(FILE_TRANSFER_PROTOCOL_LENGTH)
 
 _MAGIC = 0x671B
 _PACKED_TYPE = {MAV_PARAM_TYPE_INT8: 1, MAV_PARAM_TYPE_INT16: 2, MAV_PARAM_TYPE_INT32: 3, MAV_PARAM_TYPE_REAL32: 4}
@@ -67,7 +64,7 @@ def _packed() -> tuple[bytes, list[int]]:
         shared = 0
         while shared < min(len(before), len(name) - 1, 15) and before[shared] == name[shared]:
             shared += 1
-        kind = int(parameter_type(i))
+        kind = PARAMETER_TYPES[i]
         data += bytes((_PACKED_TYPE[kind], (len(name) - shared - 1) << 4 | shared)) + name[shared:].encode()
         places.append(len(data))
         data += bytes(_PACKED_SIZE[kind])
@@ -81,9 +78,9 @@ def _bytes(data: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
 
 _CONTENT, _PLACES = _packed()
 _FILE = _bytes(_CONTENT)
-_LENGTH = _whole(len(_CONTENT))
+_LENGTH = len(_CONTENT)
 _VALUE_AT = np.array(_PLACES, dtype=np.int64)
-_WIDTH = np.array([_PACKED_SIZE[int(parameter_type(i))] for i in range(PARAMETER_COUNT)], dtype=np.int64)
+_WIDTH = np.array([_PACKED_SIZE[kind] for kind in PARAMETER_TYPES], dtype=np.int64)
 _NAME = _bytes(b"@PARAM/param.pck")
 _FOLDER = _bytes(b"@PARAM")
 _ROOT_LISTING = _bytes(b"D@PARAM\0")
@@ -105,13 +102,13 @@ def _put_piece(m: Any, at: int, count: int) -> None:
             continue
         value, kind = parameter_value(m, p), parameter_type(p)
         if kind == MAV_PARAM_TYPE_REAL32:
-            put_f32(m.received, _NOTHING, value)
+            put_f32(m.received, 0, value)
         elif kind == MAV_PARAM_TYPE_INT32:
-            put_i32(m.received, _NOTHING, int(value))
+            put_i32(m.received, 0, int(value))
         elif kind == MAV_PARAM_TYPE_INT16:
-            put_i16(m.received, _NOTHING, int(value))
+            put_i16(m.received, 0, int(value))
         else:
-            put_i8(m.received, _NOTHING, int(value))
+            put_i8(m.received, 0, int(value))
         for k in range(width):
             if at <= first + k < at + count:
                 put_u8(m.payload, _DATA + first + k - at, get_u8(m.received, k))
@@ -120,7 +117,7 @@ def _put_piece(m: Any, at: int, count: int) -> None:
 @kernel
 def _begin(m: Any, system: int, component: int, sequence: int, session: int, request: int, offset: int) -> None:
     """Begins an answer: an acknowledgement without data."""
-    clear(m.payload, _NOTHING, _MESSAGE_LENGTH)
+    clear(m.payload, 0, FILE_TRANSFER_PROTOCOL_LENGTH)
     put_u8(m.payload, _SYSTEM, system)
     put_u8(m.payload, _COMPONENT, component)
     put_u16(m.payload, _SEQUENCE, sequence % 65536)
@@ -133,7 +130,7 @@ def _begin(m: Any, system: int, component: int, sequence: int, session: int, req
 @kernel
 def _refuse(m: Any, error: int) -> None:
     put_u8(m.payload, _OPCODE, _NAK)
-    put_u8(m.payload, _SIZE, _ONE)
+    put_u8(m.payload, _SIZE, 1)
     put_u8(m.payload, _DATA, error)
 
 
@@ -157,7 +154,7 @@ def _names(m: Any, size: int, name: Any, query: bool) -> bool:
     for i in range(n):
         if get_u8(m.received, _DATA + i) != np.int64(name[i]):
             return False
-    following = get_u8(m.received, _DATA + n) if size > n else _NOTHING
+    following = get_u8(m.received, _DATA + n) if size > n else 0
     return bool(following == 0 or (query and following == _QUERY))
 
 
@@ -200,7 +197,7 @@ def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
             m.file_open = True
             m.file_bursting = False
             m.file_session = session
-            put_u8(m.payload, _SIZE, _FOUR)
+            put_u8(m.payload, _SIZE, 4)
             put_u32(m.payload, _DATA, _LENGTH)
         else:
             _refuse(m, _NOT_FOUND)
@@ -223,7 +220,7 @@ def answer_file_transfer(m: Any, system: int, component: int, t: float) -> None:
         return
     else:
         _refuse(m, _PROTECTED if _CREATE <= request <= _LAST_WRITING else _UNKNOWN)
-    send(m, _FILE_TRANSFER)
+    send(m, FILE_TRANSFER_PROTOCOL)
 
 
 @kernel
@@ -235,8 +232,8 @@ def continue_burst(m: Any, t: float) -> None:
     _begin(m, m.file_system, m.file_component, m.file_sequence, m.file_session, _BURST, m.file_at)
     _fill(m, m.file_at, m.file_piece)
     last = left <= m.file_piece
-    put_u8(m.payload, _COMPLETE, _ONE if last else _NOTHING)
-    if send(m, _FILE_TRANSFER):
+    put_u8(m.payload, _COMPLETE, 1 if last else 0)
+    if send(m, FILE_TRANSFER_PROTOCOL):
         m.file_at += min(left, m.file_piece)
         m.file_sequence += 1
         m.file_due = t + _SHARE

@@ -14,7 +14,7 @@ conversations with ArduCopter 4.7-dev.
 from __future__ import annotations
 
 import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +36,16 @@ from cosim.messages import (
     HEARTBEAT,
     HOME_POSITION,
     LOCAL_POSITION_NED,
+    MAV_PROTOCOL_CAPABILITY_COMMAND_INT,
+    MAV_PROTOCOL_CAPABILITY_FTP,
+    MAV_PROTOCOL_CAPABILITY_MAVLINK2,
+    MAV_PROTOCOL_CAPABILITY_MISSION_FENCE,
+    MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT,
+    MAV_PROTOCOL_CAPABILITY_MISSION_INT,
+    MAV_PROTOCOL_CAPABILITY_MISSION_RALLY,
+    MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT,
+    MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT,
+    MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED,
     MAV_SYS_STATUS_AHRS,
     MAV_SYS_STATUS_PREARM_CHECK,
     MAV_SYS_STATUS_SENSOR_BATTERY,
@@ -127,33 +137,24 @@ __all__ = [
     "tell_interval",
 ]
 
-# numba recompiles a kernel for every Python integer passed as a constant, but only once for all numpy integers.
-_ATTITUDE = cast(int, np.int64(ATTITUDE))
-_AUTOPILOT_VERSION = cast(int, np.int64(AUTOPILOT_VERSION))
-_COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
-_EKF_STATUS_REPORT = cast(int, np.int64(EKF_STATUS_REPORT))
-_EXTENDED_SYS_STATE = cast(int, np.int64(EXTENDED_SYS_STATE))
-_GLOBAL_POSITION_INT = cast(int, np.int64(GLOBAL_POSITION_INT))
-_GPS_GLOBAL_ORIGIN = cast(int, np.int64(GPS_GLOBAL_ORIGIN))
-_GPS_RAW_INT = cast(int, np.int64(GPS_RAW_INT))
-_HEARTBEAT = cast(int, np.int64(HEARTBEAT))
-_HOME_POSITION = cast(int, np.int64(HOME_POSITION))
-_LOCAL_POSITION_NED = cast(int, np.int64(LOCAL_POSITION_NED))
-_SERVO_OUTPUT_RAW = cast(int, np.int64(SERVO_OUTPUT_RAW))
-_MESSAGE_INTERVAL = cast(int, np.int64(MESSAGE_INTERVAL))
-_TIMESYNC = cast(int, np.int64(TIMESYNC))
-_SYSTEM_TIME = cast(int, np.int64(SYSTEM_TIME))
-_SYS_STATUS = cast(int, np.int64(SYS_STATUS))
-_VFR_HUD = cast(int, np.int64(VFR_HUD))
 _MULTICOPTER = 3  # MAV_VTOL_STATE_MC
 
 _EKF_UNINITIALISED, _EKF_CONSTANT, _EKF_GOOD = 1024, 167, 831  # EKF_STATUS_FLAGS, as ArduCopter sets them
 _PRESENT, _SENSORS, _HEALTHY = 0x5371FC0F, 0x52419C0F, 0x47519C0F  # as ArduCopter sets them, without GPS and AHRS
 _POSITION_CONTROL = 0x6000  # altitude and position control: healthy, and enabled, when armed
 _ENABLED_ARMED = _POSITION_CONTROL + 0x1000000  # and logging
-# MAV_PROTOCOL_CAPABILITY: missions in floats and integers, parameters in floats, COMMAND_INT, file transfer, both
-# SET_POSITION_TARGETs, MAVLink 2, fences, rally points
-_CAPABILITIES = 1 + 2 + 4 + 8 + 32 + 128 + 256 + 8192 + 16384 + 32768
+_CAPABILITIES = (
+    MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
+    + MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    + MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    + MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    + MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    + MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    + MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    + MAV_PROTOCOL_CAPABILITY_FTP
+    + MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    + MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+)
 _SOFTWARE = 0x04070000  # the emulated ArduCopter: 4.7-dev
 
 
@@ -164,14 +165,14 @@ _SOFTWARE = 0x04070000  # the emulated ArduCopter: 4.7-dev
 def acknowledge(m: Any, command: int, result: int, system: int, component: int) -> None:
     """Sends COMMAND_ACK to the requester."""
     encode_command_ack(m.payload, command, result, 0, 0, system, component)
-    send(m, _COMMAND_ACK)
+    send(m, COMMAND_ACK)
 
 
 @kernel
 def answer_timesync(m: Any, sent: int, t: float) -> None:
     """Sends TIMESYNC with the local time, for a request that was sent at `sent` [ns]."""
     encode_timesync(m.payload, microseconds(t) * 1000, sent)
-    send(m, _TIMESYNC)
+    send(m, TIMESYNC)
 
 
 @kernel
@@ -182,7 +183,7 @@ def tell_interval(m: Any, message: int, row: int) -> None:
         seconds = m.interval[m.link, row]
         interval = int(seconds * 1e6 + 0.5) if seconds > 0.0 else -1
     encode_message_interval(m.payload, message, interval)
-    send(m, _MESSAGE_INTERVAL)
+    send(m, MESSAGE_INTERVAL)
 
 
 # ---- streamed messages ---------------------------------------------------------------------------------------------
@@ -207,7 +208,7 @@ def send_heartbeat(m: Any, t: float) -> bool:
     )
     kind = 2 if m.motor_count == 4 else 13 if m.motor_count == 6 else 14
     encode_heartbeat(m.payload, kind, 3, base_mode, mode, state, 3)
-    return send(m, _HEARTBEAT)
+    return send(m, HEARTBEAT)
 
 
 @kernel
@@ -247,15 +248,14 @@ def _send_sys_status(m: Any, t: float) -> bool:
         0,
         0,
     )
-    return send(m, _SYS_STATUS)
+    return send(m, SYS_STATUS)
 
 
 @kernel
 def _place(m: Any) -> tuple[int, int, float]:
     """Returns latitude and longitude in 1e-7 degrees, altitude AMSL in m."""
-    lat, lon, alt = geodetic_from_local(
-        m.pos[0], m.pos[1], -m.pos[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
-    )
+    p = m.position_neu
+    lat, lon, alt = geodetic_from_local(p[0], p[1], -p[2], m.origin_latitude, m.origin_longitude, m.origin_altitude)
     return deg_e7(lat), deg_e7(lon), alt
 
 
@@ -263,9 +263,9 @@ def _place(m: Any) -> tuple[int, int, float]:
 def _send_gps_raw(m: Any, t: float) -> bool:
     if not reached(m, t, GPS_AT):
         encode_gps_raw_int(m.payload, 0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-        return send(m, _GPS_RAW_INT)
+        return send(m, GPS_RAW_INT)
     lat, lon, alt = _place(m)
-    vn, ve = m.vel[0], m.vel[1]
+    vn, ve = m.velocity_neu[0], m.velocity_neu[1]
     course = math.degrees(math.atan2(ve, vn)) % 360.0
     speed = math.sqrt(vn * vn + ve * ve)
     micros = microseconds(t)
@@ -289,23 +289,23 @@ def _send_gps_raw(m: Any, t: float) -> bool:
         0,
         0,
     )
-    return send(m, _GPS_RAW_INT)
+    return send(m, GPS_RAW_INT)
 
 
 @kernel
 def _send_attitude(m: Any, t: float) -> bool:
     roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
     encode_attitude(m.payload, milliseconds(t), roll, pitch, yaw, m.gyro[0], m.gyro[1], m.gyro[2])
-    return send(m, _ATTITUDE)
+    return send(m, ATTITUDE)
 
 
 @kernel
 def _send_local_position(m: Any, t: float) -> bool:
     if not position_ready(m, t):
         return True
-    p, v = m.pos, m.vel
+    p, v = m.position_neu, m.velocity_neu
     encode_local_position_ned(m.payload, milliseconds(t), p[0], p[1], -p[2], v[0], v[1], -v[2])
-    return send(m, _LOCAL_POSITION_NED)
+    return send(m, LOCAL_POSITION_NED)
 
 
 @kernel
@@ -320,22 +320,22 @@ def _send_global_position(m: Any, t: float) -> bool:
         lat,
         lon,
         int(np.int64(math.floor(alt * 1e3 + 0.5))),
-        int(np.int64(math.floor((m.pos[2] - m.home[2]) * 1e3 + 0.5))),
-        int(m.vel[0] * 100.0),
-        int(m.vel[1] * 100.0),
-        int(-m.vel[2] * 100.0),
+        int(np.int64(math.floor((m.position_neu[2] - m.home_neu[2]) * 1e3 + 0.5))),
+        int(m.velocity_neu[0] * 100.0),
+        int(m.velocity_neu[1] * 100.0),
+        int(-m.velocity_neu[2] * 100.0),
         int(heading * 100.0) % 36000,
     )
-    return send(m, _GLOBAL_POSITION_INT)
+    return send(m, GLOBAL_POSITION_INT)
 
 
 @kernel
 def _send_vfr_hud(m: Any) -> bool:
-    speed = math.sqrt(m.vel[0] * m.vel[0] + m.vel[1] * m.vel[1])
+    speed = math.sqrt(m.velocity_neu[0] * m.velocity_neu[0] + m.velocity_neu[1] * m.velocity_neu[1])
     heading = int(math.degrees(euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]) % 360.0)
     throttle = 0 if m.spool_state <= GROUND_IDLE else int(m.throttle_out * 100.0)
-    encode_vfr_hud(m.payload, speed, speed, heading, throttle, m.origin_altitude + m.pos[2], m.vel[2])
-    return send(m, _VFR_HUD)
+    encode_vfr_hud(m.payload, speed, speed, heading, throttle, m.origin_altitude + m.position_neu[2], m.velocity_neu[2])
+    return send(m, VFR_HUD)
 
 
 @kernel
@@ -346,7 +346,7 @@ def _send_ekf_status(m: Any, t: float) -> bool:
     elif attitude_ready(m, t):
         flags = _EKF_CONSTANT
     encode_ekf_status_report(m.payload, flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return send(m, _EKF_STATUS_REPORT)
+    return send(m, EKF_STATUS_REPORT)
 
 
 @kernel
@@ -354,16 +354,16 @@ def send_home(m: Any, t: float) -> bool:
     if not home_ready(m, t):
         return True
     lat, lon, alt = geodetic_from_local(
-        m.home[0], m.home[1], -m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+        m.home_neu[0], m.home_neu[1], -m.home_neu[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
     )
     micros = microseconds(t)
     height = int(np.int64(math.floor(alt * 1e3 + 0.5)))
     encode_home_position(
-        m.payload, deg_e7(lat), deg_e7(lon), height, m.home[0], m.home[1], -m.home[2], 0.0, 0.0, 0.0, micros
+        m.payload, deg_e7(lat), deg_e7(lon), height, m.home_neu[0], m.home_neu[1], -m.home_neu[2], 0.0, 0.0, 0.0, micros
     )
     for i in range(4):
         put_home_position_q(m.payload, i, math.nan)
-    return send(m, _HOME_POSITION)
+    return send(m, HOME_POSITION)
 
 
 @kernel
@@ -373,14 +373,14 @@ def send_origin(m: Any, t: float) -> bool:
     height = int(np.int64(math.floor(m.origin_altitude * 1e3 + 0.5)))
     micros = microseconds(t)
     encode_gps_global_origin(m.payload, deg_e7(m.origin_latitude), deg_e7(m.origin_longitude), height, micros)
-    return send(m, _GPS_GLOBAL_ORIGIN)
+    return send(m, GPS_GLOBAL_ORIGIN)
 
 
 @kernel
 def _send_version(m: Any) -> bool:
     clear(m.payload, 0, 78)
     encode_autopilot_version(m.payload, _CAPABILITIES, _SOFTWARE, 0, 0, 0, 0, 0, m.SYSID_THISMAV)
-    return send(m, _AUTOPILOT_VERSION)
+    return send(m, AUTOPILOT_VERSION)
 
 
 @kernel
@@ -390,7 +390,7 @@ def _send_servos(m: Any, t: float) -> bool:
     least, most = clip(m.MOT_PWM_MIN, 0.0, 65535.0), clip(m.MOT_PWM_MAX, 0.0, 65535.0)
     for i in range(m.motor_count):
         put_u16(m.payload, SERVO_OUTPUT_RAW_SERVO1_RAW + 2 * i, int(least + m.motor[i] * (most - least) + 0.5))
-    return send(m, _SERVO_OUTPUT_RAW)
+    return send(m, SERVO_OUTPUT_RAW)
 
 
 @kernel
@@ -413,7 +413,7 @@ def send_message(m: Any, row: int, t: float) -> bool:
         return _send_ekf_status(m, t)
     if message == SYSTEM_TIME:
         encode_system_time(m.payload, 0, milliseconds(t))
-        return send(m, _SYSTEM_TIME)
+        return send(m, SYSTEM_TIME)
     if message == SERVO_OUTPUT_RAW:
         return _send_servos(m, t)
     if message == AHRS2:
@@ -434,7 +434,7 @@ def send_message(m: Any, row: int, t: float) -> bool:
         return send_channels(m, t)
     if message == EXTENDED_SYS_STATE:
         encode_extended_sys_state(m.payload, _MULTICOPTER, landed_state(m))
-        return send(m, _EXTENDED_SYS_STATE)
+        return send(m, EXTENDED_SYS_STATE)
     if message == HOME_POSITION:
         return send_home(m, t)
     if message == GPS_GLOBAL_ORIGIN:

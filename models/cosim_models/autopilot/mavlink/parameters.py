@@ -11,11 +11,12 @@ Sources: the MAVLink guide, "Parameter Protocol"; ArduPilot, GCS_Param; answers 
 from __future__ import annotations
 
 import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from cosim.kernel import get_real, get_whole, kernel, set_real, set_whole
+from cosim.fields import get_real, get_whole, set_real, set_whole
+from cosim.kernel import kernel
 from cosim.messages import (
     MAV_PARAM_TYPE_INT8,
     MAV_PARAM_TYPE_INT16,
@@ -42,6 +43,7 @@ from cosim_models.autopilot.record.variables import VARIABLES
 __all__ = [
     "PARAMETER_COUNT",
     "PARAMETER_NAMES",
+    "PARAMETER_TYPES",
     "list_parameters",
     "parameter_type",
     "parameter_value",
@@ -84,13 +86,13 @@ assert _FIELDS is not None
 _IDS = _ids()
 _OFFSETS = np.array([_FIELDS[name][1] for name in PARAMETER_NAMES], dtype=np.int64)
 _IS_WHOLE = np.array([v.kind == "Integer" for v in _TABLE], dtype=np.uint8)
-_TYPES = np.array([_type(name) for name in PARAMETER_NAMES], dtype=np.int64)
+PARAMETER_TYPES = tuple(int(_type(name)) for name in PARAMETER_NAMES)
+"""The MAV_PARAM_TYPE of each parameter, in the same order."""
+_TYPES = np.array(PARAMETER_TYPES, dtype=np.int64)
 _LEAST = np.array([1.0 if v.name == "SYSID_THISMAV" else v.minimum or 0.0 for v in _TABLE])
 _SHARES = ("MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO", "MOT_THST_HOVER", "TKOFF_THR_MAX")
 _MAXIMA = {"SYSID_MYGCS": 255.0, "SYSID_THISMAV": 255.0, **dict.fromkeys(_SHARES, 1.0)}
 _MOST = np.array([v.maximum or _MAXIMA.get(v.name, _LARGEST) for v in _TABLE])
-_PARAM_VALUE = cast(int, np.int64(PARAM_VALUE))
-_STATUSTEXT = cast(int, np.int64(STATUSTEXT))
 
 
 @kernel
@@ -147,7 +149,7 @@ def send_list(m: Any, t: float) -> None:
     if t < m.parameter_due[link] - 1e-9 or not can_answer(m):
         return
     _fill(m, m.parameter_next[link], m.parameter_next[link])
-    if send(m, _PARAM_VALUE):
+    if send(m, PARAM_VALUE):
         m.parameter_next[link] += 1
         m.parameter_due[link] = t + _SHARE
 
@@ -160,7 +162,7 @@ def read_parameter(m: Any) -> None:
         index = _find(m, PARAM_REQUEST_READ_PARAM_ID)
     if 0 <= index < PARAMETER_COUNT and can_answer(m):
         _fill(m, index, index)
-        send(m, _PARAM_VALUE)
+        send(m, PARAM_VALUE)
 
 
 @kernel
@@ -175,7 +177,7 @@ def _deny(m: Any, i: int) -> None:
         put_statustext_text(m.payload, last, _IDS[i, k])
         last += 1
     put_statustext_text(m.payload, last, _DENIED[_DENIED.shape[0] - 1])
-    send_to_all(m, _STATUSTEXT)
+    send_to_all(m, STATUSTEXT)
 
 
 @kernel
@@ -195,4 +197,4 @@ def set_parameter(m: Any) -> None:
     else:
         _deny(m, i)
     _fill(m, i, _CHANGED)
-    send_to_all(m, _PARAM_VALUE)
+    send_to_all(m, PARAM_VALUE)

@@ -9,9 +9,7 @@ Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common; ISO 25
 
 from __future__ import annotations
 
-from typing import Any, cast
-
-import numpy as np
+from typing import Any
 
 from cosim.frames import conjugate, deg_e7, euler_from_quaternion, geodetic_from_local, rotate
 from cosim.kernel import kernel
@@ -46,13 +44,6 @@ __all__ = [
     "short",
 ]
 
-_AHRS = cast(int, np.int64(AHRS))
-_AHRS2 = cast(int, np.int64(AHRS2))
-_FENCE_STATUS = cast(int, np.int64(FENCE_STATUS))
-_MEMINFO = cast(int, np.int64(MEMINFO))
-_SCALED_IMU = cast(int, np.int64(SCALED_IMU))
-_SCALED_PRESSURE = cast(int, np.int64(SCALED_PRESSURE))
-_VIBRATION = cast(int, np.int64(VIBRATION))
 
 _FREE_MEMORY = 524288  # bytes, as reported by a simulated ArduCopter
 _BELOW, _ABOVE, _OUTSIDE = 1, 2, 3  # FENCE_BREACH
@@ -70,35 +61,36 @@ def short(value: float) -> int:
 def send_ahrs(m: Any) -> bool:
     """Sends AHRS: no gyro drift and no estimation errors."""
     encode_ahrs(m.payload, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return send(m, _AHRS)
+    return send(m, AHRS)
 
 
 @kernel
 def send_ahrs2(m: Any) -> bool:
     """Sends AHRS2, the output of a second estimator."""
     roll, pitch, yaw = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))
-    lat, lon, alt = geodetic_from_local(
-        m.pos[0], m.pos[1], -m.pos[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
-    )
+    p = m.position_neu
+    lat, lon, alt = geodetic_from_local(p[0], p[1], -p[2], m.origin_latitude, m.origin_longitude, m.origin_altitude)
     encode_ahrs2(m.payload, roll, pitch, yaw, alt, deg_e7(lat), deg_e7(lon))
-    return send(m, _AHRS2)
+    return send(m, AHRS2)
 
 
 @kernel
 def send_vibration(m: Any, t: float) -> bool:
     """Sends VIBRATION: deviation of the specific force from its filtered value [m/s2, FRD]."""
     back = conjugate((float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3])))
-    x, y, z = rotate(back, (float(m.acc[0]), float(m.acc[1]), -float(m.acc[2]) - GRAVITY))
+    x, y, z = rotate(
+        back, (float(m.acceleration_neu[0]), float(m.acceleration_neu[1]), -float(m.acceleration_neu[2]) - GRAVITY)
+    )
     f = m.specific_force
     encode_vibration(m.payload, microseconds(t), abs(f[0] - x), abs(f[1] - y), abs(f[2] - z), 0, 0, 0)
-    return send(m, _VIBRATION)
+    return send(m, VIBRATION)
 
 
 @kernel
 def send_memory(m: Any) -> bool:
     """Sends MEMINFO with constant free memory."""
     encode_meminfo(m.payload, 0, 65535, _FREE_MEMORY)
-    return send(m, _MEMINFO)
+    return send(m, MEMINFO)
 
 
 @kernel
@@ -120,16 +112,16 @@ def send_scaled_imu(m: Any, t: float) -> bool:
         0,
         0,
     )
-    return send(m, _SCALED_IMU)
+    return send(m, SCALED_IMU)
 
 
 @kernel
 def send_pressure(m: Any, t: float) -> bool:
     """Sends SCALED_PRESSURE: pressure [hPa] and temperature of the standard atmosphere."""
-    kelvin = _TEMPERATURE - _LAPSE * (m.origin_altitude + m.pos[2])
+    kelvin = _TEMPERATURE - _LAPSE * (m.origin_altitude + m.position_neu[2])
     pressure = _SEA_LEVEL * (kelvin / _TEMPERATURE) ** _EXPONENT
     encode_scaled_pressure(m.payload, milliseconds(t), pressure, 0.0, short(100.0 * (kelvin - _FREEZING)), 0)
-    return send(m, _SCALED_PRESSURE)
+    return send(m, SCALED_PRESSURE)
 
 
 @kernel
@@ -147,4 +139,4 @@ def send_fence(m: Any) -> bool:
     encode_fence_status(
         m.payload, 1 if m.fence_breach != 0 else 0, m.breach_count % 65536, kind, milliseconds(m.breach_time), 0
     )
-    return send(m, _FENCE_STATUS)
+    return send(m, FENCE_STATUS)

@@ -9,9 +9,7 @@ Sources: MAVLink common.xml; ArduPilot, GCS_Common and GCS_MAVLink_Copter; recor
 from __future__ import annotations
 
 import math
-from typing import Any, cast
-
-import numpy as np
+from typing import Any
 
 from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
 from cosim.kernel import kernel
@@ -59,14 +57,6 @@ __all__ = [
     "send_simulated",
 ]
 
-_BATTERY_STATUS = cast(int, np.int64(BATTERY_STATUS))
-_NAV_CONTROLLER_OUTPUT = cast(int, np.int64(NAV_CONTROLLER_OUTPUT))
-_POSITION_TARGET_GLOBAL_INT = cast(int, np.int64(POSITION_TARGET_GLOBAL_INT))
-_POSITION_TARGET_LOCAL_NED = cast(int, np.int64(POSITION_TARGET_LOCAL_NED))
-_POWER_STATUS = cast(int, np.int64(POWER_STATUS))
-_RAW_IMU = cast(int, np.int64(RAW_IMU))
-_RC_CHANNELS = cast(int, np.int64(RC_CHANNELS))
-_SIMSTATE = cast(int, np.int64(SIMSTATE))
 
 _ONLY_POSITION = 0xFDF8  # POSITION_TARGET_TYPEMASK, as ArduCopter fills it
 _UNKNOWN = 65535
@@ -75,7 +65,7 @@ _UNKNOWN_RSSI = 255
 
 @kernel
 def going(m: Any) -> bool:
-    """Returns whether the vehicle flies to a point, m.guided_position."""
+    """Returns whether the vehicle flies to a point, m.guided_position_neu."""
     flying = m.armed and not m.on_ground and m.submode == POSITION
     return bool(flying and (m.mode == GUIDED or m.mode == RTL or m.mode == AUTO))
 
@@ -85,7 +75,7 @@ def send_destination(m: Any, t: float) -> bool:
     """Sends POSITION_TARGET_GLOBAL_INT if there is a destination."""
     if not going(m):
         return True
-    p = m.guided_position
+    p = m.guided_position_neu
     lat, lon, alt = geodetic_from_local(p[0], p[1], -p[2], m.origin_latitude, m.origin_longitude, m.origin_altitude)
     encode_position_target_global_int(
         m.payload,
@@ -104,7 +94,7 @@ def send_destination(m: Any, t: float) -> bool:
         0.0,
         0.0,
     )
-    return send(m, _POSITION_TARGET_GLOBAL_INT)
+    return send(m, POSITION_TARGET_GLOBAL_INT)
 
 
 @kernel
@@ -112,11 +102,11 @@ def send_destination_ned(m: Any, t: float) -> bool:
     """Sends POSITION_TARGET_LOCAL_NED if there is a destination."""
     if not going(m):
         return True
-    p = m.guided_position
+    p = m.guided_position_neu
     encode_position_target_local_ned(
         m.payload, milliseconds(t), 1, _ONLY_POSITION, p[0], p[1], -p[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     )
-    return send(m, _POSITION_TARGET_LOCAL_NED)
+    return send(m, POSITION_TARGET_LOCAL_NED)
 
 
 @kernel
@@ -128,15 +118,15 @@ def send_navigation(m: Any) -> bool:
     distance = 0.0
     climb = 0.0
     if going(m):
-        n, e = m.guided_position[0] - m.pos[0], m.guided_position[1] - m.pos[1]
+        n, e = m.guided_position_neu[0] - m.position_neu[0], m.guided_position_neu[1] - m.position_neu[1]
         distance = math.sqrt(n * n + e * e)
         bearing = math.degrees(math.atan2(e, n)) % 360.0
-        climb = m.guided_position[2] - m.pos[2]
+        climb = m.guided_position_neu[2] - m.position_neu[2]
     whole = int(bearing)
     encode_nav_controller_output(
         m.payload, math.degrees(roll), math.degrees(pitch), whole, whole, int(min(distance, 65535.0)), climb, 0.0, 0.0
     )
-    return send(m, _NAV_CONTROLLER_OUTPUT)
+    return send(m, NAV_CONTROLLER_OUTPUT)
 
 
 @kernel
@@ -159,7 +149,7 @@ def send_imu(m: Any, t: float) -> bool:
         0,
         0,
     )
-    return send(m, _RAW_IMU)
+    return send(m, RAW_IMU)
 
 
 @kernel
@@ -170,7 +160,7 @@ def send_simulated(m: Any) -> bool:
     p = m.position
     lat, lon, _ = geodetic_from_local(p[0], p[1], p[2], m.origin_latitude, m.origin_longitude, m.origin_altitude)
     encode_simstate(m.payload, roll, pitch, yaw, f[0], f[1], f[2], w[0], w[1], w[2], deg_e7(lat), deg_e7(lon))
-    return send(m, _SIMSTATE)
+    return send(m, SIMSTATE)
 
 
 @kernel
@@ -194,7 +184,7 @@ def send_battery(m: Any) -> bool:
     put_battery_status_voltages(m.payload, 0, int(1000.0 * m.battery_voltage + 0.5))
     for i in range(1, 10):
         put_battery_status_voltages(m.payload, i, _UNKNOWN)
-    return send(m, _BATTERY_STATUS)
+    return send(m, BATTERY_STATUS)
 
 
 @kernel
@@ -210,11 +200,11 @@ def send_channels(m: Any, t: float) -> bool:
             count = number
     put_u8(m.payload, RC_CHANNELS_CHANCOUNT, count)
     put_u8(m.payload, RC_CHANNELS_RSSI, _UNKNOWN_RSSI)
-    return send(m, _RC_CHANNELS)
+    return send(m, RC_CHANNELS)
 
 
 @kernel
 def send_power(m: Any) -> bool:
     """Sends POWER_STATUS: the 5 V of a simulated board."""
     encode_power_status(m.payload, 5000, 0, 0)
-    return send(m, _POWER_STATUS)
+    return send(m, POWER_STATUS)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.kernel import get_whole, kernel
+from cosim.fields import get_whole
+from cosim.kernel import kernel
 from cosim.model import record_layout
 from cosim_models.autopilot.commander.readiness import home_ready
 from cosim_models.autopilot.link.links import LINKS
@@ -103,7 +104,7 @@ def _tell_home(m: Any, t: float) -> None:
     """Sends home and origin on every link when they become known and at arming."""
     if not m.armed:
         for i in range(3):
-            m.home[i] = m.pos[i]
+            m.home_neu[i] = m.position_neu[i]
     told = True
     for link in range(LINKS):
         m.link = link

@@ -9,9 +9,7 @@ Sources: the MAVLink guide, "Mission Protocol" (geofences); ArduPilot, AC_PolyFe
 
 from __future__ import annotations
 
-from typing import Any, cast
-
-import numpy as np
+from typing import Any
 
 from cosim.frames import local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
@@ -58,8 +56,6 @@ FENCE_ITEM = 6
 """Columns of the table of fence items: as uploaded, positions in 1e-7 degrees and, from the local origin, in m."""
 
 _LEAST_VERTICES = 3
-_MISSION_ITEM = cast(int, np.int64(MISSION_ITEM))
-_MISSION_ITEM_INT = cast(int, np.int64(MISSION_ITEM_INT))
 
 
 @kernel
@@ -128,7 +124,7 @@ def send_fence_item(m: Any, sequence: int, system: int, component: int, whole: b
         encode_mission_item_int(
             m.payload, system, component, sequence, 0, command, 0, 1, size, 0.0, 0.0, 0.0, lat, lon, 0.0, 1
         )
-        send(m, _MISSION_ITEM_INT)
+        send(m, MISSION_ITEM_INT)
     else:
         encode_mission_item(
             m.payload,
@@ -148,7 +144,7 @@ def send_fence_item(m: Any, sequence: int, system: int, component: int, whole: b
             0.0,
             1,
         )
-        send(m, _MISSION_ITEM)
+        send(m, MISSION_ITEM)
 
 
 @kernel

@@ -12,7 +12,7 @@ Sources: the MAVLink guide, "Mission Protocol"; ArduPilot, MissionItemProtocol a
 from __future__ import annotations
 
 import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -107,7 +107,7 @@ __all__ = [
 ]
 
 MISSION_CAPACITY = 100
-FENCE, RALLY = cast(int, np.int64(1)), cast(int, np.int64(2))  # MAV_MISSION_TYPE; 0 is a mission
+FENCE, RALLY = 1, 2  # MAV_MISSION_TYPE; 0 is a mission
 COMMAND, FRAME, P1, P2, P3, P4, LATITUDE, LONGITUDE, Z, AUTOCONTINUE, DONE = range(11)
 ITEM = 11
 """Columns of the table of items: as uploaded, positions in 1e-7 degrees; DONE counts the jumps taken."""
@@ -131,13 +131,6 @@ _FLOWN = np.array(
     ),
     dtype=np.int64,
 )
-_MISSION_ACK = cast(int, np.int64(MISSION_ACK))
-_MISSION_COUNT = cast(int, np.int64(MISSION_COUNT))
-_MISSION_CURRENT = cast(int, np.int64(MISSION_CURRENT))
-_MISSION_ITEM = cast(int, np.int64(MISSION_ITEM))
-_MISSION_ITEM_INT = cast(int, np.int64(MISSION_ITEM_INT))
-_MISSION_ITEM_REACHED = cast(int, np.int64(MISSION_ITEM_REACHED))
-_MISSION_REQUEST = cast(int, np.int64(MISSION_REQUEST))
 
 
 # ---- answers -------------------------------------------------------------------------------------------------------
@@ -147,7 +140,7 @@ _MISSION_REQUEST = cast(int, np.int64(MISSION_REQUEST))
 def ack_mission(m: Any, result: int, kind: int, system: int, component: int) -> None:
     """Sends MISSION_ACK to the ground station."""
     encode_mission_ack(m.payload, system, component, result, kind)
-    send(m, _MISSION_ACK)
+    send(m, MISSION_ACK)
 
 
 @kernel
@@ -164,7 +157,7 @@ def send_count(m: Any, kind: int, system: int, component: int) -> None:
         return
     count = m.fence_count if kind == FENCE else m.rally_count if kind == RALLY else mission_count(m)
     encode_mission_count(m.payload, system, component, count, kind)
-    send(m, _MISSION_COUNT)
+    send(m, MISSION_COUNT)
 
 
 @kernel
@@ -186,7 +179,7 @@ def send_item(m: Any, sequence: int, kind: int, system: int, component: int, who
     lat, lon, z = int(r[LATITUDE]), int(r[LONGITUDE]), float(r[Z])
     if sequence == 0:
         phi, psi, z = geodetic_from_local(
-            m.home[0], m.home[1], -m.home[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
+            m.home_neu[0], m.home_neu[1], -m.home_neu[2], m.origin_latitude, m.origin_longitude, m.origin_altitude
         )
         command, frame, carry_on, lat, lon = MAV_CMD_NAV_WAYPOINT, MAV_FRAME_GLOBAL, 1, deg_e7(phi), deg_e7(psi)
     current = 1 if sequence == m.mission_current else 0
@@ -238,7 +231,7 @@ def _send_item(
             z,
             kind,
         )
-        send(m, _MISSION_ITEM_INT)
+        send(m, MISSION_ITEM_INT)
     else:
         encode_mission_item(
             m.payload,
@@ -258,7 +251,7 @@ def _send_item(
             z,
             kind,
         )
-        send(m, _MISSION_ITEM)
+        send(m, MISSION_ITEM)
 
 
 @kernel
@@ -267,14 +260,14 @@ def send_mission_current(m: Any) -> bool:
     total = mission_count(m) - 1
     state = 1 if total == 0 else 5 if m.mission_complete else 3 if m.mode == 3 else 2
     encode_mission_current(m.payload, m.mission_current, total, state, 1 if m.mode == 3 else 0)
-    return send(m, _MISSION_CURRENT)
+    return send(m, MISSION_CURRENT)
 
 
 @kernel
 def send_reached(m: Any, sequence: int) -> None:
     """Sends MISSION_ITEM_REACHED on all links."""
     encode_mission_item_reached(m.payload, sequence)
-    send_to_all(m, _MISSION_ITEM_REACHED)
+    send_to_all(m, MISSION_ITEM_REACHED)
 
 
 # ---- uploads -------------------------------------------------------------------------------------------------------
@@ -349,7 +342,7 @@ def continue_upload(m: Any, t: float) -> None:
         ack_mission(m, MAV_MISSION_OPERATION_CANCELLED, m.upload_kind, m.upload_system, m.upload_component)
     elif t - m.upload_asked >= _ASK_AGAIN - 1e-9 and can_answer(m):
         encode_mission_request(m.payload, m.upload_system, m.upload_component, m.upload_next, m.upload_kind)
-        if send(m, _MISSION_REQUEST):
+        if send(m, MISSION_REQUEST):
             m.upload_asked = t
 
 

@@ -84,7 +84,7 @@ def _is_allowed(m: Any, n: float, e: float, height: float) -> bool:
         return False
     if (m.FENCE_TYPE & LOWEST) != 0 and height < m.FENCE_ALT_MIN:
         return False
-    hn, he = n - m.home[0], e - m.home[1]
+    hn, he = n - m.home_neu[0], e - m.home_neu[1]
     if (m.FENCE_TYPE & CIRCLE) != 0 and math.sqrt(hn * hn + he * he) > m.FENCE_RADIUS:
         return False
     return (m.FENCE_TYPE & POLYGON) == 0 or m.fence_count == 0 or within_polygons(m, n, e)
@@ -98,14 +98,14 @@ def best_return(m: Any) -> tuple[float, float, float]:
         r = m.rally[i]
         if r[_LATITUDE] == 0.0 and r[_LONGITUDE] == 0.0:
             continue
-        dn, de = r[_NORTH] - m.pos[0], r[_EAST] - m.pos[1]
+        dn, de = r[_NORTH] - m.position_neu[0], r[_EAST] - m.position_neu[1]
         distance = math.sqrt(dn * dn + de * de)
         if distance < nearest and _is_allowed(m, r[_NORTH], r[_EAST], _height(m, i)):
             best, nearest = i, distance
-    hn, he = m.home[0] - m.pos[0], m.home[1] - m.pos[1]
+    hn, he = m.home_neu[0] - m.position_neu[0], m.home_neu[1] - m.position_neu[1]
     beyond = m.RALLY_LIMIT_KM > 0.0 and nearest > 1000.0 * m.RALLY_LIMIT_KM
     if best < 0 or beyond or (m.RALLY_INCL_HOME != 0 and nearest >= math.sqrt(hn * hn + he * he)):
-        return m.home[0], m.home[1], 0.0
+        return m.home_neu[0], m.home_neu[1], 0.0
     return m.rally[best, _NORTH], m.rally[best, _EAST], _height(m, best)
 
 
@@ -113,4 +113,4 @@ def best_return(m: Any) -> tuple[float, float, float]:
 def _height(m: Any, i: int) -> float:
     """Returns the height [m] of a point above home."""
     z = m.rally[i, _Z]
-    return float(z if m.rally[i, _FRAME] == 3.0 else z - m.origin_altitude - m.home[2])
+    return float(z if m.rally[i, _FRAME] == 3.0 else z - m.origin_altitude - m.home_neu[2])

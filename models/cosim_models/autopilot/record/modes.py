@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import cast
-
-import numpy as np
 
 __all__ = [
     "ACCELERATION",
@@ -48,19 +45,19 @@ class Mode(IntEnum):
 
 # Numpy integers, because numba recompiles a kernel for every Python integer passed as a constant.
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE = (
-    cast(int, np.int64(0)),
-    cast(int, np.int64(2)),
-    cast(int, np.int64(3)),
-    cast(int, np.int64(4)),
-    cast(int, np.int64(5)),
-    cast(int, np.int64(6)),
-    cast(int, np.int64(7)),
-    cast(int, np.int64(9)),
-    cast(int, np.int64(17)),
+    0,
+    2,
+    3,
+    4,
+    5,
+    6,
+    7,
+    9,
+    17,
 )
 
 # Sub-modes of GUIDED.
-TAKEOFF, POSITION, VELOCITY, POSITION_VELOCITY, ACCELERATION = (cast(int, np.int64(i)) for i in range(5))
+TAKEOFF, POSITION, VELOCITY, POSITION_VELOCITY, ACCELERATION = range(5)
 # Sub-modes of RTL.
 CLIMB, RETURN, WAIT, DESCEND, FINAL = range(5)
 

@@ -301,14 +301,32 @@ LINK_PARAMETERS = (
             for port, where in _PORTS
             for _, name, what in _STREAMS
         ),
-        _real(
-            "origin_latitude",
-            "rad",
-            math.radians(-35.363262),
-            "latitude of the local origin, the same for all vehicles",
+        *(
+            replace(_real(name, unit, start, text), verdict=role)
+            for name, unit, start, text, role in (
+                (
+                    "origin_latitude",
+                    "rad",
+                    math.radians(-35.363262),
+                    "latitude of the local origin, the same for all vehicles",
+                    Role.ORIGIN_LATITUDE,
+                ),
+                (
+                    "origin_longitude",
+                    "rad",
+                    math.radians(149.165237),
+                    "longitude of the local origin",
+                    Role.ORIGIN_LONGITUDE,
+                ),
+                (
+                    "origin_altitude",
+                    "m",
+                    584.0,
+                    "altitude of the local origin above mean sea level",
+                    Role.ORIGIN_ALTITUDE,
+                ),
+            )
         ),
-        _real("origin_longitude", "rad", math.radians(149.165237), "longitude of the local origin"),
-        _real("origin_altitude", "m", 584.0, "altitude of the local origin above mean sea level"),
     ),
 )
 

@@ -5,8 +5,8 @@ This module contains no computation.
 
 from __future__ import annotations
 
-from cosim import Memory, Output, PacketInput, PacketOutput
-from cosim.vehicle import MAX_MOTORS, MOTION_INPUTS
+from cosim import Input, Memory, Output, PacketInput, PacketOutput
+from cosim.vehicle import MAX_MOTORS, Airframe, inputs_for
 from cosim.verdict import Role
 from cosim_models.autopilot.control.pid import PID_STATE, PLANE_STATE
 from cosim_models.autopilot.link.links import LINKS
@@ -23,10 +23,10 @@ CHANNELS = 16
 """Channels of the remote control."""
 
 MEMORY = (
-    # sensed motion: north, east, up and FRD
-    Memory("pos", shape=3),
-    Memory("vel", shape=3),
-    Memory("acc", shape=3),  # without gravity
+    # sensed motion: north, east, up (NEU; the inputs are NED), and FRD
+    Memory("position_neu", shape=3),
+    Memory("velocity_neu", shape=3),
+    Memory("acceleration_neu", shape=3),  # without gravity
     Memory("gyro", shape=3),
     Memory("q", shape=4),
     Memory("filter_dt"),
@@ -49,16 +49,16 @@ MEMORY = (
     Memory("accel_up"),
     Memory("jerk_max"),
     Memory("jerk_up"),
-    Memory("position_desired", shape=3),
-    Memory("velocity_desired", shape=3),
-    Memory("acceleration_desired", shape=3),
-    Memory("position_error", shape=3),
-    Memory("velocity_target", shape=3),
-    Memory("acceleration_target", shape=3),
+    Memory("desired_position_neu", shape=3),
+    Memory("desired_velocity_neu", shape=3),
+    Memory("desired_acceleration_neu", shape=3),
+    Memory("position_error_neu", shape=3),
+    Memory("target_velocity_neu", shape=3),
+    Memory("target_acceleration_neu", shape=3),
     Memory("velocity_pid", shape=PLANE_STATE),
     Memory("climb_pid", shape=PID_STATE),
     Memory("accel_pid", shape=PID_STATE),
-    Memory("limit", shape=3),  # direction of actuator saturation
+    Memory("limit_neu", shape=3),  # direction of actuator saturation
     Memory("path_heading"),
     Memory("path_turn_rate"),
     Memory("lean_max"),  # maximum lean that keeps height
@@ -84,7 +84,7 @@ MEMORY = (
     Memory("limit_throttle_lower", dtype="?"),
     Memory("limit_throttle_upper", dtype="?"),
     # modes
-    Memory("home", shape=3),
+    Memory("home_neu", shape=3),
     Memory("armed_at"),
     Memory("armed_heading", rare=True),
     Memory("idle_since"),
@@ -92,11 +92,11 @@ MEMORY = (
     Memory("auto_armed", dtype="?"),
     Memory("touched", dtype="?"),
     Memory("land_time"),
-    Memory("land_accel", shape=3),
+    Memory("land_acceleration_neu", shape=3),
     Memory("submode", dtype="i4"),
-    Memory("guided_position", shape=3),
-    Memory("guided_velocity", shape=3),
-    Memory("guided_acceleration", shape=3),
+    Memory("guided_position_neu", shape=3),
+    Memory("guided_velocity_neu", shape=3),
+    Memory("guided_acceleration_neu", shape=3),
     Memory("guided_time"),
     Memory("takeoff_from"),
     Memory("takeoff_to"),
@@ -210,7 +210,15 @@ MEMORY = (
 )
 
 VARIABLES = (
-    *MOTION_INPUTS,
+    *inputs_for(Airframe.quad_x, Airframe.hexa_x, Airframe.octa_x, Airframe.y6),
+    Input(
+        "supply_voltage",
+        unit="V",
+        start=-1.0,
+        verdict=Role.OPTIONAL,
+        description="measured voltage of the battery; negative: the autopilot simulates a battery itself",
+    ),
+    Input("supply_current", unit="A", verdict=Role.OPTIONAL, description="measured current of the battery"),
     PacketInput("mavlink_rx", capacity=2048, description="packets received on board and from the swarm's radio"),
     PacketInput(
         "telemetry_rx",

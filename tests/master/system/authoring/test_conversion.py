@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -97,6 +98,23 @@ def test_the_annotation_of_omsimulator(nested: Path, tmp_path: Path) -> None:
     (master,) = root.iter("{*}FixedStepMaster")
     assert dict(master.attrib) == {"description": "oms-ma", "stepSize": "0.25"}
     assert [one.get("type") for one in root.iter(SSC + "Annotation")] == ["org.uav-cosim.stepping", "org.openmodelica"]
+
+
+def test_omsimulator_gets_neither_texts_nor_annotations_of_components(stricts: Any, tmp_path: Path) -> None:
+    """OMSimulator 3 refuses connectors of texts, annotations of components, and names that are not identifiers."""
+    stricts.fmu()
+    path = stricts.ssd(stricts.component("a", step=0.25) + stricts.component("b", step=0.5), "a/y b/u")
+    path = path.rename(path.with_name("two parts.ssd"))
+    path.write_text(re.sub('(<ssd:SystemStructureDescription[^>]* name=")[^"]*', "\\1two-parts", path.read_text()))
+    root = etree.parse(str(convert(path, tmp_path / "made", "omsimulator").file)).getroot()
+    assert root.get("name") == "two_parts"
+    assert {one.get("name") for one in root.iter(SSD + "Connector")} == {"u", "y", "n", "c"}
+    assert [one.getparent().getparent().tag for one in root.iter(SSC + "Annotation")] == [SSD + "System"]
+    joined = stricts.ssd(stricts.component("a") + stricts.component("b"), "a/r b/s")
+    with pytest.raises(
+        SystemDescriptionError, match=r"b\.s is a text and driven by a text, which omsimulator does not"
+    ):
+        convert(joined, tmp_path / "again", "omsimulator")
 
 
 @needs_libcosim

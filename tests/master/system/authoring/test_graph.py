@@ -169,3 +169,48 @@ def test_the_command(nested: Path, tmp_path: Path) -> None:
     assert done.exit_code == 2 and not (tmp_path / "b.svg").exists()
     with read_system(broken) as structure, pytest.raises(SystemDescriptionError):
         graph(structure)
+
+
+def test_arrays_are_one_connector_and_one_wire(workshop: Any, variable: Any) -> None:
+    workshop.fmu(
+        "unit.fmu", *(variable(f"u[{i}]") for i in (1, 2, 3)), *(variable(f"y[{i}]", "output") for i in (1, 2, 3))
+    )
+    ports = "u[1]:input u[2]:input u[3]:input y[1]:output y[2]:output y[3]:output"
+    parts = "".join(workshop.component(name, "unit.fmu", ports) for name in "ab")
+    wires = "".join(workshop.connection(f"a/y[{i}]", f"b/u[{i}]") for i in (1, 2, 3))
+    drawing = Drawing(workshop.ssd("arrays.ssd", workshop.system(parts, wires)))
+    assert sorted(drawing.titles("circle")) == sorted(["u[1..3]: input", "y[1..3]: output"] * 2)
+    assert drawing.titles("path") == ["a.y[1..3] - b.u[1..3]"]
+    words = [text.text for text in drawing.root.iter(f"{SVG}text") if text.get("class") == "what"]
+    assert words == ["unit.fmu", "unit.fmu"]
+
+
+def test_an_array_with_a_gap_stays_as_it_is(workshop: Any, variable: Any) -> None:
+    workshop.fmu("unit.fmu", variable("u[1]"), variable("u[3]"))
+    part = workshop.component("a", "unit.fmu", "u[1]:input u[3]:input")
+    assert sorted(Drawing(workshop.ssd("gap.ssd", workshop.system(part, ""))).titles("circle")) == [
+        "u[1]: input",
+        "u[3]: input",
+    ]
+
+
+def test_equal_parts_are_drawn_once_with_their_number(workshop: Any, variable: Any) -> None:
+    workshop.fmu("unit.fmu", variable("u"), variable("y", "output"))
+    parts = "".join(workshop.component(f"d{i}", "unit.fmu", "u:input y:output") for i in range(1, 1001))
+    parts += workshop.component("odd", "unit.fmu", "u:input") + workshop.component("sink", "unit.fmu", "u:input")
+    parts += workshop.component("source", "unit.fmu", "y:output")
+    drawing = Drawing(workshop.ssd("many.ssd", workshop.system(parts, workshop.connection("source/y", "sink/u"))))
+    assert drawing.box("d1, d2, ..., d1000 (x 1000)") and drawing.box("odd") and drawing.box("sink")
+    assert len(drawing.titles("circle")) == 5
+    assert float(drawing.root.get("height")) < 600
+
+
+def test_the_radio_is_below_the_system(tmp_path: Path) -> None:
+    system = Path(__file__).parents[4] / "master" / "systems" / "line5"
+    drawing = Drawing(system)
+    (radio,) = (one for one in drawing.root.iter(f"{SVG}rect") if one.get("class") == "radio")
+    texts = [text.text or "" for text in drawing.root.iter(f"{SVG}text")]
+    assert any(text.startswith("radio: ") and "topology nearest" in text for text in texts)
+    box = drawing.box("line5")
+    assert float(radio.get("y")) > box[1] + box[3]
+    assert "drone1, drone2, ..., drone5 (x 5)" in texts and "Quadrotor.fmu" in texts

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.system.authoring.layouts import LAYOUTS, Pose, laid_out, poses_of_file
+from cosim_master.system.authoring.swarm.layouts import LAYOUTS, Pose, laid_out, poses_of_file
 
 
 def plane(poses: tuple[Pose, ...]) -> list[tuple[float, float]]:

@@ -146,6 +146,20 @@ def test_a_dialect_comes_along_with_what_it_includes(system: Path, workshop: Any
         assert b'dialect="resources/own/own.xml"' in file.read("SystemStructure.ssd")
 
 
+def test_a_trace_of_the_radio_comes_along(system: Path, workshop: Any, tmp_path: Path) -> None:
+    (tmp_path / "traces").mkdir()
+    (tmp_path / "traces/my flight.csv").write_text("time,from,to,delivered,delay\n")
+    network = '<network xmlns="https://uav-cosim.org/ns/1" trace="../traces/my flight.csv"/>'
+    annotation = workshop.annotation("org.uav-cosim.network", network)
+    workshop.ssd(
+        "system/SystemStructure.ssd", workshop.system(workshop.component("mast", "plant.fmu"), after=annotation)
+    )
+    packed = pack(system, tmp_path / "x.ssp").path
+    assert "resources/my_flight.csv" in members(packed)
+    with zipfile.ZipFile(packed) as file:
+        assert b'trace="resources/my_flight.csv"' in file.read("SystemStructure.ssd")
+
+
 def test_the_official_schema_and_fmpy_read_it(system: Path, tmp_path: Path) -> None:
     packed = pack(system, tmp_path / "x.ssp").path
     schema = etree.XMLSchema(file=str(schema_folder(1) / "SystemStructureDescription.xsd"))

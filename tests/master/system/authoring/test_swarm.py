@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 
 from cosim_master import RunOptions, Swarm, check, read_system, signals, simulate
 from cosim_master.diagnostics.errors import SystemDescriptionError
-from cosim_master.system.authoring.difference import difference
-from cosim_master.system.authoring.scenario import _ways, scenario_of
+from cosim_master.execution.preparation.prepare import prepare
+from cosim_master.system.authoring.swarm.scenario import _ways, scenario_of
+from cosim_master.system.authoring.text.difference import difference
 from cosim_master.system.settings.network import network_of
 from cosim_master.system.structure import Component, System
+from cosim_master.verdict.monitors.declared import Fence
 
 pytestmark = pytest.mark.usefixtures("fmus")
 
@@ -172,6 +174,45 @@ def test_a_swarm_is_the_pattern_of_another(tmp_path: Path) -> None:
     assert network.loss == 0.125 and network.links == {("d0", "d1"), ("d1", "d0")}
     links = {(link.source, link.target) for link in checked.links}
     assert (("d4.estimator", "position[1]"), ("d4.autopilot", "position[1]")) in links
+
+
+def test_monitors_are_written_and_read_back(tmp_path: Path) -> None:
+    swarm = Swarm("three", stop_time=20.0)
+    for n in range(3):
+        swarm.add(position=(0.0, 20.0 * n))
+    swarm.monitor("separation", least=2, end=True)
+    swarm.monitor("fence", polygon=((-5, -5), (-5, 50.5), (5, 50)), vehicles=["drone1", "drone2"])
+    swarm.monitor("limit", signals=["drone1.agent.target", "drone2.agent.target"], most=float("1e3"))
+    swarm.monitor("age", from_="drone1", to="drone2", most=1.5, severity="warning")
+    swarm.monitor(
+        "formula",
+        text="x > 0 -> v < 5",
+        signals={"x": "*.agent.target", "v": {"of": "*.vehicle.velocity", "quantity": "magnitude"}},
+    )
+    swarm.save(tmp_path / "three")
+    with read_system(tmp_path / "three") as structure:
+        same(swarm.system, structure.system)
+        monitors = prepare(check(structure)).monitors.every
+    assert [(one.name, one.ends, one.severity) for one in monitors] == [
+        ("separation", True, "failure"),
+        ("fence", False, "failure"),
+        ("limit", False, "failure"),
+        ("age", False, "warning"),
+        ("formula", False, "failure"),
+    ]
+    assert isinstance(monitors[1], Fence) and monitors[1].polygon == ((-5.0, -5.0), (-5.0, 50.5), (5.0, 50.0))
+    again = Swarm("again", like=tmp_path / "three", stop_time=20.0)
+    again.add(position=(0.0, 0.0))
+    again.add(position=(0.0, 20.0))
+    again.monitor("order", least=1)
+    again.save(tmp_path / "again")
+    with read_system(tmp_path / "again") as structure:
+        kinds = [one.kind for one in prepare(check(structure)).monitors.every]
+    assert kinds == ["separation", "fence", "limit", "age", "formula", "order"]
+    again.monitor("ordr")
+    again.save(tmp_path / "wrong")
+    with pytest.raises(SystemDescriptionError, match="<ordr> is unknown here: valid are order"):
+        simulate(again)
 
 
 def test_a_part_more_is_wired_by_the_names_of_its_ports(tmp_path: Path) -> None:

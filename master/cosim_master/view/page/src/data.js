@@ -1,4 +1,5 @@
 // Reads the recording that the page carries: a JSON document, and typed arrays in one compressed block.
+import { LiveRun } from './live.js';
 
 const TYPES = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array, i2: Int16Array, i4: Int32Array };
 
@@ -39,10 +40,15 @@ function placed(values, origin) {
 export async function load() {
   const [head, block] = await Promise.all([inflate('run'), inflate('data')]);
   const run = JSON.parse(new TextDecoder().decode(head));
+  if (run.live) {
+    await new LiveRun(run).first;
+    return readable(run);
+  }
   const array = (place) => typed(block, place);
   run.rows = times(array(run.rows), run.start, run.quantum);
   const frames = array(run.motion.frames);
   run.motion.time = Float64Array.from(frames, (row) => run.rows[row]);
+  run.motion.stride = frames.length; // from one column of a vehicle's array to the next
   run.vehicles.forEach((vehicle) => {
     for (const name of ['attitude', 'speed']) vehicle[name] = vehicle[name] && array(vehicle[name]);
     for (const name of ['position', 'desired', 'goal']) vehicle[name] = vehicle[name] && placed(array(vehicle[name]), vehicle.origin[name]);
@@ -71,6 +77,11 @@ export async function load() {
     }
     return cache.get(index);
   };
+  return readable(run);
+}
+
+/** What a recording and a run that goes on offer alike. */
+function readable(run) {
   /** The value of a signal at a time: between two points on the line for real numbers, else that of the earlier one. */
   run.valueAt = (index, t) => {
     const { x, y } = run.curve(index);

@@ -21,7 +21,7 @@ const SHOWN = [
   ['drops', 'height lines', 'h'], ['range', 'radio range', 'r'], ['grid', 'distances on the grid', 'm'],
 ];
 const KEYS = [
-  ['space', 'play, pause'], ['← →', 'one picture back, forward; with shift 1 s'], ['home end', 'begin, end'], ['[ ]', 'slower, faster'],
+  ['space', 'play, pause'], ['.', 'one communication interval (of a run that goes on)'], ['← →', 'one picture back, forward; with shift 1 s'], ['home end', 'begin, end'], ['[ ]', 'slower, faster'],
   ['1 2 3', 'camera: free, follow, top'], ['c', 'next camera'], ['f', 'all vehicles in sight'], ['tab', 'next vehicle (shift: the one before)'], ['esc', 'no vehicle'],
   ['n t p g h r m', 'names, trails, packets, desired positions, height lines, radio range, distances'], ['s', 'vehicles in their true size'], ['y', 'trails: short, long, all'], ['x', 'packets: to the next one sent'],
   ['/', 'find a signal to plot'], ['l', 'message log, filter'], ['j k', 'finding before, after'], ['d', 'dark, light'], ['+ −', 'larger, smaller text'], ['b', 'side panel'], ['v', 'what is drawn'], ['?', 'this help'],
@@ -33,6 +33,8 @@ class Viewer {
     this.t = this.start = run.start;
     this.end = Math.max(run.end, run.start);
     this.playing = false;
+    this.live = run.live ?? null; // until the run ends, play, pause, step and speed are those of the run
+    this.following = Boolean(this.live);
     this.speed = 1;
     this.selected = -1;
     this.hovered = -1;
@@ -52,6 +54,7 @@ class Viewer {
     this.fit();
     this.read(location.hash);
     addEventListener('hashchange', () => this.read(location.hash));
+    if (this.live) this.#goAlong();
     requestAnimationFrame((now) => this.#frame(now));
   }
 
@@ -113,10 +116,11 @@ class Viewer {
     const min = new Vector3(Infinity, 0, Infinity);
     const max = new Vector3(-Infinity, 0, -Infinity);
     const count = this.run.motion.time.length;
+    const { stride } = this.run.motion;
     const every = Math.max(1, Math.floor((count * this.vehicles.n) / 200_000));
     for (const { position: p } of this.run.vehicles)
       for (let f = 0; f < count; f += every) {
-        const point = new Vector3(p[count + f], -p[2 * count + f], -p[f]);
+        const point = new Vector3(p[stride + f], -p[2 * stride + f], -p[f]);
         if (!Number.isFinite(point.x + point.y + point.z)) continue;
         min.min(point);
         max.max(point);
@@ -125,6 +129,7 @@ class Viewer {
       min.set(-10, 0, -10);
       max.set(10, 5, 10);
     }
+    this.fitted = { min: min.clone(), max: max.clone() };
     this.scale = Math.max(max.x - min.x, max.z - min.z, 5);
     if (this.cameras.kind === 'follow') this.camera('free');
     this.cameras.fit(min, max);
@@ -176,38 +181,146 @@ class Viewer {
   // -- time -------------------------------------------------------------------------------------------------------
 
   seek(t) {
+    this.following = this.isLive && t >= this.end;
     this.t = Math.min(this.end, Math.max(this.start, t));
     this.touch();
     this.#remember();
   }
 
   play() {
+    if (this.isLive) return this.live.ask('resume');
     if (this.t >= this.end) this.t = this.start;
+    this.following = false;
     this.playing = true;
     $('play').textContent = '❚❚';
     this.touch();
   }
 
   pause() {
-    this.playing = false;
-    $('play').textContent = '▶';
+    this.playing = this.following = false;
+    if (!this.isLive) $('play').textContent = '▶';
     this.touch();
     this.#remember();
   }
 
   setSpeed(speed) {
+    if (this.isLive) return this.live.ask('speed', { factor: speed });
     this.speed = speed;
-    const option = [...$('speed').options].find((one) => Number(one.value) === speed);
-    if (!option) $('speed').append(make('option', { value: String(speed) }, `${number(speed)} ×`));
-    $('speed').value = String(speed);
+    this.#tellSpeed(speed);
     this.touch();
+  }
+
+  #tellSpeed(speed) {
+    const value = speed === null ? '' : String(speed);
+    const option = [...$('speed').options].find((one) => one.value === value);
+    if (!option) $('speed').append(make('option', { value }, speed === null ? 'max' : `${number(speed)} ×`));
+    $('speed').value = value;
+  }
+
+  // -- a run that goes on -----------------------------------------------------------------------------------------
+
+  /** True until the run ends. */
+  get isLive() {
+    return this.live !== null && !this.live.over && this.live.ended === null;
+  }
+
+  #goAlong() {
+    const { live } = this;
+    live.onframe = () => this.#grown();
+    live.onstate = () => this.#state();
+    $('step').addEventListener('click', () => this.step());
+    $('now').addEventListener('click', () => this.seek(this.end));
+    $('speed').append(make('option', { value: '' }, 'max'));
+    $('speed').title = 'speed of the run, times real time ([ and ])';
+    $('play').title = 'pause the run, let it go on (space)';
+    for (const name of ['pointerdown', 'wheel']) $('scene').addEventListener(name, () => (this.aimed = true));
+    this.#grown();
+    this.#state();
+  }
+
+  /** Values have come in. */
+  #grown() {
+    const { end, start } = this.run;
+    Object.assign(this, { end, start });
+    Object.assign($('slider'), { min: String(start), max: String(end) });
+    if (this.following) this.t = end;
+    this.traces.extend();
+    const now = performance.now();
+    if (!(now - this.plotted < 250)) {
+      this.plotted = now;
+      this.plots.refresh();
+      this.#room();
+      this.#outcome();
+    } else if (!this.waiting) {
+      this.waiting = setTimeout(() => { this.waiting = null; this.plotted = performance.now(); this.plots.refresh(); this.touch(); }, 250);
+    }
+    this.touch();
+  }
+
+  /** As long as nobody has turned the camera, it keeps all vehicles in sight. */
+  #room() {
+    if (this.aimed || this.cameras.kind === 'follow' || !this.vehicles.n) return;
+    const { min, max } = this.fitted;
+    const over = Math.max(2, 0.08 * this.scale);
+    const count = this.run.motion.time.length;
+    const { stride } = this.run.motion;
+    const outside = this.run.vehicles.some(({ position: p }) => {
+      const [x, y, z] = [p[stride + count - 1], -p[2 * stride + count - 1], -p[count - 1]];
+      return x < min.x - over || x > max.x + over || z < min.z - over || z > max.z + over || y > max.y + over;
+    });
+    if (outside) this.fit();
+  }
+
+  /** The run is paused, goes on, has another speed, or has ended. */
+  #state() {
+    const going = this.isLive;
+    $('step').hidden = $('now').hidden = !going;
+    if (going) {
+      $('play').textContent = this.live.paused ? '▶' : '❚❚';
+      this.#tellSpeed(this.live.speed);
+    } else if (!this.parted) {
+      this.parted = true;
+      $('play').textContent = '▶';
+      $('play').title = 'play or pause (space)';
+      $('speed').title = 'playback speed ([ and ])';
+      [...$('speed').options].find((one) => one.value === '')?.remove();
+      this.setSpeed(1);
+      this.plots.refresh();
+      const more = this.live.ended?.[2];
+      if (more) this.tabs.run[1].pane.firstElementChild.append(make('dt', {}, 'all of it'), make('dd', {}, visible(more)));
+    }
+    this.#outcome();
+    this.touch();
+  }
+
+  #outcome() {
+    const { live } = this;
+    const [words, kind] = live.ended ?? (live.over ? ['the connection to the run is lost', 'warning'] : live.paused ? ['paused', 'warning'] : ['live', 'good']);
+    const factor = this.isLive && !live.paused ? live.factor : null;
+    $('outcome').textContent = visible(factor === null ? words : `${words}, ${number(factor, 2)} × real time`);
+    $('outcome').className = kind;
+  }
+
+  /** One communication interval of the run, after which it stands still. */
+  step() {
+    if (!this.isLive) return;
+    this.following = true;
+    this.live.ask('step');
+  }
+
+  /** Space and the button: of the run while it goes on, else of what is played. */
+  playOrPause() {
+    if (!this.isLive) return this.playing ? this.pause() : this.play();
+    this.following = true;
+    this.live.ask(this.live.paused ? 'resume' : 'pause');
   }
 
   /** Everything beside the scene that goes with time. */
   #tell() {
     const digits = this.end - this.start < 10 ? 3 : 2;
-    $('clock').replaceChildren(this.t.toFixed(digits), make('small', {}, ` / ${number(this.end)} s`));
-    if (document.activeElement !== $('slider') || this.playing) $('slider').value = String(this.t);
+    $('clock').replaceChildren(this.t.toFixed(digits), make('small', {}, ` / ${this.isLive ? this.end.toFixed(1) : number(this.end)} s`));
+    $('now').setAttribute('aria-pressed', String(this.following));
+    if (document.activeElement !== $('slider') || this.playing || this.following) $('slider').value = String(this.t);
     this.plots.update(this.t);
     this.log.update(this.t);
     this.#card();
@@ -306,10 +419,11 @@ class Viewer {
     const vehicle = this.run.vehicles[this.selected];
     const at = this.vehicles.at(this.t);
     const time = this.run.motion.time;
-    const ned = Vehicles.between(vehicle.position, time.length, at, [0, 0, 0]);
+    const { stride } = this.run.motion;
+    const ned = Vehicles.between(vehicle.position, stride, at, [0, 0, 0]);
     const [i, j] = at[0] < at[1] ? at : [Math.max(0, at[0] - 1), at[0]];
     const dt = time[j] - time[i];
-    const speed = dt > 0 ? Math.hypot(...[0, 1, 2].map((k) => vehicle.position[k * time.length + j] - vehicle.position[k * time.length + i])) / dt : 0;
+    const speed = dt > 0 ? Math.hypot(...[0, 1, 2].map((k) => vehicle.position[k * stride + j] - vehicle.position[k * stride + i])) / dt : 0;
     const facts = [['north, east', `${ned[0].toFixed(2)}, ${ned[1].toFixed(2)} m`], ['height', `${(-ned[2]).toFixed(2)} m`], ['speed', `${speed.toFixed(2)} m/s`]];
     for (const index of vehicle.words) {
       const signal = this.run.signals[index];
@@ -336,9 +450,11 @@ class Viewer {
     this.log = new Log(run, goTo);
     this.tabs = {
       plots: ['Plots', this.plots],
-      log: ['Messages', this.log],
-      links: ['Links', linksPane(run, goTo.select)],
-      findings: ['Findings', findingsPane(run, goTo)],
+      ...(run.live ? {} : {
+        log: ['Messages', this.log],
+        links: ['Links', linksPane(run, goTo.select)],
+        findings: ['Findings', findingsPane(run, goTo)],
+      }),
       run: ['Run', runPane(run)],
     };
     for (const [name, [title, { pane }]] of Object.entries(this.tabs)) {
@@ -360,6 +476,7 @@ class Viewer {
   }
 
   tab(name) {
+    if (!(name in this.tabs)) return;
     for (const [other, [, { pane }]] of Object.entries(this.tabs)) pane.hidden = other !== name;
     for (const button of $('tabs').children) button.setAttribute('aria-selected', String(button.dataset.name === name));
     this.plots.update(this.t);
@@ -373,10 +490,10 @@ class Viewer {
     slider.addEventListener('input', () => this.seek(Number(slider.value)));
     slider.addEventListener('change', () => slider.blur());
     $('play').textContent = '▶';
-    $('play').addEventListener('click', () => (this.playing ? this.pause() : this.play()));
+    $('play').addEventListener('click', () => { this.playOrPause(); $('play').blur(); });
     $('speed').append(...SPEEDS.map((speed) => make('option', { value: String(speed) }, `${speed} ×`)));
     $('speed').value = '1';
-    $('speed').addEventListener('change', () => { this.setSpeed(Number($('speed').value)); $('speed').blur(); });
+    $('speed').addEventListener('change', () => { this.setSpeed($('speed').value === '' ? null : Number($('speed').value)); $('speed').blur(); });
     for (const kind of CAMERAS) $('cameras').append(make('button', { onclick: () => this.camera(kind), data: { kind }, 'aria-pressed': String(kind === 'free') }, kind));
     $('theme').addEventListener('click', () => this.setTheme(this.theme === 'dark' ? 'light' : 'dark'));
     $('help').addEventListener('click', () => this.help());
@@ -481,7 +598,8 @@ class Viewer {
       this.seek(shift ? this.t + by : rows[Math.max(0, Math.min(rows.length - 1, by < 0 && rows[i] < this.t - 1e-9 ? i : i + by))]);
     };
     const faster = (by) => {
-      const i = SPEEDS.findIndex((speed) => speed >= this.speed);
+      const speeds = this.isLive ? this.live.speed ?? Infinity : this.speed;
+      const i = SPEEDS.findIndex((speed) => speed >= speeds);
       this.setSpeed(SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, (i < 0 ? SPEEDS.length - 1 : i) + by))]);
     };
     const findings = (by) => {
@@ -501,7 +619,7 @@ class Viewer {
     };
     const other = (by) => this.vehicles.n && this.select((this.selected + by + (this.selected < 0 && by < 0 ? 1 : 0) + this.vehicles.n) % this.vehicles.n);
     const actions = {
-      ' ': () => (this.playing ? this.pause() : this.play()),
+      ' ': () => this.playOrPause(), '.': () => this.step(),
       ArrowLeft: (event) => step(-1, event.shiftKey), ArrowRight: (event) => step(1, event.shiftKey),
       Home: () => this.seek(this.start), End: () => this.seek(this.end),
       '[': () => faster(-1), ']': () => faster(1),
@@ -513,7 +631,7 @@ class Viewer {
       y: () => this.setTrail({ none: 'short', short: 'long', long: 'all', all: 'short' }[this.trail]),
       x: nextPacket,
       '/': () => { this.tab('plots'); $('find').focus(); },
-      l: () => { this.tab('log'); $('filter').focus(); },
+      l: () => { this.tab('log'); $('filter')?.focus(); },
       j: () => findings(-1), k: () => findings(1),
       d: () => this.setTheme(this.theme === 'dark' ? 'light' : 'dark'),
       '+': () => text(1), '=': () => text(1), '-': () => text(-1),
@@ -542,21 +660,22 @@ class Viewer {
       this.paint();
     }
     const numeric = (name) => (asked.has(name) && Number.isFinite(Number(asked.get(name))) && asked.get(name) !== '' ? Number(asked.get(name)) : null);
-    if (numeric('t') !== null) this.t = Math.min(this.end, Math.max(this.start, numeric('t')));
-    if (numeric('speed') > 0) this.setSpeed(numeric('speed'));
+    if (numeric('t') !== null && !this.following) this.t = Math.min(this.end, Math.max(this.start, numeric('t')));
+    if (numeric('speed') > 0 && !this.isLive) this.setSpeed(numeric('speed'));
     if (asked.has('select')) this.selected = this.run.vehicles.findIndex((vehicle) => vehicle.name === asked.get('select'));
     if (asked.has('trail') && asked.get('trail') in TRAILS) this.setTrail(asked.get('trail'));
     if (CAMERAS.includes(asked.get('camera'))) this.camera(asked.get('camera'));
     if (asked.get('tab') in this.tabs) this.tab(asked.get('tab'));
     if (asked.has('filter')) this.log.filter(asked.get('filter'));
     if (asked.has('plot')) this.plots.set(asked.getAll('plot').map((text) => this.plots.find(text, 12)).filter((set) => set.length));
-    if (asked.has('play')) this.play();
+    if (asked.has('play') && !this.isLive) this.play();
     this.#legend();
     this.touch();
   }
 
   /** Keep the address that leads back to what is shown. */
   #remember() {
+    if (this.following) return;
     clearTimeout(this.remembering);
     this.remembering = setTimeout(() => {
       const told = new URLSearchParams({ t: String(Math.round(this.t * 1e4) / 1e4), camera: this.cameras.kind, theme: this.theme });
@@ -582,6 +701,13 @@ class Viewer {
       get end() { return viewer.end; },
       get camera() { return viewer.cameras.kind; },
       get theme() { return viewer.theme; },
+      /** The run that goes on: null for a recording. */
+      get live() {
+        const { live } = viewer;
+        return live && { going: viewer.isLive, paused: live.paused, speed: live.speed, ended: live.ended, following: viewer.following, frames: live.n };
+      },
+      step: () => viewer.step(),
+      setSpeed: (factor) => viewer.setSpeed(factor),
       vehicles: viewer.run.vehicles.map((vehicle) => vehicle.name),
       play: () => viewer.play(),
       pause: () => viewer.pause(),
@@ -627,7 +753,7 @@ async function begin() {
 }
 
 begin().catch((error) => {
-  const text = `This page cannot show its recording: ${error.message}. It needs WebGL 2 and a browser of 2023 or later.`;
+  const text = `This page cannot show the run: ${error.message}. It needs WebGL 2 and a browser of 2023 or later.`;
   document.body.replaceChildren(make('p', { style: { padding: '2em', fontSize: '16px' } }, text));
   throw error;
 });

@@ -132,8 +132,10 @@ export class Plots {
     const end = this.run.rows.at(-1) ?? this.run.start;
     const tables = set.map((index) => {
       const { x, y } = this.run.curve(index);
-      const values = Array.from(y, (v) => (Number.isFinite(v) ? v : null));
-      const at = Array.from(x);
+      const every = this.run.live ? Math.ceil(x.length / 3000) : 1; // drawn anew all the time
+      const some = (array) => (every > 1 ? array.filter((_, i) => i % every === 0 || i === array.length - 1) : array);
+      const values = Array.from(some(y), (v) => (Number.isFinite(v) ? v : null));
+      const at = Array.from(some(x));
       if (at.at(-1) < end) {
         at.push(end);
         values.push(values.at(-1));
@@ -190,7 +192,11 @@ export class Plots {
     const now = make('div', { class: 'now' });
     plot.over.append(now);
     let pressed = null;
-    plot.over.addEventListener('mousedown', (event) => (pressed = event.offsetX));
+    plot.over.addEventListener('mousedown', (event) => {
+      pressed = event.offsetX;
+      this.dragging = true;
+      addEventListener('mouseup', () => setTimeout(() => (this.dragging = false)), { once: true });
+    });
     plot.over.addEventListener('mouseup', (event) => {
       if (pressed !== null && Math.abs(event.offsetX - pressed) < 3) this.seek(plot.posToVal(event.offsetX, 'x'));
       pressed = null;
@@ -198,10 +204,6 @@ export class Plots {
     plot.over.addEventListener('dblclick', () => this.zoom(null));
     const { title: common, names } = shortened(signals.map((signal) => signal.name));
     if (common) header.append(make('em', {}, visible(common), signals.every((one) => one.unit === signals[0].unit) && signals[0].unit ? visible(` [${signals[0].unit}]`) : ''));
-    const ranges = data.slice(1).map((column) => {
-      const finite = column.filter((v) => Number.isFinite(v));
-      return finite.reduce((a, b) => Math.max(a, b), -Infinity) - finite.reduce((a, b) => Math.min(a, b), Infinity);
-    });
     const values = signals.map((signal, i) => {
       const value = make('b');
       const unit = signal.unit ? ` [${signal.unit}]` : '';
@@ -209,13 +211,14 @@ export class Plots {
       header.append(make('span', { title, onclick: () => { set.splice(i, 1); if (!set.length) this.sets.splice(k, 1); this.draw(); } }, make('i', { style: { background: strokes[i] } }), visible(names[i]), ' ', value));
       return value;
     });
-    return { set, data, plot, element, now, values, range: Math.max(...ranges), common };
+    return { set, data, plot, element, now, values, range: spread(data), common };
   }
 
   #zoomed(u) {
-    if (this.zooming) return;
+    if (this.zooming || (this.run.live && !this.dragging)) return; // the range also changes with every value that comes in
     const { min, max } = u.scales.x;
-    const whole = [this.run.rows[0], this.run.rows.at(-1)];
+    const [first, last] = [this.run.rows[0], this.run.rows.at(-1)];
+    const whole = [first, last > first ? last : first + 1];
     if (min === undefined || min === null) return;
     if (Math.abs(min - whole[0]) < 1e-9 && Math.abs(max - whole[1]) < 1e-9) return;
     if (this.range && this.range[0] === min && this.range[1] === max) return;
@@ -261,6 +264,26 @@ export class Plots {
   repaint() {
     this.draw();
   }
+
+  /** Take over values that have come in. */
+  refresh() {
+    if (this.pane.hidden) return;
+    for (const one of this.plots) {
+      one.data = this.#data(one.set);
+      one.range = spread(one.data);
+      one.plot.setData(one.data);
+    }
+    this.#now();
+  }
+}
+
+/** From the least to the greatest value of the curve that varies most. */
+function spread(data) {
+  const ranges = data.slice(1).map((column) => {
+    const finite = column.filter((v) => Number.isFinite(v));
+    return finite.reduce((a, b) => Math.max(a, b), -Infinity) - finite.reduce((a, b) => Math.min(a, b), Infinity);
+  });
+  return Math.max(...ranges);
 }
 
 /** A value with its unit, or the word of an enumeration. */

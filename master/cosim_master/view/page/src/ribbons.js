@@ -29,6 +29,8 @@ void main() {
   #include <colorspace_fragment>
 }`;
 
+const WRITTEN = ['position', 'other', 'colour', 'when'];
+
 export class Ribbons {
   /** Room for so many segments; `dynamic` ones are written anew for every picture. */
   constructor(capacity, { width = 2, opacity = 1, dynamic = false } = {}) {
@@ -94,10 +96,16 @@ export class Ribbons {
     this.mesh.geometry.setDrawRange(first * 6, Math.max(0, last - first) * 6);
     this.mesh.visible = last > first;
     if (!written || last <= first) return;
-    for (const name of ['position', 'other', 'colour', 'when']) {
+    for (const name of WRITTEN) this.mesh.geometry.attributes[name].clearUpdateRanges();
+    this.upload(0, last);
+  }
+
+  /** Let the next picture take over segments from `first` to `last`. */
+  upload(first, last) {
+    if (last <= first) return;
+    for (const name of WRITTEN) {
       const attribute = this.mesh.geometry.attributes[name];
-      attribute.clearUpdateRanges();
-      attribute.addUpdateRange(0, last * 4 * attribute.itemSize);
+      attribute.addUpdateRange(first * 4 * attribute.itemSize, (last - first) * 4 * attribute.itemSize);
       attribute.needsUpdate = true;
     }
   }

@@ -13,6 +13,7 @@ export class Traces {
     this.run = run;
     this.vehicles = vehicles;
     this.trails = this.#trails();
+    this.dropped = 0;
     this.lines = new Ribbons(DYNAMIC, { width: 1.4, opacity: 0.55, dynamic: true });
     this.links = new Ribbons(DYNAMIC, { width: 2.4, opacity: 0.95, dynamic: true });
     this.lines.mesh.renderOrder = 1;
@@ -23,33 +24,66 @@ export class Traces {
 
   /** All trails in the order of time, so that those of the last seconds lie side by side. */
   #trails() {
-    const { time } = this.run.motion;
     const n = this.vehicles.n;
-    const every = Math.max(1, Math.ceil((n * time.length) / SEGMENTS), Math.ceil(time.length / 6000));
-    this.stops = [];
-    for (let i = 0; i < time.length; i += every) this.stops.push(i);
-    if (time.length && this.stops.at(-1) !== time.length - 1) this.stops.push(time.length - 1);
-    const trails = new Ribbons(Math.max(1, n * Math.max(0, this.stops.length - 1)), { width: n > 60 ? 1.3 : 2.6, opacity: 0.85 });
+    this.#stop();
+    const room = this.run.live ? SEGMENTS : n * Math.max(0, this.stops.length - 1);
+    const trails = new Ribbons(Math.max(1, room), { width: n > 60 ? 1.3 : 2.6, opacity: 0.85 });
     trails.mesh.renderOrder = 2;
-    this.stopTimes = Float64Array.from(this.stops, (i) => time[i]);
     return trails;
+  }
+
+  /** Choose the frames that trails go through; while frames are added, half of the room is left for them. */
+  #stop() {
+    const { time } = this.run.motion;
+    const room = this.run.live ? SEGMENTS / 2 : SEGMENTS;
+    this.every = Math.max(1, Math.ceil((this.vehicles.n * time.length) / room), Math.ceil(time.length / 6000));
+    this.stops = [];
+    for (let i = 0; i < time.length; i += this.every) this.stops.push(i);
+    if (time.length && this.stops.at(-1) !== time.length - 1) this.stops.push(time.length - 1);
+    this.stopTimes = this.stops.map((i) => time[i]);
+  }
+
+  /** Add the frames that have come in. */
+  extend() {
+    const { time } = this.run.motion;
+    const { n } = this.vehicles;
+    if (!n) return;
+    if (this.dropped !== this.run.live.dropped || this.trails.used + n > this.trails.capacity) {
+      this.dropped = this.run.live.dropped;
+      this.#stop();
+      this.#write();
+      return;
+    }
+    const used = this.trails.used;
+    for (let i = this.stops.at(-1) + this.every; i < time.length && this.trails.used + n <= this.trails.capacity; i += this.every) {
+      this.stops.push(i);
+      this.stopTimes.push(time[i]);
+      this.#segment(this.stops.length - 2);
+    }
+    this.trails.upload(used, this.trails.used);
   }
 
   paint(colours, theme) {
     const rgb = (css) => new Color(css).toArray();
     this.colours = colours.map(rgb);
     this.theme = Object.fromEntries(['link', 'lost', 'desired', 'grid', 'major', 'pulse', 'ground'].map((name) => [name, rgb(theme[name])]));
+    this.#write();
+  }
+
+  #write() {
+    this.trails.clear();
+    for (let s = 0; s + 1 < this.stops.length; s++) this.#segment(s);
+    this.trails.show(0, this.trails.used, true);
+  }
+
+  /** The segments of all vehicles between two stops. */
+  #segment(s) {
     const { trails, stops, stopTimes } = this;
-    const { time } = this.run.motion;
-    const count = time.length;
-    trails.clear();
-    for (let s = 0; s + 1 < stops.length; s++) {
-      const [i, j] = [stops[s], stops[s + 1]];
-      this.run.vehicles.forEach(({ position: p }, v) => {
-        trails.add(p[count + i], -p[2 * count + i], -p[i], p[count + j], -p[2 * count + j], -p[j], this.colours[v], stopTimes[s] - stopTimes[0], stopTimes[s + 1] - stopTimes[0]);
-      });
-    }
-    trails.show(0, trails.used, true);
+    const count = this.run.motion.stride;
+    const [i, j] = [stops[s], stops[s + 1]];
+    this.run.vehicles.forEach(({ position: p }, v) => {
+      trails.add(p[count + i], -p[2 * count + i], -p[i], p[count + j], -p[2 * count + j], -p[j], this.colours[v], stopTimes[s] - stopTimes[0], stopTimes[s + 1] - stopTimes[0]);
+    });
   }
 
   update(t, { show, speed, playing, selected, scale, trail, size }) {
@@ -83,7 +117,7 @@ export class Traces {
 
   #desired(t) {
     const at = this.vehicles.at(t);
-    const count = this.run.motion.time.length;
+    const count = this.run.motion.stride;
     const ned = [0, 0, 0];
     this.run.vehicles.forEach((vehicle, i) => {
       const [px, py, pz] = this.vehicles.places.subarray(3 * i, 3 * i + 3);

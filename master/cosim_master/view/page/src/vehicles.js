@@ -85,7 +85,7 @@ export class Vehicles {
   /** Move everything to where it is at a time, as large as it must be to be seen by a camera. */
   update(t, camera, pixels) {
     const at = this.at(t);
-    const count = this.run.motion.time.length;
+    const count = this.run.motion.stride;
     const ned = [0, 0, 0];
     const smallest = this.trueSize ? 0 : this.n <= 12 ? 68 : this.n <= MANY ? 30 : this.n <= 300 ? 17 : 12;
     const eye = camera.position;

@@ -1,0 +1,29 @@
+"""Settings of Sphinx for `make docs`. The sources are the whole repository, where links are relative to their files."""
+
+import sys
+from importlib.metadata import version as installed
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+project = "uav-cosim"
+version = release = installed("uav-cosim")
+language = "en"
+
+root_doc = "docs/site/index"
+include_patterns = ["*.md", "docs/*.md", "docs/site/*.md", "benchmarks/README.md"]
+exclude_patterns = [".*", "build", "cosim", "dist", "examples", "fmus", "master", "models", "out", "site", "tests"]
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "declarations"]
+myst_heading_anchors = 4
+default_role = "code"
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented_params"
+autodoc_class_signature = "separated"
+napoleon_numpy_docstring = False
+
+html_theme = "furo"
+html_title = "uav-cosim"
+html_extra_path = ["index.html"]  # leads from the folder to the first page
+html_show_copyright = html_show_sphinx = html_copy_source = False

@@ -1,0 +1,91 @@
+"""The live page of a run (`run --view`): its server, its observer, and the browser that opens it."""
+
+from __future__ import annotations
+
+import os
+import sys
+import webbrowser
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from cosim_master.cli.terminal.console import announce, note
+
+if TYPE_CHECKING:
+    from cosim_master.execution.options import RunOptions
+    from cosim_master.execution.outcome.result import RunResult
+    from cosim_master.execution.preparation.prepare import Prepared
+    from cosim_master.stepping.control import Control
+    from cosim_master.stepping.observation import Observer, View
+    from cosim_master.view.live.feed import Feed
+    from cosim_master.view.live.server import LivePage
+
+__all__ = ["Live", "shown_live"]
+
+
+class Live:
+    """The live page of one run.
+
+    Args:
+        control: the requests of the page's reader.
+        open_browser: open a browser if there is a display.
+        opened: closes the page in the end.
+    """
+
+    def __init__(self, control: Control, *, open_browser: bool, opened: ExitStack) -> None:
+        self.control = control
+        self._open_browser, self._opened = open_browser, opened
+        self._feed: Feed | None = None
+        self._page: LivePage | None = None
+
+    def observer(self, view: View) -> Observer:
+        """Returns the observer of the run."""
+        from cosim_master.view.live.feed import Feed
+
+        self._feed = Feed(view)
+        return self._feed
+
+    def begin(self, ready: Prepared) -> None:
+        """Serves the page of a run that has been checked, announces its address, and opens a browser.
+
+        Raises:
+            CosimError: no port of loopback can be opened.
+        """
+        from cosim_master.view.live.document import live_document, shown
+        from cosim_master.view.live.server import LivePage
+
+        assert self._feed is not None
+        recorded = self._feed.columns
+        columns = shown(recorded, ready.checked)
+        self._feed.show(columns)
+        document = live_document(columns, len(recorded), ready.checked, ready.network, ready.clock)
+        self._page = self._opened.enter_context(LivePage(document, self._feed, self.control))
+        announce(f"live view: {self._page.address}")
+        if self._open_browser and not (_has_display() and webbrowser.open(self._page.address)):
+            note("no browser was found here; open this address in one")
+
+    def end(self, result: RunResult) -> None:
+        """Tells the page how the run has ended."""
+        if self._page is None:
+            return
+        verdict = result.verdict
+        good = result.outcome == "done" and (verdict is None or verdict.good)
+        kind = "good" if good else "failure" if result.outcome == "failed" else "warning"
+        more = "" if result.folder is None else f"uav-cosim view {result.folder}"
+        self._page.end((f"ended: {result.outcome}", kind, more))
+
+
+@contextmanager
+def shown_live(options: RunOptions, *, open_browser: bool) -> Iterator[Live]:
+    """Yields the live page of a run, which is made when the run has been checked; closes it in the end."""
+    import websockets.asyncio.server  # noqa: F401 (if it is missing, the run does not begin)
+
+    from cosim_master.stepping.control import Control
+
+    with ExitStack() as opened:
+        yield Live(Control(1.0 if options.pace is None else options.pace), open_browser=open_browser, opened=opened)
+
+
+def _has_display() -> bool:
+    """Returns whether a browser can have a window; where none can, one in the terminal would stop the run."""
+    return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

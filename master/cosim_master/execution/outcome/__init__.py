@@ -1,0 +1,1 @@
+"""The outcome of a run, and the manifest that states it."""

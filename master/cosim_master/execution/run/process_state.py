@@ -1,0 +1,197 @@
+"""The parts of the state of this process that an FMU in it can change for all others, compared before and after calls.
+
+    before = ProcessState.present()
+    ...                                   calls of FMUs
+    told(before, slaves, "steps")         a note for FMUs that have changed something
+
+`WatchedCalls` compares before and after each call that Python makes, and so names function and instance. The calls of
+the loop are too many and too short for that.
+
+Isolated FMUs change their own process only.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, Self
+
+from cosim_master.fmi.slaves.fmi2 import Library
+from cosim_master.fmi.slaves.slave import Slave
+
+__all__ = ["ProcessState", "WatchedCalls", "told"]
+
+log = logging.getLogger(__name__)
+
+_LC_ALL = 6
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGALRM", "SIGPIPE")
+
+
+@cache
+def _libc() -> Any:
+    libc = ctypes.CDLL(None)
+    libc.setlocale.restype = ctypes.c_char_p
+    return libc
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessState:
+    """The state of this process at one moment.
+
+    Attributes:
+        folder: the working directory.
+        locale: of all categories.
+        rounding: the mode in which this thread rounds floating-point numbers.
+        mask: permissions that new files do not get.
+        handlers: addresses of signal handlers.
+        files: open descriptors of files, without sockets.
+    """
+
+    folder: str
+    locale: str
+    rounding: int
+    mask: int
+    handlers: tuple[int | None, ...]
+    files: frozenset[tuple[int, str]]
+
+    @classmethod
+    def present(cls) -> Self | None:
+        """Returns the present state; None on systems other than Linux."""
+        if sys.platform != "linux":
+            return None
+        libc = _libc()
+        os.umask(mask := os.umask(0o077))
+        return cls(
+            _folder(),
+            (libc.setlocale(_LC_ALL, None) or b"").decode("utf-8", "replace"),
+            int(ctypes.CDLL("libm.so.6").fegetround()),
+            mask,
+            tuple(_handler(libc, int(getattr(signal, name))) for name in _SIGNALS),
+            frozenset(_files()),
+        )
+
+    def changes(self, after: ProcessState) -> list[str]:
+        """Returns the changes from this state to a later one; files that have been opened are none."""
+        found = []
+        if self.folder != after.folder:
+            found.append(f"the working directory (now {after.folder})")
+        if self.locale != after.locale:
+            found.append(f"the locale (now {after.locale})")
+        if self.rounding != after.rounding:
+            found.append("the rounding mode of floating-point numbers")
+        if self.mask != after.mask:
+            found.append(f"the permissions of new files (umask {after.mask:03o})")
+        pairs = zip(_SIGNALS, self.handlers, after.handlers, strict=True)
+        if names := [name for name, was, now in pairs if was != now]:
+            found.append(f"the handling of {', '.join(names)}")
+        if closed := sorted(self.files - after.files):
+            names = [f"{number} ({file})" for number, file in closed[:3]]
+            found.append(f"open files: descriptors {', '.join(names)}{' ...' if len(closed) > 3 else ''} were closed")
+        return found
+
+
+def _folder() -> str:
+    try:
+        return str(Path.cwd())
+    except OSError:
+        return "a folder that does not exist"
+
+
+def _handler(libc: Any, number: int) -> int | None:
+    """Returns the handler of a signal: the first member of struct sigaction."""
+    action = (ctypes.c_ubyte * 256)()
+    libc.sigaction(number, None, ctypes.byref(action))
+    return ctypes.c_void_p.from_buffer(action).value
+
+
+def _files() -> list[tuple[int, str]]:
+    found = []
+    for link in Path("/proc/self/fd").iterdir():
+        try:
+            target = str(link.readlink())
+        except OSError:  # that of the listing itself, or one that another thread has closed
+            continue
+        # Sockets may be closed by their other ends, and recorders close the Parquet files of each checkpoint.
+        if not target.startswith(("socket:", "/proc/")) and not target.endswith(".parquet"):
+            found.append((int(link.name), target))
+    return found
+
+
+class WatchedCalls:
+    """Finds the calls of FMI functions that change this process, during the start of a run.
+
+    Attributes:
+        after: the state after the last such call; None if there was none.
+    """
+
+    def __init__(self) -> None:
+        self.after: ProcessState | None = None
+        self._notes: list[str] = []
+        self._libraries: list[Library] = []
+
+    def watch(self, library: Library) -> None:
+        """Watches the functions of a library that is not ours and runs in this process."""
+        if library.file and not library.own and not library.isolated and ProcessState.present() is not None:
+            self._libraries.append(library)
+            library.watch = partial(_Watched, self._compared, library)
+
+    def _compared(self, before: ProcessState | None, library: Library, function: str, first: Any) -> None:
+        after = ProcessState.present()
+        if before is None or after is None or not (changes := before.changes(after)):
+            return
+        value = getattr(first, "value", first)  # the handle, or the name in calls that instantiate
+        who = value.decode("utf-8", "replace") if isinstance(value, bytes) else library.handles.get(value or 0)
+        text = f"{who or library.fmu.path.name} has changed the process of the run in {function}: {'; '.join(changes)}"
+        self.after = after
+        self._notes.append(f"{text} (--isolate instance prevents it)")
+        log.warning("note: %s", self._notes[-1])
+
+    def end(self) -> tuple[str, ...]:
+        """Ends the watch, and returns its notes."""
+        for library in self._libraries:
+            library.watch = None
+        return tuple(self._notes)
+
+
+class _Watched:
+    """A function of a library, with a comparison of this process before and after it; `restype` can be set."""
+
+    def __init__(self, compared: Callable[..., None], library: Library, name: str, function: Any) -> None:
+        object.__setattr__(self, "_parts", (compared, library, name, function))
+
+    _parts: tuple[Callable[..., None], Library, str, Any]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(self._parts[3], name, value)
+
+    def __call__(self, *arguments: Any) -> Any:
+        compared, library, name, function = self._parts
+        before = ProcessState.present()
+        try:
+            return function(*arguments)
+        finally:
+            compared(before, library, name, arguments[0] if arguments else None)
+
+
+def told(before: ProcessState | None, slaves: Sequence[Slave], when: str) -> tuple[str, ...]:
+    """Returns and logs a note if the state of this process has changed in calls of FMUs that are not isolated.
+
+    Args:
+        when: the FMI functions that were called.
+    """
+    suspects = [one for one in slaves if one.library.file and not one.library.own and not one.library.isolated]
+    after = ProcessState.present() if suspects and before is not None else None
+    if before is None or after is None or not (changes := before.changes(after)):
+        return ()
+    names = [one.name for one in suspects]
+    who = names[0] if len(names) == 1 else f"one of {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}"
+    text = f"{who} has changed the process of the run in {when}: {'; '.join(changes)} (--isolate instance prevents it)"
+    log.warning("note: %s", text)
+    return (text,)

@@ -1,0 +1,109 @@
+"""Compiles the C part of isolation, or finds it: the library `isolation.so` and the program `host`.
+
+    python -m cosim_master.fmi.isolation.building FOLDER
+
+writes both to FOLDER/isolation-DIGEST/ for a wheel, where DIGEST is that of their sources. They are looked for in
+``compiled`` of the package, then in the user's cache folder, and are compiled if they are in neither.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from cosim_master.files.kept import intact, private_cache, seal
+
+__all__ = ["HOST", "LIBRARY", "CannotIsolate", "binaries"]
+
+LIBRARY, HOST = "isolation.so", "host"
+_SOURCES = Path(__file__).parent
+_FLAGS = ("-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror")
+_LIBRARIES = ("-lm", "-lpthread", "-ldl")
+
+
+class CannotIsolate(Exception):
+    """FMUs cannot have processes of their own here; the text says why."""
+
+
+@cache
+def binaries() -> Path:
+    """Returns the folder with LIBRARY and HOST.
+
+    Raises:
+        CannotIsolate: this is not Linux, or the sources have not been compiled and cannot be.
+    """
+    if sys.platform != "linux" or platform.machine() not in ("x86_64", "aarch64"):
+        raise CannotIsolate(f"processes of FMUs need Linux on x86_64 or aarch64, and this is {platform.platform()}")
+    name = f"isolation-{_digest()}"
+    shipped = _SOURCES.parents[1] / "compiled" / name
+    if os.access(shipped / HOST, os.X_OK):
+        return shipped
+    kept = private_cache() / "isolation" / name
+    if not all(intact(kept / file) for file in (LIBRARY, HOST)):
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(dir=kept.parent, prefix="new-"))
+        try:
+            if (shipped / HOST).is_file():  # installed without its permission to be executed
+                for file in (LIBRARY, HOST):
+                    shutil.copyfile(shipped / file, fresh / file)
+                    (fresh / file).chmod(0o755)
+            else:
+                _compile(fresh)
+            for file in (LIBRARY, HOST):
+                seal(fresh / file)
+            kept.mkdir(exist_ok=True)
+            for made in fresh.iterdir():  # one by one: other processes may use those that were there
+                made.replace(kept / made.name)
+        finally:
+            shutil.rmtree(fresh, ignore_errors=True)
+    return kept
+
+
+def _digest() -> str:
+    digest = hashlib.sha256(platform.machine().encode())
+    for file in sorted(_SOURCES.glob("*.[ch]")):
+        digest.update(file.name.encode() + file.read_bytes())
+    digest.update(" ".join((*_FLAGS, *_LIBRARIES)).encode())
+    return digest.hexdigest()[:16]
+
+
+def _compile(folder: Path) -> None:
+    if os.environ.get("CC"):
+        compiler = shlex.split(os.environ["CC"])
+    elif find_spec("ziglang") is not None:
+        compiler = [sys.executable, "-m", "ziglang", "cc", "-target", f"{platform.machine()}-linux-gnu.2.17"]
+    else:
+        text = "their C part is not compiled: install uav-cosim[build], which brings a C compiler, or set CC"
+        raise CannotIsolate(text)
+    proxy, host, stack = (str(_SOURCES / file) for file in ("proxy.c", "host.c", "stack.c"))
+    for command in (
+        ["-fPIC", "-shared", proxy, host, stack, "-o", str(folder / LIBRARY), "-ldl"],
+        ["-DPROGRAM", host, "-o", str(folder / HOST), *_LIBRARIES],
+    ):
+        try:
+            done = subprocess.run([*compiler, *_FLAGS, *command], capture_output=True, text=True, check=False)
+        except OSError as error:
+            raise CannotIsolate(f"the C compiler {compiler[0]} cannot be run: {error.strerror}") from None
+        if done.returncode:
+            raise CannotIsolate(f"their C part does not compile with {' '.join(compiler)}:\n{done.stderr}")
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Writes both files to the folder that `arguments` name."""
+    if len(arguments) != 1:
+        sys.exit("usage: python -m cosim_master.fmi.isolation.building FOLDER")
+    shutil.copytree(found := binaries(), Path(arguments[0]) / found.name, dirs_exist_ok=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,193 @@
+"""FMUs whose functions run in a process of their own: libraries with the interface of `fmi2.Library`."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import logging
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.description.read import FmuDescription
+from cosim_master.fmi.isolation.child import Child, Limits
+from cosim_master.fmi.slaves.fmi2 import Diagnosis, Library
+
+__all__ = ["IsolatedLibrary", "Isolation", "Scope", "built_here", "isolable"]
+
+log = logging.getLogger(__name__)
+
+_ERROR, _FATAL = 3, 4
+_STATES = {
+    "2": [f"fmi2{verb}FMUstate" for verb in ("Get", "Set", "Free", "Serialize", "DeSerialize")]
+    + ["fmi2SerializedFMUstateSize"],
+    "3": [f"fmi3{verb}FMUState" for verb in ("Get", "Set", "Free", "Serialize", "Deserialize")]
+    + ["fmi3SerializedFMUStateSize"],
+}
+"""The functions that a restart needs, by major version of FMI."""
+Scope = Literal["none", "foreign", "instance", "all"]
+
+
+@dataclass(frozen=True, slots=True)
+class Isolation:
+    """Selects the FMUs that run in processes of their own.
+
+    Attributes:
+        scope: "none"; "foreign": all FMUs that this project has not built, one process per FMU file; "instance": the
+            same, one process per instance; "all": every FMU.
+        limits: of each process.
+        wishes: the processes that a system sets for instances, which precede `scope`: "here", "file" or "instance".
+        restarts: how often the processes of instances are started anew, where that differs from `limits`.
+    """
+
+    scope: Scope = "foreign"
+    limits: Limits = field(default_factory=Limits)
+    wishes: Mapping[str, str] = field(default_factory=dict)
+    restarts: Mapping[str, int] = field(default_factory=dict)
+
+    def isolates(self, fmu: FmuDescription, name: str = "") -> bool:
+        """Returns whether the instance `name` of an FMU runs in another process."""
+        if not isolable(fmu):
+            return False
+        if wish := self.wishes.get(name):
+            return wish != "here"
+        return self.scope == "all" or (self.scope != "none" and not built_here(fmu))
+
+    def each(self, fmu: FmuDescription, name: str = "") -> bool:
+        """Returns whether an isolated instance has a process of its own, instead of one for its file."""
+        wish = self.wishes.get(name) or self.scope
+        return wish == "instance" or fmu.capabilities.canBeInstantiatedOnlyOncePerProcess
+
+    def limits_of(self, name: str) -> Limits:
+        """Returns the limits of the process of an instance."""
+        return replace(self.limits, restarts=self.restarts.get(name, self.limits.restarts))
+
+
+def built_here(fmu: FmuDescription) -> bool:
+    """Returns whether this project has built an FMU: it says so, and its GUID is that of the sources it lists."""
+    if fmu.generation_tool != "uav-cosim" or fmu.table is not None:
+        return False
+    from cosim.build.sources import Sources
+
+    try:
+        with zipfile.ZipFile(fmu.path) as archive:
+            digests = json.loads(archive.read("resources/build.json"))["sources"]
+        return Sources({}, digests, frozenset()).guid(fmu.model_name) == fmu.guid
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, zipfile.BadZipFile):
+        return False
+
+
+def isolable(fmu: FmuDescription) -> bool:
+    """Returns whether an FMU can run in a process: FMI 2 and 3, and not a table."""
+    return fmu.table is None and not fmu.fmi_version.startswith("1")
+
+
+@cache
+def _note(text: str) -> None:
+    """Writes a note once."""
+    log.warning(text)
+
+
+class IsolatedLibrary(Library):
+    """The binary of an FMU, loaded in another process.
+
+    Raises:
+        FmuError: the process cannot be started, or cannot load the FMU.
+    """
+
+    def __init__(
+        self, fmu: FmuDescription, library: Path, resources: Path, limits: Limits, writable: tuple[Path, ...] = ()
+    ) -> None:
+        # The tool is a program outside of the FMU. pythonfmu declares one for all of its FMUs, for the interpreter.
+        python = (resources / "slavemodule.txt").is_file() and not built_here(fmu)
+        if fmu.capabilities.needsExecutionTool and not python:
+            limits = replace(limits, restricted=False)
+        self._limits, self._writable = limits, writable
+        super().__init__(fmu, library, resources)
+        self.isolated = True
+        self.thread_safe = False  # its instances share one place for messages
+
+    def _load(self, library: Path) -> Any:
+        loading = f"loading {self.fmu.path}"
+        try:
+            self.child = Child(
+                library, self.resources.parent, self._limits, python=self.python, writable=self._writable
+            )
+        except OSError as error:
+            text = f"its process cannot be started: {error.strerror}"
+            raise FmuError(self.fmu.model_name, loading, text) from None
+        end = self.child.end()
+        if end is not None or self.child.refusal:
+            lines = self.child.output().splitlines()
+            self.child.close()
+            raise FmuError(self.fmu.model_name, loading, self.child.refusal if end is None else end.text, log=lines)
+        if missing := self.child.unrestricted:
+            _note(f"note: this kernel cannot forbid FMUs to {missing}")
+        if self._limits.restarts and not all(map(self.child.has, needed := _STATES[self.fmu.fmi_version[0]])):
+            lacking = next(name for name in needed if not self.child.has(name))
+            self.child.close()
+            text = f"its process cannot be started anew (--restart-crashed): its binary does not have {lacking}"
+            raise FmuError(self.fmu.model_name, loading, text)
+        make = ctypes.c_void_p(self.child.channel)
+        self._made_by: dict[str, Callable[..., int | None]] = {}
+        for name in ("fmi2Instantiate", "fmi3InstantiateCoSimulation", "fmi3InstantiateModelExchange"):
+            function = getattr(self.child.functions, f"isolated_{name}")
+            function.restype = ctypes.c_void_p
+            self._made_by[name] = _Bound(function, make)
+        return self.child.functions
+
+    def _function(self, name: str) -> Any:
+        if not self.has(name):
+            raise FmuError(self.fmu.model_name, name, f"the binary of {self.fmu.path} does not have it")
+        return self._made_by.get(name) or super()._function(name)
+
+    def ahead(self, step: int) -> tuple[int, int] | None:
+        def address(name: str) -> int:
+            return ctypes.cast(getattr(self._dll, name), ctypes.c_void_p).value or 0
+
+        for name in ("fmi2DoStep", "fmi3DoStep"):
+            if step == address(name):
+                return address(f"isolated_begin_{name}"), address("isolated_post")
+        return None  # the step of a solver for Model Exchange
+
+    def has(self, *functions: str) -> bool:
+        return all(map(self.child.has, functions))
+
+    def diagnosis(self, handle: int, name: str) -> Diagnosis | None:
+        if handle and (failed := self.child.failed_set(handle)) is not None and self.child.end() is None:
+            return Diagnosis(failed[0], "", max(failed[1], _ERROR))
+        end = self.child.end()
+        if end is None:
+            return None
+        shared = end.instance and end.instance != name
+        text = f"{end.text}, in a call of {end.instance}, which shares it" if shared else end.text
+        return Diagnosis(end.function, text, _FATAL, self.child.output().splitlines())
+
+    def restarts(self) -> Sequence[str]:
+        unkept = f"{self.fmu.path.name}: its state could not be kept: its process is not started anew after a crash"
+        return [*map(str, self.child.restarts), *([unkept] if self.child.unkept else [])]
+
+    def kill(self) -> None:
+        self.child.kill()
+
+    def quit(self) -> None:
+        self.child.quit()
+
+    def close(self) -> None:
+        self.child.close()
+
+
+class _Bound:
+    """A function that instantiates in a process; `restype` can be set, as that of a function of ctypes."""
+
+    def __init__(self, function: Any, channel: ctypes.c_void_p) -> None:
+        self._function, self._channel = function, channel
+        self.restype: Any = None
+
+    def __call__(self, *arguments: Any) -> int | None:
+        made: int | None = self._function(self._channel, *arguments)
+        return made

@@ -1,0 +1,289 @@
+"""The contents of a report: tables about one run, and the comparison of several."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.comparison import compare
+from cosim_master.results.flight import Flight, read_flight
+from cosim_master.results.links import Links, read_links
+from cosim_master.results.read import has_packets
+from cosim_master.results.roles import read_manifest
+
+__all__ = [
+    "Run",
+    "Table",
+    "agents",
+    "differences",
+    "findings",
+    "links",
+    "origins",
+    "parameters",
+    "read_run",
+    "repetition",
+    "summary",
+    "timing",
+]
+
+_ROWS = 200
+"""Rows of a table; a note says how many more there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table.
+
+    Attributes:
+        title: its heading.
+        head: of the columns.
+        rows: texts, all of one length.
+        note: below it.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+    def shortened(self) -> Table:
+        """Returns the table with at most `_ROWS` rows."""
+        if len(self.rows) <= _ROWS:
+            return self
+        more = f"{_ROWS} of {len(self.rows)} rows. {self.note}".strip()
+        return Table(self.title, self.head, self.rows[:_ROWS], more)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run to report on; None for what was not recorded."""
+
+    folder: Path
+    manifest: Mapping[str, Any]
+    flight: Flight | None
+    links: Links | None
+
+    @property
+    def name(self) -> str:
+        return str((self.manifest.get("system") or {}).get("name") or self.folder.name)
+
+
+def read_run(folder: Path) -> Run:
+    """Reads a run.
+
+    Raises:
+        CosimError: the folder has no manifest of a run, or its packets are incomplete.
+    """
+    manifest = read_manifest(folder)
+    try:
+        flight = read_flight(folder)
+    except CosimError:
+        flight = None  # a run without vehicles has a report all the same
+    return Run(folder, manifest, flight, read_links(folder) if has_packets(folder) else None)
+
+
+def summary(run: Run) -> list[tuple[str, str]]:
+    """Returns the most important facts of a run, as pairs of term and value."""
+    manifest, packets = run.manifest, run.manifest.get("packets") or {}
+    verdict = manifest.get("verdict") or {}
+    nearest = verdict.get("nearest")
+    links = run.links
+    return [
+        ("outcome", str(manifest.get("outcome", ""))),
+        *([("error", str(manifest["error"]))] if manifest.get("error") else []),
+        ("findings", f"{verdict.get('failures', 0)} failures, {verdict.get('warnings', 0)} warnings"),
+        *([("nearest approach", _nearest(nearest))] if nearest else []),
+        ("simulated", f"{_number(manifest.get('simulated_s'))} s"),
+        (
+            "computed in",
+            f"{_number(manifest.get('wall_s'))} s ({_number(manifest.get('real_time_factor'))} x real time)",
+        ),
+        ("start-up", f"{_number(manifest.get('start_up_s'))} s"),
+        ("instances", f"{len(manifest.get('instances', {}))} of {len(manifest.get('fmus', {}))} FMUs"),
+        (
+            "packets",
+            f"{packets.get('sent', 0)} sent, {packets.get('delivered', 0)} delivered, {packets.get('lost', 0)} lost",
+        ),
+        *([("mean delay", f"{1e3 * float(np.mean(links.delays)):.4g} ms")] if links and len(links.delays) else []),
+        ("master", str((manifest.get("master") or {}).get("algorithm", ""))),
+        ("base step", f"{_number(manifest.get('base_step'))} s"),
+        ("seed", str(manifest.get("seed", ""))),
+    ]
+
+
+def _nearest(nearest: Mapping[str, Any]) -> str:
+    who = " and ".join(nearest.get("who", ()))
+    return f"{_number(nearest.get('distance'))} m, {who}, at {_number(nearest.get('time'))} s"
+
+
+def _number(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, (int, float)) else str(value if value is not None else "-")
+
+
+def findings(run: Run) -> Table:
+    """Returns the findings of the verdict, including those of monitors."""
+    found = (run.manifest.get("verdict") or {}).get("findings", ())
+    rows = [
+        (
+            str(one.get("severity", "")),
+            _number(one["time"]) if one.get("time") is not None else "",
+            ", ".join(map(str, one.get("who", ()))),
+            str(one.get("text", "")),
+        )
+        for one in found
+    ]
+    return Table("Findings", ("severity", "time (s)", "who", "finding"), rows).shortened()
+
+
+def parameters(run: Run) -> Table:
+    """Returns the values that were assigned with their origins, changes during the run, and settings."""
+    rows = []
+    for instance, one in run.manifest.get("instances", {}).items():
+        for variable, made in (one.get("assigned") or {}).items():
+            used = (one.get("parameters") or {}).get(variable)
+            rows.append((f"{instance}.{variable}", made["text"] if used is None else _number(used), _origin(made)))
+    settings = [
+        (f"{tag}.{name}", str(value), "--set")
+        for tag, given in (run.manifest.get("settings") or {}).items()
+        for name, value in given.items()
+    ]
+    changes = [
+        (str(one["variable"]), _number(one["value"]), f"--at {_number(one['time'])} s")
+        for one in run.manifest.get("changes", ())
+    ]
+    note = "Other parameters have the start values of their FMUs; manifest.json contains all values."
+    return Table("Parameters", ("parameter", "value", "set by"), [*settings, *changes, *rows], note).shortened()
+
+
+def _origin(made: Mapping[str, str]) -> str:
+    path, colon, line = made["where"].rpartition(":")
+    where = f"{Path(path).name}:{line}" if colon else made["where"]
+    return f"{where} ({made['name']})" if made["where"] == "--set" else where
+
+
+def agents(run: Run) -> Table | None:
+    """Returns the errors of each agent on a line; None without agents and vehicles."""
+    if run.flight is None:
+        return None
+    flight, rows = run.flight, []
+    point = flight.law[0] if flight.law is not None else {}
+    for drone in flight.drones:
+        if drone.target is None or drone.position is None:
+            continue
+        error = np.abs(drone.position[:, 1] - drone.target)
+        known = error[np.isfinite(error)]
+        if not len(known):
+            continue
+        end = f"{abs(drone.position[-1, 1] - point[drone.name]):.4g}" if drone.name in point else ""
+        role = "stays" if drone.stays else "moves"
+        rows.append(
+            (drone.name, role, f"{known[-1]:.4g}", f"{known.max():.4g}", f"{np.sqrt(np.mean(known**2)):.4g}", end)
+        )
+    if not rows:
+        return None
+    head = ("drone", "agent", "final error (m)", "largest error (m)", "RMS error (m)", "to the law's fixed point (m)")
+    note = "Errors are distances between desired and actual position east, since the first step."
+    return Table("Agents", head, rows, note).shortened()
+
+
+def links(run: Run) -> Table | None:
+    """Returns the statistics of the links by radio, those with most losses first; None without packets."""
+    if run.links is None or not len(run.links.sent):
+        return None
+    one = run.links
+    rows = [
+        (
+            one.nodes[one.source[i]],
+            one.nodes[one.target[i]],
+            str(int(one.sent[i])),
+            str(int(one.lost[i])),
+            f"{100.0 * one.lost[i] / one.sent[i]:.3g}",
+            ", ".join(f"{cause} {n}" for cause, n in one.causes_of(i).items()),
+            "" if np.isnan(one.mean[i]) else f"{1e3 * one.mean[i]:.4g}",
+        )
+        for i in one.worst()[:_ROWS]
+    ]
+    head = ("from", "to", "packets", "lost", "lost (%)", "causes", "mean delay (ms)")
+    note = f"{_ROWS} of {len(one.sent)} rows." if len(one.sent) > _ROWS else ""
+    return Table("Links", head, rows, note)
+
+
+def timing(run: Run) -> list[Table]:
+    """Returns the time profile of a run with --profile."""
+    profile = run.manifest.get("profile")
+    if not profile:
+        return []
+    fmus = [
+        (
+            str(one["fmu"]),
+            str(one["instances"]),
+            str(one["steps"]),
+            *(f"{one[name]:.4g}" for name in ("set", "do_step", "get")),
+            f"{1e6 * (one['set'] + one['do_step'] + one['get']) / max(1, one['steps']):.3g}",
+        )
+        for one in profile.get("fmus", ())
+    ]
+    head = ("FMU", "instances", "steps", "set (s)", "doStep (s)", "get (s)", "us per step")
+    phases = [(str(name), f"{value:.4g}") for name, value in profile.get("phases", {}).items()]
+    return [Table("Time in FMUs", head, fmus), Table("Time by phase", ("phase", "time (s)"), phases)]
+
+
+def origins(run: Run) -> Table:
+    """Returns the FMUs and the versions of the programs."""
+    fmus = [
+        (Path(path).name, str(one.get("model", "")), str(one.get("sha256", "")))
+        for path, one in run.manifest.get("fmus", {}).items()
+    ]
+    programs = [(name, str(version), "") for name, version in (run.manifest.get("versions") or {}).items()]
+    return Table("FMUs and versions", ("file or program", "model or version", "SHA-256"), [*fmus, *programs])
+
+
+def repetition(run: Run) -> str:
+    """Returns the command that repeats a run, for a shell."""
+    manifest = run.manifest
+    words = ["uav-cosim", "run", str((manifest.get("system") or {}).get("path", run.name))]
+    given: dict[str, str] = {}
+    for one in manifest.get("instances", {}).values():
+        for made in (one.get("assigned") or {}).values():
+            if made["where"] == "--set":
+                given[made["name"]] = made["text"]
+    for tag, settings in (manifest.get("settings") or {}).items():
+        given |= {f"{tag}.{name}": str(value) for name, value in settings.items()}
+    for name, value in given.items():
+        words += ["--set", f"{name}={value}"]
+    for change in manifest.get("changes", ()):
+        words += ["--at", f"{change['time']:g} {change['variable']}={change['value']}"]
+    if path := (manifest.get("input") or {}).get("path"):
+        words += ["--input", str(path)]
+    end = (manifest.get("start_time") or 0.0) + (manifest.get("simulated_s") or 0.0)
+    return shlex.join([*words, "--seed", str(manifest.get("seed", 1)), "--until", f"{end:.12g}"])
+
+
+def differences(runs: Sequence[Run]) -> list[Table]:
+    """Returns the comparison of runs: their facts side by side, and the differences of each to the first."""
+    facts = [dict(summary(run)) for run in runs]
+    terms = list(dict.fromkeys(term for fact in facts for term in fact))
+    names = [run.folder.name for run in runs]
+    tables = [Table("Comparison", ("", *names), [(term, *(fact.get(term, "") for fact in facts)) for term in terms])]
+    for run in runs[1:]:
+        found = compare(runs[0].folder, run.folder)
+        causes = [(path, str(one), str(other)) for path, (one, other) in found.causes.items()]
+        head = f"{runs[0].folder.name} and {run.folder.name}"
+        alike = "The recordings are equal." if found.equal else "The recordings differ."
+        tables.append(Table(f"Inputs: {head}", ("input", names[0], run.folder.name), causes, alike).shortened())
+        signals = [
+            (one.name, f"{one.absolute:.4g}", _number(one.time), _number(one.first))
+            for one in found.signals
+            if not one.equal
+        ][:30]
+        columns = ("signal", "largest difference", "at (s)", "differs from (s)")
+        tables.append(Table(f"Signals: {head}", columns, signals, "The largest differences." if signals else ""))
+    return tables

@@ -1,0 +1,119 @@
+"""The formats of `uav-cosim export`: the only place where they are registered.
+
+To add a format, write a module with a function `export` (an `Exporter`) and add a line to `FORMATS`. A module is
+imported when it is used, since each needs a library of its own, which an extra of this project installs.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol, cast
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.export.options import Options
+
+__all__ = ["FORMATS", "Exporter", "Format", "export_run", "format_of"]
+
+
+class Exporter(Protocol):
+    """Writes the recording of a run in one format."""
+
+    def __call__(self, run: Path, file: Path, options: Options) -> Sequence[str]:
+        """Writes the file, or the files of a folder.
+
+        Args:
+            run: folder of the run.
+            file: the file or the folder to write.
+            options: settings.
+
+        Returns:
+            Notes for the user, about what the file does not contain.
+
+        Raises:
+            CosimError: the recording lacks data for this format.
+            OSError: the file cannot be written.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format.
+
+    Attributes:
+        name: of its option and of its module.
+        text: the content, for the help.
+        suffix: of its files, by which `-o` chooses it; empty for a folder.
+    """
+
+    name: str
+    text: str
+    suffix: str = ""
+
+    @property
+    def is_folder(self) -> bool:
+        return not self.suffix
+
+
+FORMATS = (
+    Format("csv", "All signals as FMPy writes its results; - is standard output.", ".csv"),
+    Format("mat", "All signals as OpenModelica writes its results (MAT 4).", ".mat"),
+    Format("mcap", "Poses, geodetic positions, signals, messages and a scene for Foxglove.", ".mcap"),
+    Format("rosbag", "ROS 2 bag: poses, odometry, NavSatFix, path, tf."),
+    Format("tlog", "MAVLink packets of each node, with the sequence numbers of its link."),
+    Format("kml", "Tracks for Google Earth.", ".kml"),
+    Format("gpx", "Tracks for maps and GPS tools.", ".gpx"),
+    Format("gif", "Animation of all drones, seen from above.", ".gif"),
+)
+
+
+def format_of(file: Path) -> Format:
+    """Returns the format of a file by the end of its name; "-" is CSV.
+
+    Raises:
+        CosimError: no format has such files.
+    """
+    if str(file) == "-":
+        return FORMATS[0]
+    for one in FORMATS:
+        if one.suffix and file.suffix.lower() == one.suffix:
+            return one
+    known = ", ".join(one.suffix for one in FORMATS if one.suffix)
+    folders = ", ".join(f"--{one.name} FOLDER" for one in FORMATS if one.is_folder)
+    raise CosimError(f"{file}: the end of the name must be one of {known}; {folders} write folders")
+
+
+def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str]:
+    """Writes a run in a format; returns notes. A folder must be new or empty.
+
+    Raises:
+        CosimError: the recording lacks data for this format, or the file cannot be written.
+        ModuleNotFoundError: the library of the format is not installed.
+    """
+    module = import_module(f"cosim_master.results.export.{one.name}")
+    try:
+        if one.is_folder and file.is_dir() and any(file.iterdir()):
+            raise CosimError(f"{file}: the folder is not empty; give a new one for --{one.name}")
+        existed = file.exists()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            return list(cast(Exporter, module.export)(run, file, options))
+        except (CosimError, OSError):
+            if not existed and str(file) != "-":
+                _remove([file])
+            raise
+    except OSError as error:
+        raise CosimError(f"{file}: cannot be written: {error.strerror or error}") from error
+
+
+def _remove(files: Iterable[Path]) -> None:
+    """Removes files that are incomplete."""
+    for file in files:
+        if file.is_dir():
+            shutil.rmtree(file, ignore_errors=True)
+        else:
+            file.unlink(missing_ok=True)

@@ -1,0 +1,51 @@
+"""Settings that several formats share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+from cosim_master.diagnostics.errors import CosimError
+
+__all__ = ["Options", "Origin", "origin_of_text"]
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """The place on Earth of the local origin: latitude and longitude [rad], altitude above mean sea level [m]."""
+
+    latitude: float
+    longitude: float
+    altitude: float
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Settings of an export.
+
+    Attributes:
+        numbers_only: leave out signals of text.
+        origin: the local origin; None takes the one that the models declare.
+    """
+
+    numbers_only: bool = False
+    origin: Origin | None = None
+
+
+def origin_of_text(text: str) -> Origin:
+    """Returns the origin written as "LATITUDE,LONGITUDE,ALTITUDE", in degrees and m.
+
+    Raises:
+        CosimError: the text has another form.
+    """
+    try:
+        latitude, longitude, altitude = map(float, text.split(","))
+    except ValueError:
+        raise CosimError(
+            f"origin {text}: write LATITUDE,LONGITUDE,ALTITUDE in degrees and m, as 48.1,11.6,520"
+        ) from None
+    if not (abs(latitude) < 90.0 and abs(longitude) <= 180.0 and abs(altitude) < 1e6):
+        raise CosimError(
+            f"origin {text}: the latitude must be within -90 and 90, the longitude within -180 and 180 degrees"
+        )
+    return Origin(radians(latitude), radians(longitude), altitude)

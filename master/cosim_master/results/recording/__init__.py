@@ -1,0 +1,1 @@
+"""The recording of a run, written while the run goes on."""

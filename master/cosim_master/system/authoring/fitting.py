@@ -1,0 +1,88 @@
+"""Finds FMUs that fit each other by their declared values (`cosim.verdict.Values`): the autopilot for a vehicle.
+
+An output that declares its values fits an input that accepts all of them. Where a part is replaced by one that does not
+fit the others, `companions` finds the FMUs that do. FMUs without declarations fit everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+from cosim.verdict import Values
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.fmi.description.read import FmuDescription, describe
+from cosim_master.system import shipped
+from cosim_master.system.structure import System
+
+__all__ = ["companions", "misfits"]
+
+
+def misfits(system: System, fmus: Mapping[str, FmuDescription]) -> Iterator[tuple[str, str, tuple[int, ...], str]]:
+    """Yields the inputs of a system's components that do not accept their sources' values.
+
+    Each is the component, its input, the values that it should accept, and the component that they come from.
+
+    Args:
+        fmus: FMUs by name of component; others are not considered.
+    """
+    for one in system.connections:
+        ends = ((one.start_element, one.start_connector), (one.end_element, one.end_connector))
+        for (source, output), (target, name) in (ends, ends[::-1]):
+            if source is None or target is None or source not in fmus or target not in fmus:
+                continue
+            offered, accepted = fmus[source].verdicts.get(output), fmus[target].verdicts.get(name)
+            if not isinstance(offered, Values) or not isinstance(accepted, Values):
+                continue
+            if fmus[source].variables[output].causality == "output" and not set(offered.values) <= set(accepted.values):
+                yield target, name, offered.values, source
+
+
+def companions(
+    system: System, fmus: Mapping[str, FmuDescription], given: Iterable[str], folders: Iterable[Path]
+) -> dict[str, FmuDescription]:
+    """Returns FMUs that have to replace components, by name, so that all fit the given ones.
+
+    A component without an FMU that fits it stays as it is.
+
+    Args:
+        fmus: FMUs by name of component, those of `given` included.
+        given: components that are not replaced.
+        folders: folders in which FMUs are searched, in this order; then the shipped models, which are built if needed.
+    """
+    found: dict[str, FmuDescription] = {}
+    kept = set(given)
+    for target, name, values, source in misfits(system, fmus):
+        if target not in kept and source in kept and target not in found:
+            one = _fitting(name, set(values), set(fmus[target].variables), folders)
+            if one is not None:
+                found[target] = one
+    return found
+
+
+def _fitting(name: str, values: set[int], like: set[str], folders: Iterable[Path]) -> FmuDescription | None:
+    """Returns the FMU that accepts these values at its input, and of several the most like the present one."""
+    best: tuple[int, FmuDescription] | None = None
+    seen: set[str] = set()
+    for folder in folders:
+        for file in sorted(folder.glob("*.fmu")):
+            if file.name in seen or not file.stem.isidentifier():  # of several builds, the FMI 2 one
+                continue
+            seen.add(file.name)
+            try:
+                fmu = describe(file)
+            except SystemDescriptionError:  # not an FMU of ours: its own problem
+                continue
+            accepted = fmu.verdicts.get(name)
+            if (
+                isinstance(accepted, Values)
+                and values <= set(accepted.values)
+                and fmu.variables[name].causality == "input"
+            ):
+                common = len(like & set(fmu.variables))
+                if best is None or common > best[0]:
+                    best = common, fmu
+    if best is not None:
+        return best[1]
+    unbuilt = shipped.accepting(name, values)
+    return None if unbuilt is None else describe(unbuilt)

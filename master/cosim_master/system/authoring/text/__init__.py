@@ -1,0 +1,1 @@
+"""The text of SSP files: documents written, references found, differences told."""

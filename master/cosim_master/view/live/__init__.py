@@ -1,0 +1,6 @@
+"""The page that shows a run while it goes on: `uav-cosim run --view`.
+
+server      serves the page and its WebSocket on loopback, and passes requests to the run
+feed        the observer that keeps the newest values
+document    the document with which the page begins: vehicles, signals, plots, facts
+"""

@@ -1,0 +1,278 @@
+"""Reception of commands by the small autopilots, and their answers, as ArduPilot's GCS_MAVLink gives them.
+
+Each COMMAND_LONG and COMMAND_INT is answered by exactly one COMMAND_ACK; SET_MODE and targets are not answered. The
+firmwares differ in modes, commands and targets: `receiver` returns a kernel for one of them.
+
+Sources: MAVLink common.xml; ArduPilot, GCS_Common and GCS_MAVLink of Copter, Rover and Plane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim.messages import (
+    AUTOPILOT_VERSION,
+    COMMAND_ACK,
+    COMMAND_INT,
+    COMMAND_LONG,
+    HOME_POSITION,
+    MAV_CMD_COMPONENT_ARM_DISARM,
+    MAV_CMD_DO_REPOSITION,
+    MAV_CMD_DO_SET_MODE,
+    MAV_CMD_GET_HOME_POSITION,
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+    MAV_CMD_REQUEST_MESSAGE,
+    MAV_CMD_SET_MESSAGE_INTERVAL,
+    MAV_COMP_ID_AUTOPILOT1,
+    MAV_DO_REPOSITION_FLAGS_CHANGE_MODE,
+    MAV_MISSION_ACCEPTED,
+    MAV_MISSION_ERROR,
+    MAV_MISSION_TYPE_MISSION,
+    MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+    MAV_RESULT_ACCEPTED,
+    MAV_RESULT_DENIED,
+    MAV_RESULT_FAILED,
+    MISSION_ACK,
+    MISSION_ITEM,
+    MISSION_ITEM_INT,
+    REQUEST_DATA_STREAM,
+    SET_MODE,
+    SET_POSITION_TARGET_GLOBAL_INT,
+    SET_POSITION_TARGET_LOCAL_NED,
+    TIMESYNC,
+    decode_command_int,
+    decode_command_long,
+    decode_mission_item,
+    decode_mission_item_int,
+    decode_request_data_stream,
+    decode_set_mode,
+    decode_timesync,
+    encode_command_ack,
+    encode_mission_ack,
+    encode_timesync,
+)
+from cosim.packets import GOOD, NOTHING, SIGNED, TRUNCATED, component, find, message_id, system, target, unpack, version
+from cosim_models.autopilot.gcs.rows import ROWS, group_of, row_of
+from cosim_models.autopilot.gcs.streams import can_answer, ready, send, send_message, set_interval
+from cosim_models.autopilot.gcs.targets import go_to, is_place, locate
+
+__all__ = ["Firmware", "firmware", "receiver"]
+
+_FORCE = 21196.0  # param2 of COMPONENT_ARM_DISARM
+_COMMAND_ACK = cast(int, np.int64(COMMAND_ACK))
+_MISSION_ACK = cast(int, np.int64(MISSION_ACK))
+_TIMESYNC = cast(int, np.int64(TIMESYNC))
+
+Firmware = tuple[Any, ...]
+
+
+def firmware(
+    guided: int,
+    rtl: int,
+    change_mode: Callable[[Any, int, float], int],
+    arm: Callable[[Any, bool, float], int],
+    command: Callable[[Any, int, float, float, float, float], int],
+    hear: Callable[[Any, int, float], None],
+    other: Callable[[Any, int, int, int, float], None],
+) -> Firmware:
+    """Returns the properties of a firmware for `receiver`.
+
+    Args:
+        guided, rtl: numbers of these modes.
+        change_mode: kernel of (record, mode, time): changes the mode if it can; returns a MAV_RESULT.
+        arm: kernel of (record, whether forced, time): arms if it can; returns a MAV_RESULT.
+        command: kernel of (record, MAV_CMD, param1, param2, param7, time) for commands that are not handled here;
+            returns a MAV_RESULT.
+        hear: kernel of (record, message id, time) for SET_POSITION_TARGET_* received in GUIDED.
+        other: kernel of (record, message id, sender, its component, time) for all other messages.
+    """
+    return guided, rtl, change_mode, arm, command, hear, other
+
+
+@kernel
+def _set_message_interval(m: Any, message: float, microseconds: float, t: float) -> int:
+    row = row_of(message)
+    if row < 0 or microseconds < -1.0 or not math.isfinite(microseconds):
+        return MAV_RESULT_DENIED
+    interval = 0.0
+    if microseconds > 0.0:
+        interval = max(math.floor(min(microseconds, 6e7) / 1000.0), 1.0) * 1e-3
+    set_interval(m, row, interval, t)
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def _request_message(m: Any, message: float, t: float) -> int:
+    row = row_of(message)
+    if row < 0 or not can_answer(m):
+        return MAV_RESULT_FAILED
+    return MAV_RESULT_ACCEPTED if send_message(m, row, t) else MAV_RESULT_FAILED
+
+
+@kernel
+def _request_stream(m: Any, t: float) -> None:
+    _, _, stream, rate, start = decode_request_data_stream(m.received)
+    interval = 1.0 / rate if start != 0 and rate > 0 else 0.0
+    for row in range(ROWS):
+        group = group_of(row)
+        if group != 0 and (stream == 0 or stream == group):
+            set_interval(m, row, interval, t)
+
+
+def _commands(of: Firmware) -> Callable[[Any, int, float, float, float, float], int]:
+    """Returns a kernel of (record, MAV_CMD, param1, param2, param7, time) that obeys a command: its MAV_RESULT."""
+    _, rtl, change_mode, arm, command_of, _, _ = of
+
+    @kernel
+    def arm_or_disarm(m: Any, p1: float, p2: float, t: float) -> int:
+        if p1 == 1.0:
+            return MAV_RESULT_ACCEPTED if m.armed else arm(m, p2 == _FORCE, t)
+        if p1 != 0.0 or not (m.on_ground or not m.armed or p2 == _FORCE):
+            return MAV_RESULT_FAILED
+        m.armed = False
+        return MAV_RESULT_ACCEPTED
+
+    @kernel
+    def command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:
+        if command == MAV_CMD_COMPONENT_ARM_DISARM:
+            return int(arm_or_disarm(m, p1, p2, t))
+        if command == MAV_CMD_DO_SET_MODE:
+            if (
+                not 0.0 <= p1 <= 255.0
+                or (int(p1) & MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) == 0
+                or not 0.0 <= p2 < 16777216.0
+            ):
+                return MAV_RESULT_DENIED
+            return int(change_mode(m, int(p2), t))
+        if command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            return int(change_mode(m, rtl, t))
+        if command == MAV_CMD_SET_MESSAGE_INTERVAL:
+            return _set_message_interval(m, p1, p2, t)
+        if command == MAV_CMD_REQUEST_MESSAGE:
+            return _request_message(m, p1, t)
+        if command == MAV_CMD_GET_HOME_POSITION:
+            return _request_message(m, float(HOME_POSITION), t) if ready(m, t) else MAV_RESULT_FAILED
+        if command == MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+            return _request_message(m, float(AUTOPILOT_VERSION), t) if p1 == 1.0 else MAV_RESULT_FAILED
+        return int(command_of(m, command, p1, p2, p7, t))
+
+    return command
+
+
+def _places(of: Firmware) -> tuple[Callable[..., int], Callable[[Any, int, int, int, float], None]]:
+    """Returns the kernels for places to fly to in GUIDED: of DO_REPOSITION, and of mission items with current 2."""
+    guided, _, change_mode, _, _, _, other = of
+
+    @kernel
+    def reposition(m: Any, frame: int, flags: float, lat: int, lon: int, z: float, t: float) -> int:
+        change = 0.0 <= flags < 16777216.0 and (int(flags) & MAV_DO_REPOSITION_FLAGS_CHANGE_MODE) != 0
+        if (m.mode != guided and not change) or not is_place(frame, lat, lon, z) or (lat == 0 and lon == 0):
+            return MAV_RESULT_DENIED
+        if m.mode != guided and change_mode(m, guided, t) != MAV_RESULT_ACCEPTED:
+            return MAV_RESULT_FAILED
+        n, e, d = locate(m, frame, lat, lon, z)
+        go_to(m, n, e, d)
+        return MAV_RESULT_ACCEPTED
+
+    @kernel
+    def guided_item(m: Any, frame: int, lat: int, lon: int, z: float, sender: int, part: int) -> None:
+        done = m.mode == guided and is_place(frame, lat, lon, z)
+        if done:
+            n, e, d = locate(m, frame, lat, lon, z)
+            go_to(m, n, e, d)
+        encode_mission_ack(
+            m.payload, sender, part, MAV_MISSION_ACCEPTED if done else MAV_MISSION_ERROR, MAV_MISSION_TYPE_MISSION
+        )
+        send(m, _MISSION_ACK)
+
+    @kernel
+    def item(m: Any, message: int, sender: int, part: int, t: float) -> None:
+        if message == MISSION_ITEM_INT:
+            r = decode_mission_item_int(m.received)
+            if r[5] == 2 and r[14] == 0:
+                guided_item(m, r[3], r[11], r[12], r[13], sender, part)
+                return
+        else:
+            q = decode_mission_item(m.received)
+            if q[5] == 2 and q[14] == 0 and abs(q[11]) <= 90.0 and abs(q[12]) <= 180.0:
+                guided_item(m, q[3], int(q[11] * 1e7), int(q[12] * 1e7), q[13], sender, part)
+                return
+        other(m, message, sender, part, t)
+
+    return reposition, item
+
+
+def _dispatcher(of: Firmware) -> Callable[[Any, int, int, int, float], None]:
+    """Returns a kernel of (record, message id, sender, its component, time) that processes the received message."""
+    guided, _, change_mode, _, _, hear, other = of
+    command = _commands(of)
+    reposition, item = _places(of)
+
+    @kernel
+    def dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
+        if message == COMMAND_LONG:
+            _, _, command_id, _, p1, p2, _, _, _, _, p7 = decode_command_long(m.received)
+            result = command(m, command_id, p1, p2, p7, t)
+            encode_command_ack(m.payload, command_id, result, 0, 0, sender, part)
+            send(m, _COMMAND_ACK)
+        elif message == COMMAND_INT:
+            _, _, frame, command_id, _, _, p1, p2, _, _, x, y, z = decode_command_int(m.received)
+            if command_id == MAV_CMD_DO_REPOSITION:
+                result = reposition(m, frame, p2, x, y, z, t)
+            else:
+                result = command(m, command_id, p1, p2, z, t)
+            encode_command_ack(m.payload, command_id, result, 0, 0, sender, part)
+            send(m, _COMMAND_ACK)
+        elif message == SET_MODE:
+            _, base_mode, mode = decode_set_mode(m.received)
+            if (base_mode & MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) != 0:
+                change_mode(m, mode, t)
+        elif message in (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT):
+            if m.mode == guided:
+                hear(m, message, t)
+        elif message == REQUEST_DATA_STREAM:
+            _request_stream(m, t)
+        elif message == TIMESYNC:
+            theirs, sent = decode_timesync(m.received)
+            if theirs == 0 and can_answer(m):
+                encode_timesync(m.payload, int(1e6 * t + 0.5) * 1000, sent)
+                send(m, _TIMESYNC)
+        elif message in (MISSION_ITEM, MISSION_ITEM_INT):
+            item(m, message, sender, part, t)
+        else:
+            other(m, message, sender, part, t)
+
+    return dispatch
+
+
+def receiver(of: Firmware) -> Callable[[Any, float], None]:
+    """Returns a kernel of (record, time [s]) that processes the packets received in a step, and answers them."""
+    dispatch = _dispatcher(of)
+
+    @kernel
+    def receive(m: Any, t: float) -> None:
+        p = 0
+        while True:
+            start, p, status = find(m.mavlink_rx, p, m.mavlink_rx_len)
+            if status in (NOTHING, TRUNCATED):
+                return
+            if status != GOOD and status != SIGNED:
+                continue
+            sender = system(m.mavlink_rx, start)
+            to_system, to_component = target(m.mavlink_rx, start)
+            for_vehicle = to_system == 0 or to_system == m.SYSID_THISMAV
+            if not for_vehicle or to_component not in (0, MAV_COMP_ID_AUTOPILOT1):
+                continue
+            if sender == m.SYSID_THISMAV and component(m.mavlink_rx, start) == MAV_COMP_ID_AUTOPILOT1:
+                continue
+            m.version = version(m.mavlink_rx, start)
+            unpack(m.mavlink_rx, start, m.received)
+            dispatch(m, message_id(m.mavlink_rx, start), sender, component(m.mavlink_rx, start), t)
+
+    return receive

@@ -1,0 +1,71 @@
+"""The messages that the small autopilots send at an interval or on request: a table, in the order of sending.
+
+Source: ArduPilot, GCS_MAVLink (stream groups).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.kernel import kernel
+from cosim.messages import (
+    ATTITUDE,
+    AUTOPILOT_VERSION,
+    EKF_STATUS_REPORT,
+    EXTENDED_SYS_STATE,
+    GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
+    HEARTBEAT,
+    HOME_POSITION,
+    LOCAL_POSITION_NED,
+    MAV_DATA_STREAM_EXTENDED_STATUS,
+    MAV_DATA_STREAM_EXTRA1,
+    MAV_DATA_STREAM_EXTRA2,
+    MAV_DATA_STREAM_EXTRA3,
+    MAV_DATA_STREAM_POSITION,
+    SYS_STATUS,
+    SYSTEM_TIME,
+    VFR_HUD,
+)
+
+__all__ = ["ROWS", "group_of", "message_of", "row_of"]
+
+_NONE = 0  # in no MAV_DATA_STREAM
+_TABLE = (
+    (HEARTBEAT, _NONE),
+    (SYS_STATUS, MAV_DATA_STREAM_EXTENDED_STATUS),
+    (GPS_RAW_INT, MAV_DATA_STREAM_EXTENDED_STATUS),
+    (GLOBAL_POSITION_INT, MAV_DATA_STREAM_POSITION),
+    (LOCAL_POSITION_NED, MAV_DATA_STREAM_POSITION),
+    (ATTITUDE, MAV_DATA_STREAM_EXTRA1),
+    (VFR_HUD, MAV_DATA_STREAM_EXTRA2),
+    (EKF_STATUS_REPORT, MAV_DATA_STREAM_EXTRA3),
+    (SYSTEM_TIME, MAV_DATA_STREAM_EXTRA3),
+    (EXTENDED_SYS_STATE, _NONE),
+    (HOME_POSITION, _NONE),
+    (AUTOPILOT_VERSION, _NONE),
+)
+ROWS = len(_TABLE)
+_IDS = np.array([message for message, _ in _TABLE], dtype=np.int64)
+_GROUPS = np.array([group for _, group in _TABLE], dtype=np.int64)
+
+
+@kernel
+def message_of(row: int) -> int:
+    """Returns the message id of a row; row 0 is HEARTBEAT."""
+    return int(_IDS[row])
+
+
+@kernel
+def group_of(row: int) -> int:
+    """Returns the MAV_DATA_STREAM of a row, 0 if it belongs to none."""
+    return int(_GROUPS[row])
+
+
+@kernel
+def row_of(message: float) -> int:
+    """Returns the row of a message id, -1 if it has none."""
+    for row in range(ROWS):
+        if _IDS[row] == message:
+            return row
+    return -1

@@ -1,0 +1,240 @@
+"""Messages of the small autopilots: HEARTBEAT once a second and at every change, streams at the requested rates.
+
+Kernels over the record that `gcs.record` declares. The contents are those of `Autopilot`; a new link gets only
+HEARTBEAT, as in ArduPilot.
+
+Sources: MAVLink common.xml and ardupilotmega.xml; ArduPilot, GCS_Common.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+
+from cosim.frames import deg_e7, euler_from_quaternion, geodetic_from_local
+from cosim.kernel import kernel
+from cosim.messages import (
+    ATTITUDE,
+    AUTOPILOT_VERSION,
+    EKF_STATUS_REPORT,
+    EXTENDED_SYS_STATE,
+    GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
+    HEARTBEAT,
+    HOME_POSITION,
+    LOCAL_POSITION_NED,
+    MAV_COMP_ID_AUTOPILOT1,
+    MAV_PROTOCOL_CAPABILITY_COMMAND_INT,
+    MAV_PROTOCOL_CAPABILITY_MAVLINK2,
+    MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT,
+    MAV_PROTOCOL_CAPABILITY_MISSION_INT,
+    MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT,
+    MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT,
+    MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED,
+    MAV_STATE_ACTIVE,
+    MAV_STATE_STANDBY,
+    MAV_TYPE_GROUND_ROVER,
+    MAV_TYPE_SURFACE_BOAT,
+    SYS_STATUS,
+    VFR_HUD,
+    encode_attitude,
+    encode_autopilot_version,
+    encode_ekf_status_report,
+    encode_extended_sys_state,
+    encode_global_position_int,
+    encode_gps_raw_int,
+    encode_heartbeat,
+    encode_home_position,
+    encode_local_position_ned,
+    encode_sys_status,
+    encode_system_time,
+    encode_vfr_hud,
+    put_home_position_q,
+)
+from cosim.packets import MAX_PACKET, clear, pack
+from cosim_models.autopilot.gcs.rows import ROWS, message_of
+
+__all__ = ["can_answer", "heading", "ready", "send", "send_message", "set_interval", "start_streams", "stream"]
+
+_SLACK = 1e-9  # s
+_SENSORS = 0x20002F  # MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, compass, barometer, GPS, AHRS
+_PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+_EKF_GOOD, _EKF_CONSTANT = 831, 167  # EKF_STATUS_FLAGS, as ArduPilot sets them
+_CAPABILITIES = (
+    MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
+    + MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    + MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    + MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    + MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    + MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    + MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+_SOFTWARE = 0x04070000
+
+# numba recompiles a kernel for every Python integer passed as a constant, but only once for all numpy integers.
+_HEARTBEAT = cast(int, np.int64(HEARTBEAT))
+
+
+@kernel
+def send(m: Any, message: int) -> bool:
+    """Appends m.payload as a packet; returns False if it does not fit."""
+    sender, used = m.SYSID_THISMAV, m.mavlink_tx_len
+    n = pack(m.mavlink_tx, used, m.payload, message, m.sequence, sender, MAV_COMP_ID_AUTOPILOT1, m.version)
+    if n < 0:
+        return False
+    m.mavlink_tx_len = n
+    m.sequence = (m.sequence + 1) & 0xFF
+    return True
+
+
+@kernel
+def can_answer(m: Any) -> bool:
+    """Returns whether there is room for a packet of any size."""
+    return bool(m.mavlink_tx_len + MAX_PACKET <= m.mavlink_tx.shape[0])
+
+
+@kernel
+def ready(m: Any, t: float) -> bool:
+    """Returns whether the position is known."""
+    return bool(t >= m.estimate_ready_time - _SLACK)
+
+
+@kernel
+def heading(m: Any) -> float:
+    """Returns the heading [rad], clockwise from north."""
+    return euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))[2]
+
+
+@kernel
+def _place(m: Any, p: Any) -> tuple[int, int, int]:
+    """Returns latitude and longitude in degE7 and altitude above sea [mm] of a position in NED."""
+    lat, lon, alt = geodetic_from_local(p[0], p[1], p[2], m.origin_latitude, m.origin_longitude, m.origin_altitude)
+    return deg_e7(lat), deg_e7(lon), int(np.int64(math.floor(alt * 1e3 + 0.5)))
+
+
+@kernel
+def _send_state(m: Any, row: int, t: float) -> bool:
+    """Sends the messages on the autopilot itself."""
+    message = message_of(row)
+    surface = m.kind in (MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT)
+    if message == HEARTBEAT:
+        base_mode = 1 + (128 if m.armed else 0) + (8 if m.autonomous else 64)
+        active = m.armed if surface else not m.on_ground
+        encode_heartbeat(m.payload, m.kind, 3, base_mode, m.mode, MAV_STATE_ACTIVE if active else MAV_STATE_STANDBY, 3)
+    elif message == SYS_STATUS:
+        health = _SENSORS + (_PREARM if ready(m, t) else 0)
+        present = _SENSORS + _PREARM
+        encode_sys_status(m.payload, present, present, health, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    elif message == EKF_STATUS_REPORT:
+        encode_ekf_status_report(m.payload, _EKF_GOOD if ready(m, t) else _EKF_CONSTANT, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    elif message == EXTENDED_SYS_STATE:
+        landed = 0 if surface else 1 if m.on_ground else 3 if m.taking_off else 2
+        encode_extended_sys_state(m.payload, 0, landed)
+    elif message == AUTOPILOT_VERSION:
+        clear(m.payload, 0, 78)
+        encode_autopilot_version(m.payload, _CAPABILITIES, _SOFTWARE, 0, 0, 0, 0, 0, m.SYSID_THISMAV)
+    else:
+        encode_system_time(m.payload, 0, int(1e3 * t + 0.5))
+    return send(m, message)
+
+
+@kernel
+def _send_motion(m: Any, row: int, t: float) -> bool:
+    """Sends the messages on the motion of the vehicle; true, too, if there is nothing to report yet."""
+    message = message_of(row)
+    known = ready(m, t)
+    if not known and message in (LOCAL_POSITION_NED, HOME_POSITION):
+        return True
+    p, v = m.position, m.velocity
+    lat, lon, alt = _place(m, m.home if message == HOME_POSITION else p)
+    if not known:
+        lat, lon, alt = 0, 0, 0
+    yaw = math.degrees(heading(m)) % 360.0
+    speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
+    milliseconds = int(1e3 * t + 0.5)
+    if message == GLOBAL_POSITION_INT:
+        above_home = int(np.int64(math.floor((m.home[2] - p[2]) * 1e3 + 0.5)))
+        vx, vy, vz = int(v[0] * 100.0), int(v[1] * 100.0), int(v[2] * 100.0)
+        encode_global_position_int(m.payload, milliseconds, lat, lon, alt, above_home, vx, vy, vz, int(yaw * 100.0))
+    elif message == GPS_RAW_INT:
+        course = int(math.degrees(math.atan2(v[1], v[0])) % 360.0 * 100.0) % 36000
+        fix = 6 if known else 0
+        speed_cm = int(speed * 100.0)
+        encode_gps_raw_int(
+            m.payload, int(1e6 * t + 0.5), fix, lat, lon, alt, 121, 200, speed_cm, course, 10, alt, 300, 300, 0, 0, 0
+        )
+    elif message == LOCAL_POSITION_NED:
+        encode_local_position_ned(m.payload, milliseconds, p[0], p[1], p[2], v[0], v[1], v[2])
+    elif message == ATTITUDE:
+        roll, pitch, _ = euler_from_quaternion((m.attitude[0], m.attitude[1], m.attitude[2], m.attitude[3]))
+        w = m.angular_velocity
+        encode_attitude(m.payload, milliseconds, roll, pitch, heading(m), w[0], w[1], w[2])
+    elif message == VFR_HUD:
+        encode_vfr_hud(m.payload, speed, speed, int(yaw), 0, m.origin_altitude - p[2], -v[2])
+    else:
+        encode_home_position(
+            m.payload, lat, lon, alt, m.home[0], m.home[1], m.home[2], 0.0, 0.0, 0.0, int(1e6 * t + 0.5)
+        )
+        for i in range(4):
+            put_home_position_q(m.payload, i, math.nan)
+    return send(m, message)
+
+
+@kernel
+def send_message(m: Any, row: int, t: float) -> bool:
+    """Sends the message of a row; true, too, if there is nothing to report yet."""
+    if message_of(row) in (
+        GLOBAL_POSITION_INT,
+        GPS_RAW_INT,
+        LOCAL_POSITION_NED,
+        ATTITUDE,
+        VFR_HUD,
+        HOME_POSITION,
+    ):
+        return _send_motion(m, row, t)
+    return _send_state(m, row, t)
+
+
+@kernel
+def start_streams(m: Any) -> None:
+    """Sends HEARTBEAT at once and nothing else."""
+    m.version = 2
+    m.listed = -1
+    m.told_mode = m.mode
+    m.interval[0] = 1.0
+
+
+@kernel
+def set_interval(m: Any, row: int, interval: float, t: float) -> None:
+    """Sends a row every `interval` s from now on, first after one interval; 0 stops it, HEARTBEAT excepted."""
+    if row == 0:
+        interval = interval if interval > 0.0 else 1.0
+    if interval != m.interval[row]:
+        m.interval[row] = interval
+        m.due[row] = t + interval
+        m.next_due = min(m.next_due, m.due[row])
+
+
+@kernel
+def stream(m: Any, t: float) -> None:
+    """Sends the messages due at t."""
+    changed = m.armed != m.told_armed or m.mode != m.told_mode
+    m.told_armed = m.armed
+    m.told_mode = m.mode
+    if changed:
+        send_message(m, 0, t)
+    if t < m.next_due - _SLACK:
+        return
+    soonest = t + 1.0
+    for row in range(ROWS):
+        interval = m.interval[row]
+        if interval <= 0.0:
+            continue
+        if t >= m.due[row] - _SLACK and send_message(m, row, t):
+            m.due[row] += interval
+            if m.due[row] <= t:  # late by more than an interval: the missed ones are left out
+                m.due[row] = t + interval
+        soonest = min(soonest, m.due[row])
+    m.next_due = soonest

@@ -1,0 +1,359 @@
+"""The rover autopilot FMU: ArduRover's modes, steering, speed control and MAVLink behaviour, for rovers and boats.
+
+In GUIDED it follows positions and velocities, in AUTO missions, in RTL it drives home. HOLD stops; LOITER stays within
+LOIT_RADIUS, as do boats wherever a rover stops. It cannot climb: heights are ignored, take-off and landing are refused
+as ArduRover refuses them (UNSUPPORTED). There is no pilot, so MANUAL stands still.
+
+Speed control is feed-forward, proportional and integral over the throttle; steering turns the vehicle towards its
+target with a rate that the curvature at the present speed allows.
+
+Differences from ArduRover: no S-curves along the path, no pivot turns, no fail-safes, no fences. CRUISE_SPEED and
+CRUISE_THROTTLE are those of the simulated vehicles, whose speed at a quarter of the throttle is 5 m/s. As in
+ArduRover, a target nearer than WP_RADIUS (2 m) is not driven to, so small steps of a law are lost.
+
+Sources: ArduPilot, Rover/mode*.cpp, Rover/GCS_MAVLink_Rover.cpp, APM_Control/AR_AttitudeControl (gains, defaults).
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Any, ClassVar
+
+from cosim import Memory, Model
+from cosim.frames import wrap_pi
+from cosim.kernel import kernel
+from cosim.messages import (
+    MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_MISSION_START,
+    MAV_CMD_NAV_LOITER_UNLIM,
+    MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    MAV_CMD_NAV_WAYPOINT,
+    MAV_RESULT_ACCEPTED,
+    MAV_RESULT_DENIED,
+    MAV_RESULT_FAILED,
+    MAV_RESULT_UNSUPPORTED,
+    MAV_TYPE_GROUND_ROVER,
+    MAV_TYPE_SURFACE_BOAT,
+    SET_POSITION_TARGET_LOCAL_NED,
+)
+from cosim.vehicle import Airframe
+from cosim_models.autopilot.gcs.commands import firmware, receiver
+from cosim_models.autopilot.gcs.missions import (
+    COMMAND,
+    P1,
+    P2,
+    continue_upload,
+    item_place,
+    mission_protocol,
+    tell_reached,
+)
+from cosim_models.autopilot.gcs.parameters import parameter_protocol
+from cosim_models.autopilot.gcs.record import (
+    ACCELERATION,
+    HOLD,
+    MISSION,
+    VELOCITY,
+    angle,
+    pilot_variables,
+    real,
+)
+from cosim_models.autopilot.gcs.streams import heading, ready, start_streams, stream
+from cosim_models.autopilot.gcs.targets import global_target, go_to, hold_here, local_target
+
+__all__ = ["RoverAutopilot"]
+
+
+class RoverMode(IntEnum):
+    """Modes, by ArduRover's numbers."""
+
+    MANUAL = 0
+    HOLD = 4
+    LOITER = 5
+    AUTO = 10
+    RTL = 11
+    GUIDED = 15
+
+
+_MANUAL, _HOLD, _LOITER, _AUTO, _RTL, _GUIDED = (int(mode) for mode in RoverMode)
+_TIMEOUT = 3.0  # s after which a velocity is no longer followed
+_STANDING = 0.05  # m/s
+_FLOWN = (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_DO_CHANGE_SPEED)
+_NO_AIRFRAME, _BAD_SYSID, _BAD_GAIN = 1, 2, 3
+
+VARIABLES = pilot_variables(
+    (Airframe.rover, Airframe.boat),
+    RoverMode.MANUAL,
+    (
+        real("CRUISE_SPEED", "m/s", 5.0, "speed of missions, GUIDED and RTL", 0.1),
+        real("CRUISE_THROTTLE", "%", 25.0, "throttle for CRUISE_SPEED", 1.0),
+        real("ATC_SPEED_P", "s/m", 0.2, "throttle over speed error"),
+        real("ATC_SPEED_I", "1/m", 0.2, "throttle over integral of the speed error"),
+        real("ATC_ACCEL_MAX", "m/s2", 1.0, "acceleration, also when it brakes before a target", 0.05),
+        real("ATC_STR_ANG_P", "1/s", 2.0, "turn rate over heading error", 0.01),
+        angle("ATC_STR_RAT_MAX", 120.0, "greatest turn rate, per second"),
+        real("ATC_TURN_MAX_G", "1", 0.6, "greatest lateral acceleration over gravity", 0.01),
+        real("TURN_RADIUS", "m", 0.9, "radius of the turn at full steering", 0.01),
+        real("WP_RADIUS", "m", 2.0, "distance at which a target is reached", 0.01),
+        real("LOIT_RADIUS", "m", 2.0, "distance from a place that is held at which it is driven to again", 0.01),
+    ),
+    (
+        *MISSION,
+        Memory("demand"),  # m/s, after the acceleration limit
+        Memory("integral"),  # throttle
+        Memory("arrived", dtype="?"),
+    ),
+)
+_hear_parameter, _continue_list = parameter_protocol(VARIABLES)
+_hear_mission = mission_protocol(_FLOWN)
+
+
+# ---- modes and commands --------------------------------------------------------------------------------------------
+
+
+@kernel
+def _change_mode(m: Any, mode: int, t: float) -> int:
+    if mode not in (_MANUAL, _HOLD, _LOITER, _AUTO, _RTL, _GUIDED):
+        return MAV_RESULT_FAILED
+    if mode == m.mode:
+        return MAV_RESULT_ACCEPTED
+    if mode not in (_MANUAL, _HOLD) and not ready(m, t):
+        return MAV_RESULT_FAILED
+    if mode == _AUTO:
+        if m.mission_count <= 1:
+            return MAV_RESULT_FAILED
+        if m.mission_current == 0 or m.mission_done:
+            m.mission_current = 1
+        m.mission_done = False
+        m.item_since = -1.0
+    m.mode = mode
+    m.autonomous = mode not in (_MANUAL, _HOLD)
+    hold_here(m)
+    m.arrived = True
+    if mode == _RTL:
+        go_to(m, m.home[0], m.home[1], m.home[2])
+        m.arrived = False
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def _arm(m: Any, forced: bool, t: float) -> int:
+    if m.mode == _RTL or not (ready(m, t) or forced):
+        return MAV_RESULT_FAILED
+    m.armed = True
+    m.armed_at = t
+    for i in range(3):
+        m.home[i] = m.position[i]
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def _command(m: Any, command: int, p1: float, p2: float, p7: float, t: float) -> int:  # noqa: ARG001
+    if command == MAV_CMD_MISSION_START:
+        return _change_mode(m, _AUTO, t)
+    if command == MAV_CMD_DO_CHANGE_SPEED:
+        if p1 not in (0.0, 1.0):  # speeds of climb and descent
+            return MAV_RESULT_DENIED
+        if not p2 > 0.0 or not math.isfinite(p2):
+            return MAV_RESULT_FAILED
+        m.cruise = p2
+        return MAV_RESULT_ACCEPTED
+    return MAV_RESULT_UNSUPPORTED
+
+
+@kernel
+def _hear(m: Any, message: int, t: float) -> None:
+    if message == SET_POSITION_TARGET_LOCAL_NED:
+        local_target(m, t)
+    else:
+        global_target(m, t)
+    m.arrived = m.guided_kind == HOLD
+
+
+@kernel
+def _other(m: Any, message: int, sender: int, part: int, t: float) -> None:
+    if not _hear_parameter(m, message):
+        _hear_mission(m, message, sender, part, t)
+
+
+_receive = receiver(firmware(_GUIDED, _RTL, _change_mode, _arm, _command, _hear, _other))
+
+
+# ---- driving -------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _drive(m: Any, wanted: float, bearing: float, h: float) -> None:
+    """Commands throttle and steering for a speed [m/s] and a heading [rad]."""
+    yaw = heading(m)
+    error = wrap_pi(bearing - yaw)
+    wanted *= max(math.cos(error), 0.25)  # it slows down to turn
+    change = m.ATC_ACCEL_MAX * h
+    m.demand += min(max(wanted - m.demand, -2.0 * change), change)
+    speed = m.velocity[0] * math.cos(yaw) + m.velocity[1] * math.sin(yaw)
+    miss = m.demand - speed
+    forward = 0.01 * m.CRUISE_THROTTLE * m.demand / m.CRUISE_SPEED
+    throttle = forward + m.ATC_SPEED_P * miss + m.integral
+    if -1.0 < throttle < 1.0:
+        m.integral += m.ATC_SPEED_I * miss * h
+    rate = min(max(m.ATC_STR_ANG_P * error, -math.radians(m.ATC_STR_RAT_MAX)), math.radians(m.ATC_STR_RAT_MAX))
+    most = 9.80665 * m.ATC_TURN_MAX_G / max(abs(speed), 0.1)
+    rate = min(max(rate, -most), most)
+    steering = rate * m.TURN_RADIUS / max(speed, 0.5)
+    m.motor[0] = 0.5 + 0.5 * min(max(steering, -1.0), 1.0)
+    m.motor[1] = 0.5 + 0.5 * min(max(throttle, -1.0), 1.0)
+    m.desired_velocity[0] = m.demand * math.cos(bearing)
+    m.desired_velocity[1] = m.demand * math.sin(bearing)
+
+
+@kernel
+def _stop(m: Any, h: float) -> None:
+    """Brakes; without speed, nothing is commanded."""
+    yaw = heading(m)
+    speed = m.velocity[0] * math.cos(yaw) + m.velocity[1] * math.sin(yaw)
+    if abs(speed) < _STANDING and m.demand < _STANDING:
+        m.demand = 0.0
+        m.integral = 0.0
+        m.motor[0], m.motor[1] = 0.5, 0.5
+    else:
+        _drive(m, 0.0, yaw, h)
+
+
+@kernel
+def _cruise(m: Any) -> float:
+    return float(m.cruise if m.cruise > 0.0 else m.CRUISE_SPEED)
+
+
+@kernel
+def _drive_to(m: Any, n: float, e: float, h: float) -> None:
+    """Drives to a place and stops there; boats, and rovers in LOITER, come back when they have drifted away."""
+    dn, de = n - m.position[0], e - m.position[1]
+    distance = math.sqrt(dn * dn + de * de)
+    keeps = m.kind == MAV_TYPE_SURFACE_BOAT or m.mode == _LOITER
+    if m.arrived and keeps and distance > m.LOIT_RADIUS:
+        m.arrived = False
+    if not m.arrived and distance < (0.5 * m.LOIT_RADIUS if keeps else m.WP_RADIUS):
+        m.arrived = True
+    if m.arrived:
+        _stop(m, h)
+    else:
+        _drive(m, min(_cruise(m), math.sqrt(2.0 * m.ATC_ACCEL_MAX * distance)), math.atan2(de, dn), h)
+
+
+@kernel
+def _guide(m: Any, t: float, h: float) -> None:
+    """Follows the target of GUIDED; accelerations alone are not followed."""
+    if m.guided_kind == ACCELERATION or (m.guided_kind == VELOCITY and t - m.guided_time > _TIMEOUT):
+        hold_here(m)
+        m.arrived = True
+    if m.guided_kind == VELOCITY:
+        vn, ve = m.guided_velocity[0], m.guided_velocity[1]
+        speed = math.sqrt(vn * vn + ve * ve)
+        if speed < _STANDING:
+            _stop(m, h)
+        else:
+            _drive(m, speed, math.atan2(ve, vn), h)
+    else:
+        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+
+
+@kernel
+def _carry_out(m: Any, t: float, h: float) -> None:
+    """Carries the mission out; at its end, the vehicle holds its place."""
+    row = m.mission_current
+    if m.mission_done or row >= m.mission_count:
+        m.mission_done = True
+        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+        return
+    command = int(m.mission[row, COMMAND])
+    if command == MAV_CMD_DO_CHANGE_SPEED:
+        if m.mission[row, P2] > 0.0:
+            m.cruise = m.mission[row, P2]
+        m.mission_current += 1
+        return
+    n, e = m.home[0], m.home[1]
+    if command != MAV_CMD_NAV_RETURN_TO_LAUNCH:
+        n, e, _ = item_place(m, row)
+    if m.guided_position[0] != n or m.guided_position[1] != e:
+        go_to(m, n, e, m.position[2])
+        m.arrived = False
+        m.item_since = -1.0
+    _drive_to(m, n, e, h)
+    if m.arrived and m.item_since < 0.0:
+        m.item_since = t
+    if m.item_since >= 0.0 and command != MAV_CMD_NAV_LOITER_UNLIM and t - m.item_since >= m.mission[row, P1]:
+        tell_reached(m, row)
+        m.mission_current += 1
+        m.item_since = -1.0
+
+
+# ---- the model -----------------------------------------------------------------------------------------------------
+
+
+@kernel
+def start(m: Any) -> int:
+    """Starts disarmed in MANUAL."""
+    if m.airframe != Airframe.rover and m.airframe != Airframe.boat:
+        return _NO_AIRFRAME
+    if not 1 <= m.SYSID_THISMAV <= 255:
+        return _BAD_SYSID
+    if min(m.CRUISE_SPEED, m.ATC_ACCEL_MAX, m.TURN_RADIUS) <= 0.0:
+        return _BAD_GAIN
+    m.kind = MAV_TYPE_SURFACE_BOAT if m.airframe == Airframe.boat else MAV_TYPE_GROUND_ROVER
+    m.on_ground = True
+    m.mission_count = 1
+    m.item_since = -1.0
+    for i in range(3):
+        m.home[i] = m.position[i]
+    m.motor[0], m.motor[1] = 0.5, 0.5
+    start_streams(m)
+    hold_here(m)
+    m.arrived = True
+    return 0
+
+
+@kernel
+def advance(m: Any, t: float, h: float) -> int:
+    """Makes one step: inputs at t, commands for t + h."""
+    m.mavlink_tx_len = 0
+    if m.mavlink_rx_len > 0:
+        _receive(m, t)
+    if not m.armed:
+        for i in range(3):
+            m.home[i] = m.position[i]
+    for i in range(3):
+        m.desired_velocity[i] = 0.0
+    if not m.armed or m.mode == _MANUAL:
+        m.motor[0], m.motor[1] = 0.5, 0.5
+        m.demand, m.integral = 0.0, 0.0
+    elif m.mode == _HOLD:
+        _stop(m, h)
+    elif m.mode == _GUIDED:
+        _guide(m, t, h)
+    elif m.mode == _AUTO:
+        _carry_out(m, t, h)
+    else:
+        _drive_to(m, m.guided_position[0], m.guided_position[1], h)
+    placed = m.guided_kind != VELOCITY
+    for i in range(3):
+        m.target[i] = m.guided_position[i] if placed and i < 2 else m.position[i]
+        m.desired_position[i] = m.target[i]
+    if m.uploading:
+        continue_upload(m, t)
+    if m.listed >= 0:
+        _continue_list(m)
+    stream(m, t)
+    return 0
+
+
+class RoverAutopilot(Model):
+    """Autopilot of rovers and boats with ArduRover's modes and MAVLink behaviour."""
+
+    step_size = 0.0125
+    variables = VARIABLES
+    kernels = (start, advance)
+    errors: ClassVar = {
+        _NO_AIRFRAME: "it drives vehicles of the airframes rover and boat; others need another autopilot",
+        _BAD_SYSID: "SYSID_THISMAV is not within 1 to 255",
+        _BAD_GAIN: "CRUISE_SPEED, ATC_ACCEL_MAX and TURN_RADIUS must be positive",
+    }

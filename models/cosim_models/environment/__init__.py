@@ -1,0 +1,1 @@
+"""The surroundings that vehicles share: wind, obstacles, and each other."""

@@ -1,0 +1,51 @@
+"""The cache of object code: which models share an object."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cosim.build.objects import object_code
+from cosim.build.sources import sources_of
+from cosim.model import Model, record_layout
+from cosim_models.agents.coverage import Coverage
+from cosim_models.agents.flocking import Flocking
+from cosim_models.vehicles.hexarotor import Hexarotor
+from cosim_models.vehicles.point_mass import PointMass
+from cosim_models.vehicles.quadrotor import Quadrotor
+
+
+@pytest.fixture
+def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[type[Model], bytes, str], bytes]:
+    """Object code of a model by the cache, where `made` is what a compiler would make of it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+    def of(model: type[Model], made: bytes, how: str = "linux-x86_64 unchecked") -> bytes:
+        dtype, _ = record_layout(model.variables)
+        return object_code(model, sources_of(model), dtype, how, lambda: made)
+
+    return of
+
+
+def test_the_second_call_makes_nothing(code: Callable[..., bytes]) -> None:
+    assert code(Quadrotor, b"first") == b"first"
+    assert code(Quadrotor, b"second") == b"first"
+    assert code(Quadrotor, b"third", "linux-x86_64 checked") == b"third"
+
+
+def test_models_that_differ_in_start_values_share_it(code: Callable[..., bytes]) -> None:
+    assert code(Quadrotor, b"of both") == b"of both"
+    assert code(Hexarotor, b"another") == b"of both"
+
+
+def test_models_with_other_kernels_or_variables_do_not(code: Callable[..., bytes]) -> None:
+    assert code(Quadrotor, b"six degrees") == b"six degrees"
+    assert code(PointMass, b"three degrees") == b"three degrees"
+
+
+def test_agents_share_a_kit_and_differ_by_the_law_that_its_kernels_close_over(code: Callable[..., bytes]) -> None:
+    assert code(Flocking, b"flock") == b"flock"
+    assert code(Coverage, b"cover") == b"cover"
+    assert code(Flocking, b"again") == b"flock"

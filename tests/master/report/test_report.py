@@ -1,0 +1,200 @@
+"""Reports: literal tables of recordings written by hand, text of strangers, and the page in a browser."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from lxml import etree
+from lxml import html as lxml_html
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.report.contents import differences, read_run, repetition
+from cosim_master.report.page import write_report
+from cosim_master.report.structure import draw_structure, groups
+from cosim_master.results.run_folder import is_figure
+from tests.master.results.test_figures import consensus_run
+from tests.master.view.recordings import EVIL, evil_run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five drones under the law of the line, and what a manifest says about them."""
+    folder = consensus_run(tmp_path_factory.mktemp("report") / "flown", last_step=6)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest |= {
+        "system": {"name": "line", "path": "my systems/line.ssd"},
+        "seed": 7,
+        "start_time": 0.0,
+        "simulated_s": 40.0,
+        "wall_s": 2.0,
+        "real_time_factor": 20.0,
+        "settings": {"network": {"loss": "0.1"}},
+        "network": {"topology": "nearest", "latency": 0.02, "loss": 0.1, "range": "INF"},
+        "packets": {"sent": 10, "delivered": 9, "lost": 1},
+        "changes": [{"time": 30.0, "variable": "drone3.vehicle.wind[1]", "value": 5.0}],
+        "verdict": {
+            "failures": 1,
+            "warnings": 0,
+            "findings": [{"severity": "failure", "time": 12.5, "who": ["drone2"], "text": "it does not arm"}],
+        },
+        "profile": {
+            "fmus": [{"fmu": "A.fmu", "instances": 5, "steps": 1000, "set": 0.1, "do_step": 0.3, "get": 0.1}],
+            "phases": {"initialize": 0.5},
+        },
+    }
+    manifest["instances"]["drone2.agent"]["assigned"] = {
+        "epsilon": {"name": "drone*.agent.epsilon", "text": "0.25", "where": "--set"},
+        "left_sysid": {"name": "drone2.agent.left_sysid", "text": "1", "where": "/far/away/line.ssv:12"},
+    }
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(run: Path) -> Path:
+    return write_report([run])
+
+
+def tables(file: Path) -> dict[str, list[list[str]]]:
+    """The cells of each table, by its heading."""
+    found: dict[str, list[list[str]]] = {}
+    document = lxml_html.parse(file)
+    for table in document.iter("table"):
+        heading = next(one for one in table.itersiblings("h2", preceding=True))
+        found[heading.text_content()] = [[cell.text_content() for cell in row] for row in table.iter("tr")]
+    return found
+
+
+def test_the_tables_have_the_values_of_the_run(written: Path) -> None:
+    found = tables(written)
+    assert ["simulated", "40 s"] in found["Summary"] and ["packets", "10 sent, 9 delivered, 1 lost"] in found["Summary"]
+    assert found["Findings"][1:] == [["failure", "12.5", "drone2", "it does not arm"]]
+    assert found["Parameters"][1:] == [
+        ["network.loss", "0.1", "--set"],
+        ["drone3.vehicle.wind[1]", "5", "--at 30 s"],
+        ["drone2.agent.epsilon", "0.333333", "--set (drone*.agent.epsilon)"],
+        ["drone2.agent.left_sysid", "1", "line.ssv:12"],
+    ]
+    assert found["Time in FMUs"][1:] == [["A.fmu", "5", "1000", "0.1", "0.3", "0.1", "500"]]
+    agents = {row[0]: row[1:] for row in found["Agents"][1:]}
+    assert list(agents) == [f"drone{i}" for i in range(1, 6)]
+    assert agents["drone1"] == ["stays", "0", "0", "0", ""]
+    # After step 6 the law is within 12.7 m of even spacing (the bound of 5.13 m holds after step 9).
+    assert agents["drone3"][0] == "moves" and 5.13 < float(agents["drone3"][4]) < 18.89
+
+
+def test_the_page_has_every_figure_once_and_the_stamp_of_its_data(written: Path) -> None:
+    document = lxml_html.parse(written)
+    captions = [one.text_content() for one in document.iter("figcaption")]
+    assert captions == ["FMUs and radio", "positions", "snapshots", "map", "errors", "altitude"]
+    assert is_figure(written)
+    (badge,) = (one for one in document.iter("span") if one.get("class", "").startswith("badge"))
+    assert (badge.get("class"), badge.text_content()) == ("badge failure", "done, 1 failures")
+
+
+def test_the_command_repeats_the_run(run: Path) -> None:
+    assert shlex.split(repetition(read_run(run))) == [
+        *("uav-cosim", "run", "my systems/line.ssd", "--set", "drone*.agent.epsilon=0.25", "--set", "network.loss=0.1"),
+        *("--at", "30 drone3.vehicle.wind[1]=5.0", "--seed", "7", "--until", "40"),
+    ]
+
+
+def instances(count: int, **others: str) -> dict[str, Any]:
+    parts = {"vehicle": "Quadrotor.fmu", "agent": "LineAgent.fmu"}
+    found = {
+        f"drone{i}.{name}": {"fmu": f"/x/{fmu}", "step": 0.01}
+        for i in range(1, count + 1)
+        for name, fmu in parts.items()
+    }
+    return found | {name: {"fmu": fmu, "step": 0.1} for name, fmu in others.items()}
+
+
+def test_equal_drones_are_drawn_once() -> None:
+    found = groups(instances(1000, weather="Wind.fmu"))
+    assert [(one.title, len(one.members)) for one in found] == [
+        ("drone1, drone2, ..., drone1000 (x 1000)", 2),
+        ("system", 1),
+    ]
+    drawing = draw_structure(
+        {
+            "instances": instances(1000),
+            "packets": {"sent": 3},
+            "network": {"topology": "nearest", "latency": 0.02, "loss": 0.1, "range": "INF", "outages": [1]},
+        }
+    )
+    texts = ["".join(one.itertext()) for one in etree.fromstring(drawing).iter("{*}text")]
+    assert texts == [
+        *("drone1, drone2, ..., drone1000 (x 1000)", "agent", "LineAgent.fmu, 0.01 s", "vehicle"),
+        *("Quadrotor.fmu, 0.01 s", "radio", "nearest, latency 0.02 s, loss 0.1, 1 outages"),
+    ]
+
+
+def test_many_different_parts_are_counted() -> None:
+    drawing = draw_structure({"instances": {f"s{i}.a": {"fmu": f"F{i}.fmu", "step": 1.0} for i in range(30)}})
+    assert "and 18 other systems" in drawing and "radio" not in drawing.split("</style>")[1]
+
+
+def test_runs_are_compared(run: Path, tmp_path: Path) -> None:
+    other = consensus_run(tmp_path / "other", last_step=6, epsilon=0.25)
+    first, inputs, signals = differences([read_run(run), read_run(other)])
+    assert first.head == ("", "flown", "other") and ("simulated", "40 s", "- s") in first.rows
+    assert (
+        inputs.note == "The recordings differ."
+        and ("drone2.agent.epsilon", "0.3333333333333333", "0.25") in inputs.rows
+    )
+    assert any(row[0] == "drone3.agent.target" for row in signals.rows)
+    same = differences([read_run(run), read_run(run)])
+    assert same[1].note == "The recordings are equal." and not same[1].rows
+
+
+def test_text_of_strangers_stays_text(tmp_path: Path) -> None:
+    file = write_report([evil_run(tmp_path / "run")])
+    text = file.read_text(encoding="utf-8")
+    assert "<script" not in text and "<img src=x" not in text and "\u2028" not in text
+    assert "&lt;script&gt;windowhacked=1&lt;/script&gt;" in text
+    assert re.search(r"content=\"default-src 'none'; style-src 'sha256-[^']+'; img-src data:;", text)
+    assert EVIL.replace(".", "")[:20] in lxml_html.parse(file).getroot().text_content()
+
+
+def test_a_browser_shows_it_without_a_network(written: Path, browser: Any, tmp_path: Path) -> None:
+    evil = write_report([evil_run(tmp_path / "run")])
+    for file in (written, evil):
+        page = browser.new_page()
+        said: list[str] = []
+        asked: list[str] = []
+        page.on("console", lambda message, said=said: said.append(message.text))
+        page.on("request", lambda request, asked=asked: asked.append(request.url))
+        page.goto(file.as_uri())
+        page.wait_for_function("[...document.images].every(image => image.complete)")
+        assert page.evaluate("[...document.images].filter(image => image.naturalWidth === 0).length") == 0
+        assert page.evaluate("window.hacked === undefined && getComputedStyle(document.body).maxWidth") == "1216px"
+        assert not said and [url for url in asked if not url.startswith("data:")] == [file.as_uri()]
+
+
+def tank(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    pq.write_table(pa.table({"time": [0.0], "tank.level": [1.0]}), folder / "signals.parquet")
+    (folder / "manifest.json").write_text('{"outcome": "failed", "error": "tank: <b>", "instances": {}}')
+    return folder
+
+
+def test_runs_without_vehicles_have_a_report(tmp_path: Path) -> None:
+    first, second = tank(tmp_path / "a"), tank(tmp_path / "b")
+    text = write_report([first, second], tmp_path / "new" / "both.html").read_text()
+    assert text.count("recorded no positions of vehicles") == 2 and text.count("badge failure") == 2
+    assert "2 runs compared" in text and "tank: &lt;b&gt;" in text and "The recordings are equal." in text
+
+
+def test_folders_without_a_run_or_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(CosimError, match="not the manifest of a complete run"):
+        write_report([tmp_path])
+    run = tank(tmp_path / "a")
+    with pytest.raises(CosimError, match="the report cannot be written"):
+        write_report([run], run / "manifest.json" / "x.html")

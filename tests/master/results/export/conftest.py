@@ -1,0 +1,60 @@
+"""One short flight that all tests of formats export."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim_master import RunOptions, simulate
+from cosim_master.results.export.formats import FORMATS, export_run
+from cosim_master.results.export.options import Options
+
+
+@pytest.fixture(scope="session")
+def flown(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """line5 in the air: lossy radio, wind, recorded ten times a second."""
+    out = tmp_path_factory.mktemp("flown") / "flown"
+    overrides = {
+        "network.loss": "0.2",
+        "network.jitter": "0.004",
+        "recording.interval": "0.1",
+        "drone*.vehicle.wind[2]": "3",
+    }
+    done = simulate("line5", RunOptions(until=16.0, overrides=overrides, out=out))
+    assert done.error is None
+    return out
+
+
+@pytest.fixture(scope="session")
+def exported(flown: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The files of all formats, by name."""
+    folder = tmp_path_factory.mktemp("exported")
+    files = {one.name: folder / f"run{one.suffix or '_' + one.name}" for one in FORMATS}
+    for one in FORMATS:
+        export_run(flown, one, files[one.name], Options())
+    return files
+
+
+def edited(run: Path, to: Path, change: object) -> Path:
+    """A copy of a run's signals whose manifest `change` has changed."""
+    to.mkdir()
+    (to / "signals.parquet").symlink_to(run / "signals.parquet")
+    manifest = json.loads((run / "manifest.json").read_text())
+    change(manifest)  # type: ignore[operator]
+    (to / "manifest.json").write_text(json.dumps(manifest))
+    return to
+
+
+def rotation(q: np.ndarray) -> np.ndarray:
+    """The matrix of a unit quaternion w, x, y, z."""
+    w, x, y, z = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

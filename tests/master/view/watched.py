@@ -1,0 +1,72 @@
+"""A run of `line5` with a live page, which stands still until its reader lets it go on."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from pathlib import Path
+
+from cosim_master.execution.options import Listener, RunOptions
+from cosim_master.execution.outcome.result import RunResult
+from cosim_master.execution.preparation.prepare import Prepared
+from cosim_master.execution.simulate import simulate
+from cosim_master.stepping.control import Control
+from cosim_master.stepping.observation import View
+from cosim_master.view.live.document import live_document, shown
+from cosim_master.view.live.feed import Feed
+from cosim_master.view.live.server import LivePage
+
+LINE5 = Path(__file__).parents[3] / "master" / "systems" / "line5"
+
+
+class Standing(Control):
+    """Says whether the run stands still: it does when it has waited twice since the pause."""
+
+    waits = 0
+
+    def pause(self) -> None:
+        self.waits = 0
+        super().pause()
+
+    def wait(self, seconds: float) -> None:
+        self.waits += 1
+        super().wait(seconds)
+
+
+class Watched:
+    """What the verb does, with a reader who is there from the beginning."""
+
+    def __init__(self) -> None:
+        self.control = Standing()
+        self.control.pause()
+        self.begun = threading.Event()
+
+    def run(self, out: Path, until: float) -> RunResult:
+        result = simulate(
+            LINE5,
+            RunOptions(out=out, until=until),
+            observers=[self._observer],
+            listener=Listener(prepared=self._prepared),
+            control=self.control,
+        )
+        self.page.end((f"ended: {result.outcome}", "good", ""))
+        return result
+
+    def standing(self) -> float:
+        """The time at which the paused run stands still, s."""
+        while not (self.control.paused and self.control.waits >= 2):
+            time.sleep(0.01)
+        found: float = struct.unpack_from("<d", self.feed.newest[1])[0]
+        return found
+
+    def _observer(self, view: View) -> Feed:
+        self.feed = Feed(view)
+        return self.feed
+
+    def _prepared(self, ready: Prepared) -> None:
+        columns = shown(self.feed.columns, ready.checked)
+        self.feed.show(columns)
+        self.document = live_document(columns, len(self.feed.columns), ready.checked, ready.network, ready.clock)
+        self.page = LivePage(self.document, self.feed, self.control)
+        self.begun.set()

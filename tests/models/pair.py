@@ -1,0 +1,124 @@
+"""A vehicle and a small autopilot stepped together without a master, with a ground station made of pymavlink."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from cosim import Model
+from tests.models.copter import Decoder, set_values
+from tests.models.shipped_kernels import kernels
+
+MOTION = ("position", "velocity", "attitude", "angular_velocity", "specific_force")
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+LATITUDE, LONGITUDE, ALTITUDE = -35.363262, 149.165237, 584.0
+"""The local origin, degrees and m."""
+METRES_PER_DEGREE = 111318.845
+
+
+def degrees_of(north: float, east: float) -> tuple[int, int]:
+    """Latitude and longitude in degE7 of a place near the origin, by ArduPilot's flat Earth."""
+    longitude = LONGITUDE + east / METRES_PER_DEGREE / math.cos(math.radians(LATITUDE))
+    return round(1e7 * (LATITUDE + north / METRES_PER_DEGREE)), round(1e7 * longitude)
+
+
+class Pair:
+    """A flight, a drive or a voyage in the making. The vehicle may take several steps in one of the autopilot."""
+
+    def __init__(
+        self,
+        vehicle: type[Model],
+        autopilot: type[Model],
+        values: dict[str, Any] | None = None,
+        pilot: dict[str, Any] | None = None,
+        wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.v, self.m = vehicle.record(), autopilot.record()
+        set_values(self.v, values or {})
+        set_values(self.m, pilot or {})
+        self.v["wind"] = wind
+        self.h, self.inner = autopilot.step_size, vehicle.step_size
+        start, self._move = kernels(vehicle)
+        assert start(self.v) == 0
+        begin, self._steer = kernels(autopilot)
+        self._connect()
+        self.m["airframe"] = self.v["airframe"]
+        assert begin(self.m) == 0
+        self.step = 0
+        self.waiting = b""
+        self.heard: list[Any] = []
+        self._decode = Decoder()
+        self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+
+    def _connect(self) -> None:
+        for name in MOTION:
+            self.m[name][:] = self.v[name]
+
+    @property
+    def time(self) -> float:
+        return self.step * self.h
+
+    @property
+    def place(self) -> list[float]:
+        return [float(x) for x in self.v["position"]]
+
+    def one_step(self) -> None:
+        self._connect()
+        self.m["mavlink_rx"][: len(self.waiting)] = np.frombuffer(self.waiting, dtype=np.uint8)
+        self.m["mavlink_rx_len"] = len(self.waiting)
+        self.waiting = b""
+        motor = self.m["motor"].copy()
+        assert self._steer(self.m, self.time, self.h) == 0
+        self.v["motor"][:] = motor
+        for k in range(round(self.h / self.inner)):
+            assert self._move(self.v, self.time + k * self.inner, self.inner) == 0
+        self.step += 1
+        sent = bytes(self.m["mavlink_tx"][: int(self.m["mavlink_tx_len"])])
+        self.heard += self._decode(sent)
+
+    def until(self, time: float) -> None:
+        while self.time < time - 1e-9:
+            self.one_step()
+
+    def send(self, *messages: Any) -> None:
+        for message in messages:
+            self.waiting += message.pack(self.station)
+
+    def ask(self, command: int, *p: float) -> int:
+        """Sends a command; returns the result."""
+        parameters = (*p, *(0.0,) * (7 - len(p)))
+        self.send(mavlink.MAVLink_command_long_message(1, 1, command, 0, *parameters))
+        return self._answer(command)
+
+    def reposition(self, north: float, east: float, height: float, flags: float = 0.0) -> int:
+        lat, lon = degrees_of(north, east)
+        command = mavlink.MAV_CMD_DO_REPOSITION
+        self.send(mavlink.MAVLink_command_int_message(1, 1, 6, command, 0, 0, -1, flags, 0, 0, lat, lon, height))
+        return self._answer(command)
+
+    def _answer(self, command: int) -> int:
+        before = len(self.heard)
+        self.one_step()
+        (answer,) = [m for m in self.heard[before:] if m.get_type() == "COMMAND_ACK" and m.command == command]
+        assert (answer.target_system, answer.target_component) == (255, 190)
+        return int(answer.result)
+
+    def last(self, kind: str) -> Any:
+        return next(m for m in reversed(self.heard) if m.get_type() == kind)
+
+    def go(self, north: float, east: float, height: float) -> None:
+        """Sends a position by SET_POSITION_TARGET_LOCAL_NED."""
+        self.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 0xDF8, north, east, -height, 0, 0, 0, 0, 0, 0, 0, 0
+            )
+        )
+
+    def move(self, vn: float, ve: float, vd: float) -> None:
+        """Sends a velocity by SET_POSITION_TARGET_LOCAL_NED."""
+        self.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0xDC7, 0, 0, 0, vn, ve, vd, 0, 0, 0, 0, 0)
+        )

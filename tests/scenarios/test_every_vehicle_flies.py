@@ -1,0 +1,101 @@
+"""Every vehicle takes the place of drone 3 of `line5` by `swap` alone; the verdict says what one cannot do there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from cosim_master.system.authoring.swap import swap
+from cosim_master.system.authoring.swarm.new import fleet_of, new_system
+from tests.scenarios.flights import SYSTEMS, Flight, fly
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where drone 3 is at the end, and how far the others and it may be from 25, 50 and 75 m.
+
+    A rover rests where its target, two thirds of the way to the middle of its neighbours, is nearer than WP_RADIUS (2
+    m): 3 m from that middle. The neighbours are half as far from their places as it is from its own: 3 and 6 m.
+
+    `height`: of its flight. `findings`: kinds of what the verdict says.
+    """
+
+    tolerance: float
+    own: float
+    height: float = 10.0
+    findings: frozenset[str] = frozenset()
+
+
+GROUND = frozenset({"never flew"})
+PLACES = {
+    "Octorotor": Place(1.0, 1.0),
+    "Y6": Place(1.0, 1.0),
+    "PointMass": Place(1.0, 1.0),
+    "Rover": Place(3.1, 6.1, 0.0, GROUND),
+    "Boat": Place(3.1, 6.1, 0.0, GROUND),
+    "FixedWing": Place(30.0, 85.0),
+}
+
+
+@pytest.fixture(scope="module")
+def flights(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flight]:
+    """The flights by the FMU of drone 3."""
+    folder = tmp_path_factory.mktemp("vehicles")
+    found = {}
+    for name in PLACES:
+        swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / f"{name}.fmu", folder / name)
+        found[name] = fly(swapped, folder / f"{name}-out")
+    return found
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_it_takes_the_place_of_a_quadrotor(name: str, flights: dict[str, Flight]) -> None:
+    flight, place = flights[name], PLACES[name]
+    assert flight["drone3.agent.failure"][-1] == 0
+    assert flight["drone3.agent.step"][-1] == 19
+    ends = [float(flight.east(drone)[-1]) for drone in (1, 2, 4, 5)]
+    assert ends == pytest.approx([0.0, 25.0, 75.0, 100.0], abs=place.tolerance)
+    assert abs(flight.east(3)[-1] - 50.0) < place.own
+    assert flight.up(3)[-1] == pytest.approx(place.height, abs=0.3)
+    for drone in (1, 2, 4, 5):
+        assert flight.up(drone)[-1] == pytest.approx(10.0, abs=0.1)
+    judged = {one.kind for one in flight.result.verdict.findings if "drone3" in " ".join(one.who)}
+    assert judged >= place.findings
+    if not place.findings and name != "FixedWing":
+        assert not judged
+
+
+def test_a_mixed_fleet_of_five_classes_flies(fmus: Path, tmp_path: Path) -> None:
+    """`new` gives every vehicle the autopilot that accepts it; each class comes to its place in the line."""
+    vehicles = "2xQuadrotor,1xRover,1xPointMass,1xFixedWing,1xBoat,1xY6,2xQuadrotor"
+    system = new_system(
+        "line", 9, tmp_path / "mixed", fmus=fmus, fleet={"vehicle": fleet_of(vehicles)}, spacing=20.0, until=60.0
+    )
+    kinds = {path.name for path in system.glob("*.ssd")}
+    assert len(kinds) == 7  # the root, and one for each kind of drone
+    flight = fly(system, tmp_path / "out")
+    assert [int(flight[f"drone{i}.agent.failure"][-1]) for i in range(1, 10)] == [0] * 9
+    heights = [float(flight.up(i)[-1]) for i in range(1, 10)]
+    assert heights == pytest.approx([10, 10, 0, 10, 10, 0, 10, 10, 10], abs=1.0)
+    targets = [float(flight[f"drone{i}.agent.target"][-1]) for i in range(1, 10)]
+    places = [float(flight.east(i)[-1]) for i in range(1, 10)]
+    for i, reach in enumerate((0.5, 1.0, 3.5, 30.0, 90.0, 30.0, 2.0, 2.0, 0.5)):  # those beside the plane follow it
+        assert places[i] == pytest.approx(targets[i], abs=reach)
+    assert {one.who for one in flight.result.verdict.findings if one.kind == "never flew"} == {
+        ("drone3.vehicle",),
+        ("drone6.vehicle",),
+    }
+
+
+def test_swapping_back_finds_the_first_autopilot(fmus: Path, tmp_path: Path) -> None:
+    told: list[str] = []
+    rover = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / "Rover.fmu", tmp_path / "rover", told.append)
+    back = swap(rover, "drone3.vehicle", fmus / "Quadrotor.fmu", tmp_path / "back", told.append)
+    assert told == [
+        "drone3.autopilot is now RoverAutopilot: Autopilot does not accept Rover",
+        "drone3.autopilot is now Autopilot: RoverAutopilot does not accept Quadrotor",
+    ]
+    a, b = fly(back, tmp_path / "a", until=5.0), fly(SYSTEMS / "line5", tmp_path / "b", until=5.0)
+    assert (a.folder / "signals.parquet").read_bytes() == (b.folder / "signals.parquet").read_bytes()
