@@ -88,6 +88,11 @@ def read_run(folder: Path) -> Run:
     return Run(folder, manifest, flight, read_links(folder) if has_packets(folder) else None)
 
 
+def counted(n: int, noun: str) -> str:
+    """Returns the number with the noun in its form for it: 1 failure, 2 failures."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
 def summary(run: Run) -> list[tuple[str, str]]:
     """Returns the most important facts of a run, as pairs of term and value."""
     manifest, packets = run.manifest, run.manifest.get("packets") or {}
@@ -97,7 +102,10 @@ def summary(run: Run) -> list[tuple[str, str]]:
     return [
         ("outcome", str(manifest.get("outcome", ""))),
         *([("error", str(manifest["error"]))] if manifest.get("error") else []),
-        ("findings", f"{verdict.get('failures', 0)} failures, {verdict.get('warnings', 0)} warnings"),
+        (
+            "findings",
+            f"{counted(verdict.get('failures', 0), 'failure')}, {counted(verdict.get('warnings', 0), 'warning')}",
+        ),
         *([("nearest approach", _nearest(nearest))] if nearest else []),
         ("simulated", f"{_number(manifest.get('simulated_s'))} s"),
         (

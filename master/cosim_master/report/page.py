@@ -133,9 +133,9 @@ def _outcome(run: Run) -> tuple[str, str]:
     verdict = run.manifest.get("verdict") or {}
     outcome = str(run.manifest.get("outcome", ""))
     if outcome != "done" or verdict.get("failures"):
-        return outcome if outcome != "done" else f"done, {verdict['failures']} failures", "failure"
+        return outcome if outcome != "done" else f"done, {contents.counted(verdict['failures'], 'failure')}", "failure"
     if verdict.get("warnings"):
-        return f"done, {verdict['warnings']} warnings", "warning"
+        return f"done, {contents.counted(verdict['warnings'], 'warning')}", "warning"
     return "done", "good"
 
 

@@ -23,8 +23,20 @@ VERDICT = {
     "good": False,
     "nearest": {"who": ["drone1.vehicle", "drone2.vehicle"], "distance": 0.4321, "time": 31.5},
     "findings": [
-        {"kind": "agent failed", "severity": "failure", "who": ["drone3.agent"], "time": 25.0, "text": "not armed"},
-        {"kind": "open input", "severity": "warning", "who": ["drone1.vehicle.wind"], "time": None, "text": "open"},
+        {
+            "kind": "agent failed",
+            "severity": "failure",
+            "who": ["drone3.agent"],
+            "time": 25.0,
+            "text": "drone3.agent: not armed",
+        },
+        {
+            "kind": "open input",
+            "severity": "warning",
+            "who": ["drone1.vehicle.wind"],
+            "time": None,
+            "text": "drone1.vehicle.wind: open",
+        },
         {"kind": "open input", "severity": "note", "who": ["drone2.vehicle.wind"], "time": None, "text": "unheard"},
     ],
 }

@@ -96,7 +96,7 @@ def test_the_page_has_every_figure_once_and_the_stamp_of_its_data(written: Path)
     assert captions == ["FMUs and radio", "positions", "snapshots", "map", "errors", "altitude"]
     assert is_figure(written)
     (badge,) = (one for one in document.iter("span") if one.get("class", "").startswith("badge"))
-    assert (badge.get("class"), badge.text_content()) == ("badge failure", "done, 1 failures")
+    assert (badge.get("class"), badge.text_content()) == ("badge failure", "done, 1 failure")
 
 
 def test_the_command_repeats_the_run(run: Path) -> None:

@@ -218,6 +218,19 @@ def test_mistakes_of_tables_are_refused_at_their_line(place: Path, text: str, ex
     assert any(expected in str(problem) for problem in caught.value.problems), caught.value.problems
 
 
+def test_a_number_of_any_size_is_read_at_once(place: Path, tmp_path: Path) -> None:
+    """As an exact fraction, 1e-999999999 has a thousand million digits."""
+    (place / "in.csv").write_text("Time [s]\tv\n1e-999999999\t1\n1\t2\n")
+    path = written(
+        place,
+        TIMES.replace("tStart 0 a", "tStart 1e-999999999 a"),
+        PAIR.format(cycle=0),
+        "simulator 2 0 t #000000 in.csv\ngraph t.v b.u\n",
+    )
+    (times,) = rows(path, tmp_path / "out")
+    assert times[0] == 0.0 and times[-1] == 1.5
+
+
 @pytest.mark.parametrize(
     ("content", "expected"),
     [(b"\xff", "it is not UTF-8"), (b"# nothing\n", "has no simulators"), (None, "no such file")],

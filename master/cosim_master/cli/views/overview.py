@@ -151,7 +151,7 @@ def _verdict(verdict: Mapping[str, Any] | None) -> Iterator[str]:
     findings = [finding for finding in verdict["findings"] if finding["severity"] != "note"]
     for finding in findings[:_FINDINGS]:
         time = "" if finding["time"] is None else f" at {finding['time']:g} s"
-        yield f"{finding['severity']}{time}: {_listed(finding['who'])}: {finding['text']}"
+        yield f"{finding['severity']}{time}: {finding['text']}"
     if (more := len(findings) - _FINDINGS) > 0:
         yield f"and {more} more failures and warnings (manifest.json has all)"
     if (nearest := verdict.get("nearest")) is not None:
