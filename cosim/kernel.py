@@ -6,7 +6,8 @@ The same source runs in three ways: compiled just in time, compiled ahead of tim
 plain Python (where numba is not installed, or with ``NUMBA_DISABLE_JIT=1`` for debugging). All three give the same
 numbers.
 
-Machine code is stored in one folder per digest of the sources. The digest covers the kernel's module and every module
+Machine code is stored in one folder per digest of the sources, each file with a digest of its own contents, which is
+checked before the code is loaded. The digest of the sources covers the kernel's module and every module
 of its package and of this package that it imports, directly or indirectly. Code is looked up first in the package
 itself (``compiled/DIGEST``, which a wheel contains), then in the user's cache folder. Kernels of a single file outside
 a package are compiled in every process, and so are kernels that close over others, because their module does not

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import gc
 import hashlib
-import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -42,6 +41,8 @@ from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.np import arrayobj
+
+from cosim.kept import read_kept, write_kept
 
 __all__ = ["Kernel", "Lowered", "ShortRecord", "keep_only", "link", "saved_code"]
 
@@ -190,8 +191,8 @@ class _KeptCode(_Cache):  # type: ignore[misc]
         name = self._name(sig, target_context)
         for folder in self._folders:
             file = folder / name
-            if file.is_file():
-                result = compiler.CompileResult._rebuild(target_context, *pickle.loads(file.read_bytes()))
+            if (code := read_kept(file)) is not None:
+                result = compiler.CompileResult._rebuild(target_context, *pickle.loads(code))
                 _used[file] = None
                 return result
         return None
@@ -200,11 +201,8 @@ class _KeptCode(_Cache):  # type: ignore[misc]
         if data.library.has_dynamic_globals:
             return
         file = self._folders[-1] / self._name(sig, data.target_context)
-        part = file.with_suffix(f".{os.getpid()}.part")
         try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            part.write_bytes(dumps(data._reduce()))
-            part.replace(file)
+            write_kept(file, dumps(data._reduce()))
         except OSError:  # disk full, or home not writable: the next process compiles it again
             return
         _used[file] = None

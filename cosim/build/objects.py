@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.build.sources import Sources, sources_of_module
+from cosim.kept import read_kept, write_kept
 from cosim.kernel import cache_folder, forget_unused, imported_sources
 from cosim.model import Model
 
@@ -35,17 +36,12 @@ def object_code(
     if "." not in model.__module__:
         return make()
     file = cache_folder() / "objects" / f"{_digest(model, sources, dtype, how)}.o"
-    try:
-        code = file.read_bytes()
+    if (code := read_kept(file)) is not None:
         os.utime(file)
         return code
-    except OSError:  # missing, or not readable by this user
-        code = make()
+    code = make()
     forget_unused(file.parent)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_suffix(f".{os.getpid()}.part")
-    part.write_bytes(code)
-    part.replace(file)
+    write_kept(file, code)
     return code
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -99,11 +101,13 @@ def watered(x):
 """
 
 
-def watered(tmp_path: Path, cache: str) -> tuple[str, set[str]]:
-    """What a process of its own prints, and the names of the files in its cache folder."""
+def watered(tmp_path: Path, cache: str, notes: list[str] | None = None) -> tuple[str, set[str]]:
+    """What a process of its own prints, and the names of the files in its cache folder; `notes` gets its stderr."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / cache)}
     command = [sys.executable, "-B", "-c", CALL, str(tmp_path)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    if notes is not None:
+        notes.append(done.stderr)
     found = (tmp_path / cache).rglob("*.kernel")
     return done.stdout, {f"{file.parent.name}/{file.name}" for file in found}
 
@@ -125,3 +129,49 @@ def test_code_is_looked_for_in_the_package_then_in_the_cache_and_never_for_other
     assert printed == "5.5\n"
     assert len(other) == 1
     assert not other & first
+
+
+@pytest.mark.parametrize("place", ["digest", "code", "last byte", "truncated", "empty"])
+def test_changed_code_is_made_anew_and_never_loaded(tmp_path: Path, place: str) -> None:
+    garden = tmp_path / "garden"
+    garden.mkdir()
+    (garden / "__init__.py").touch()
+    (garden / "bed.py").write_text(BED)
+    (garden / "can.py").write_text("FILL = 2.0\n")
+    notes: list[str] = []
+    printed, (name,) = watered(tmp_path, "cache", notes)
+    assert (printed, notes) == ("4.0\n", [""])
+    file = tmp_path / "cache/uav-cosim/kernels" / name
+    whole = file.read_bytes()
+    assert hashlib.sha256(whole[32:]).digest() == whole[:32]
+    if place in ("truncated", "empty"):
+        file.write_bytes(whole[: len(whole) // 2 if place == "truncated" else 0])
+    else:
+        at = {"digest": 3, "code": len(whole) // 2, "last byte": len(whole) - 1}[place]
+        file.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    assert watered(tmp_path, "cache", notes) == ("4.0\n", {name})
+    assert notes[1] == f"note: {file} has been changed since it was made: its code is not loaded, but made anew\n"
+    remade = file.read_bytes()
+    assert hashlib.sha256(remade[32:]).digest() == remade[:32]
+    assert watered(tmp_path, "cache", notes) == ("4.0\n", {name})
+    assert notes[2] == ""
+    assert file.read_bytes() == remade  # which was loaded
+    assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+def test_code_that_nobody_has_written_with_a_digest_is_not_unpickled(tmp_path: Path) -> None:
+    """Pickled objects are code: a file that runs some when it is unpickled, in the place of a kernel."""
+    garden = tmp_path / "garden"
+    garden.mkdir()
+    (garden / "__init__.py").touch()
+    (garden / "bed.py").write_text(BED)
+    (garden / "can.py").write_text("FILL = 2.0\n")
+    _, (name,) = watered(tmp_path, "cache")
+    file = tmp_path / "cache/uav-cosim/kernels" / name
+    command = f"touch {tmp_path / 'unpickled'}".encode()
+    file.write_bytes(b"cposix\nsystem\n(S'" + command + b"'\ntR.")
+    pickle.loads(file.read_bytes())
+    assert (tmp_path / "unpickled").exists()  # this is such a file
+    (tmp_path / "unpickled").unlink()
+    assert watered(tmp_path, "cache")[0] == "4.0\n"
+    assert not (tmp_path / "unpickled").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
@@ -33,6 +34,20 @@ def test_the_second_call_makes_nothing(code: Callable[..., bytes]) -> None:
     assert code(Quadrotor, b"first") == b"first"
     assert code(Quadrotor, b"second") == b"first"
     assert code(Quadrotor, b"third", "linux-x86_64 checked") == b"third"
+
+
+@pytest.mark.parametrize("damage", ["flipped", "truncated"])
+def test_an_object_that_was_changed_is_made_anew(
+    code: Callable[..., bytes], tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert code(Quadrotor, b"of yesterday") == b"of yesterday"
+    (file,) = (tmp_path / "uav-cosim/objects").iterdir()
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-1] if damage == "truncated" else whole[:-1] + b"i")
+    with caplog.at_level(logging.WARNING):
+        assert code(Quadrotor, b"of today") == b"of today"
+    assert f"{file} has been changed since it was made" in caplog.text
+    assert code(Quadrotor, b"of tomorrow") == b"of today"
 
 
 def test_models_that_differ_in_start_values_share_it(code: Callable[..., bytes]) -> None:
