@@ -80,6 +80,7 @@ class Airframe(IntEnum):
     """as for a rover"""
     plane = 8
     """aileron (1: roll right), elevator (1: nose up), throttle (0: none), rudder (1: nose right); servos rest at 0.5"""
+    quad_plus = 9
 
 
 VEHICLE_INPUTS: tuple[Variable, ...] = (

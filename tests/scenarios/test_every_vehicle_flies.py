@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cosim.build import models_of_package
 from cosim_master.system.authoring.swap import swap
 from cosim_master.system.authoring.swarm.new import fleet_of, new_system
+from tests.models.copter import preset
 from tests.scenarios.flights import SYSTEMS, Flight, fly
 
 
@@ -30,6 +34,9 @@ class Place:
 
 GROUND = frozenset({"never flew"})
 PLACES = {
+    "Quadrotor": Place(1.0, 1.0),
+    "LinearQuadrotor": Place(1.0, 1.0),
+    "Hexarotor": Place(1.0, 1.0),
     "Octorotor": Place(1.0, 1.0),
     "Y6": Place(1.0, 1.0),
     "PointMass": Place(1.0, 1.0),
@@ -50,6 +57,14 @@ def flights(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, F
     return found
 
 
+def test_these_are_all_vehicles() -> None:
+    """A vehicle is a model that tells its airframe; no model of the package is left out."""
+    models = models_of_package("cosim_models.vehicles")
+    tell = {one.__name__ for one in models if any(v.name == "airframe" and v.role == "output" for v in one.variables)}
+    assert tell == set(PLACES)
+    assert {one.__name__ for one in models} - tell == {"PowerSystem"}
+
+
 @pytest.mark.parametrize("name", PLACES)
 def test_it_takes_the_place_of_a_quadrotor(name: str, flights: dict[str, Flight]) -> None:
     flight, place = flights[name], PLACES[name]
@@ -65,6 +80,28 @@ def test_it_takes_the_place_of_a_quadrotor(name: str, flights: dict[str, Flight]
     assert judged >= place.findings
     if not place.findings and name != "FixedWing":
         assert not judged
+
+
+@pytest.mark.parametrize(
+    ("numbers", "roll", "pitch", "yaw"),
+    [("authors_line", 0.003, 0.003, 0.0005), ("authors_voronoi", 0.5, 0.65, 1.0)],
+)
+def test_the_authors_plants_fly_with_gains_that_suit_them(
+    numbers: str, roll: float, pitch: float, yaw: float, fmus: Path, tmp_path: Path
+) -> None:
+    """The gains are those of the table in docs/vehicles.md: I as P, of yaw a tenth of it, and no D."""
+    gains = {"RLL_P": roll, "RLL_I": roll, "RLL_D": 0.0, "PIT_P": pitch, "PIT_I": pitch, "PIT_D": 0.0}
+    gains |= {"YAW_P": yaw, "YAW_I": 0.1 * yaw}
+    overrides = {f"drone3.autopilot.ATC_RAT_{name}": str(value) for name, value in gains.items()}
+    overrides |= {f"drone3.vehicle.{name}": str(value) for name, value in preset(numbers).items()}
+    swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / "LinearQuadrotor.fmu", tmp_path / "system")
+    flight = fly(swapped, tmp_path / "out", overrides=overrides)
+    ends = [float(flight.east(drone)[-1]) for drone in (1, 2, 3, 4, 5)]
+    assert ends == pytest.approx([0.0, 25.0, 50.0, 75.0, 100.0], abs=1.0)
+    assert flight.up(3)[-1] == pytest.approx(10.0, abs=0.1)
+    x, y = (flight[f"drone3.vehicle.attitude[{i}]"] for i in (2, 3))
+    assert math.degrees(2.0 * math.asin(float(np.hypot(x, y).max()))) < 30.0
+    assert not [one for one in flight.result.verdict.findings if "drone3" in " ".join(one.who)]
 
 
 def test_a_mixed_fleet_of_five_classes_flies(fmus: Path, tmp_path: Path) -> None:

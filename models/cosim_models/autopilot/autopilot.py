@@ -213,7 +213,8 @@ class Autopilot(Model):
     variables = VARIABLES
     kernels = (start, advance)
     errors: ClassVar = {
-        _NO_MIXER: "no mixer for the vehicle's airframe; valid: quad_x (1), hexa_x (2), octa_x (3), y6 (4)",
+        _NO_MIXER: "no mixer for the vehicle's airframe; valid: quad_x (1), hexa_x (2), octa_x (3), y6 (4), "
+        "quad_plus (9)",
         _BAD_SYSID: "SYSID_THISMAV is not within 1 to 255",
         _NOT_FINITE: "a motion input is not a finite number, or the attitude is not a quaternion",
         _BAD_LEAN: "ANGLE_MAX is not within 500 to 8000 (5 to 80 degrees)",

@@ -32,6 +32,7 @@ TABLES = {
         (-S, 0.5, 0.5),
         (S, -0.5, -0.5),
     ],
+    Airframe.quad_plus: [(-0.5, 0.0, 0.5), (0.5, 0.0, 0.5), (0.0, 0.5, -0.5), (0.0, -0.5, -0.5)],
     Airframe.y6: [
         (-0.5, 0.25, -0.5),
         (-0.5, 0.25, 0.5),
@@ -41,7 +42,7 @@ TABLES = {
         (0.5, 0.25, 0.5),
     ],
 }
-MULTIROTORS = (Airframe.quad_x, Airframe.hexa_x, Airframe.octa_x, Airframe.y6)
+MULTIROTORS = (Airframe.quad_x, Airframe.hexa_x, Airframe.octa_x, Airframe.y6, Airframe.quad_plus)
 torques = st.floats(-1.5, 1.5)
 throttles = st.floats(0.0, 1.0)
 

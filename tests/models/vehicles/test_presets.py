@@ -1,4 +1,4 @@
-"""The vehicle presets: complete, about existing parameters, and with the hover figures of their sources."""
+"""The presets of `Quadrotor`: complete, about existing parameters, and with the hover figures of their sources."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ G = 9.80665
 PRESETS = {
     file.name.removesuffix(".ssv"): file
     for file in (resources.files("cosim_models.vehicles") / "presets").iterdir()
-    if file.name.endswith(".ssv")
+    if file.name.endswith(".ssv") and not file.name.startswith("authors_")  # those are of LinearQuadrotor
 }
 NOT_OF_THE_VEHICLE = ("position_start", "yaw_start", "ground_", "foot_", "substep")
 SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"

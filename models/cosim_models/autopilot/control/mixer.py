@@ -33,6 +33,7 @@ LIMIT_ROLL_PITCH, LIMIT_YAW, LIMIT_THROTTLE_LOWER, LIMIT_THROTTLE_UPPER = 1, 2, 
 _CW, _CCW = -1.0, 1.0  # rotation of the propeller seen from above; a counter-clockwise one yaws the body right
 
 # Angle from the front, clockwise, in degrees, and rotation of each motor, in ArduPilot's order.
+_QUAD_PLUS = np.array([(90.0, _CCW), (-90.0, _CCW), (0.0, _CW), (180.0, _CW)])
 _QUAD_X = np.array([(45.0, _CCW), (-135.0, _CCW), (-45.0, _CW), (135.0, _CW)])
 _HEXA_X = np.array([(90.0, _CW), (-90.0, _CCW), (-30.0, _CW), (150.0, _CCW), (30.0, _CCW), (-150.0, _CW)])
 _OCTA_X = np.array(
@@ -68,6 +69,8 @@ def motor_factors(airframe: int, factors: Any) -> int:
         layout = _OCTA_X
     elif airframe == 4:
         layout = _Y6
+    elif airframe == 9:
+        layout = _QUAD_PLUS
     else:
         return 0
     count = layout.shape[0]

@@ -210,7 +210,7 @@ MEMORY = (
 )
 
 VARIABLES = (
-    *inputs_for(Airframe.quad_x, Airframe.hexa_x, Airframe.octa_x, Airframe.y6),
+    *inputs_for(Airframe.quad_x, Airframe.hexa_x, Airframe.octa_x, Airframe.y6, Airframe.quad_plus),
     Input(
         "supply_voltage",
         unit="V",
