@@ -5,7 +5,8 @@
     observer.stepped(seen)              at every multiple of `observer.every` base steps, and at the end of the run
     observer.rows(rows, complete)       chunks of recorded rows, if it is a `RowObserver`
     observer.packets(packets, complete) chunks of packets, if it is a `PacketObserver`
-    observer.progressed(progress)       several times a second of wall-clock time, if it is a `ProgressObserver`
+    observer.progressed(progress)       several times a second of wall-clock time, if it is a `ProgressObserver`; after
+                                        the packets so far, if it is a `PacketObserver`, too
     observer.over                       after each instant, if it is a `PointObserver`: whether the run is to end there
     observer.closed()                   once after `initialised`, when the run has ended, however it did
 
@@ -350,6 +351,8 @@ class Observers:
         if progress.kept and self._chunks is not None:
             self._chunks.hand_over()
         for observer in self._reporting:
+            if self._chunks is not None and isinstance(observer, PacketObserver):
+                self._chunks.show_packets(observer)
             observer.progressed(progress)
 
     def close(self) -> RecordingFailed | None:

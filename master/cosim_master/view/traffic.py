@@ -22,7 +22,7 @@ from cosim_master.results.recording.packet_log import EPOCH
 from cosim_master.results.roles import Part
 from cosim_master.view.block import Array, Block, steps_between
 
-__all__ = ["traffic"]
+__all__ = ["packet_at", "said", "sends", "traffic", "vehicle_of_nodes"]
 
 _DRAWN = 250_000
 _LOGGED = 20_000
@@ -55,21 +55,21 @@ def traffic(run: Path, parts: Sequence[Part], block: Block, start: float, quantu
         columns[name] = coded.indices.to_numpy(zero_copy_only=False)
     names = message_names()
     nodes = nodes_of(codes["source"], codes["target"])
-    by_node = _vehicle_of_nodes(codes["target"], parts)
+    by_node = vehicle_of_nodes(codes["target"], parts)
     told["messages"] = [names.get(number, f"message {number}") for number in codes["message"]]
     told["spoken"] = [number == STATUSTEXT for number in codes["message"]]
     told["sources"] = codes["source"]
     told["vehicleOf"] = [by_node.get(nodes[source], -1) for source in codes["source"]]
     radio = np.array([outcome == "radio" for outcome in codes["outcome"]])[columns["outcome"]]
     lost = np.array([outcome.startswith("lost") for outcome in codes["outcome"]])[columns["outcome"]]
-    begins = _sends(columns)
+    begins = sends(columns)
     _flights(told, columns, codes, radio, lost, begins, by_node, block, (start, quantum))
     told["links"] = _links(columns, codes, nodes, radio, lost, by_node)
     told["log"] = _log(run, columns, codes, radio, lost, begins, block, (start, quantum))
     return told
 
 
-def _vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, int]:
+def vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, int]:
     """Returns the vehicle of each node: the only vehicle in the node, or the one with the node's name."""
     carried: dict[str, list[int]] = defaultdict(list)
     for i, part in enumerate(parts):
@@ -81,8 +81,8 @@ def _vehicle_of_nodes(nodes: Sequence[str], parts: Sequence[Part]) -> dict[str, 
     return found | {part.name: i for i, part in enumerate(parts) if part.name in nodes}
 
 
-def _sends(columns: Mapping[str, Array]) -> Array:
-    """Returns the first row of each packet."""
+def sends(columns: Mapping[str, Array] | Array) -> Array:
+    """Returns the first row of each packet, from columns in the order of the radio's events."""
     n = len(columns["sent"])
     new = np.zeros(n, bool)
     new[:1] = True
@@ -188,7 +188,7 @@ def _log(
     rows = begins[chosen]
     payloads = _payloads(run / "packets.tlog", columns, codes["message"], rows)
     texts = [
-        _said(codes["message"][columns["message"][row]], payload) for row, payload in zip(rows, payloads, strict=True)
+        said(codes["message"][columns["message"][row]], payload) for row, payload in zip(rows, payloads, strict=True)
     ]
     return {
         "of": len(begins),
@@ -229,21 +229,26 @@ def _payloads(file: Path, columns: Mapping[str, Array], messages: Sequence[int],
     at = 0
     while at + 17 <= len(data):
         time = struct.unpack_from(">Q", data, at)[0] - EPOCH
-        at += 8
-        length = data[at + 1]
-        if data[at] == 0xFD:
-            number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
-            key, begin = (time, data[at + 5], data[at + 6], data[at + 4], number), at + 10
-            at = begin + length + 2 + (13 if data[at + 2] & 1 else 0)
-        else:
-            key, begin = (time, data[at + 3], data[at + 4], data[at + 2], data[at + 5]), at + 6
-            at = begin + length + 2
-        if places := waiting.get(key):
-            found[places.popleft()] = data[begin : begin + length]
+        identity, payload, at = packet_at(data, at + 8)
+        if places := waiting.get((time, *identity)):
+            found[places.popleft()] = payload
     return found
 
 
-def _said(number: int, payload: bytes) -> str:
+def packet_at(data: bytes, at: int) -> tuple[tuple[int, int, int, int], bytes, int]:
+    """Returns (system, component, sequence, message) and the payload of the packet at an offset, and its end."""
+    length = data[at + 1]
+    if data[at] == 0xFD:
+        number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+        begin, signature = at + 10, 13 if data[at + 2] & 1 else 0
+        key = (data[at + 5], data[at + 6], data[at + 4], number)
+    else:
+        begin, signature = at + 6, 0
+        key = (data[at + 3], data[at + 4], data[at + 2], data[at + 5])
+    return key, data[begin : begin + length], begin + length + 2 + signature
+
+
+def said(number: int, payload: bytes) -> str:
     """Returns the text of a STATUSTEXT, or the fields of another message if pymavlink is installed."""
     if number == STATUSTEXT:
         return payload[STATUSTEXT_TEXT : STATUSTEXT_TEXT + 50].split(b"\0")[0].decode("utf-8", "replace")

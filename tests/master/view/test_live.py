@@ -91,8 +91,8 @@ class Reader:
         self.socket.send(what if isinstance(what, (str, bytes)) else json.dumps(what))
 
     def frame(self) -> list[float]:
-        while isinstance(message := self.socket.recv(LONG), str):
-            pass
+        while isinstance(message := self.socket.recv(LONG), str) or np.isnan(np.frombuffer(message, "<f8")[0]):
+            pass  # flights begin with NaN
         return [float(value) for value in np.frombuffer(message, "<f8")]
 
     def state(self) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import struct
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.outcome.result import RunResult
@@ -13,7 +14,7 @@ from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.simulate import simulate
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import View
-from cosim_master.view.live.document import live_document, shown
+from cosim_master.view.live.document import live_document, live_traffic, shown
 from cosim_master.view.live.feed import Feed
 from cosim_master.view.live.server import LivePage
 
@@ -42,10 +43,10 @@ class Watched:
         self.control.pause()
         self.begun = threading.Event()
 
-    def run(self, out: Path, until: float) -> RunResult:
+    def run(self, out: Path, until: float, **options: Any) -> RunResult:
         result = simulate(
             LINE5,
-            RunOptions(out=out, until=until),
+            RunOptions(out=out, until=until, **options),
             observers=[self._observer],
             listener=Listener(prepared=self._prepared),
             control=self.control,
@@ -67,6 +68,7 @@ class Watched:
     def _prepared(self, ready: Prepared) -> None:
         columns = shown(self.feed.columns, ready.checked)
         self.feed.show(columns)
+        self.feed.traffic = live_traffic(columns, ready.checked, ready.network)
         self.document = live_document(columns, len(self.feed.columns), ready.checked, ready.network, ready.clock)
         self.page = LivePage(self.document, self.feed, self.control)
         self.begun.set()

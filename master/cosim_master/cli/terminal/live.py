@@ -51,14 +51,17 @@ class Live:
         Raises:
             CosimError: no port of loopback can be opened.
         """
-        from cosim_master.view.live.document import live_document, shown
+        from cosim_master.view.live.document import live_document, live_traffic, shown
         from cosim_master.view.live.server import LivePage
 
         assert self._feed is not None
         recorded = self._feed.columns
         columns = shown(recorded, ready.checked)
         self._feed.show(columns)
-        document = live_document(columns, len(recorded), ready.checked, ready.network, ready.clock)
+        hears = ready.recording.packets
+        if hears:
+            self._feed.traffic = live_traffic(columns, ready.checked, ready.network)
+        document = live_document(columns, len(recorded), ready.checked, ready.network, ready.clock, packets=hears)
         self._page = self._opened.enter_context(LivePage(document, self._feed, self.control))
         announce(f"live view: {self._page.address}")
         if self._open_browser and not (_has_display() and webbrowser.open(self._page.address)):

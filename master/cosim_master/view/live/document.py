@@ -15,10 +15,11 @@ from cosim_master.stepping.observation import Column
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
+from cosim_master.view.live.traffic import LiveTraffic
 from cosim_master.view.motion import Moving, moving
 from cosim_master.view.replay import vehicle_of, vehicles_by_name
 
-__all__ = ["live_document", "shown"]
+__all__ = ["live_document", "live_traffic", "shown"]
 
 _SIGNALS = 4000
 """Signals sent besides those of the vehicles' motion: more would make frames too large to be sent smoothly."""
@@ -46,8 +47,20 @@ def shown(columns: Sequence[Column], checked: CheckedSystem) -> list[Column]:
     return [column for column in small if column.name in chosen]
 
 
+def live_traffic(columns: Sequence[Column], checked: CheckedSystem, network: Network) -> LiveTraffic:
+    """Returns the packets of a run that begins, for the page with these signals."""
+    known, units = known_of(checked), _units(columns)
+    return LiveTraffic(network, [vehicle.part for vehicle in moving(parts(units, known), known, units)])
+
+
 def live_document(
-    columns: Sequence[Column], recorded: int, checked: CheckedSystem, network: Network, clock: TimeGrid
+    columns: Sequence[Column],
+    recorded: int,
+    checked: CheckedSystem,
+    network: Network,
+    clock: TimeGrid,
+    *,
+    packets: bool = True,
 ) -> dict[str, Any]:
     """Returns the document of a run that begins.
 
@@ -57,6 +70,7 @@ def live_document(
         checked: the system; its structure must be open.
         network: nodes and radio.
         clock: start, end and base step.
+        packets: whether the run records packets.
     """
     known, units = known_of(checked), _units(columns)
     vehicles = moving(parts(units, known), known, units)
@@ -81,9 +95,14 @@ def live_document(
         "signals": signals,
         "steps": [],
         "plots": _first_plots(index, drones, known),
-        "traffic": {"messages": [], "sources": [], "vehicleOf": [], "spoken": [], "links": [], "longest": 0.0},
-        "network": {"range": network.range if math.isfinite(network.range) else None},
-        "packets": {},
+        "traffic": {
+            **{name: [] for name in ("messages", "sources", "vehicleOf", "spoken", "links")},
+            "longest": 0.0,
+            "live": packets,
+        },
+        "network": {name: getattr(network, name) for name in ("topology", "latency", "jitter", "loss")}
+        | {"range": network.range if math.isfinite(network.range) else None},
+        "packets": dict.fromkeys(("sent", "delivered", "lost"), 0),
         "verdict": None,
         "outcome": ("starting", ""),
         "facts": _facts(checked, clock, len(columns), recorded),

@@ -1,4 +1,4 @@
-"""The observer that keeps the newest values of a run for its live page.
+"""The observer that keeps the newest values and packets of a run for its live page.
 
 It copies values when the run reports its progress, twenty to fifty times a second of wall-clock time, and never makes
 the stepping loop return or wait. A value that nobody has fetched is replaced by the next one.
@@ -10,19 +10,23 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cosim_master.stepping.observation import Column, Progress, Seen, View
+from cosim_master.stepping.observation import Column, Packets, Progress, Seen, View
+from cosim_master.view.live.traffic import LiveTraffic
 
 __all__ = ["Feed"]
 
 
 class Feed:
-    """A `ProgressObserver` with one frame: simulated time [s], wall-clock time [s], value of each column, as float64.
+    """A `ProgressObserver` and `PacketObserver` with one frame.
+
+    A frame has float64 numbers: simulated time [s], wall-clock time [s], value of each column.
 
     Args:
         view: the run; its columns are the signals of a frame unless `show` selects some of them.
 
     Attributes:
         columns: the recorded signals.
+        traffic: takes the packets of the run; None: nobody does.
         newest: number and bytes (little-endian) of the newest frame; number 0: there is none yet.
         changed: called in the thread of the run when there is a new frame.
     """
@@ -33,6 +37,7 @@ class Feed:
         self.newest: tuple[int, bytes] = (0, b"")
         self.changed: Callable[[], None] = lambda: None
         self.columns = view.columns
+        self.traffic: LiveTraffic | None = None
         self._seen: Seen | None = None
         self.show(view.columns)
 
@@ -50,7 +55,13 @@ class Feed:
 
     def stepped(self, seen: Seen) -> None: ...
 
+    def packets(self, packets: Packets, *, complete: bool) -> None:
+        if self.traffic is not None:
+            self.traffic.packets(packets, complete=complete)
+
     def progressed(self, progress: Progress) -> None:
+        if self.traffic is not None:
+            self.traffic.counts = dict(progress.counts)
         self._take(progress.time, progress.wall)
 
     def closed(self) -> None:

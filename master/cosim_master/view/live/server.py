@@ -8,8 +8,9 @@ The address contains a random token; without it, every request is answered by 40
 page itself (Origin). The server is a thread with an event loop of its own, so that the run never waits for a page: each
 page receives the newest frame when it has drawn those before.
 
-    to the page      binary   a frame of the feed
+    to the page      binary   a frame of the feed; or NaN, and flights as `LiveTraffic.flights` returns them
                      text     {"paused": false, "speed": 1.0 or null, "ended": null or [words, class, more]}
+                     text     {"messages": [...], "sends": 812} and {"links": {...}}, see `LiveTraffic`
     from the page    text     {"do": "drawn" | "pause" | "resume" | "step"}, {"do": "speed", "factor": 2.0 or null}
 """
 
@@ -18,9 +19,10 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import math
 import secrets
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from types import TracebackType
@@ -46,6 +48,8 @@ _AHEAD = 2
 """Frames that a page may receive before it has drawn the first of them."""
 _LONGEST = 1024
 """Bytes of a message from a page."""
+_COUNTING = 1.0
+"""Wall-clock time between two statistics of links, s."""
 _LAST = 2.0
 """Wall-clock time in which pages receive the end of the run, s."""
 _INVALID = 1008
@@ -69,6 +73,8 @@ class _Reader:
         self.frame = 0
         self.undrawn = 0
         self.told: str | None = None
+        self.heard = (0, 0)
+        self.counted, self.counted_at = -1, -math.inf
 
 
 class LivePage:
@@ -181,6 +187,7 @@ class LivePage:
         """Serves one page until it closes."""
         reader = _Reader()
         self._readers.add(reader)
+        self._watch()
         sending = asyncio.ensure_future(self._send(connection, reader))
         try:
             async for message in connection:
@@ -190,6 +197,7 @@ class LivePage:
             pass
         finally:
             self._readers.discard(reader)
+            self._watch()
             sending.cancel()
 
     async def _send(self, connection: Any, reader: _Reader) -> None:
@@ -203,14 +211,36 @@ class LivePage:
                     await connection.send(state)
                 number, frame = self._feed.newest
                 if number != reader.frame and (reader.undrawn < _AHEAD or self._ended):
+                    for packets in self._packets(reader):
+                        await connection.send(packets)
                     reader.frame, reader.undrawn = number, reader.undrawn + 1
                     await connection.send(frame)
         except ConnectionClosed:
             return
 
+    def _packets(self, reader: _Reader) -> Iterator[str | bytes]:
+        """Yields flights, messages and statistics that a page has not received yet."""
+        traffic = self._feed.traffic
+        if traffic is None:
+            return
+        (flights, messages), reader.heard = reader.heard, traffic.newest
+        if flying := traffic.flights(flights, reader.heard[0]):
+            yield flying
+        if said := traffic.messages(messages, reader.heard[1]):
+            yield json.dumps({"messages": said, "sends": traffic.sends})
+        now, counted = self._loop.time(), traffic.sends
+        still = self._control.paused or self._ended is not None
+        if counted != reader.counted and (still or now - reader.counted_at >= _COUNTING):
+            reader.counted, reader.counted_at = counted, now
+            yield json.dumps({"links": traffic.links()})
+
     def _state(self) -> str:
         control = self._control
         return json.dumps({"paused": control.paused, "speed": control.factor, "ended": self._ended})
+
+    def _watch(self) -> None:
+        if self._feed.traffic is not None:
+            self._feed.traffic.watched = bool(self._readers)
 
     def _wake(self) -> None:
         for reader in self._readers:

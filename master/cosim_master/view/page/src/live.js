@@ -4,6 +4,7 @@ const NUMBERS = 8_000_000; // of all signals at all instants kept; with more, ev
 const [FEWEST, MOST] = [600, 20_000];
 
 import { $ } from './dom.js';
+import { LiveRadio } from './radio.js';
 
 export class LiveRun {
   /** Fill in what a recording would have, for a document without values. */
@@ -20,6 +21,7 @@ export class LiveRun {
     this.columns = run.signals.map(() => new Float64Array(this.room));
     this.time = new Float64Array(this.room);
     run.motion = { stride: this.room };
+    if (run.traffic.live) this.radio = new LiveRadio(run);
     for (const vehicle of run.vehicles) {
       const { columns } = vehicle;
       for (const name of ['position', 'desired', 'attitude']) if (columns[name]) vehicle[name] = new Float64Array(columns[name].length * this.room);
@@ -29,7 +31,7 @@ export class LiveRun {
     }
     run.curve = (index) => ({ x: run.rows, y: this.columns[index].subarray(0, this.n) });
     this.#grown();
-    this.onframe = this.onstate = () => {};
+    this.onframe = this.onstate = this.onlinks = () => {};
     this.first = new Promise((resolve, reject) => Object.assign(this, { begun: resolve, missed: reject }));
     $('empty').textContent = 'The run is starting.';
     $('empty').hidden = false;
@@ -42,15 +44,25 @@ export class LiveRun {
     this.socket = new WebSocket(address);
     this.socket.binaryType = 'arraybuffer';
     this.socket.addEventListener('message', ({ data }) => {
-      if (typeof data === 'string') Object.assign(this, JSON.parse(data));
-      else this.#take(new Float64Array(data));
-      if (typeof data === 'string') this.onstate();
+      if (typeof data === 'string') this.#told(JSON.parse(data));
+      else if (new Float64Array(data, 0, 1)[0] >= -Infinity) this.#take(new Float64Array(data));
+      else this.radio.fly(new Float64Array(data, 8));
     });
     this.socket.addEventListener('close', () => {
       this.over = true;
       this.missed(new Error('the run ended before it sent anything'));
       this.onstate();
     });
+  }
+
+  #told(news) {
+    if (news.messages) return this.radio.say(news.messages, news.sends);
+    if (news.links) {
+      this.radio.count(news.links);
+      return this.onlinks();
+    }
+    Object.assign(this, news);
+    return this.onstate();
   }
 
   /** Ask something of the run. */

@@ -147,8 +147,9 @@ class Viewer {
     cameras.planes();
     const { camera } = cameras;
     const theme = THEMES[this.theme];
+    const going = this.isLive && this.following && !this.live.paused;
     traces.update(this.t, {
-      show: this.show, speed: this.speed, playing: this.playing, selected: this.selected, scale: this.scale,
+      show: this.show, speed: this.isLive ? Math.min(20, this.live.factor ?? 1) : this.speed, playing: this.playing || going, selected: this.selected, scale: this.scale,
       trail: TRAILS[this.trail] === Infinity ? 0 : TRAILS[this.trail], size: [this.width, this.height],
     });
     ground.update(camera, cameras.target, cameras.distance);
@@ -228,6 +229,7 @@ class Viewer {
     const { live } = this;
     live.onframe = () => this.#grown();
     live.onstate = () => this.#state();
+    live.onlinks = () => this.links.refresh();
     $('step').addEventListener('click', () => this.step());
     $('now').addEventListener('click', () => this.seek(this.end));
     $('speed').append(make('option', { value: '' }, 'max'));
@@ -245,14 +247,18 @@ class Viewer {
     Object.assign($('slider'), { min: String(start), max: String(end) });
     if (this.following) this.t = end;
     this.traces.extend();
-    const now = performance.now();
-    if (!(now - this.plotted < 250)) {
-      this.plotted = now;
+    const refresh = () => {
+      this.plotted = performance.now();
       this.plots.refresh();
+      this.log.grow();
+      this.touch();
+    };
+    if (!(performance.now() - this.plotted < 250)) {
+      refresh();
       this.#room();
       this.#outcome();
     } else if (!this.waiting) {
-      this.waiting = setTimeout(() => { this.waiting = null; this.plotted = performance.now(); this.plots.refresh(); this.touch(); }, 250);
+      this.waiting = setTimeout(() => { this.waiting = null; refresh(); }, 250);
     }
     this.touch();
   }
@@ -448,13 +454,12 @@ class Viewer {
     document.documentElement.dataset.theme = this.theme;
     this.plots = new Plots(run, { seek: goTo.seek, colourOfSignal });
     this.log = new Log(run, goTo);
+    this.links = linksPane(run, goTo.select);
     this.tabs = {
       plots: ['Plots', this.plots],
-      ...(run.live ? {} : {
-        log: ['Messages', this.log],
-        links: ['Links', linksPane(run, goTo.select)],
-        findings: ['Findings', findingsPane(run, goTo)],
-      }),
+      log: ['Messages', this.log],
+      links: ['Links', this.links],
+      ...(run.live ? {} : { findings: ['Findings', findingsPane(run, goTo)] }),
       run: ['Run', runPane(run)],
     };
     for (const [name, [title, { pane }]] of Object.entries(this.tabs)) {

@@ -24,8 +24,20 @@ export class Log {
       select(run.traffic.vehicleOf[log.source[entry]]);
     });
     this.now = -1;
+    this.dropped = 0;
     this.words = log ? Array.from(log.time, (_, i) => this.#words(i, messages, sources)) : [];
     this.filter('');
+  }
+
+  /** Take over the messages that have come in. */
+  grow() {
+    const { log, run } = this;
+    if (!log) return;
+    const { dropped } = run.live.radio;
+    this.words.splice(0, dropped - this.dropped);
+    this.dropped = dropped;
+    for (let i = this.words.length; i < log.time.length; i++) this.words.push(this.#words(i, run.traffic.messages, run.traffic.sources));
+    this.filter(this.input.value);
   }
 
   #words(i, messages, sources) {
@@ -45,7 +57,8 @@ export class Log {
       if (wanted.every((word) => entry.includes(word)) && !unwanted.some((word) => entry.includes(word))) this.shown.push(i);
     });
     const { traffic } = this.run;
-    const thinned = this.log && traffic.log.of > this.words.length ? ` (of ${traffic.log.of} in the recording: all of the rare kinds, some of the others)` : '';
+    const of = this.run.live ? 'since the run began: those since the page is open, of many at once texts and rare kinds first' : 'in the recording: all of the rare kinds, some of the others';
+    const thinned = this.log && traffic.log.of > this.words.length ? ` (of ${traffic.log.of} ${of})` : '';
     this.count.textContent = this.log ? `${this.shown.length} of ${this.words.length} packets sent${thinned}` : 'No packets were recorded.';
     this.times = Float64Array.from(this.shown, (i) => this.log.time[i]);
     this.rows.set(this.shown);
@@ -83,19 +96,21 @@ export class Log {
 }
 
 export function linksPane(run, select) {
-  const { links } = run.traffic;
   const pane = make('section', { class: 'pane', id: 'pane-links', hidden: true });
+  const refresh = () => pane.replaceChildren(...linksOf(run, select));
+  refresh();
+  return { pane, refresh };
+}
+
+function linksOf(run, select) {
+  const { links } = run.traffic;
   const { network, packets } = run;
   const facts = [
     ['topology', network.topology], ['latency', `${number(network.latency)} s`], ['jitter', `${number(network.jitter)} s`],
     ['loss', number(network.loss)], ['range', network.range ? `${number(network.range)} m` : 'unlimited'],
     ['packets', `${packets.sent} by radio, ${packets.delivered} delivered, ${packets.lost} lost`],
   ];
-  pane.append(facts.length ? definitions(facts) : '');
-  if (!links || !links.length) {
-    pane.append(make('p', { class: 'dim' }, 'No packets were recorded.'));
-    return { pane };
-  }
+  if (!links || !links.length) return [definitions(facts), make('p', { class: 'dim' }, run.traffic.live ? 'No packets yet.' : 'No packets were recorded.')];
   const table = make('table', { class: 'sheet' });
   const heads = ['from', 'to', 'sent', 'lost', 'loss', 'delay', 'per s'];
   table.append(make('thead', {}, make('tr', {}, ...heads.map((h, i) => make('th', { class: i > 1 ? 'number' : '', title: h === 'delay' ? 'mean, ms' : '' }, h === 'delay' ? 'ms' : h)))));
@@ -108,9 +123,8 @@ export function linksPane(run, select) {
     body.append(row);
   }
   table.append(body);
-  pane.append(table);
-  if (links.length > 500) pane.append(make('p', { class: 'dim' }, `and ${links.length - 500} more links; the worst ones stand first`));
-  return { pane };
+  const more = (run.traffic.linksOf ?? links.length) - Math.min(500, links.length);
+  return [definitions(facts), table, ...(more > 0 ? [make('p', { class: 'dim' }, `and ${more} more links; the worst ones stand first`)] : [])];
 }
 
 export function findingsPane(run, { seek, select }) {

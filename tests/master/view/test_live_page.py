@@ -1,0 +1,91 @@
+"""The page of a run that goes on, in a browser: packets, messages and links as they are recorded."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.compute as pc
+import pytest
+from pymavlink import mavutil
+
+from cosim_master.results.read import packets
+from tests.master.view.browser import LONG, Tab
+
+pytestmark = pytest.mark.slow
+pytest.importorskip("websockets", reason="the extra `live` is not installed")
+from tests.master.view.watched import Watched  # noqa: E402
+
+
+@contextmanager
+def flown(browser: Any, out: Path, until: float, **options: Any) -> Iterator[tuple[Watched, Tab]]:
+    """A run of `line5` in another thread, paused at its start, and its page; the run is let go in the end."""
+    watched = Watched()
+    watched.control.set_speed(2.0)
+    flying = threading.Thread(target=lambda: watched.run(out, until=until, **options))
+    flying.start()
+    try:
+        assert watched.begun.wait(LONG / 1000)
+        tab = Tab(browser, watched.page.address)
+        yield watched, tab
+    finally:
+        watched.control.set_speed(None)
+        watched.control.resume()
+        flying.join()
+        watched.page.close()
+    tab.page.close()
+
+
+def test_packets_are_seen_while_they_fly(browser: Any, fmus: Path, tmp_path: Path) -> None:
+    bad = {"network.loss": "0.3", "network.range": "35"}
+    with flown(browser, tmp_path / "run", 10.0, overrides=bad) as (watched, tab):
+        tab.page.keyboard.press("Space")
+        tab.wait("cosim.log('STATUSTEXT').length > 2 && cosim.log('lost').length > 10")
+        tab.page.keyboard.press("Space")
+        tab.wait("cosim.live.paused")
+        watched.standing()
+        tab.ask("cosim.log('lost')")
+        lost = tab.ask("cosim.log('lost')")[-1]
+        tab.page.keyboard.press("t")  # without trails
+        tab.at(lost["time"] + 0.001)
+        assert tab.ask("cosim.flying().lost") >= lost["lost"]
+        drawn = tab.picture()
+        red = (drawn[:, :, 0] > 0.7) & (drawn[:, :, 1] < 0.45) & (drawn[:, :, 2] < 0.5)
+        tab.page.keyboard.press("p")  # without packets
+        hidden = tab.picture()
+        assert tab.ask("cosim.flying()") == {"radio": 0, "lost": 0}
+        changed = np.abs(drawn - hidden).max(axis=2) > 0.1
+        assert (red & changed).sum() > 20
+        tab.page.keyboard.press("p")
+        tab.page.locator("#now").click()
+        tab.page.keyboard.press("Space")
+        tab.wait("cosim.live.ended !== null || cosim.time > 9")
+        watched.control.set_speed(None)
+        tab.wait("!cosim.live.going")
+        tab.wait("cosim.end === 10")
+        log, links = tab.ask("cosim.log('')"), tab.ask("cosim.links()")
+        tab.page.locator("#tabs button[data-name=links]").click()
+        row = tab.page.locator("#pane-links tbody tr").first.inner_text().split()
+        tab.page.locator("#tabs button[data-name=log]").click()
+        assert tab.page.locator("#pane-log .row").count() > 3
+        assert tab.complaints == []
+    table = packets(tmp_path / "run")
+    on_air = table.filter(pc.not_equal(table["outcome"], "on board"))
+    counted = {(one["from"], one["to"]): (one["sent"], one["lost"]) for one in links}
+    assert sum(sent for sent, _ in counted.values()) == on_air.num_rows
+    for (source, target), counts in counted.items():
+        of_link = pc.and_(pc.starts_with(on_air["source"], f"{source}."), pc.equal(on_air["target"], target))
+        rows = on_air.filter(of_link)
+        assert counts == (rows.num_rows, rows.filter(pc.starts_with(rows["outcome"], "lost")).num_rows)
+    assert row[:4] == [links[0]["from"], links[0]["to"], str(links[0]["sent"]), str(links[0]["lost"])]
+    connection = mavutil.mavlink_connection(str(tmp_path / "run" / "packets.tlog"), dialect="ardupilotmega")
+    texts = []
+    while (message := connection.recv_match(type="STATUSTEXT")) is not None:
+        texts.append(message.text)
+    connection.close()
+    assert [one["text"] for one in log if one["message"] == "STATUSTEXT"] == texts and len(texts) > 2
+    assert {one["message"] for one in log} >= {"HEARTBEAT", "GLOBAL_POSITION_INT", "STATUSTEXT"}
