@@ -18,6 +18,7 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
+from cosim.channel import PACKET
 from cosim.kernel import PLAIN
 from cosim_master.network.radio import queues, router
 from cosim_master.network.radio import tables as radio
@@ -49,6 +50,7 @@ _STRUCTURED = {
         "channels": radio.CHANNEL,
         "places": radio.PLACE,
         "trace": radio.TRACED,
+        "packet": PACKET,
         "gateways": radio.GATEWAY,
         "dialect": radio.DEFINITION,
         "events": radio.EVENT,

@@ -118,11 +118,11 @@ def test_defaults() -> None:
     network = Network()
     for name, default in tables()["network"].items():
         field = re.sub("[A-Z]", lambda capital: f"_{capital[0].lower()}", name)
-        value: Any = getattr(network, field, "")  # position, dialect and trace are files and paths
+        value: Any = getattr(network, field, "")  # others are files and paths
         value = str(value).lower() if isinstance(value, bool) else value
         shown = {math.inf: "INF", -math.inf: "-INF", None: "", (): ""}.get(value, value)
         assert (
-            name in ("position", "dialect", "trace")
+            name in ("position", "dialect", "trace", "channel")
             or (f"{shown:g}" if isinstance(shown, float) else str(shown)) == default
         )
     assert tables()["recording"]["packets"] == str(Recording().packets).lower()

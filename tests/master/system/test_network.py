@@ -189,7 +189,7 @@ def test_links_go_both_ways(swarm: Any) -> None:
         (
             'delay="1"',
             "",
-            "attribute delay: valid are axis, backoff, bitErrors, burstEnd, burstLoss, burstStart, dialect, dupl",
+            "attribute delay: valid are axis, backoff, bitErrors, burstEnd, burstLoss, burstStart, channel, diale",
         ),
         ("", '<link between="d1 d2"/>', 'a <link> without latency, jitter or loss is for topology="listed", this'),
         ('topology="listed"', '<link between="d1 d9"/>', 'there is no radio node "d9"; valid: "d1", "d2", "d3"'),
@@ -523,3 +523,24 @@ def test_a_component_called_network_wins(overridden: Any) -> None:
     assert 'there is no variable "network.loss"' in text
     assert text.endswith('; "network" is an element of this system here, not the annotation')
     assert overridden({}, network('loss="0.5"'), name="network").loss == 0.5
+
+
+def test_an_own_channel(swarm: Any, tmp_path: Path) -> None:
+    text = "def channel(packet):\n    return packet.delay\n"
+    (tmp_path / "rain.py").write_text(text)
+    found = swarm(network('channel="rain.py"')).own
+    assert (found.file, found.path, found.places) == ("rain.py", tmp_path / "rain.py", False)
+    assert found.sha256 == hashlib.sha256(text.encode()).hexdigest()
+    assert swarm(network()).own is None
+
+
+def test_an_own_channel_that_cannot_be_used(swarm: Any, tmp_path: Path) -> None:
+    (found,) = problems(swarm, network('channel="none.py"'))
+    assert "s.ssd:" in found
+    assert found.endswith(f'channel="none.py": {tmp_path / "none.py"}: No such file or directory')
+    (tmp_path / "rain.py").write_text("def channel(packet):\n    return packet.distance / 3e8\n")
+    found = problems(swarm, network('channel="rain.py" position="nowhere"'))
+    assert any("distance, sender and receiver in rain.py need positions; " in one for one in found)
+    (tmp_path / "rain.py").write_text("def channel(packet):\n    return 1.0 +\n")
+    (found,) = problems(swarm, network('channel="rain.py"'))
+    assert found == f"{tmp_path / 'rain.py'}:2: is not Python: invalid syntax"

@@ -25,18 +25,22 @@ _FLEET = "one FMU (a file or a model), or several in turn: 4xQuadrotor,1xHexarot
     "new grid --drones 100 --spacing 20 --until 120 -o field",
     "new line5 --drones 12 --layout ring --vehicle 2xQuadrotor,1xHexarotor -o ring",
     "new agent my_law.py",
+    "new channel my_channel.py",
 )
 def new(
     scenario: Annotated[
         str,
         typer.Argument(
-            metavar="line|grid|SYSTEM|agent|model",
-            help="line, grid, or a system whose first drone is the template of all drones. With FILE: agent or model.",
+            metavar="line|grid|SYSTEM|agent|model|channel",
+            help="line, grid, or a system whose first drone is the template of all drones. "
+            "With FILE: agent, model or channel.",
         ),
     ],
     file: Annotated[
         Path | None,
-        typer.Argument(metavar="FILE", help="The Python file of an agent or a model that builds and flies as it is."),
+        typer.Argument(
+            metavar="FILE", help="The Python file of an agent, a model or an effect of the radio; it works as it is."
+        ),
     ] = None,
     folder: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FOLDER", help="Folder of the new system; must not exist.")
@@ -90,14 +94,14 @@ def new(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write a system of many drones, or a starting point for an agent or a model."""
+    """Write a system of many drones, or a starting point for an agent, a model or an effect of the radio."""
     from cosim_master.system.authoring.swarm.new import SHAPES, fleet_of, new_system, number_of_drones
 
     if file is not None:
         _new_model(scenario, file, as_json=as_json)
         return
     if folder is None:
-        raise usage("new: give -o FOLDER for the new system, or the FILE of an agent or a model")
+        raise usage("new: give -o FOLDER for the new system, or the FILE of an agent, a model or a channel")
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"writing {folder}")
         given = {"vehicle": vehicle, "autopilot": autopilot, "agent": agent}

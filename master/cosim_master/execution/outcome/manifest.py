@@ -120,13 +120,15 @@ def _network(network: Network) -> dict[str, Any]:
     found = {
         f.name: _in_json(getattr(network, f.name))
         for f in fields(network)
-        if f.name not in ("nodes", "gateways", "dialect", "trace", "notes")
+        if f.name not in ("nodes", "gateways", "dialect", "trace", "own", "notes")
     }
     found["channels"] = [_channel_in_json(channel) for channel in network.channels]
     found["dialect"] = [message.name for message in network.dialect]
     found["links"] = sorted(map(list, network.links))
     trace = network.trace
     found["trace"] = None if trace is None else {"file": trace.file, "sha256": trace.sha256, "rows": len(trace.rows)}
+    own = network.own
+    found["channel"] = None if own is None else {"file": own.file, "sha256": own.sha256}
     for name in ("partitions", "jamming", "obstacles"):
         found[name] = [{key: _in_json(value) for key, value in asdict(one).items()} for one in getattr(network, name)]
     found["outages"] = [[n, a, b if math.isfinite(b) else "INF"] for n, a, b in network.outages]

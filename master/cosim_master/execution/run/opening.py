@@ -47,10 +47,11 @@ def open_run(
         tell: called with a description of each stage.
 
     Raises:
-        SystemDescriptionError: interpreted FMUs are incompatible with each other.
+        SystemDescriptionError: interpreted FMUs are incompatible with each other, or an own channel cannot be compiled.
         FmuError: an FMU refuses.
         LoopError: outputs depend on each other at the start, and no consistent values were found.
     """
+    radio = make_radio(network, layout.ports["Real"].index, keep=keep_packets)
     tell(f"loading {len(checked.instances)} FMU instances")
     with phase("load and instantiate"):
         instances.make(checked)
@@ -72,5 +73,4 @@ def open_run(
         master=master,
         grid=grid or master.variable,
     )
-    radio = make_radio(network, layout.ports["Real"].index, keep=keep_packets)
     return RunState(checked, clock, layout, network, slaves, plan, radio, event_mode, Texts(layout, slaves)), used

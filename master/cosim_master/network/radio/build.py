@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.channel import PACKET
 from cosim.kernel import table
 from cosim.packets import MAX_PACKET
 from cosim_master.network.radio import tables
+from cosim_master.network.radio.own import address_of
 from cosim_master.network.radio.tables import (
     BY_RADIO,
     CHANNEL,
@@ -143,14 +145,16 @@ def _settings(network: Network, *, keep: bool) -> np.ndarray[Any, Any]:
     row["axis"] = network.axis or (0.0, 0.0, 0.0)
     row["keep"] = keep
     row["effects"] = bool(
-        network.partitions
+        network.own
+        or network.partitions
         or network.jamming
         or network.sensitivity > -math.inf
         or network.burst_start > 0.0
         or any(channel.burst_start for channel in network.channels)
     )
     row["medium"] = _MEDIA[network.medium]
-    for name in {*(SETTINGS.names or ())} - {"topology", "per_side", "axis", "keep", "effects", "medium"}:
+    row["own"] = 0 if network.own is None else address_of(network.own)
+    for name in {*(SETTINGS.names or ())} - {"topology", "per_side", "axis", "keep", "effects", "medium", "own"}:
         row[name] = _number(name, getattr(network, name))
     return row
 
@@ -207,6 +211,9 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
     Args:
         reals: index of every Real output that is fetched, by instance and variable; these include the nodes' positions.
         keep: write packet events and logs.
+
+    Raises:
+        SystemDescriptionError: the own channel cannot be compiled.
     """
     nodes = network.nodes
     names = {node.name: n for n, node in enumerate(nodes)}
@@ -245,6 +252,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         jamming=_jamming(network),
         obstacles=_obstacles(network),
         trace=table(_trace(network, names)),
+        packet=table(np.zeros(0 if network.own is None else 1, dtype=PACKET)),
         media=np.full({"none": 0, "csma": 5}.get(network.medium, 2) * len(nodes), -1, dtype=np.int64),
         places=table(np.zeros(0, dtype=PLACE)),
         data=np.zeros((0, MAX_PACKET), dtype=np.uint8),

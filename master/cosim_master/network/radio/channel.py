@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from cosim.kernel import kernel
 from cosim_master.network.radio.chances import JITTER, LOSS, chance
 from cosim_master.network.radio.effects import distance2, effect
+from cosim_master.network.radio.own import over_own
 from cosim_master.network.radio.tables import (
     BY_RADIO,
     LOST_CHANNEL,
     LOST_OUTAGE,
+    LOST_OWN,
     LOST_RANGE,
     LOST_TRACE,
     ON_BOARD,
@@ -67,11 +69,21 @@ def in_outage(r: Radio, n: int, t: int) -> bool:
 
 
 @kernel
-def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int, number: int) -> tuple[int, int]:
-    """Returns arrival time (-1 if lost) and outcome of a packet that endpoint `e` sends by radio at t to node `other`.
+def over_radio(
+    r: Radio,
+    reals: NDArray[np.float64],
+    t: int,
+    e: int,
+    other: int,
+    number: int,
+    buf: NDArray[np.uint8],
+    start: int,
+    stop: int,
+) -> tuple[int, int]:
+    """Returns arrival time (-1 if lost) and outcome of the packet buf[start:stop] from endpoint `e` to node `other`.
 
-    `number` is the number of the packet at its sender. With the identities of sender and receiver, it is the key of the
-    random numbers.
+    It is sent by radio at t. `number` is the number of the packet at its sender. With the identities of sender and
+    receiver, it is the key of the random numbers.
     """
     s, n = r.settings[0], r.endpoints[e].node
     identity, hearer = r.endpoints[e].identity, r.nodes[other].identity
@@ -85,6 +97,10 @@ def over_radio(r: Radio, reals: NDArray[np.float64], t: int, e: int, other: int,
     arrival = t + latency
     if jitter > 0:
         arrival += int(np.int64(jitter * chance(s.seed, identity, hearer, number, JITTER)))
+    if s.effects != 0 and s.own != 0:
+        arrival = over_own(r, reals, t, arrival, e, other, number, buf, start, stop)
+        if arrival < 0:
+            return -1, LOST_OWN
     if in_outage(r, n, t) or in_outage(r, other, arrival):
         return -1, LOST_OUTAGE
     if s.range < np.inf and distance2(r, reals, n, other) > s.range * s.range:

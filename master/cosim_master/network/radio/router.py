@@ -183,7 +183,7 @@ def _transmit(
         if place >= 0 and collided(r, other, place):
             record_event(r, sent, -1, e, other, buf, start, stop, LOST_COLLISION)
             continue
-        arrival, outcome = over_radio(r, reals, t, e, other, number)
+        arrival, outcome = over_radio(r, reals, t, e, other, number, buf, start, stop)
         if outcome == BY_RADIO:
             wrong = s.bit_errors > 0.0 and first_error(r, e, other, number, stop - start) >= 0
             logged = 0 if wrong else COUNTED

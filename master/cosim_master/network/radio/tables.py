@@ -36,6 +36,7 @@ __all__ = [
     "LOST_COLLISION",
     "LOST_ERRORS",
     "LOST_JAMMED",
+    "LOST_OWN",
     "LOST_OUTAGE",
     "LOST_PARTITION",
     "LOST_QUEUE",
@@ -88,12 +89,13 @@ OUTCOMES = (
     "lost: collision",
     "duplicate",
     "lost: trace",
+    "lost: own channel",
 )
 
 
 ON_BOARD, BY_RADIO, LOST_CHANNEL, LOST_RANGE, LOST_OUTAGE, NO_ROUTE, MALFORMED = range(7)
 LOST_BURST, LOST_SIGNAL, LOST_JAMMED, LOST_PARTITION, LOST_ERRORS, LOST_QUEUE, LOST_COLLISION, DUPLICATE = range(7, 15)
-LOST_TRACE = 15
+LOST_TRACE, LOST_OWN = 15, 16
 
 
 EVENT = np.dtype(
@@ -157,7 +159,7 @@ SETTINGS = np.dtype(
         ("jitter", "i8"),
         ("loss", "f8"),
         ("range", "f8"),
-        ("effects", "u1"),  # 1: one of the effects up to bit_errors is on for some link
+        ("effects", "u1"),  # 1: an own channel, or one of the effects up to bit_errors, is on for some link
         ("burst_start", "f8"),
         ("burst_end", "f8"),
         ("burst_loss", "f8"),
@@ -177,6 +179,7 @@ SETTINGS = np.dtype(
         ("backoff", "i8"),
         ("sensing", "i8"),
         ("seed", "u8"),
+        ("own", "u8"),  # address of the function of an own channel, 0: none
         ("keep", "i8"),  # write events and logs
     ]
 )
@@ -254,6 +257,7 @@ class Radio(NamedTuple):
     jamming: NDArray[np.float64]  # rows (north, east, radius [m], from, until)
     obstacles: NDArray[np.float64]  # rows: see `obstacles`
     trace: NDArray[Any]  # TRACED, sorted by sender, hearer and time
+    packet: NDArray[Any]  # PACKET (`cosim.channel`), one row if there is an own channel
     media: NDArray[np.int64]  # none, or rows of one number per node: see `medium`
     places: NDArray[Any]  # PLACE
     data: NDArray[np.uint8]  # (places, MAX_PACKET)
@@ -271,7 +275,7 @@ ROLES = declared(
     CONSTANT="settings nodes links channels outages partitions jamming obstacles trace dialect",
     STATE="endpoints places data order along counters media",
     PASSING="gateways",  # a run with gateways has no checkpoints
-    BUFFER="hearers events log",
+    BUFFER="hearers packet events log",
 )
 """The role of each array of `Radio`; tables have a single role."""
 

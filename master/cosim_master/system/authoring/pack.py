@@ -188,7 +188,7 @@ class _Packing:
                 text = f"refers to {target}, which does not exist"
                 raise SystemDescriptionError([Problem(Where(str(document)), text)])
             inner = _is_document(reference, target)
-            there = self._dialect(target) if reference.dialect else self._place(target, document=inner)
+            there = self._dialect(target) if reference.network == "dialect" else self._place(target, document=inner)
             pieces += [data[at : reference.start], reference.written(os.path.relpath(there, place.parent))]
             at = reference.stop
             if inner:
@@ -209,7 +209,7 @@ class _Packing:
 
 def _is_document(reference: Reference, target: Path) -> bool:
     """Returns whether a reference leads to another .ssd."""
-    if reference.dialect or not reference.elements:
+    if reference.network or not reference.elements:
         return False
     return reference.type == SSD_TYPE or (reference.type != SSP_TYPE and target.suffix.lower() == ".ssd")
 

@@ -1,4 +1,4 @@
-"""Writes starting points for new models: documented files that build and fly without changes.
+"""Writes starting points for new models and channels: documented files that work without changes.
 
 The texts are templates of the models' package (`shipped.templates`); this module does not depend on their contents.
 """
@@ -19,7 +19,7 @@ def new_model(kind: str, file: Path) -> str:
     """Writes a starting point of a kind ("agent") for a model named after the file: my_law.py contains MyLaw.
 
     Returns:
-        The name of the model.
+        The name of the model; of a channel, that of its file.
 
     Raises:
         SystemDescriptionError: the kind does not exist, the file exists or cannot be written, or its name is not that
@@ -27,7 +27,7 @@ def new_model(kind: str, file: Path) -> str:
     """
     templates = shipped.templates()
     if kind not in templates:
-        raise _refusal(kind, f"is not a kind of model; valid: {', '.join(templates)}")
+        raise _refusal(kind, f"is not a kind of file; valid: {', '.join(templates)}")
     if file.suffix != ".py" or not file.stem.isidentifier() or keyword.iskeyword(file.stem):
         raise _refusal(str(file), "is not the name of a Python module: give one such as my_law.py")
     if file.exists():
@@ -39,11 +39,11 @@ def new_model(kind: str, file: Path) -> str:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise _refusal(str(file), f"cannot be written: {error.strerror or error}") from None
-    return name
+    return name if f"class {name}" in text else file.stem
 
 
 def commands_of(file: Path) -> tuple[str, ...]:
-    """Returns the commands in the docstring of a starting point: they build it and fly it."""
+    """Returns the commands in the docstring of a starting point, which use it."""
     lines = (line.strip() for line in file.read_text(encoding="utf-8").splitlines())
     return tuple(line for line in lines if line.startswith("uav-cosim "))
 

@@ -40,6 +40,7 @@ each packet in one of the next `window`; packets in the same slot collide), "csm
 of `backoff`, in s, and goes if its sender hears nobody; others hear it after `sensing`, in s). `rate`: in baud, ten per
 byte; a packet that waits longer than `queue`, in s, is lost.
 `trace`: a CSV file, relative to the system's document, with recorded fates of packets (`trace`).
+`channel`: a Python file, relative likewise, with an effect of one's own (`own_channel`).
 `position`: path, below a node, of its NED position in m. By default, it is the output that the only FMU of the node
 declares as its position, or else the one with the conventional name (`cosim.vehicle`).
 `dialect`: a MAVLink XML file, relative to the system's document, with messages that ardupilotmega does not contain:
@@ -61,6 +62,7 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.annotation import Attributes, root_annotation
 from cosim_master.system.settings.nodes import BY_CONVENTION, TELEMETRY, Endpoint, Node, nodes_of
 from cosim_master.system.settings.obstacles import Obstacle, read_box, read_cylinder
+from cosim_master.system.settings.own_channel import OwnChannel, read_own_channel
 from cosim_master.system.settings.trace import Trace, read_trace
 
 if TYPE_CHECKING:
@@ -212,6 +214,7 @@ class Network:
     jamming: tuple[Jamming, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     trace: Trace | None = None
+    own: OwnChannel | None = None
     dialect: tuple[Message, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
@@ -227,7 +230,8 @@ def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
     nodes = nodes_of(checked, reader.text("position", ""), problems)
     dialect = _dialect(reader, checked.structure.document.parent)
     trace = _trace(reader, nodes, checked.structure.document.parent)
-    network = replace(_settings(reader, nodes, seed), dialect=dialect, trace=trace)
+    own = _own_channel(reader, nodes, checked.structure.document.parent)
+    network = replace(_settings(reader, nodes, seed), dialect=dialect, trace=trace, own=own)
     if trace is not None and network.topology == "listed":
         _check_listed(reader, network, trace)
     if problems:
@@ -401,6 +405,21 @@ def _trace(reader: Attributes, nodes: Sequence[Node], folder: Path) -> Trace | N
     except OSError as error:
         reader.problem(f'trace="{name}": {folder / name}: {error.strerror}')
     return None
+
+
+def _own_channel(reader: Attributes, nodes: Sequence[Node], folder: Path) -> OwnChannel | None:
+    name = reader.text("channel", "")
+    if not name:
+        return None
+    path = Path(name) if reader.overridden("channel") else folder / name  # a path of the command line is the user's
+    try:
+        own = read_own_channel(path, name, reader.problems)
+    except OSError as error:
+        reader.problem(f'channel="{name}": {path}: {error.strerror}')
+        return None
+    if own is not None and own.places:
+        _check_positions(reader, nodes, f"distance, sender and receiver in {name}")
+    return own
 
 
 def _check_listed(reader: Attributes, network: Network, trace: Trace) -> None:

@@ -21,6 +21,7 @@ from cosim_master.system.authoring.pack import pack
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.reading.ssp.schema import schema_folder
+from cosim_master.system.settings.network import network_of
 from tests.scenarios.flights import SYSTEMS
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -158,6 +159,19 @@ def test_a_trace_of_the_radio_comes_along(system: Path, workshop: Any, tmp_path:
     assert "resources/my_flight.csv" in members(packed)
     with zipfile.ZipFile(packed) as file:
         assert b'trace="resources/my_flight.csv"' in file.read("SystemStructure.ssd")
+
+
+def test_an_own_channel_of_the_radio_comes_along(system: Path, workshop: Any, tmp_path: Path) -> None:
+    (tmp_path / "system/rain.py").write_text("def channel(packet):\n    return packet.delay\n")
+    network = '<network xmlns="https://uav-cosim.org/ns/1" channel="rain.py"/>'
+    annotation = workshop.annotation("org.uav-cosim.network", network)
+    workshop.ssd(
+        "system/SystemStructure.ssd", workshop.system(workshop.component("mast", "plant.fmu"), after=annotation)
+    )
+    packed = pack(system, tmp_path / "x.ssp").path
+    assert "resources/rain.py" in members(packed)
+    with read_system(packed) as structure:
+        assert network_of(check(structure)).own is not None
 
 
 def test_the_official_schema_and_fmpy_read_it(system: Path, tmp_path: Path) -> None:

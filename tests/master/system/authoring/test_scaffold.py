@@ -1,4 +1,4 @@
-"""Starting points of models: short, documented, and they build and fly by the commands that they contain."""
+"""Starting points of models and channels: short, documented, and they work by the commands that they contain."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from cosim_master import signals
@@ -17,20 +19,24 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system import shipped
 from cosim_master.system.authoring.scaffold import commands_of, new_model
 
-NAMES = {"agent": ("my_law.py", "MyLaw"), "model": ("my_vehicle.py", "MyVehicle")}
+MODELS = {"agent": ("my_law.py", "MyLaw"), "model": ("my_vehicle.py", "MyVehicle")}
+NAMES = MODELS | {"channel": ("my_channel.py", "my_channel")}
 
 
-def test_there_is_one_for_an_agent_and_one_for_a_vehicle() -> None:
+def test_there_is_one_for_an_agent_a_vehicle_and_a_channel() -> None:
     assert shipped.templates().keys() == NAMES.keys()
 
 
 @pytest.mark.parametrize("kind", NAMES)
-def test_a_starting_point_is_short_and_named_by_its_file(kind: str, tmp_path: Path) -> None:
+def test_a_starting_point_is_short_and_named_by_its_file(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     file, name = NAMES[kind]
-    assert new_model(kind, tmp_path / "own" / file) == name
+    assert new_model(kind, Path("own") / file) == name
     text = (tmp_path / "own" / file).read_text(encoding="utf-8")
     assert len(text.splitlines()) < 60
-    assert f"\nclass {name}(Model):\n" in text and "$" not in text
+    assert "$" not in text and ("\ndef channel(" in text or f"\nclass {name}(Model):\n" in text)
     done = subprocess.run(
         [
             Path(sys.executable).parent / "ruff",
@@ -50,7 +56,7 @@ def test_a_starting_point_is_short_and_named_by_its_file(kind: str, tmp_path: Pa
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("fmus")
-@pytest.mark.parametrize("kind", NAMES)
+@pytest.mark.parametrize("kind", MODELS)
 def test_its_own_commands_build_and_fly_it(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     new_model(kind, Path(NAMES[kind][0]))
@@ -68,13 +74,42 @@ def test_its_own_commands_build_and_fly_it(kind: str, tmp_path: Path, monkeypatc
         assert [east for _, east in last.values()] == pytest.approx([0.0, 25.0, 50.0, 75.0, 100.0], abs=1.0)
 
 
+@pytest.mark.usefixtures("fmus")
+def test_a_channel_changes_a_run_by_its_own_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In line5, neighbours are 10 to 50 m apart: each link loses (1 - exp(-(d / 60 m)^2))^3 of its packets."""
+    monkeypatch.chdir(tmp_path)
+    new_model("channel", Path("my_channel.py"))
+    (run,) = commands_of(Path("my_channel.py"))
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    done = subprocess.run(
+        shlex.split(f"{run} --until 40"), env={**os.environ, "PATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    table = signals(tmp_path / "out" / "flight")
+    times = np.array(table["time"])
+    places = {n: np.array([np.array(table[f"drone{n}.vehicle.position[{i}]"]) for i in (1, 2, 3)]) for n in range(1, 6)}
+    sent = pq.read_table(tmp_path / "out" / "flight" / "packets.parquet").to_pylist()
+    by_radio = [one for one in sent if one["outcome"] in ("radio", "lost: own channel")]
+    expected = variance = 0.0
+    for one in by_radio:
+        a, b = (int(one[end][5]) for end in ("source", "target"))
+        at = min(int(np.searchsorted(times, one["sent"])), len(times) - 1)
+        p = math.exp(-((np.linalg.norm(places[a][:, at] - places[b][:, at]) / 60.0) ** 2))
+        expected += (1.0 - p) ** 3
+        variance += (1.0 - p) ** 3 * (1.0 - (1.0 - p) ** 3)
+    lost = sum(one["outcome"] != "radio" for one in by_radio)
+    assert lost > 50 and abs(lost - expected) < 5.0 * math.sqrt(variance)
+    late = {round(one["arrival"] - one["sent"] - 0.02, 6) for one in by_radio if one["outcome"] == "radio"}
+    assert late == {0.0, 0.05, 0.1}
+
+
 def test_requests_that_are_refused(tmp_path: Path) -> None:
     def refused(kind: str, file: Path) -> str:
         with pytest.raises(SystemDescriptionError) as caught:
             new_model(kind, file)
         return str(caught.value)
 
-    assert refused("channel", tmp_path / "a.py") == "channel: is not a kind of model; valid: agent, model"
+    assert refused("law", tmp_path / "a.py") == "law: is not a kind of file; valid: agent, channel, model"
     for name in ("law.txt", "my-law.py", "class.py"):
         assert "is not the name of a Python module: give one such as my_law.py" in refused("agent", tmp_path / name)
     (tmp_path / "there.py").touch()

@@ -154,7 +154,7 @@ class SwarmDescription:
             raise wrong(self.name, text)
         if topology != "nearest":
             attributes = {name: text for name, text in attributes.items() if name not in ("axis", "neighbours")}
-        for name in ("dialect", "trace"):
+        for name in ("dialect", "trace", "channel"):
             if Path(attributes.get(name, "")).is_absolute():
                 attributes[name] = Path(os.path.relpath(attributes[name], folder.resolve())).as_posix()
         network = _annotation(NETWORK, "network", attributes)

@@ -207,7 +207,7 @@ def _network(system: System, drones: Sequence[str]) -> tuple[dict[str, str], Way
             left = 0 if ways is not None else len(links)
             kinds = [f"{n} {what}" for n, what in ((left, "links"), (others, "other elements")) if n]
             attributes = {str(name): str(value) for name, value in element.attrib.items()}
-            for name in {"dialect", "trace"} & attributes.keys():
+            for name in {"dialect", "trace", "channel"} & attributes.keys():
                 attributes[name] = str((system.document.parent / attributes[name]).resolve())
             return attributes, ways, " and ".join(kinds)
     return {}, None, ""

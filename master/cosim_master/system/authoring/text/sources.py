@@ -31,7 +31,7 @@ def _refusal(shown: str, message: str) -> SystemDescriptionError:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """An attribute of a document that leads to another file: a `source`, or the `dialect` or the `trace` of a network.
+    """An attribute of a document that leads to another file: a `source`, or a file of a network.
 
     Attributes:
         elements: names from the root system (excluded) to the component; empty for other references.
@@ -39,8 +39,7 @@ class Reference:
         target: absolute path of the referenced file; None if its value is not a relative path.
         fragment: the part after "#".
         type: type of a component, as written.
-        dialect: whether it refers to a MAVLink dialect; its value is then a path and not a URI.
-        trace: whether it refers to a trace file of the radio; its value is a path, too.
+        network: the attribute of a network (`dialect`, `trace`, `channel`), whose value is a path and not a URI.
     """
 
     elements: tuple[str, ...]
@@ -49,13 +48,12 @@ class Reference:
     target: Path | None
     fragment: str = ""
     type: str = ""
-    dialect: bool = False
-    trace: bool = False
+    network: str = ""
 
     def written(self, path: str) -> bytes:
         """Returns the attribute's value if the file is at `path`, relative to the document, with the same fragment."""
         posix = Path(path).as_posix()
-        if self.dialect or self.trace:
+        if self.network:
             return escape(posix, {'"': "&quot;", "'": "&apos;"}).encode("ascii", "xmlcharrefreplace")
         return (quote(posix) + (f"#{quote(self.fragment)}" if self.fragment else "")).encode("ascii")
 
@@ -71,11 +69,11 @@ def references(data: bytes, document: Path, shown: str) -> list[Reference]:
     def started(tag: str, attributes: dict[str, str]) -> None:
         named = tag in (_SSD + "System", _SSD + "Component")
         names.append(attributes.get("name", "") if named else None)
-        for name in ("dialect", "trace") if tag == _NETWORK else ():
+        for name in ("dialect", "trace", "channel") if tag == _NETWORK else ():
             if attributes.get(name):
                 start, stop = _span(data, parser.CurrentByteIndex, shown, name.encode())
                 target = Path(os.path.normpath(document.parent / attributes[name]))
-                found.append(Reference((), start, stop, target, dialect=name == "dialect", trace=name == "trace"))
+                found.append(Reference((), start, stop, target, network=name))
         uri = attributes.get("source")
         if uri is None or tag not in _REFERRING or attributes.get("sourceBase") == "component":
             return
