@@ -166,6 +166,8 @@ class _Recording:
         try:
             found: Mapping[str, Any] = json.loads((self.path / "manifest.json").read_text(encoding="utf-8"))
             _causes(found)
+            if not isinstance(packets := found.get("packets", {}), dict):
+                raise TypeError(f"its packets are {packets!r}")
         except (OSError, ValueError, TypeError, AttributeError) as error:
             raise _refusal(self.path, f"not the folder of a complete run: {error}") from None
         return found

@@ -8,15 +8,19 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
+from cosim_master.results.checkpoint_folder import sealed
 from cosim_master.results.repair import repair
 from cosim_master.stepping.observation import Progress
 from tests.master.clocked import clocked
@@ -161,3 +165,61 @@ def test_segments_belong_to_checkpoints_only(linears: Any, tmp_path: Path) -> No
     assert (rows[0], rows[-1]) == (1.55, 3.0)
     simulate(system, RunOptions(out=tmp_path / "out"))
     assert not list(tmp_path.glob("out/checkpoints/**/*.parquet"))
+
+
+def shorter(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    return array[:-1] if array.ndim else array
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("next_events", shorter),
+        ("pending", lambda array: np.array(["text"] * array.size)),
+        ("pending", lambda array: np.zeros((array.size, 1), np.int64)),
+        ("states", shorter),
+        ("state_sizes", lambda array: array.astype(np.float64)),
+        ("blocks", lambda array: np.array([2**62, 1])),
+        ("radio.endpoints", lambda _: np.array(["text"])),
+        ("radio.data", shorter),
+        ("radio.counters", shorter),
+        ("real_out", shorter),
+        ("real_out", lambda array: array.astype(np.int64)),
+    ],
+)
+def test_an_array_of_another_kind_is_refused(
+    linears: Any, tmp_path: Path, name: str, damage: Callable[[Any], Any]
+) -> None:
+    """Also if the digest of the file is the right one: nothing but the arrays of this run reaches the compiled loop."""
+    system = oscillators(linears, MASTERS["gauss-seidel"], stop=1.0)
+    simulate(system, RunOptions(out=tmp_path / "run", checkpoint_every=0.5))
+    own = tmp_path / "run" / "checkpoints" / "0.5"
+    with np.load(own / "state.npz") as file:
+        arrays = {key: file[key] for key in file.files}
+    arrays[name] = damage(arrays[name])
+    np.savez(own / "state.npz", **arrays)
+    content = json.loads((own / "checkpoint.json").read_text())
+    del content["digest"], content["files"]
+    (own / "checkpoint.json").unlink()
+    (own / "checkpoint.json").write_text(json.dumps(sealed(own, content)))
+    with pytest.raises(SystemDescriptionError, match="the checkpoint is damaged: "):
+        simulate(system, RunOptions(origin=f"{tmp_path / 'run'}@0.5", out=tmp_path / "rest"))
+
+
+def test_an_archive_that_does_not_unpack_is_refused(linears: Any, tmp_path: Path) -> None:
+    system = oscillators(linears, MASTERS["gauss-seidel"], stop=1.0)
+    simulate(system, RunOptions(out=tmp_path / "run", checkpoint_every=0.5))
+    own = tmp_path / "run" / "checkpoints" / "0.5"
+    data = bytearray((own / "state.npz").read_bytes())
+    with zipfile.ZipFile(own / "state.npz") as archive:
+        info = archive.infolist()[0]
+    begin = info.header_offset + 30 + len(info.filename)
+    begin += int.from_bytes(data[info.header_offset + 28 : info.header_offset + 30], "little")
+    data[begin : begin + info.compress_size] = b"\xff" * info.compress_size
+    (own / "state.npz").write_bytes(data)
+    content = json.loads((own / "checkpoint.json").read_text())
+    del content["digest"], content["files"]
+    (own / "checkpoint.json").unlink()
+    (own / "checkpoint.json").write_text(json.dumps(sealed(own, content)))
+    with pytest.raises(SystemDescriptionError, match=r"the checkpoint is damaged: .*decompressing"):
+        simulate(system, RunOptions(origin=f"{tmp_path / 'run'}@0.5", out=tmp_path / "rest"))

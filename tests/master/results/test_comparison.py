@@ -210,8 +210,9 @@ def test_what_cannot_be_compared(record: Any, tmp_path: Path) -> None:
     assert "holds no recorded instant" in refusal(one, tmp_path / "none.csv")
     text = refusal(one, one, signals=["a.xx*", "a.x"])
     assert text == '--signals: a.xx* matches no signal of either run; did you mean "a.x"?'
-    (one / "manifest.json").write_text("{")
-    assert "not the folder of a complete run" in refusal(one, one)
+    for text in ("{", '{"packets": true}', '{"packets": [1]}', '{"instances": 3}'):
+        (one / "manifest.json").write_text(text)
+        assert "not the folder of a complete run" in refusal(one, one)
 
 
 class TestCommand:

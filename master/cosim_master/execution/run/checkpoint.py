@@ -14,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import json
 import shutil
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -32,6 +33,9 @@ from cosim_master.stepping.kernels.tables import PHASE, ROLES, K
 
 __all__ = ["cannot_be_serialised", "restore", "save"]
 
+_UNREADABLE = (BadZipFile, zlib.error)
+_GROWING = ("radio.places", "radio.data")
+"""The arrays of the radio that have a row for each packet in flight."""
 _FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
 
 
@@ -104,6 +108,24 @@ def save(
     return own
 
 
+def _verify(arrays: Mapping[str, np.ndarray[Any, Any]], state: RunState) -> None:
+    """Raises ValueError or KeyError if the arrays of a checkpoint do not have the types and sizes of this run's."""
+    n = len(state.slaves)
+    expected = dict(changing(state.plan, ROLES, (STATE,)))
+    expected |= {"next_events": np.zeros(n), "pending": np.zeros(n, np.int64), "state_sizes": np.zeros(n, np.int64)}
+    expected |= {"states": np.zeros(0, np.uint8), "blocks": np.zeros(2, np.int64)}
+    radio = changing(state.radio, RADIO_ROLES, (STATE,))
+    expected |= {f"radio.{name}": array for name, array in radio.items()}
+    for name, array in expected.items():
+        found, shape = arrays[name], array.shape
+        if name == "states":
+            shape = (int(arrays["state_sizes"].sum()),)
+        if name in _GROWING:
+            shape = arrays["radio.places"].shape[:1] + shape[1:]
+        if found.dtype.descr != array.dtype.descr or found.shape != shape:
+            raise ValueError(f"{name} in state.npz is {found.dtype.descr} of {found.shape}, not of {shape}")
+
+
 def restore(checkpoint: Checkpoint, state: RunState) -> None:
     """Restores the state of the run.
 
@@ -115,6 +137,7 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
     try:
         with np.load(checkpoint.folder / "state.npz") as file:
             arrays = {name: file[name] for name in file.files}
+        _verify(arrays, state)
         for name, array in changing(plan, ROLES, (STATE,)).items():
             array[...] = arrays[name]
         ends = np.cumsum(arrays["state_sizes"])
@@ -131,7 +154,7 @@ def restore(checkpoint: Checkpoint, state: RunState) -> None:
         plan.counters[K], plan.counters[PHASE] = checkpoint.k, content["phase"]
         if len(states) != len(slaves):
             raise ValueError(f"{len(states)} states of {len(slaves)} instances")
-    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, MemoryError, *_UNREADABLE) as error:
         text = f"the checkpoint is damaged: {error}"
         raise SystemDescriptionError([Problem(Where(str(checkpoint.folder)), text)]) from None
     for one, bytes_, next_event, pending in zip(slaves, states, arrays["next_events"], arrays["pending"], strict=True):
