@@ -186,6 +186,7 @@ _EXTRAS = {
     **dict.fromkeys(("foxglove", "gpxpy", "rosbags", "scipy"), "export"),
     **dict.fromkeys(("matplotlib", "PIL"), "plot"),
     "pymavlink": "build",
+    **dict.fromkeys(("rerun", "rerun_cli"), "rerun"),
     "websockets": "live",
 }
 """Packages that an extra of this project installs."""

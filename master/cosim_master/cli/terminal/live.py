@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cosim_master.view.live.feed import Feed
     from cosim_master.view.live.server import LivePage
 
-__all__ = ["Live", "shown_live"]
+__all__ = ["Live", "show_in_browser", "shown_live"]
 
 
 class Live:
@@ -64,8 +64,8 @@ class Live:
         document = live_document(columns, len(recorded), ready.checked, ready.network, ready.clock, packets=hears)
         self._page = self._opened.enter_context(LivePage(document, self._feed, self.control))
         announce(f"live view: {self._page.address}")
-        if self._open_browser and not (_has_display() and webbrowser.open(self._page.address)):
-            note("no browser was found here; open this address in one")
+        if self._open_browser:
+            show_in_browser(self._page.address)
 
     def end(self, result: RunResult) -> None:
         """Tells the page how the run has ended."""
@@ -89,6 +89,8 @@ def shown_live(options: RunOptions, *, open_browser: bool) -> Iterator[Live]:
         yield Live(Control(1.0 if options.pace is None else options.pace), open_browser=open_browser, opened=opened)
 
 
-def _has_display() -> bool:
-    """Returns whether a browser can have a window; where none can, one in the terminal would stop the run."""
-    return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+def show_in_browser(address: str) -> None:
+    """Opens an address in a browser that can have a window; one in the terminal would take it from the command."""
+    has_display = sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if not (has_display and webbrowser.open(address)):
+        note("no browser was found here; open this address in one")

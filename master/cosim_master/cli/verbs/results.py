@@ -6,12 +6,13 @@ import functools
 import inspect
 import webbrowser
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from cosim_master.cli.terminal.console import errors, note, notes, print_json, print_tables, say, usage
+from cosim_master.cli.terminal.console import announce, errors, note, notes, print_json, print_tables, say, usage
 from cosim_master.cli.terminal.options import Json, Variant
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
@@ -110,31 +111,60 @@ def plot(
             say(str(file))
 
 
-@verb("view out/line5", "view out/line5 -o line5.html --no-open")
+@verb("view out/line5", "view out/line5 -o line5.html --no-open", "view out/line5 --rerun")
 def view(
     run: Run,
     file: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="HTML file to write.", show_default="view.html in the run's"),
+        typer.Option("-o", "--out", metavar="FILE", help="File to write.", show_default="view.html in the run's"),
     ] = None,
+    rerun: Annotated[
+        bool,
+        typer.Option("--rerun", help="Write view.rrd and serve it to Rerun's viewer until Ctrl-C.", show_default=False),
+    ] = False,
     no_open: Annotated[
-        bool, typer.Option("--no-open", help="Write the page only; do not open a browser.", show_default=False)
+        bool, typer.Option("--no-open", help="Write the file only; do not open a browser.", show_default=False)
     ] = False,
     as_json: Json = False,
 ) -> None:
     """Show a run in a browser: one HTML page with its motion, packets, signals, messages and findings."""
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"reading {run}")
-        from cosim_master.view.page import write_page
+        if rerun:
+            written = _write_rrd(run, file or run / "view.rrd")
+        else:
+            from cosim_master.view.page import write_page
 
-        written = write_page(run, file)
+            written = write_page(run, file)
         doing.end()
         if as_json:
             print_json({"files": [str(written)]})
         else:
             say(str(written))
-        if not no_open and not webbrowser.open(written.resolve().as_uri()):
+        if rerun and not no_open:
+            _serve_rerun(written)
+        elif not no_open and not webbrowser.open(written.resolve().as_uri()):
             note(f"no browser was found here; open {written} in one")
+
+
+def _write_rrd(run: Path, file: Path) -> Path:
+    from cosim_master.results.export.formats import export_run, format_of
+    from cosim_master.results.export.options import Options
+
+    if file.suffix.lower() != ".rrd":
+        raise usage(f"-o {file}: with --rerun, the end of the name must be .rrd")
+    notes(export_run(run, format_of(file), file, Options()))
+    return file
+
+
+def _serve_rerun(file: Path) -> None:
+    from cosim_master.cli.terminal.live import show_in_browser
+    from cosim_master.view.rerun_viewer import RerunViewer
+
+    with RerunViewer(file) as viewer, suppress(KeyboardInterrupt):
+        announce(f"Rerun viewer: {viewer.address}")
+        show_in_browser(viewer.address)
+        viewer.wait()
 
 
 @verb("report out/line5", "report out/line5 out/line5-2 -o comparison.html")

@@ -63,6 +63,7 @@ FORMATS = (
     Format("csv", "All signals as FMPy writes its results; - is standard output.", ".csv"),
     Format("mat", "All signals as OpenModelica writes its results (MAT 4).", ".mat"),
     Format("mcap", "Poses, geodetic positions, signals, messages and a scene for Foxglove.", ".mcap"),
+    Format("rrd", "Scene, poses, signals and messages for Rerun.", ".rrd"),
     Format("rosbag", "ROS 2 bag: poses, odometry, NavSatFix, path, tf."),
     Format("tlog", "MAVLink packets of each node, with the sequence numbers of its link."),
     Format("kml", "Tracks for Google Earth.", ".kml"),

@@ -11,29 +11,23 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from cosim.messages import STATUSTEXT, STATUSTEXT_TEXT
-from cosim.verdict import Role
 from cosim_master.results.export.options import Options
-from cosim_master.results.export.packet_log import packets_of
+from cosim_master.results.export.spoken import spoken
 from cosim_master.results.export.tracks import Array, Track, Tracks, enu, geodetic, orientation, read_tracks
+from cosim_master.results.export.variables import Recorded, recorded_variables
 from cosim_master.results.recorded_signals import open_signals
-from cosim_master.results.recording.packet_log import EPOCH
-from cosim_master.results.roles import players, read_manifest
 
 __all__ = ["export"]
 
 _MAP = "map"
 _PATH = 2000
 _SIZE = 0.4  # m, of the body in the scene
-_ELEMENT = re.compile(r"(.*)\[(\d+)\]")
 
 
 def export(run: Path, file: Path, options: Options) -> list[str]:
@@ -152,77 +146,37 @@ def _write_scene(channel: Any, tracks: Tracks) -> None:
 def _write_log(channel: Any, run: Path) -> None:
     from foxglove.messages import Log, LogLevel
 
-    # MAV_SEVERITY: 0 emergency to 3 error, 4 warning, 5 notice, 6 information, 7 debug
     levels = [LogLevel.Fatal] * 3 + [LogLevel.Error, LogLevel.Warning, LogLevel.Info, LogLevel.Info, LogLevel.Debug]
-    of_severity = {"failure": LogLevel.Error, "warning": LogLevel.Warning, "note": LogLevel.Info}
-    manifest = read_manifest(run)
-    lines = [(stamp, levels[min(severity, 7)], name, text) for stamp, severity, name, text in _spoken(run, manifest)]
-    for finding in (manifest.get("verdict") or {}).get("findings", ()):
-        stamp = EPOCH * 1000 + round(1e9 * (finding.get("time") or 0.0))
-        who = ", ".join(finding.get("who", ()))
-        lines.append(
-            (stamp, of_severity.get(finding.get("severity", ""), LogLevel.Info), who, str(finding.get("text")))
-        )
-    for stamp, level, name, text in sorted(lines, key=lambda line: line[0]):
-        channel.log(Log(timestamp=_timestamp(stamp), level=level, name=name, message=text), log_time=stamp)
-
-
-def _spoken(run: Path, manifest: Mapping[str, Any]) -> Iterator[tuple[int, int, str, str]]:
-    """Returns time [ns], severity, speaker and text of each STATUSTEXT sent."""
-    log = run / "packets.tlog"
-    if not log.is_file():
-        return
-    names: dict[int, str] = {}
-    for name, player in players(run, manifest).items():
-        number = player.parameters.get(player.named(Role.SYSTEM_ID))
-        if isinstance(number, int):
-            names.setdefault(number, name.rpartition(".")[0] or name)
-    for packet in packets_of(log.read_bytes()):
-        if packet.message == STATUSTEXT:
-            payload = packet.payload.ljust(STATUSTEXT_TEXT + 50, b"\0")
-            text = payload[STATUSTEXT_TEXT : STATUSTEXT_TEXT + 50].split(b"\0")[0].decode("utf-8", "replace")
-            system = packet.address[0]
-            yield packet.stamp * 1000, payload[0], names.get(system, f"system {system}"), text
+    for one in spoken(run):
+        entry = Log(timestamp=_timestamp(one.stamp), level=levels[min(one.severity, 7)], name=one.who, message=one.text)
+        channel.log(entry, log_time=one.stamp)
 
 
 def _write_signals(foxglove: Any, context: Any, run: Path, stamps: list[int]) -> None:
     """Writes the signals as JSON: one channel for each instance, with a schema that gives units and descriptions."""
     with open_signals(run) as signals:
-        grouped: dict[str, dict[str, list[pa.Field]]] = {}
-        for field in signals.schema_arrow:
-            if field.name == "time":
-                continue
-            instance, _, variable = field.name.rpartition(".")
-            element = _ELEMENT.fullmatch(variable)
-            grouped.setdefault(instance or variable, {}).setdefault(element[1] if element else variable, []).append(
-                field
-            )
-        for instance, variables in grouped.items():
-            table = signals.read(columns=[field.name for fields in variables.values() for field in fields])
-            schema = {"type": "object", "title": instance, "properties": {n: _kind(f) for n, f in variables.items()}}
+        for instance, variables in recorded_variables(signals.schema_arrow).items():
+            table = signals.read(columns=[name for one in variables.values() for name in one.columns])
+            properties = {name: _kind(one) for name, one in variables.items()}
+            schema = {"type": "object", "title": instance, "properties": properties}
             channel = foxglove.Channel(f"/signals/{instance}", schema=schema, message_encoding="json", context=context)
-            columns = [_values(table, fields) for fields in variables.values()]
+            columns = [_values(table, one) for one in variables.values()]
             for stamp, row in zip(stamps, zip(*columns, strict=True), strict=True):
                 text = json.dumps(dict(zip(variables, row, strict=True)), ensure_ascii=False)
                 channel.log(text.encode("utf-8", "replace"), log_time=stamp)
 
 
-def _kind(fields: list[pa.Field]) -> dict[str, Any]:
-    one = fields[0]
+def _kind(one: Recorded) -> dict[str, Any]:
     kind = "string" if pa.types.is_string(one.type) else "boolean" if pa.types.is_boolean(one.type) else "number"
-    metadata = one.metadata or {}
-    unit = metadata.get(b"unit", b"").decode()
-    about = metadata.get(b"description", b"").decode() + (f" [{unit}]" if unit else "")
-    if _ELEMENT.fullmatch(one.name):
+    about = one.description + (f" [{one.unit}]" if one.unit else "")
+    if one.is_array:
         return {"type": "array", "items": {"type": kind}, "description": about}
     return {"type": kind, "description": about}
 
 
-def _values(table: pa.Table, fields: list[pa.Field]) -> list[Any]:
-    columns = [[_json(value) for value in table.column(field.name).to_pylist()] for field in fields]
-    if _ELEMENT.fullmatch(fields[0].name):
-        return [list(row) for row in zip(*columns, strict=True)]
-    return columns[0]
+def _values(table: pa.Table, one: Recorded) -> list[Any]:
+    columns = [[_json(value) for value in table.column(name).to_pylist()] for name in one.columns]
+    return [list(row) for row in zip(*columns, strict=True)] if one.is_array else columns[0]
 
 
 def _json(value: Any) -> Any:

@@ -37,6 +37,7 @@ class Track:
 
     Attributes:
         name: of the drone.
+        signal: the position in the recording, "component.variable", without the index of its elements.
         position: (n, 3) m, NED from the local origin.
         attitude: (n, 4) unit quaternion w, x, y, z that rotates FRD into NED.
         velocity: (n, 3) m/s over ground, NED.
@@ -44,6 +45,7 @@ class Track:
     """
 
     name: str
+    signal: str
     position: Array
     attitude: Array | None = None
     velocity: Array | None = None
@@ -84,6 +86,7 @@ class Tracks:
         kept = tuple(
             Track(
                 one.name,
+                one.signal,
                 *(
                     None if of is None else of[rows]
                     for of in (one.position, one.attitude, one.velocity, one.body_rates)
@@ -139,6 +142,7 @@ def _track(name: str, vehicle: str, player: Player, units: Mapping[str, str], si
     assert position is not None
     return Track(
         name,
+        f"{vehicle}.{player.position}",
         position,
         columns(player.attitude, 4),
         columns(player.named(Role.VELOCITY), 3),

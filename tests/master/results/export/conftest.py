@@ -28,14 +28,22 @@ def flown(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+class Exported(dict[str, Path]):
+    """The files of all formats, by name; each is written when it is first asked for."""
+
+    def __init__(self, run: Path, folder: Path) -> None:
+        self._run, self._folder = run, folder
+
+    def __missing__(self, name: str) -> Path:
+        one = next(one for one in FORMATS if one.name == name)
+        self[name] = self._folder / f"run{one.suffix or '_' + one.name}"
+        export_run(self._run, one, self[name], Options())
+        return self[name]
+
+
 @pytest.fixture(scope="session")
-def exported(flown: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The files of all formats, by name."""
-    folder = tmp_path_factory.mktemp("exported")
-    files = {one.name: folder / f"run{one.suffix or '_' + one.name}" for one in FORMATS}
-    for one in FORMATS:
-        export_run(flown, one, files[one.name], Options())
-    return files
+def exported(flown: Path, tmp_path_factory: pytest.TempPathFactory) -> Exported:
+    return Exported(flown, tmp_path_factory.mktemp("exported"))
 
 
 def edited(run: Path, to: Path, change: object) -> Path:

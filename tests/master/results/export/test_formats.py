@@ -344,7 +344,7 @@ def test_a_run_without_packets_or_vehicles(tmp_path: Path) -> None:
     (run / "manifest.json").write_text('{"instances": {}}')
     with pytest.raises(CosimError, match=r"no packets were recorded"):
         export_run(run, NAMED["tlog"], tmp_path / "logs", Options())
-    for name in ("mcap", "rosbag", "kml", "gpx"):
+    for name in ("mcap", "rosbag", "rrd", "kml", "gpx"):
         with pytest.raises(
             CosimError, match=r"nothing to export: the run recorded no component with position\[1\.\.3\]"
         ):
@@ -353,10 +353,17 @@ def test_a_run_without_packets_or_vehicles(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "package"), [("mcap", "foxglove"), ("rosbag", "rosbags"), ("mat", "scipy"), ("gpx", "gpxpy")]
+    ("name", "package", "extra"),
+    [
+        ("mcap", "foxglove", "export"),
+        ("rosbag", "rosbags", "export"),
+        ("mat", "scipy", "export"),
+        ("gpx", "gpxpy", "export"),
+        ("rrd", "rerun", "rerun"),
+    ],
 )
 def test_a_missing_library_names_its_extra(
-    name: str, package: str, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, package: str, extra: str, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from typer.testing import CliRunner
 
@@ -367,4 +374,4 @@ def test_a_missing_library_names_its_extra(
     monkeypatch.setitem(sys.modules, package, None)
     done = CliRunner().invoke(app, ["export", str(flown), f"--{name}", str(tmp_path / "x")])
     assert done.exit_code == 2
-    assert done.stderr.splitlines()[-1] == f"error: {package} is not installed; try pip install 'uav-cosim[export]'"
+    assert done.stderr.splitlines()[-1] == f"error: {package} is not installed; try pip install 'uav-cosim[{extra}]'"
