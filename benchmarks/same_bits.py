@@ -44,6 +44,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "guarded": ("guarded", {"until": 30.0, "overrides": {"network.loss": "0.2"}}),
     "sweep": ("sweep", {"until": 30.0}),
     "tracking": ("tracking", {"until": 30.0}),
+    "windy": ("windy", {"until": 50.0}),
     "follower": ("follower", {"until": 30.0, "overrides": {"network.jitter": "0.05"}}),
 }
 

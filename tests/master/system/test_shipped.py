@@ -46,6 +46,7 @@ def test_a_system_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         "rendezvous",
         "sweep",
         "tracking",
+        "windy",
     )
 
 

@@ -1,0 +1,158 @@
+"""The system `windy`: an airspace around the five drones of the line, each with a battery."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lxml import etree
+
+from cosim_master import Swarm
+from cosim_master.execution.options import Listener, RunOptions
+from cosim_master.execution.simulate import simulate
+from cosim_master.stepping.observation import Progress
+from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
+from tests.scenarios.test_battery_ends_a_flight import with_power
+
+DRONES = range(1, 6)
+WINDY = SYSTEMS / "windy"
+FILES = ("signals.parquet", "packets.parquet", "packets.tlog")
+
+
+@pytest.fixture(scope="module")
+def flight(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    return fly(WINDY, tmp_path_factory.mktemp("windy") / "out")
+
+
+@pytest.fixture
+def other(fmus: Path, tmp_path: Path) -> Callable[..., Flight]:
+    """Flies it with other values."""
+    return lambda until, **values: fly(
+        WINDY, tmp_path / "other", until=until, overrides={key.replace("__", "."): str(x) for key, x in values.items()}
+    )
+
+
+def test_they_spread_evenly_although_the_wind_blows(flight: Flight) -> None:
+    assert [float(flight.east(i)[-1]) for i in DRONES] == pytest.approx([0.0, 24.6, 49.2, 74.5, 100.0], abs=0.4)
+    assert [float(flight.up(i)[-1]) for i in DRONES] == pytest.approx([10.0, 12.0, 8.0, 10.0, 10.0], abs=0.1)
+    late = flight["time"] > 25.0
+    for i in DRONES:
+        assert flight[f"drone{i}.agent.failure"][-1] == 0
+        north = flight[f"drone{i}.vehicle.position[1]"][late]
+        assert 0.2 < np.abs(north).max() < 0.7  # the turbulence moves it, the autopilot brings it back
+    assert not flight.result.verdict.findings
+
+
+def test_the_wind_is_the_mean_turbulence_and_a_gust(flight: Flight, other: Callable[..., Flight]) -> None:
+    """The front passes the origin at 40 s and goes 10 m/s to the north-east: before, all bits are those without it."""
+    calm = other(50.0, **{"environment.gust[1]": 0.0, "environment.gust[2]": 0.0})
+    rows = len(calm["time"])
+    time = calm["time"]
+    for drone in DRONES:
+        for k, mean in ((1, 3.0), (2, 2.0), (3, 0.0)):
+            name = f"environment.wind[{3 * drone - 3 + k}]"
+            assert calm[name][0] == mean
+            assert 0.2 < calm[name][time > 15.0].std() < 2.0
+            assert float(calm[name].mean()) == pytest.approx(mean, abs=1.5)
+            assert (flight[name][:rows][time < 40.0] == calm[name][time < 40.0]).all()
+    for k, gust in ((1, 3.0), (2, 2.0), (3, 0.0)):  # at the origin, 4 s after the front, over 10 m beyond its 20 m
+        row = int(np.argmax(time > 44.0))
+        name = f"environment.wind[{k}]"
+        assert flight[name][row] - calm[name][row] == pytest.approx(gust, abs=0.2)
+
+
+def test_the_ground_carries_and_the_wake_of_the_upper_drone_blows(flight: Flight, other: Callable[..., Flight]) -> None:
+    factor = flight["environment.thrust_factor[3]"]
+    high = flight["time"] > 15.0
+    assert 1.2 < factor.max() < 1.34 and factor[high].max() < 1.001
+    still = other(22.0, environment__downwash="false")
+    both = still["time"] > 12.0
+    blown = flight["time"][: len(still["time"])] > 12.0
+    below, above = (
+        flight[f"environment.wind[{k}]"][: len(still["time"])][blown] - still[f"environment.wind[{k}]"][both]
+        for k in (9, 6)
+    )
+    assert below.mean() > 0.1  # drone 3, 4 m below drone 2
+    assert np.abs(above).max() < 0.1 * below.max()
+
+
+def test_a_drone_that_flies_lower_is_stopped_by_the_building(flight: Flight, other: Callable[..., Flight]) -> None:
+    """Its west wall is at 60 m east, and the sphere of the Iris has a radius of 0.35 m."""
+    force = [f"environment.force[{k}]" for k in range(1, 16)]
+    assert not any(flight[name].any() for name in force)
+    assert flight.east(4)[-1] > 70.0
+    low = other(70.0, drone4__agent__altitude=6.0)
+    assert 59.4 < low.east(4).max() < 59.8
+    assert low["environment.force[11]"].min() < -1.0
+    assert low.up(4)[-1] == pytest.approx(6.0, abs=0.3)
+
+
+def test_batteries_empty_by_the_power_of_hovering(flight: Flight) -> None:
+    """5.1 Ah lose 167 W at about 12.2 V for about 80 s: 0.06 of them, more where the thrust is greater."""
+    for i in DRONES:
+        charge = flight[f"drone{i}.power.charge"]
+        assert (np.diff(charge) <= 0.0).all()
+        assert float(charge[-1]) == pytest.approx(0.9355, abs=0.002)
+        assert float(flight[f"drone{i}.power.voltage"][-1]) == pytest.approx(12.03, abs=0.03)
+    expected = 167.0 / 12.2 * 76.0 / 3600.0 / 5.1
+    assert 1.0 - float(flight["drone1.power.charge"][-1]) == pytest.approx(expected, rel=0.15)
+
+
+def test_an_empty_battery_ends_a_flight(other: Callable[..., Flight]) -> None:
+    fallen = other(35.0, drone2__power__capacity=0.05)
+    assert fallen["drone2.power.charge"][-1] == 0.0 and fallen.up(2)[-1] < 0.5 < fallen.up(2).max()
+    assert fallen.up(1)[-1] == pytest.approx(10.0, abs=0.2)
+    assert any("its battery is empty" in one.text for one in fallen.result.verdict.findings)
+
+
+def test_the_same_bits_with_two_threads_and_after_an_interruption(fmus: Path, tmp_path: Path) -> None:
+    def options(name: str, **more: Any) -> RunOptions:
+        return RunOptions(out=tmp_path / name, checkpoint_every=4.0, **more)
+
+    def interrupt(progress: Progress) -> None:
+        if progress.time >= 8.0:
+            raise KeyboardInterrupt
+
+    simulate(WINDY, options("one", until=16.0, threads=1))
+    simulate(WINDY, options("two", until=16.0, threads=2))
+    simulate(WINDY, options("half", until=16.0), listener=Listener(progress=interrupt))
+    last = max(float(folder.name) for folder in (tmp_path / "half" / "checkpoints").iterdir())
+    simulate(WINDY, options("rest", origin=f"{tmp_path / 'half'}@{last:g}"))
+    simulate(WINDY, options("seed", until=16.0, overrides={"environment.seed": "2"}))
+    for name in FILES:
+        whole = (tmp_path / "one" / name).read_bytes()
+        assert (tmp_path / "two" / name).read_bytes() == whole
+        assert (tmp_path / "rest" / name).read_bytes() == whole
+    assert (tmp_path / "seed" / FILES[0]).read_bytes() != (tmp_path / "one" / FILES[0]).read_bytes()
+
+
+def test_swarm_writes_it(fmus: Path, tmp_path: Path) -> None:
+    """The pattern is a drone of line5 with a battery; the files of the system are those that Swarm saves."""
+    pattern = copy_of("line5", tmp_path, fmus)
+    drone = pattern / "drone.ssd"
+    drone.write_text(with_power(drone.read_text(encoding="utf-8")), encoding="utf-8")
+    swarm = Swarm("windy", like=pattern, fmus=tmp_path / "fmus")
+    for i, (east, altitude) in enumerate(
+        zip((0.0, 10.0, 10.8, 50.0, 100.0), (10.0, 12.0, 8.0, 10.0, 10.0), strict=True)
+    ):
+        swarm.add(position=(0.0, east), stays=i in (0, 4), values={"agent.altitude": altitude})
+    for i in range(1, 5):
+        swarm.connect(f"drone{i}", f"drone{i + 1}")
+    values = {"mean_wind": (3.0, 2.0, 0.0), "turbulence_wind": 6.0, "gust": (3.0, 2.0, 0.0), "gust_time": 40.0}
+    values |= {"gust_hold": 5.0, "downwash": True, "ground_effect": True, "contact": True, "boxes": 1}
+    boxes = {"box_east": 62.0, "box_length": 12.0, "box_width": 4.0, "box_height": 8.0}
+    values |= {name: (value, *(0.0 if name == "box_east" else 1.0,) * 7) for name, value in boxes.items()}
+    swarm.environment("Airspace", values=values)
+    saved = swarm.save(pattern.parent / "again")
+    names = {"SystemStructure.ssd": "SystemStructure.ssd", "drone.ssd": "drone.ssd", "windy.ssv": "drones.ssv"}
+    for name, file in names.items():
+        shipped, written = (
+            etree.tostring(etree.parse(str(path)).getroot(), method="c14n", with_comments=False).decode()
+            for path in (WINDY / name, saved / file)
+        )
+        written = re.sub(r'source="[^"]*/fmus/', 'source="../../../fmus/', written)
+        assert written.replace('source="drones.ssv"', 'source="windy.ssv"') == shipped
