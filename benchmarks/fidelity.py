@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim import Model
+from cosim_models.vehicles.quadrotor import Quadrotor
 from tests.models.copter import GUIDED, RECORDED_AUTOPILOT, RECORDINGS, Copter, H, preset
 
 Columns = dict[str, NDArray[np.float64]]
@@ -66,16 +68,37 @@ def read(path: Path) -> Flight:
     return Flight(path.name.removesuffix(".gz").removesuffix(".csv"), target, real, head.get("speed"))
 
 
-def fly(flight: Flight, parameters: dict[str, float]) -> NDArray[np.float64]:
-    """Ours: rows of time, position and velocity [NED] from the command on."""
+def parameters_of(flight: Flight) -> dict[str, Any]:
+    """The autopilot's parameters of a recorded flight."""
     values: dict[str, Any] = dict(RECORDED_AUTOPILOT)
     if "noyaw" in flight.name:
         values["WP_YAW_BEHAVIOR"] = 0
     if "3mps" in flight.name:
         values["WPNAV_SPEED"] = 300.0
-    body = preset("ardupilot_json" if flight.body == "json" else "ardupilot_sitl_quad")
-    heading = math.radians((float(flight.real["yaw"][0]) + 180.0) % 360.0 - 180.0)
-    copter = Copter(autopilot={**values, **parameters}, vehicle={**body, "yaw_start": heading})
+    return values
+
+
+def preset_of(flight: Flight) -> dict[str, Any]:
+    """The parameters of the `Quadrotor` that is the body of a recorded flight."""
+    return preset("ardupilot_json" if flight.body == "json" else "ardupilot_sitl_quad")
+
+
+def heading_of(flight: Flight) -> float:
+    """The heading at the command [rad]."""
+    return math.radians((float(flight.real["yaw"][0]) + 180.0) % 360.0 - 180.0)
+
+
+def fly(
+    flight: Flight, parameters: dict[str, float], model: type[Model] = Quadrotor, body: dict[str, Any] | None = None
+) -> NDArray[np.float64]:
+    """Ours: rows of time, position and velocity [NED] from the command on.
+
+    Args:
+        parameters: of the autopilot, beside those of the flight.
+        model, body: vehicle and its parameters; by default the body of the flight.
+    """
+    vehicle = {**(preset_of(flight) if body is None else body), "yaw_start": heading_of(flight)}
+    copter = Copter(model, autopilot={**parameters_of(flight), **parameters}, vehicle=vehicle)
     copter.run(3.0)
     copter.ask(176, 1, GUIDED)
     copter.ask(400, 1)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import record
+from benchmarks import ladder, record
 from benchmarks.fidelity import compare, fly, read
 from benchmarks.record import Move, parse
 from tests.models.copter import RECORDINGS
@@ -45,6 +46,38 @@ def test_moves_that_nothing_was_adjusted_to(name: str) -> None:
         assert ours == pytest.approx(theirs, rel=0.03), figure
     assert found["rms"][1] < 0.12
     assert found["end"][1] < 0.02
+
+
+@pytest.mark.slow
+def test_the_ladder(tmp_path: Path) -> None:
+    """Each rung down is farther from ArduCopter; the moves of the table in docs/fidelity.md."""
+    names = ("json_30_0_0", "json_north_5m", "x_north_20m")
+    ladder.main([*(str(RECORDINGS / f"{name}.csv.gz") for name in names), "--json", str(tmp_path / "ladder.json")])
+    written = json.loads((tmp_path / "ladder.json").read_text())
+    assert written["benchmark"] == "ladder"
+    rows = {(row["move"], row["rung"]): row for row in written["rows"]}
+    assert list(rows) == [(name, rung) for name in names for rung in ladder.RUNGS]
+    for name in names:
+        rms = [rows[name, rung]["rms_arducopter"] for rung in ladder.RUNGS]
+        assert rms[0] == 0.0 and rms == sorted(rms)
+        assert rows[name, "6-DoF"]["rms_drone"] == 0.0
+        assert rows[name, "6-DoF"]["rms_arducopter"] < 0.12
+        assert rows[name, "linear"]["rms_drone"] < 0.5
+        assert 0.15 < rows[name, "point mass"]["rms_drone"] < 1.0
+        early = rows[name, "6-DoF"]["t50"] - rows[name, "point mass"]["t50"]
+        assert early == pytest.approx(0.27, abs=0.08)  # it need not lean first
+
+
+def test_the_distance_of_two_paths() -> None:
+    times = np.array([0.0, 1.0, 2.0])
+    still, gone = np.zeros((3, 3)), np.column_stack([times, np.zeros(3), np.zeros(3)])
+    assert ladder.gap((times, gone), (times, still), times) == pytest.approx(((5.0 / 3.0) ** 0.5, 2.0))
+    assert ladder.gap((times, gone), (times, still), np.array([0.5])) == pytest.approx((0.5, 0.5))
+
+
+def test_take_offs_are_no_moves(capsys: pytest.CaptureFixture[str]) -> None:
+    ladder.main([str(RECORDINGS / "x_takeoff_10m.csv.gz")])
+    assert "x_takeoff" not in capsys.readouterr().out
 
 
 def test_what_is_recorded_is_what_is_read(tmp_path: Path) -> None:
