@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -76,6 +77,7 @@ class Execution:
     Attributes:
         parameters: of each instance, as its FMU answered after initialization.
         blocks: rows and packets that have not been handed over to observers.
+        requested: the values that `request` has set.
 
     Raises:
         SystemDescriptionError: interpreted FMUs are incompatible with each other.
@@ -106,6 +108,7 @@ class Execution:
         master = master or MasterSettings()
         phase: Callable[[str], AbstractContextManager[Any]] = profiler.phase if profiler else nullcontext
         self._agenda = Agenda(changes, stimuli, checkpoint.k if checkpoint is not None else 0)
+        self.requested: list[Change] = []
         self._instances, self._workers = Instances(isolation, on_library), Workers()
         self._algorithm: Algorithm | None = None
         try:
@@ -204,6 +207,20 @@ class Execution:
                 self._state.event_mode.change(change)
             changed = True
         return changed
+
+    def request(self, change: Change) -> float | None:
+        """Sets a value before the next step of its instance, as a change known from the beginning would at that time.
+
+        Returns:
+            The time of that step, s; None if the run ends before.
+        """
+        period = self.clock.periods[change.instance]
+        due = replace(change, k=-(-self.k // period) * period)
+        if due.k >= self.clock.steps:
+            return None
+        self._agenda.add(due)
+        self.requested.append(due)
+        return self.clock.time(due.k)
 
     def record_end(self) -> None:
         """Records a row of the current communication point, with which the run ends, unless it has one."""

@@ -259,14 +259,15 @@ def run(
 
     Args:
         observed: the observers of the execution, which step it.
-        control: pace, pauses and single steps that the user requests; None runs as fast as possible.
+        control: pace, pauses, single steps and values that the user requests; None runs as fast as possible.
         interrupted: returns whether the user has requested the end of the run.
     """
     clock = ready.clock
     start, stop = execution.time, clock.time(clock.steps)
     outcome = Outcome.DONE
     failure: CosimError | None = None
-    held = _Pace(control or Control(), clock, _SHORT_SLICE if gateways else _SLICE)
+    control = control or Control()
+    held = _Pace(control, clock, _SHORT_SLICE if gateways else _SLICE)
     telling = _Telling(execution, observed, held, stop)
     try:
         while execution.k < clock.steps:
@@ -275,6 +276,7 @@ def run(
             if interrupted():
                 outcome = Outcome.INTERRUPTED
                 break
+            control.made += [(execution.request(change), change) for change in control.take_changes()]
             if gateways:
                 gateways.exchange(execution)
             stop_at = held.after(execution.k)

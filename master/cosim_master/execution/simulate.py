@@ -24,7 +24,7 @@ from cosim_master.execution.options import Listener, Reporting, RunOptions, goin
 from cosim_master.execution.outcome.manifest import digest_of_system, manifest
 from cosim_master.execution.outcome.result import Outcome, RunResult, failing, unrecorded
 from cosim_master.execution.pacing import Checkpoints, interrupts, run
-from cosim_master.execution.preparation.fingerprint import fingerprint_of
+from cosim_master.execution.preparation.fingerprint import digest_of_changes, fingerprint_of
 from cosim_master.execution.preparation.isolating import isolation_for
 from cosim_master.execution.preparation.prepare import Prepared, prepare
 from cosim_master.execution.preparation.stimuli import read_stimuli
@@ -73,7 +73,7 @@ def simulate(
         options: None runs the system as it is described and records nothing.
         observers: functions that return an observer for a `View` of the run, such as a recording in another format.
         listener: callbacks for the progress.
-        control: pauses, steps and paces the run from another thread, instead of `RunOptions.pace`.
+        control: pauses, steps and paces the run, and sets values, from another thread, instead of `RunOptions.pace`.
 
     Returns:
         The outcome. The failure of an FMU is also an outcome, and the recording up to it is kept.
@@ -177,7 +177,8 @@ class _Run:
         ready, complete = self.ready, threading.Event()
 
         def document(result: RunResult) -> dict[str, Any]:
-            return manifest(ready, result, start_up, execution.parameters, self.fingerprint)
+            changed, fingerprint = self._changed(execution)
+            return manifest(changed, result, start_up, execution.parameters, fingerprint)
 
         def rescue(error: FmuError) -> None:
             if complete.is_set():
@@ -217,6 +218,14 @@ class _Run:
                 with suppress(RecordingFailed):  # the manifest written by `finish` remains
                     recording.write_manifest(document(failing(result, failures)))
         return failing(result, failures)
+
+    def _changed(self, execution: Execution) -> tuple[Prepared, dict[str, str]]:
+        """Returns the run and its fingerprint as if the values set by request had been known from the beginning."""
+        if not execution.requested:
+            return self.ready, self.fingerprint
+        changes = tuple(sorted([*self.ready.changes, *execution.requested], key=lambda change: change.k))
+        digest = digest_of_changes(self.ready.checked, changes)
+        return replace(self.ready, changes=changes), {**self.fingerprint, "changes": digest}
 
     def _watch(self, execution: Execution, recording: Recording | None) -> Watch:
         ready = self.ready

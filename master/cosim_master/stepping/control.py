@@ -1,12 +1,14 @@
-"""Requests of a user about the pace of a run while it goes on: pause, single steps, speed.
+"""Requests of a user to a run while it goes on: pause, single steps, speed, and new values.
 
-None of them changes the results of the run.
+Only new values change the results of the run, as the same values of `--at` do at the times in `made`.
 """
 
 from __future__ import annotations
 
 import math
 from threading import Condition
+
+from cosim_master.system.settings.changes import Change
 
 __all__ = ["Control"]
 
@@ -16,11 +18,16 @@ class Control:
 
     Args:
         factor: largest multiple of real time; None: as fast as possible.
+
+    Attributes:
+        made: the values set at the user's request, with their times [s]; None: the run ends before.
     """
 
     def __init__(self, factor: float | None = None) -> None:
         self._changed = Condition()
         self._factor, self._paused, self._steps = factor, False, 0
+        self._wanted: list[Change] = []
+        self.made: list[tuple[float | None, Change]] = []
 
     @property
     def factor(self) -> float | None:
@@ -61,6 +68,17 @@ class Control:
         with self._changed:
             self._factor = factor
             self._changed.notify_all()
+
+    def change(self, change: Change) -> None:
+        """Requests a value at the next communication point; `Change.k` has no meaning yet."""
+        with self._changed:
+            self._wanted.append(change)
+
+    def take_changes(self) -> list[Change]:
+        """Returns the values requested since the last call."""
+        with self._changed:
+            wanted, self._wanted = self._wanted, []
+        return wanted
 
     def take_step(self) -> bool:
         """Returns whether a single step was requested, and takes it from the requests."""

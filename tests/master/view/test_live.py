@@ -22,6 +22,7 @@ from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import Column, Progress, Seen
 from cosim_master.view.live import document as document_module
 from cosim_master.view.live.feed import Feed
+from cosim_master.view.live.parameters import Parameters
 
 websockets = pytest.importorskip("websockets", reason="the extra `live` is not installed")
 from websockets.sync.client import connect  # noqa: E402
@@ -35,6 +36,11 @@ LONG = 120.0
 
 def column(name: str, kind: str, place: int) -> Column:
     return Column(name, kind, place, Variable(name, 0, kind, "output", "continuous", None))
+
+
+def nothing(control: Control) -> Parameters:
+    checked: Any = SimpleNamespace(instances=(), links=())
+    return Parameters(checked, control)
 
 
 class Run:
@@ -67,7 +73,7 @@ def run() -> Run:
 @pytest.fixture
 def page(run: Run, control: Control) -> Iterator[LivePage]:
     document = {"name": "made up", "live": {"stop": 9.0}}
-    with LivePage(document, run.feed, control) as found:
+    with LivePage(document, run.feed, control, nothing(control)) as found:
         yield found
 
 
@@ -145,7 +151,7 @@ def test_only_the_page_itself_may_connect(page: LivePage) -> None:
     assert refused(origin="http://localhost:1") == 403
     assert refused("../" + "x" * 32 + "/run") == 404
     with Reader(page) as reader:
-        assert reader.state() == {"paused": False, "speed": 2.0, "ended": None}
+        assert reader.state() == {"paused": False, "speed": 2.0, "ended": None, "changes": []}
 
 
 def test_a_page_gets_the_newest_values_when_it_has_drawn_the_last(page: LivePage, run: Run) -> None:
@@ -172,7 +178,7 @@ def test_a_page_controls_the_run(page: LivePage, control: Control) -> None:
     with Reader(page) as reader, Reader(page) as other:
         assert reader.state() == other.state()
         reader.ask({"do": "pause"})
-        assert reader.state() == other.state() == {"paused": True, "speed": 2.0, "ended": None}
+        assert reader.state() == other.state() == {"paused": True, "speed": 2.0, "ended": None, "changes": []}
         assert control.paused and not control.take_step()
         reader.ask({"do": "step"})
         other.ask({"do": "speed", "factor": 0.5})
@@ -188,13 +194,15 @@ def test_a_page_controls_the_run(page: LivePage, control: Control) -> None:
     "request_",
     ["", "pause", b"\x00", '{"do": "fly"}', "[]", '{"do": "speed"}', '{"do": "speed", "factor": 0}',
      '{"do": "speed", "factor": "1"}', '{"do": "speed", "factor": true}', '{"do": "speed", "factor": NaN}',
-     '{"do": "speed", "factor": 1' + "0" * 400 + "}"],
+     '{"do": "speed", "factor": 1' + "0" * 400 + "}", '{"do": "set", "name": "a.x", "value": 1}', '{"do": "find"}'],
 )  # fmt: skip
 def test_other_requests_end_the_connection(page: LivePage, control: Control, request_: str | bytes) -> None:
     with Reader(page) as reader, Reader(page) as other:
         reader.ask(request_)
         code, reason = reader.code()
-        assert code == 1008 and reason.startswith(("give drawn, pause, resume, step or speed", "speed: give a "))
+        assert code == 1008 and reason.startswith(
+            ("give drawn, pause, resume, step, speed, find or set", "speed: give a ")
+        )
         other.ask({"do": "pause"})  # the other one stays
         assert [other.state()["paused"] for _ in range(2)] == [False, True]
     assert control.factor == 2.0
@@ -208,7 +216,7 @@ def test_long_requests_end_the_connection(page: LivePage) -> None:
 
 def test_nothing_is_left_when_it_is_closed(run: Run, control: Control) -> None:
     before = threading.active_count()
-    with LivePage({"name": "x", "live": {}}, run.feed, control) as page:
+    with LivePage({"name": "x", "live": {}}, run.feed, control, nothing(control)) as page:
         reader = Reader(page)
         with pytest.raises(OSError):
             http.client.HTTPConnection("127.0.0.2", int(page.address.split(":")[2].partition("/")[0])).connect()

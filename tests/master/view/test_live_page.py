@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -89,3 +90,33 @@ def test_packets_are_seen_while_they_fly(browser: Any, fmus: Path, tmp_path: Pat
     connection.close()
     assert [one["text"] for one in log if one["message"] == "STATUSTEXT"] == texts and len(texts) > 2
     assert {one["message"] for one in log} >= {"HEARTBEAT", "GLOBAL_POSITION_INT", "STATUSTEXT"}
+
+
+def test_sliders_set_values(browser: Any, fmus: Path, tmp_path: Path) -> None:
+    with flown(browser, tmp_path / "run", 5.0) as (_, tab):
+        tab.page.locator("#tabs button[data-name=values]").click()
+        tab.ask("cosim.select('drone3')")
+        tab.wait("document.querySelectorAll('.parameter').length === 40")
+        tab.page.locator("#parameter").fill("drone3.vehicle wind")
+        tab.wait("document.querySelectorAll('.parameter').length === 3")
+        one = tab.page.locator('.parameter[data-name="drone3.vehicle.wind[1]"]')
+        slider, field = one.locator("input[type=range]"), one.locator("input[type=text]")
+        assert [slider.get_attribute(name) for name in ("min", "max")] == ["-10", "10"]
+        slider.focus()
+        for _ in range(3):
+            tab.page.keyboard.press("ArrowRight")  # of the slider, not of the time line
+        value = field.input_value()
+        assert float(value) > 0.0
+        tab.page.locator('.parameter[data-name="drone3.vehicle.wind[2]"] input[type=text]').fill("much")
+        tab.page.keyboard.press("Enter")
+        tab.wait("document.getElementById('refusal').textContent.endsWith('wind[2]=much: valid: a number')")
+        tab.wait("document.querySelectorAll('.parameter')[1].querySelector('input[type=text]').value === '0'")
+        assert tab.ask("cosim.live.changes") == []  # the run stands still
+        tab.page.locator("#play").click()
+        tab.wait("cosim.live.changes.length > 0")
+        made = tab.ask("cosim.live.changes")
+        assert made[-1][:2] == [0.0, "drone3.vehicle.wind[1]"] and float(made[-1][2]) == float(value)
+        assert f"--at 0 'drone3.vehicle.wind[1]={made[-1][2]}'" in tab.page.locator(".made pre").inner_text()
+        assert tab.complaints == []
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert [[one["time"], one["variable"]] for one in manifest["changes"]] == [one[:2] for one in made]

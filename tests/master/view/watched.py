@@ -16,6 +16,7 @@ from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import View
 from cosim_master.view.live.document import live_document, live_traffic, shown
 from cosim_master.view.live.feed import Feed
+from cosim_master.view.live.parameters import Parameters, unchangeable
 from cosim_master.view.live.server import LivePage
 
 LINE5 = Path(__file__).parents[3] / "master" / "systems" / "line5"
@@ -70,5 +71,6 @@ class Watched:
         self.feed.show(columns)
         self.feed.traffic = live_traffic(columns, ready.checked, ready.network)
         self.document = live_document(columns, len(self.feed.columns), ready.checked, ready.network, ready.clock)
-        self.page = LivePage(self.document, self.feed, self.control)
+        parameters = Parameters(ready.checked, self.control, unchangeable(ready.master))
+        self.page = LivePage(self.document, self.feed, self.control, parameters)
         self.begun.set()

@@ -52,6 +52,7 @@ class Live:
             CosimError: no port of loopback can be opened.
         """
         from cosim_master.view.live.document import live_document, live_traffic, shown
+        from cosim_master.view.live.parameters import Parameters, unchangeable
         from cosim_master.view.live.server import LivePage
 
         assert self._feed is not None
@@ -62,7 +63,8 @@ class Live:
         if hears:
             self._feed.traffic = live_traffic(columns, ready.checked, ready.network)
         document = live_document(columns, len(recorded), ready.checked, ready.network, ready.clock, packets=hears)
-        self._page = self._opened.enter_context(LivePage(document, self._feed, self.control))
+        parameters = Parameters(ready.checked, self.control, unchangeable(ready.master))
+        self._page = self._opened.enter_context(LivePage(document, self._feed, self.control, parameters))
         announce(f"live view: {self._page.address}")
         if self._open_browser:
             show_in_browser(self._page.address)

@@ -18,7 +18,7 @@ from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["fingerprint_of"]
+__all__ = ["digest_of_changes", "fingerprint_of"]
 
 
 def fingerprint_of(
@@ -45,7 +45,6 @@ def fingerprint_of(
         gateways: addresses of real programs.
         checkpoint: the checkpoint to resume from.
     """
-    names = [instance.name for instance in checked.instances]
     values = ((instance.name, sorted(instance.effective_values().items())) for instance in checked.instances)
     structural = ((instance.name, sorted(instance.start_values.items())) for instance in checked.instances)
     links = ((link.source, link.target, link.factor, link.offset, link.mapping) for link in checked.links)
@@ -64,13 +63,17 @@ def fingerprint_of(
         "radio": _digest([*_fields(network, {"nodes", "gateways", "seed", "notes"}), *nodes]),
         "seed": _digest([network.seed]),
         "recording": _digest(recording),
-        "changes": _digest(
-            (change.k, names[change.instance], change.variable.name, change.value) for change in changes
-        ),
+        "changes": digest_of_changes(checked, changes),
         "input file": _digest([stimuli]),
         "real programs": _digest(gateways),
         "checkpoint": _digest([] if checkpoint is None else map(_of_file, _files(checkpoint.folder))),
     }
+
+
+def digest_of_changes(checked: CheckedSystem, changes: Sequence[Change]) -> str:
+    """Returns the digest of the values set during a run."""
+    names = [instance.name for instance in checked.instances]
+    return _digest((change.k, names[change.instance], change.variable.name, change.value) for change in changes)
 
 
 def _files(checkpoint: Path) -> list[Path]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -123,6 +124,10 @@ class Agenda:
         """Returns the next base step at which a value is set; infinity if none exists."""
         change = self._changes[0].k if self._changes else math.inf
         return change if self._stimulus is None else min(change, self._stimulus)
+
+    def add(self, change: Change) -> None:
+        """Adds a change that is not due before the next step, after those of the same time."""
+        self._changes.insert(bisect_right(self._changes, change.k, key=lambda one: one.k), change)
 
     def take(self, k: int) -> list[Change]:
         """Removes and returns the values to be set at base step `k`."""

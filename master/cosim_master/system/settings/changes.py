@@ -5,7 +5,7 @@ FMI 2 does not allow setting other variables between two steps (FMI 2.0.5, secti
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
@@ -16,7 +16,7 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.overrides import SETTINGS
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["Change", "changes"]
+__all__ = ["Change", "Changeable", "changes"]
 
 _WHERE = Where("--at")
 
@@ -29,6 +29,64 @@ class Change:
     instance: int
     variable: Variable
     value: Start
+
+
+class Changeable:
+    """The variables of a system, and which of them can be changed during a run."""
+
+    def __init__(self, checked: CheckedSystem) -> None:
+        self._variables = {
+            f"{instance.name}.{name}": (i, variable)
+            for i, instance in enumerate(checked.instances)
+            for name, variable in instance.fmu.variables.items()
+        }
+        self._driven = {".".join(link.target) for link in checked.links}
+
+    def all(self) -> dict[str, tuple[int, Variable]]:
+        """Returns the number of the instance and the variable, by name, of all that can be changed."""
+        return {name: found for name, found in self._variables.items() if not self._refusal(name)}
+
+    def matching(self, name: str) -> list[tuple[int, Variable]]:
+        """Returns the variables that match a name or pattern, all of which can be changed.
+
+        Raises:
+            ValueError: no variable matches, or one of them cannot be changed.
+        """
+        variables = self._variables
+        if name in variables:
+            if refusal := self._refusal(name):
+                raise ValueError(refusal)
+            return [variables[name]]
+        if not is_pattern(name):
+            if name.partition(".")[0] in SETTINGS:
+                raise ValueError("settings of radio and recording cannot change during a run; give them by --set")
+            raise ValueError(f"there is no such variable; {near(name, variables)}")
+        found = matching(name, variables)
+        if not found:
+            raise ValueError(f"it matches no variable; {near_pattern(name, variables)}")
+        for one in found:
+            if refusal := self._refusal(one):
+                raise ValueError(f"it matches {len(found)} variables, one of them {one}: {refusal}")
+        return [variables[one] for one in found]
+
+    def _refusal(self, name: str) -> str:
+        """Returns the reason why a variable cannot be changed; empty if it can."""
+        variable = self._variables[name][1]
+        if name in self._driven:
+            return "it is connected, and gets its value from there"
+        if variable.packet_capacity is not None:
+            return "it carries packets"
+        if variable.clocks:
+            return CLOCKED_CHANGE.text(variable.clocks[0])
+        if variable.clock is not None and (variable.clock.kind != "tunable" or not variable.settable):
+            return f"it is a {variable.clock.kind} Clock; only the interval of tunable ones can be changed"
+        if variable.causality == "structuralParameter":
+            return STRUCTURAL_CHANGE.text()
+        tunable = variable.causality == "parameter" and variable.variability == "tunable"
+        if not tunable and variable.causality != "input":
+            what = f"{variable.causality}, {variable.variability}"
+            return f"it is {what}; only tunable parameters and inputs can be changed during a run"
+        return ""
 
 
 def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[float, str, str]]) -> tuple[Change, ...]:
@@ -45,17 +103,11 @@ def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[floa
         return ()
     problems: list[Problem] = []
     found: list[Change] = []
-    variables = {
-        f"{instance.name}.{name}": (i, variable)
-        for i, instance in enumerate(checked.instances)
-        for name, variable in instance.fmu.variables.items()
-    }
-    driven = {".".join(link.target) for link in checked.links}
+    changeable = Changeable(checked)
     for time, name, text in wanted:
         k = _base_step(clock, time)
         try:
-            for target in _targets(name, variables, driven):
-                number, variable = variables[target]
+            for number, variable in changeable.matching(name):
                 period = clock.periods[number]
                 if k is None or k % period:
                     raise ValueError(_expected(clock, period, checked.instances[number].name))
@@ -65,30 +117,6 @@ def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[floa
     if problems:
         raise SystemDescriptionError(problems)
     return tuple(sorted(found, key=lambda change: change.k))
-
-
-def _targets(name: str, variables: Mapping[str, tuple[int, Variable]], driven: Container[str]) -> list[str]:
-    """Returns the variables that match a name or pattern, all of which can be changed.
-
-    Raises:
-        ValueError: no variable matches, or one of them cannot be changed.
-    """
-    if name in variables:
-        _check_changeable(variables[name][1], driven=name in driven)
-        return [name]
-    if not is_pattern(name):
-        if name.partition(".")[0] in SETTINGS:
-            raise ValueError("settings of radio and recording cannot change during a run; give them by --set")
-        raise ValueError(f"there is no such variable; {near(name, variables)}")
-    found = matching(name, variables)
-    if not found:
-        raise ValueError(f"it matches no variable; {near_pattern(name, variables)}")
-    for one in found:
-        try:
-            _check_changeable(variables[one][1], driven=one in driven)
-        except ValueError as error:
-            raise ValueError(f"it matches {len(found)} variables, one of them {one}: {error}") from None
-    return found
 
 
 def _base_step(clock: TimeGrid, time: float) -> int | None:
@@ -104,20 +132,3 @@ def _expected(clock: TimeGrid, period: int, name: str) -> str:
     start, step = clock.time(0), clock.seconds(period)
     last = start + (clock.steps - 1) // period * step
     return CHANGE.text(name, f"{step:g}", f"{start:g}", f"{last:g}")
-
-
-def _check_changeable(variable: Variable, *, driven: bool) -> None:
-    if driven:
-        raise ValueError("it is connected, and gets its value from there")
-    if variable.packet_capacity is not None:
-        raise ValueError("it carries packets")
-    if variable.clocks:
-        raise ValueError(CLOCKED_CHANGE.text(variable.clocks[0]))
-    if variable.clock is not None and (variable.clock.kind != "tunable" or not variable.settable):
-        raise ValueError(f"it is a {variable.clock.kind} Clock; only the interval of tunable ones can be changed")
-    if variable.causality == "structuralParameter":
-        raise ValueError(STRUCTURAL_CHANGE.text())
-    tunable = variable.causality == "parameter" and variable.variability == "tunable"
-    if not tunable and variable.causality != "input":
-        what = f"{variable.causality}, {variable.variability}"
-        raise ValueError(f"it is {what}; only tunable parameters and inputs can be changed during a run")

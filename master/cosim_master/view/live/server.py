@@ -1,17 +1,20 @@
 """Serves the live page of a run on loopback, and passes the requests of its reader to the run.
 
-    with LivePage(document, feed, control) as page:     the address is page.address
-        ...                                             the run
-        page.end(("done", "good", ""))                  what the pages show from then on
+    with LivePage(document, feed, control, parameters) as page:     the address is page.address
+        ...                                                         the run
+        page.end(("done", "good", ""))                              what the pages show from then on
 
 The address contains a random token; without it, every request is answered by 404. A WebSocket is accepted only from the
 page itself (Origin). The server is a thread with an event loop of its own, so that the run never waits for a page: each
 page receives the newest frame when it has drawn those before.
 
     to the page      binary   a frame of the feed; or NaN, and flights as `LiveTraffic.flights` returns them
-                     text     {"paused": false, "speed": 1.0 or null, "ended": null or [words, class, more]}
+                     text     {"paused": false, "speed": 1.0 or null, "ended": null or [words, class, more],
+                               "changes": [[time or null, name, value], ...]}
                      text     {"messages": [...], "sends": 812} and {"links": {...}}, see `LiveTraffic`
-    from the page    text     {"do": "drawn" | "pause" | "resume" | "step"}, {"do": "speed", "factor": 2.0 or null}
+                     text     {"parameters": {...}}, see `Parameters.find`; {"refusal": reason or ""} of a value
+    from the page    text     {"do": "drawn" | "pause" | "resume" | "step"}, {"do": "speed", "factor": 2.0 or null},
+                              {"do": "find", "text": words}, {"do": "set", "name": variable, "value": text}
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ from cosim_master.diagnostics.errors import CosimError
 from cosim_master.stepping.control import Control
 from cosim_master.view.block import Block
 from cosim_master.view.live.feed import Feed
+from cosim_master.view.live.parameters import Parameters
 from cosim_master.view.page import page_text
 
 __all__ = ["LivePage"]
@@ -70,6 +74,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self.news = asyncio.Event()
+        self.answers: list[str] = []
         self.frame = 0
         self.undrawn = 0
         self.told: str | None = None
@@ -84,13 +89,14 @@ class LivePage:
         document: the document with which the page begins.
         feed: the newest values of the run.
         control: receives the requests of the page's reader.
+        parameters: the values that the reader can change.
 
     Raises:
         CosimError: no port of loopback can be opened.
     """
 
-    def __init__(self, document: Mapping[str, Any], feed: Feed, control: Control) -> None:
-        self._document, self._feed, self._control = document, feed, control
+    def __init__(self, document: Mapping[str, Any], feed: Feed, control: Control, parameters: Parameters) -> None:
+        self._document, self._feed, self._control, self._parameters = document, feed, control, parameters
         self._token = secrets.token_urlsafe(24)
         self._readers: set[_Reader] = set()
         self._ended: tuple[str, str, str] | None = None
@@ -206,6 +212,9 @@ class LivePage:
             while True:
                 await reader.news.wait()
                 reader.news.clear()
+                answers, reader.answers = reader.answers, []
+                for answer in answers:
+                    await connection.send(answer)
                 if (state := self._state()) != reader.told:
                     reader.told = state
                     await connection.send(state)
@@ -236,7 +245,8 @@ class LivePage:
 
     def _state(self) -> str:
         control = self._control
-        return json.dumps({"paused": control.paused, "speed": control.factor, "ended": self._ended})
+        state = {"paused": control.paused, "speed": control.factor, "ended": self._ended}
+        return json.dumps({**state, "changes": self._parameters.changes()})
 
     def _watch(self) -> None:
         if self._feed.traffic is not None:
@@ -264,6 +274,10 @@ class LivePage:
                 control.resume()
             case {"do": "step"}:
                 control.step()
+            case {"do": "find", "text": str() as text}:
+                reader.answers.append(json.dumps({"parameters": self._parameters.find(text)}))
+            case {"do": "set", "name": str() as name, "value": str() as value}:
+                reader.answers.append(json.dumps({"refusal": self._parameters.set(name, value)}))
             case {"do": "speed", "factor": None}:
                 control.set_speed(None)
             case {"do": "speed", "factor": bool() | str()}:
@@ -274,7 +288,7 @@ class LivePage:
                 except (ValueError, OverflowError):
                     return "speed: give a positive number"
             case _:
-                return "give drawn, pause, resume, step or speed"
+                return "give drawn, pause, resume, step, speed, find or set"
         self._wake()
         return None
 

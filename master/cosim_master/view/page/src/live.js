@@ -31,7 +31,8 @@ export class LiveRun {
     }
     run.curve = (index) => ({ x: run.rows, y: this.columns[index].subarray(0, this.n) });
     this.#grown();
-    this.onframe = this.onstate = this.onlinks = () => {};
+    this.onframe = this.onstate = this.onlinks = this.onparameters = this.onrefusal = () => {};
+    this.changes = [];
     this.first = new Promise((resolve, reject) => Object.assign(this, { begun: resolve, missed: reject }));
     $('empty').textContent = 'The run is starting.';
     $('empty').hidden = false;
@@ -61,6 +62,8 @@ export class LiveRun {
       this.radio.count(news.links);
       return this.onlinks();
     }
+    if (news.parameters) return this.onparameters(news.parameters);
+    if (news.refusal !== undefined) return this.onrefusal(news.refusal);
     Object.assign(this, news);
     return this.onstate();
   }

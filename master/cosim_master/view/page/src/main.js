@@ -10,6 +10,7 @@ import { toNed } from './frames.js';
 import { Ground } from './ground.js';
 import { Labels } from './labels.js';
 import { findingsPane, linksPane, Log, runPane } from './panels.js';
+import { ParametersPane } from './parameters.js';
 import { Plots, said } from './plots.js';
 import { Traces } from './traces.js';
 import { Vehicles } from './vehicles.js';
@@ -230,6 +231,8 @@ class Viewer {
     live.onframe = () => this.#grown();
     live.onstate = () => this.#state();
     live.onlinks = () => this.links.refresh();
+    live.onparameters = (found) => this.values.show(found);
+    live.onrefusal = (reason) => this.values.refuse(reason);
     $('step').addEventListener('click', () => this.step());
     $('now').addEventListener('click', () => this.seek(this.end));
     $('speed').append(make('option', { value: '' }, 'max'));
@@ -280,6 +283,7 @@ class Viewer {
   /** The run is paused, goes on, has another speed, or has ended. */
   #state() {
     const going = this.isLive;
+    this.values.tell(this.live.changes);
     $('step').hidden = $('now').hidden = !going;
     if (going) {
       $('play').textContent = this.live.paused ? '▶' : '❚❚';
@@ -339,6 +343,7 @@ class Viewer {
     this.selected = i >= 0 && i < this.vehicles.n ? i : -1;
     if (this.cameras.kind === 'follow') this.camera(this.selected < 0 ? 'free' : 'follow');
     this.#legend();
+    if (this.isLive && !this.tabs.values[1].pane.hidden) this.values.find(this.selected < 0 ? '' : this.run.vehicles[this.selected].name);
     this.touch();
     this.#remember();
   }
@@ -459,7 +464,7 @@ class Viewer {
       plots: ['Plots', this.plots],
       log: ['Messages', this.log],
       links: ['Links', this.links],
-      ...(run.live ? {} : { findings: ['Findings', findingsPane(run, goTo)] }),
+      ...(run.live ? { values: ['Values', (this.values = new ParametersPane(run.live))] } : { findings: ['Findings', findingsPane(run, goTo)] }),
       run: ['Run', runPane(run)],
     };
     for (const [name, [title, { pane }]] of Object.entries(this.tabs)) {
@@ -486,6 +491,7 @@ class Viewer {
     for (const button of $('tabs').children) button.setAttribute('aria-selected', String(button.dataset.name === name));
     this.plots.update(this.t);
     if (name === 'log') this.log.update(this.t, true);
+    if (name === 'values' && this.isLive) this.values.find(this.values.input.value);
     if (name === 'plots' && this.plots.plots.length === 0 && this.plots.sets.length) this.plots.draw();
   }
 
@@ -709,9 +715,10 @@ class Viewer {
       /** The run that goes on: null for a recording. */
       get live() {
         const { live } = viewer;
-        return live && { going: viewer.isLive, paused: live.paused, speed: live.speed, ended: live.ended, following: viewer.following, frames: live.n };
+        return live && { going: viewer.isLive, paused: live.paused, speed: live.speed, ended: live.ended, following: viewer.following, frames: live.n, changes: live.changes };
       },
       step: () => viewer.step(),
+      set: (name, value) => viewer.live.ask('set', { name, value: String(value) }),
       setSpeed: (factor) => viewer.setSpeed(factor),
       vehicles: viewer.run.vehicles.map((vehicle) => vehicle.name),
       play: () => viewer.play(),
