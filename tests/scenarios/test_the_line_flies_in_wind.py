@@ -12,14 +12,18 @@ import pytest
 from lxml import etree
 
 from cosim_master import Swarm
+from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.stepping.observation import Progress
+from cosim_master.system.authoring.swarm.new import new_system
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 from tests.scenarios.test_battery_ends_a_flight import with_power
 
 DRONES = range(1, 6)
 WINDY = SYSTEMS / "windy"
+STARTS = ((0.0, 10.0), (10.0, 12.0), (10.8, 8.0), (50.0, 10.0), (100.0, 10.0))
+"""East and altitude of each drone, m."""
 FILES = ("signals.parquet", "packets.parquet", "packets.tlog")
 
 
@@ -136,9 +140,7 @@ def test_swarm_writes_it(fmus: Path, tmp_path: Path) -> None:
     drone = pattern / "drone.ssd"
     drone.write_text(with_power(drone.read_text(encoding="utf-8")), encoding="utf-8")
     swarm = Swarm("windy", like=pattern, fmus=tmp_path / "fmus")
-    for i, (east, altitude) in enumerate(
-        zip((0.0, 10.0, 10.8, 50.0, 100.0), (10.0, 12.0, 8.0, 10.0, 10.0), strict=True)
-    ):
+    for i, (east, altitude) in enumerate(STARTS):
         swarm.add(position=(0.0, east), stays=i in (0, 4), values={"agent.altitude": altitude})
     for i in range(1, 5):
         swarm.connect(f"drone{i}", f"drone{i + 1}")
@@ -156,3 +158,40 @@ def test_swarm_writes_it(fmus: Path, tmp_path: Path) -> None:
         )
         written = re.sub(r'source="[^"]*/fmus/', 'source="../../../fmus/', written)
         assert written.replace('source="drones.ssv"', 'source="windy.ssv"') == shipped
+
+
+def test_it_is_the_pattern_of_other_swarms(fmus: Path, tmp_path: Path) -> None:
+    """From its first drone and its airspace, the same drones fly the same bits; and `new` gives any number of them."""
+    swarm = Swarm("again", like="windy", stop_time=20.0)
+    assert swarm.members == ("environment",)
+    for i, (east, altitude) in enumerate(STARTS):
+        swarm.add(position=(0.0, east), stays=i in (0, 4), values={"agent.altitude": altitude})
+    for i in range(1, 5):
+        swarm.connect(f"drone{i}", f"drone{i + 1}")
+    again, first = (
+        fly(folder, tmp_path / f"out{i}", until=20.0)
+        for i, folder in enumerate((swarm.save(tmp_path / "again"), WINDY))
+    )
+    assert again.signals.keys() == first.signals.keys()
+    for name, values in first.signals.items():
+        assert np.array_equal(again[name], values), name
+    nine = fly(
+        new_system("windy", 9, tmp_path / "nine", layout="ring", fleet={"vehicle": ("Quadrotor", "Hexarotor")}),
+        tmp_path / "out",
+        until=25.0,
+    )
+    for i in range(1, 10):
+        assert nine.up(i)[-1] == pytest.approx(10.0, abs=0.3)
+        assert 0.2 < nine[f"environment.wind[{3 * i - 2}]"].std() < 2.0
+        assert f"drone{i}.power.charge" in nine.signals
+
+
+def test_an_airspace_that_misses_a_drone_is_no_pattern(fmus: Path, tmp_path: Path) -> None:
+    folder = copy_of("windy", tmp_path, fmus)
+    root = folder / "SystemStructure.ssd"
+    text = root.read_text(encoding="utf-8")
+    gone = re.sub(r'\s*<ssd:Connection [^>]*"drone5" endConnector="vehicle_wind\[1\]"/>', "", text)
+    assert len(gone) < len(text)
+    root.write_text(gone, encoding="utf-8")
+    with pytest.raises(SystemDescriptionError, match=r"beside its drones \(environment\) that are not connected as"):
+        Swarm(like=folder)

@@ -302,7 +302,9 @@ def test_systems_that_are_no_patterns(tmp_path: Path, workshop: Any, variable: A
     swarm.add()
     swarm.add("field", fmu="Hexarotor")
     swarm.save(tmp_path / "mixed")
-    with pytest.raises(SystemDescriptionError, match=r"has parts beside its drones \(field\)"):
+    with pytest.raises(
+        SystemDescriptionError, match=r"has parts beside its drones \(field\) that are not connected as"
+    ):
         Swarm(like=tmp_path / "mixed")
     wired = Swarm("wired", network={"topology": "broadcast"})
     wired.add()

@@ -3,7 +3,8 @@
 A drone of a system is an element of the root that consists of FMUs. Its system id, position and neighbours belong to
 the drone; start values common to all drones belong to the scenario. The settings of the radio are kept, except links
 and outages, which name drones. However, links that follow the same pattern for all drones, as in a ring, are created
-for any number of drones, and a start value that rises evenly from drone to drone continues to rise.
+for any number of drones, and a start value that rises evenly from drone to drone continues to rise. FMUs beside the
+drones are kept if every drone is connected with them, as with the air around it.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ from pathlib import Path
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.fmi.description.read import FmuDescription
 from cosim_master.system.authoring.swarm.drone import Drone, bound, declared, parameters_of
+from cosim_master.system.authoring.swarm.surroundings import Surroundings, surroundings_of
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import FMU_TYPE, SSP_TYPE, read_system
-from cosim_master.system.structure import Annotation, Component, Element, System, Value
+from cosim_master.system.structure import Annotation, Component, Element, System, SystemStructure, Value
 
 __all__ = ["MONITORS", "NAMESPACE", "NETWORK", "RECORDING", "Scenario", "Ways", "scenario_of"]
 
@@ -63,6 +65,7 @@ class Scenario:
         rising: start values that rise evenly: path below a drone, value of the first drone, rise from drone to drone.
         ways: the links of a listed topology; None if they do not follow the same pattern for all drones.
         notes: the omitted parts, for the user.
+        surroundings: the FMUs that all drones share.
     """
 
     drone: Drone
@@ -73,6 +76,7 @@ class Scenario:
     rising: tuple[tuple[str, float, float], ...] = ()
     ways: Ways | None = None
     notes: tuple[str, ...] = ()
+    surroundings: tuple[Surroundings, ...] = ()
 
 
 def scenario_of(system: str | Path) -> Scenario:
@@ -86,17 +90,12 @@ def scenario_of(system: str | Path) -> Scenario:
             raise SystemDescriptionError([Problem(structure.where, "is an archive: unpack it to a folder first")])
         checked = check(structure)
     drones = [one for one in structure.system.elements if isinstance(_inside(one), System)]
-    others = [one.name for one in structure.system.elements if one not in drones]
-    if not drones or others:
-        lack = (
-            f"has parts beside its drones ({', '.join(others)})" if drones else "has no drones, systems made of FMUs,"
-        )
-        text = f"{lack} so that it is not the pattern of a swarm; give a system whose root holds drones alone"
-        raise SystemDescriptionError([Problem(structure.where, text)])
+    surroundings = _around(structure, checked, [one.name for one in drones])
     first = drones[0]
     inside = _inside(first)
     assert inside is not None
-    _refuse_what_cannot_be_repeated(first, inside)
+    bare_inside = _without_ports(inside) if surroundings else inside
+    _refuse_what_cannot_be_repeated(first, bare_inside)
     fmus = {
         one.name.removeprefix(f"{first.name}."): one.fmu
         for one in checked.instances
@@ -109,8 +108,8 @@ def scenario_of(system: str | Path) -> Scenario:
     rising = tuple(one for path in own if (one := _rising(checked, alike, path)) is not None)
     own = [path for path in own if path not in [one[0] for one in rising]]
     bindings = bound(p for path, value in values.items() for p in parameters_of(fmus, path, value))
-    bare = [replace(one, parameter_bindings=()) for one in inside.elements]
-    drone = Drone(replace(inside, name="drone", elements=tuple(bare), parameter_bindings=bindings), fmus)
+    bare = [replace(one, parameter_bindings=()) for one in bare_inside.elements]
+    drone = Drone(replace(bare_inside, name="drone", elements=tuple(bare), parameter_bindings=bindings), fmus)
     notes = (
         [f"{system}: its drones differ in {', '.join(own)}: the new ones have what their FMUs start with"]
         if own
@@ -120,7 +119,37 @@ def scenario_of(system: str | Path) -> Scenario:
     network, ways, dropped = _network(structure.system, [one.name for one in drones])
     notes += [f"{system}: {dropped} of its network are left out, since they name its drones"] if dropped else []
     kept = tuple(one for one in structure.system.annotations if one.type not in (NETWORK, RECORDING))
-    return Scenario(drone, network, kept, structure.stop_time, numbered, rising, ways, tuple(notes))
+    return Scenario(drone, network, kept, structure.stop_time, numbered, rising, ways, tuple(notes), surroundings)
+
+
+def _around(structure: SystemStructure, checked: CheckedSystem, drones: Sequence[str]) -> tuple[Surroundings, ...]:
+    """Returns the FMUs that the drones share.
+
+    Raises:
+        SystemDescriptionError: there are no drones, or parts beside them that are no surroundings.
+    """
+    try:
+        if drones:
+            return surroundings_of(structure.system, checked, drones)
+        lack = "has no drones, systems made of FMUs,"
+    except ValueError as error:
+        lack = f"has parts beside its drones ({error}) that are not connected as Swarm.environment connects them,"
+    text = f"{lack} so that it is not the pattern of a swarm; give a system whose root holds drones alone"
+    raise SystemDescriptionError([Problem(structure.where, text)])
+
+
+def _without_ports(inside: System) -> System:
+    """Returns the system of a drone without its own connectors, which lead to its surroundings."""
+    outer = [one for one in inside.connections if one.start_element is None or one.end_element is None]
+    ends = {(one.start_element, one.start_connector) for one in outer}
+    ends |= {(one.end_element, one.end_connector) for one in outer}
+    inner = tuple(one for one in inside.connections if one not in outer)
+    ends -= {(one.start_element, one.start_connector) for one in inner}
+    elements = tuple(
+        replace(part, connectors=tuple(one for one in part.connectors if (part.name, one.name) not in ends))
+        for part in inside.elements
+    )
+    return replace(inside, connectors=(), connections=inner, elements=elements)
 
 
 def _inside(element: Element) -> System | None:

@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from cosim.verdict import Role
 from cosim_master.fmi.description.declarations import elements_of
 from cosim_master.fmi.description.read import FmuDescription
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.reading.read import FMU_TYPE
+from cosim_master.system.structure import Component, System, Value
 
-__all__ = ["Shared", "body_of", "missing", "shared_ports"]
+__all__ = ["COUNT", "Shared", "Surroundings", "body_of", "missing", "shared_ports", "surroundings_of"]
+
+COUNT = "count"
+"""Parameter of an FMU that all drones share: the number of drones."""
 
 Shared = tuple[tuple[str, ...], str, tuple[str, ...], str]
 """Elements and causality of a port of the shared FMU, and of the port of a drone's body."""
 _OPPOSITE = {"input": "output", "output": "input"}
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """An FMU that all drones share: its name, its file, and its start values except the number of drones."""
+
+    name: str
+    fmu: Path
+    values: Mapping[str, Value]
 
 
 def body_of(parts: Mapping[str, FmuDescription]) -> str | None:
@@ -49,3 +66,47 @@ def shared_ports(shared: FmuDescription, body: FmuDescription, number: int) -> I
         if len(theirs) < len(own):
             raise ValueError(f"has {len(every)} elements of {name}, for at most {len(every) // len(own)} drones")
         yield theirs, causality, own, _OPPOSITE[causality]
+
+
+def surroundings_of(system: System, checked: CheckedSystem, drones: Sequence[str]) -> tuple[Surroundings, ...]:
+    """Returns the FMUs beside the drones, if their connections are those that `Swarm.environment` makes.
+
+    Args:
+        system: the root system.
+        drones: names of its drones, the first of the shared FMU's elements first.
+
+    Raises:
+        ValueError: the root has other parts or connections beside its drones.
+    """
+    others = [one for one in system.elements if one.name not in drones]
+    instances = {one.name: one for one in checked.instances}
+    wanted: set[frozenset[tuple[str, str]]] = set()
+    found = []
+    for one in others:
+        if not isinstance(one, Component) or one.type != FMU_TYPE:
+            raise ValueError(one.name)
+        shared = instances[one.name].fmu
+        for number, drone in enumerate(drones):
+            parts = {
+                name.removeprefix(f"{drone}."): instance.fmu
+                for name, instance in instances.items()
+                if name.startswith(f"{drone}.")
+            }
+            part = body_of(parts)
+            ports = [*shared_ports(shared, parts[part], number)] if part is not None else []
+            if not ports:
+                raise ValueError(one.name)
+            wanted |= {
+                frozenset(((one.name, element), (drone, f"{part}_{own}")))
+                for elements, _, owns, _ in ports
+                for element, own in zip(elements, owns, strict=True)
+            }
+        values = {name: value for name, value in instances[one.name].start_values.items() if name != COUNT}
+        found.append(Surroundings(one.name, shared.path, values))
+    has = {
+        frozenset(((one.start_element or "", one.start_connector), (one.end_element or "", one.end_connector)))
+        for one in system.connections
+    }
+    if others and has != wanted:
+        raise ValueError(", ".join(one.name for one in others))
+    return tuple(found)

@@ -50,7 +50,7 @@ from cosim_master.system.authoring.swarm.drone import (
     parameters_of,
 )
 from cosim_master.system.authoring.swarm.scenario import Scenario, scenario_of
-from cosim_master.system.authoring.swarm.surroundings import body_of, missing, shared_ports
+from cosim_master.system.authoring.swarm.surroundings import COUNT, body_of, missing, shared_ports
 from cosim_master.system.authoring.text.difference import difference
 from cosim_master.system.authoring.text.documents import parameter_document, system_document
 from cosim_master.system.flatten.check import check
@@ -61,8 +61,6 @@ __all__ = ["IDS", "Swarm"]
 
 IDS = 250
 """System ids in use; a system id of MAVLink has one byte."""
-_COUNT = "count"
-"""Parameter of an FMU that all drones share: the number of drones."""
 _SCENARIO = "line5"
 _RECORDED_EVERY = 0.1
 """s; rows at every base step of thousands of drones would be far too many."""
@@ -73,8 +71,8 @@ class Swarm:
 
     Args:
         name: name of the system.
-        like: the system whose first drone is the pattern of all drones, and whose radio they have: a file, a folder, or
-            the name of a shipped one.
+        like: the system whose first drone is the pattern of all drones, and whose radio and environments they have: a
+            file, a folder, or the name of a shipped one.
         network: attributes of the annotation of the network that replace those of `like`, e.g. {"loss": 0.1}.
         stop_time: stop time of the DefaultExperiment, s; None: that of `like`.
         recorded_every: time between two rows of a recording, s.
@@ -119,6 +117,8 @@ class Swarm:
         self._known: dict[Path, FmuDescription] = {}
         self._kinds: dict[tuple[tuple[str, Path], ...], Drone] = {(): self._drone}
         self._folder: Path | None = None
+        for one in scenario.surroundings:
+            self.environment(one.fmu, name=one.name, values=one.values)
 
     # ---- contents ----------------------------------------------------------------------------------------------------
 
@@ -446,9 +446,9 @@ class Swarm:
         if lacking := missing(fmu, drone.parts[part]):
             note = f"{body} has no {', '.join(lacking)}: {fmu.path.name} does not act on it by these"
             self.notes = tuple(dict.fromkeys((*self.notes, note)))
-        if _COUNT in fmu.variables:
-            others = (one for one in environment.values if one.name != _COUNT)
-            environment.values = (*others, *parameters_of(environment.parts, _COUNT, number + 1))
+        if COUNT in fmu.variables:
+            others = (one for one in environment.values if one.name != COUNT)
+            environment.values = (*others, *parameters_of(environment.parts, COUNT, number + 1))
 
     def _description(self) -> SwarmDescription:
         return SwarmDescription(
