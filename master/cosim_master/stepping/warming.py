@@ -49,6 +49,8 @@ _STRUCTURED = {
         "nodes": radio.NODE,
         "channels": radio.CHANNEL,
         "places": radio.PLACE,
+        "relayed": radio.RELAYED,
+        "trip": radio.RELAYED,
         "trace": radio.TRACED,
         "packet": PACKET,
         "gateways": radio.GATEWAY,
@@ -69,6 +71,8 @@ _OF_ROWS = {
     "jamming",
     "obstacles",
     "data",
+    "routes",
+    "seen",
 }
 
 

@@ -66,7 +66,7 @@ def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None 
     groups = repeated(ids)
     if not groups:
         return []
-    heard = _heard(network, places) | np.eye(len(network.nodes), dtype=bool)
+    heard = _relayed(network, _heard(network, places)) | np.eye(len(network.nodes), dtype=bool)
     found = []
     for value, nodes in groups.items():
         hears = heard[nodes].sum(axis=0)
@@ -75,6 +75,17 @@ def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None 
             names = tuple(network.nodes[n].name for n in nodes if heard[n, listener])
             found.append(Twice(value, names, network.nodes[listener].name))
     return found
+
+
+def _relayed(network: Network, heard: Array) -> Array:
+    """Returns the same matrix with the nodes that relays reach."""
+    relays = np.isin([node.name for node in network.nodes], network.relays)
+    for _ in range(network.hops if relays.any() else 0):
+        farther = heard | (heard[:, relays].astype(np.float32) @ heard[relays].astype(np.float32) > 0.0)
+        if (farther == heard).all():
+            break
+        heard = farther
+    return heard
 
 
 def _heard(network: Network, places: Array | None) -> Array:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from cosim_master.network.radio.air import serve_medium
 from cosim_master.network.radio.build import grown, packet_counts
-from cosim_master.network.radio.router import serve_medium
 from cosim_master.network.radio.tables import BY_RADIO, FREE_PLACES, LOST_COLLISION, LOST_QUEUE, USED_EVENTS, WAITING
 from cosim_master.network.radio.topology import copies
 from tests.master.network.test_radio import SECOND, Air, each_alone, packet, spread

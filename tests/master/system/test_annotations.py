@@ -138,7 +138,7 @@ def test_examples_are_valid(prepared: Any) -> None:
     examples = [
         content.strip() for content in re.findall(r"```xml\n(.*?)```", TEXT, re.S) if not content.startswith("<ssd:")
     ]
-    assert len(examples) == 13
+    assert len(examples) == 14
     for content in examples:
         prepared(content)
     (inside,) = re.findall(r"<ssc:Annotation .*?>\n(.*?)</ssc:Annotation>", TEXT, re.S)

@@ -252,6 +252,10 @@ def test_links_go_both_ways(swarm: Any) -> None:
         ("", '<partition nodes="d*"/>', "a partition names some of the nodes, and not all of them"),
         ("", '<partition start="1"/>', "a partition names some of the nodes, and not all of them"),
         ("", '<partition nodes="d1" start="5" stop="4"/>', "partition from 5 s to 4 s: stop must be after start"),
+        ('relays="d9"', "", 'relays="d9": there is no such radio node; valid: "d1", "d2", "d3"'),
+        ('relays="d1 x*"', "", 'relays="x*": there is no such radio node; '),
+        ('hops="3"', "", 'hops is for relays, and no node relays; name some: relays="*"'),
+        ('relays="*" hops="0"', "", 'hops="0" must be a whole number from 1 to 255'),
         ("", "<jamming/>", "jamming needs a radius, in m"),
         ('range="10" position="vehicle.speed"', "", "topology nearest and range need positions; "),
         ('topology="nearest" position="pilot.position"', "", "topology nearest and range need positions; "),
@@ -523,6 +527,14 @@ def test_a_component_called_network_wins(overridden: Any) -> None:
     assert 'there is no variable "network.loss"' in text
     assert text.endswith('; "network" is an element of this system here, not the annotation')
     assert overridden({}, network('loss="0.5"'), name="network").loss == 0.5
+
+
+def test_relays(swarm: Any) -> None:
+    assert (swarm(network()).relays, swarm(network()).hops) == ((), 8)
+    found = swarm(network('relays="d3 d[12] d1" hops="2"').replace("d[12] ", ""))
+    assert (found.relays, found.hops) == (("d1", "d3"), 2)
+    assert swarm(network('relays="*"')).relays == ("d1", "d2", "d3")
+    assert [*found.senders()] == [("d1.agent", 0), ("d2.agent", 1), ("d3.agent", 2), ("d1.relay", 0), ("d3.relay", 2)]
 
 
 def test_an_own_channel(swarm: Any, tmp_path: Path) -> None:

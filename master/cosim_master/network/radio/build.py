@@ -34,6 +34,9 @@ from cosim_master.network.radio.tables import (
     ON_BOARD,
     OUTCOMES,
     PLACE,
+    RELAYED,
+    REPEATED,
+    SENT_ON,
     SETTINGS,
     TRACED,
     Radio,
@@ -49,6 +52,8 @@ __all__ = ["GATEWAY_BYTES", "grown", "make_radio", "packet_counts"]
 
 _NANO = 1_000_000_000
 _MEDIA = {"none": 0, "own": tables.OWN, "shared": tables.SHARED, "aloha": tables.ALOHA, "csma": tables.CSMA}
+_COMPUTED = {"topology", "per_side", "axis", "keep", "effects", "medium", "own", "air", "hops"}
+"""Columns of SETTINGS that are not plain numbers or times of a network."""
 GATEWAY_BYTES = 1 << 16
 """Bytes that can be taken out of a gateway at once."""
 
@@ -154,7 +159,9 @@ def _settings(network: Network, *, keep: bool) -> np.ndarray[Any, Any]:
     )
     row["medium"] = _MEDIA[network.medium]
     row["own"] = 0 if network.own is None else address_of(network.own)
-    for name in {*(SETTINGS.names or ())} - {"topology", "per_side", "axis", "keep", "effects", "medium", "own"}:
+    row["hops"] = network.hops
+    row["air"] = sum(1 for _ in network.senders()) if network.relays else -1
+    for name in {*(SETTINGS.names or ())} - _COMPUTED:
         row[name] = _number(name, getattr(network, name))
     return row
 
@@ -228,9 +235,15 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         place = [reals[instance, variable.name] for instance, variable in node.position] or [-1, -1, -1]
         own = np.searchsorted(channels["sender"], (senders[n], senders[n] + 1))
         spans = (members[n], members[n + 1], listed[n], listed[n + 1])
-        node_table[n] = (place, _hash(node.name), *spans, kinds[n], *own)
+        node_table[n] = (place, _hash(node.name), *spans, kinds[n], *own, -1)
     waits = network.medium in ("aloha", "csma")
-    endpoints = np.zeros(int(members[-1]) + len(network.gateways) + waits, dtype=ENDPOINT)
+    relays, behind = network.relays, int(members[-1]) + len(network.gateways)
+    endpoints = np.zeros(behind + len(relays) + bool(relays) + waits, dtype=ENDPOINT)
+    for i, name in enumerate(relays):
+        node_table[names[name]]["relay"] = behind + i
+        endpoints[behind + i] = (names[name], _hash(f"{name}.relay"), 0, 0, 0, -1, -1, tables.SWARM)
+    if relays:
+        endpoints[behind + len(relays)] = (-1, 0, 0, 0, 0, -1, -1, tables.CABLE)  # the air
     if waits:
         endpoints[-1] = (-1, 0, 0, 0, 0, -1, -1, tables.CABLE)  # the medium, in whose queue packets wait
     for i, (n, e) in enumerate((n, e) for n, node in enumerate(nodes) for e in node.endpoints):
@@ -238,7 +251,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         endpoints[i] = (n, _hash(e.name), 0, capacity, 0, -1, -1, _reach(e, nodes[n]))
     for g, gateway in enumerate(network.gateways):
         behind = int(members[-1]) + g
-        node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0, 0, 0, 0)
+        node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0, 0, 0, 0, -1)
         endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1, tables.ON_AIR)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
@@ -256,6 +269,10 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         media=np.full({"none": 0, "csma": 5}.get(network.medium, 2) * len(nodes), -1, dtype=np.int64),
         places=table(np.zeros(0, dtype=PLACE)),
         data=np.zeros((0, MAX_PACKET), dtype=np.uint8),
+        relayed=table(np.zeros(0, dtype=RELAYED)),
+        trip=table(np.zeros(1 if relays else 0, dtype=RELAYED)),
+        routes=np.zeros((len(nodes) if relays else 0, 256), dtype=np.int64),
+        seen=np.zeros((len(nodes) * int(members[-1]) if relays else 0, 2), dtype=np.int64),
         order=np.arange(len(nodes), dtype=np.int64),
         along=np.zeros(len(nodes)),
         hearers=np.zeros(len(nodes) + 1, dtype=np.int64),
@@ -281,27 +298,31 @@ def grown(radio: Radio, need: int) -> Radio:
     data[:old] = radio.data
     radio.counters[FREE_PLACE] = old
     radio.counters[FREE_PLACES] += new - old
-    return radio._replace(places=table(places), data=data)
+    relayed = np.zeros(new * radio.trip.size, dtype=RELAYED)
+    relayed[: radio.relayed.size] = radio.relayed
+    return radio._replace(places=table(places), data=data, relayed=table(relayed))
 
 
 def packet_counts(radio: Radio) -> dict[str, int]:
     """Returns the numbers of packets by radio: sent = delivered + lost + in flight, each counted once per receiver.
 
-    Packets on board are counted separately. Duplicates, and causes of loss that most systems do not use, are included
-    only if their number is not zero.
+    Packets on board are counted separately. Duplicates, packets that relays send on, and causes of loss that most
+    systems do not use, are included only if their number is not zero. A relayed packet is sent several times; copies
+    that a node drops, because it has received the packet before, are "repeated" and count as delivered.
     """
     count = radio.counters
     always = range(LOST_CHANNEL, NO_ROUTE + 1)
     seldom = [i for i, outcome in enumerate(OUTCOMES) if outcome.startswith("lost: ") and i not in always and count[i]]
     lost = {OUTCOMES[i].removeprefix("lost: "): int(count[i]) for i in (*always, *seldom)}
-    by_radio, delivered, duplicates = int(count[BY_RADIO]), int(count[DELIVERED]), int(count[DUPLICATE])
+    by_radio, delivered = int(count[BY_RADIO]), int(count[DELIVERED])
+    others = {"duplicates": DUPLICATE, "relayed": SENT_ON, "repeated": REPEATED}
     return {
         "sent": by_radio + sum(lost.values()),
         "delivered": delivered,
         "lost": sum(lost.values()),
         "in flight": by_radio - delivered,
         **{f"lost: {cause}": n for cause, n in lost.items()},
-        **({"duplicates": duplicates} if duplicates else {}),
+        **{what: int(count[i]) for what, i in others.items() if count[i]},
         "malformed": int(count[MALFORMED]),
         "on board": int(count[ON_BOARD]),
         "deferred": int(count[DEFERRED]),

@@ -28,10 +28,11 @@ from cosim.kernel import kernel
 from cosim_master.network.radio.chances import BACKOFF, SLOT, chance
 from cosim_master.network.radio.effects import distance2
 from cosim_master.network.radio.queues import put, take_out
+from cosim_master.network.radio.relays import resume_trip, save_trip
 from cosim_master.network.radio.tables import CSMA, LOGGED, OWN, WAITING, Radio
 from cosim_master.network.radio.topology import find_hearers
 
-__all__ = ["collided", "departure", "listen_to_slot", "next_slot_over", "on_air", "sense", "wait_for_medium"]
+__all__ = ["collided", "departure", "listen_to_slot", "on_air", "sense", "wait_for_medium"]
 
 _SENDS = 1 << 32
 """Added for a node that sends in a slot, in addition to 1 for each sender that it hears."""
@@ -75,6 +76,8 @@ def wait_for_medium(
     place = put(r, r.endpoints.size - 1, arrival, buf, start, stop, 0, -1)
     r.places[place].sender, r.places[place].number, r.places[place].sent = e, number, t
     r.places[place].addressee = to_system
+    if r.trip.size > 0:
+        save_trip(r, place, -1)
     r.counters[WAITING] += 1
     return True
 
@@ -91,13 +94,6 @@ def _slot_over(r: Radio, t: int, e: int, number: int) -> int:
         return -1
     r.media[n] = slot
     return int((slot + 1) * s.slot)
-
-
-@kernel
-def next_slot_over(r: Radio, t: int) -> int:
-    """Returns the end of the next slot with packets if it is at most t [ns], otherwise -1."""
-    first = r.endpoints[r.endpoints.size - 1].first
-    return int(r.places[first].arrival) if first >= 0 and r.places[first].arrival <= t else -1
 
 
 @kernel
@@ -172,6 +168,9 @@ def sense(r: Radio, reals: NDArray[np.float64], place: int) -> bool:
     again = put(r, medium, then, r.data[place], 0, length, LOGGED if free else 0, -1)
     r.places[again].sender, r.places[again].number, r.places[again].sent = e, number, sent
     r.places[again].addressee = addressee
+    if r.trip.size > 0:
+        resume_trip(r, place)
+        save_trip(r, again, -1)
     take_out(r, medium)
     if free:
         _occupy(r, reals, again, n, t, then)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cosim_master.network.roles import declared
 
 __all__ = [
+    "AIRBORNE",
     "ALOHA",
     "BROADCAST",
     "BY_RADIO",
@@ -53,7 +54,10 @@ __all__ = [
     "OUTCOMES",
     "OWN",
     "PLACE",
+    "RELAYED",
+    "REPEATED",
     "ROLES",
+    "SENT_ON",
     "Radio",
     "SETTINGS",
     "SHARED",
@@ -146,6 +150,7 @@ NODE = np.dtype(
         ("kind", "i8"),  # as a hearer; nodes of one kind are heard by the same channels
         ("channel", "i8"),  # it sends by channels[channel:unchannelled], and by SETTINGS to hearers of other kinds
         ("unchannelled", "i8"),
+        ("relay", "i8"),  # the endpoint by which it sends packets on, -1: it does not relay
     ]
 )
 
@@ -180,6 +185,8 @@ SETTINGS = np.dtype(
         ("sensing", "i8"),
         ("seed", "u8"),
         ("own", "u8"),  # address of the function of an own channel, 0: none
+        ("air", "i8"),  # the endpoint of packets on their way, if there are relays; -1
+        ("hops", "i8"),  # relays that a packet passes at most
         ("keep", "i8"),  # write events and logs
     ]
 )
@@ -206,13 +213,27 @@ PLACE = np.dtype(
         ("logged", "i8"),  # this copy is written to the receiving node's log; COUNTED: it is also counted
         ("following", "i8"),  # linked lists: the next place
         ("gateway", "i8"),  # by which it entered, -1: none
-        ("sender", "i8"),  # of a packet that waits for the medium: the endpoint,
+        ("sender", "i8"),  # of a packet that waits for the medium, or is on the way to a relay: the endpoint,
         ("number", "i8"),  # its number there,
         ("sent", "i8"),  # when,
         ("addressee", "i8"),  # and the system that it is for
     ]
 )
-"""One packet in flight; its bytes are the same row of `Radio.data`. The last four columns are for the medium only."""
+"""One packet in flight; its bytes are the same row of `Radio.data`. The last four columns are for the medium and
+for relays only.
+"""
+
+
+RELAYED = np.dtype(
+    [
+        ("origin", "i8"),  # the endpoint that sent it first
+        ("number", "i8"),  # of the packet there
+        ("via", "i8"),  # the node from which its sender received it, -1: none
+        ("hops", "i8"),  # relays that it has passed
+        ("node", "i8"),  # for which it is on its way
+    ]
+)
+"""The journey of a packet in flight, if there are relays: see `relays`."""
 
 
 COUNTED, LOGGED = 1, 2
@@ -261,6 +282,10 @@ class Radio(NamedTuple):
     media: NDArray[np.int64]  # none, or rows of one number per node: see `medium`
     places: NDArray[Any]  # PLACE
     data: NDArray[np.uint8]  # (places, MAX_PACKET)
+    relayed: NDArray[Any]  # RELAYED, one row per place if there are relays, as are the next three
+    trip: NDArray[Any]  # RELAYED, one row: the packet that is being sent
+    routes: NDArray[np.int64]  # (nodes, 256), the neighbour from which a node last heard a system, plus 1
+    seen: NDArray[np.int64]  # for each node and endpoint: latest packet plus 1, and the set of packets before it
     order: NDArray[np.int64]  # nodes along the axis, kept sorted
     along: NDArray[np.float64]
     hearers: NDArray[np.int64]  # scratch
@@ -273,18 +298,21 @@ class Radio(NamedTuple):
 
 ROLES = declared(
     CONSTANT="settings nodes links channels outages partitions jamming obstacles trace dialect",
-    STATE="endpoints places data order along counters media",
+    STATE="endpoints places data relayed routes seen order along counters media",
     PASSING="gateways",  # a run with gateways has no checkpoints
-    BUFFER="hearers packet events log",
+    BUFFER="hearers packet trip events log",
 )
 """The role of each array of `Radio`; tables have a single role."""
 
 
 _FIRST = len(OUTCOMES)
 DELIVERED, DEFERRED, FREE_PLACE, FREE_PLACES, IN_FLIGHT, USED_EVENTS, USED_LOG, WAITING = range(_FIRST, _FIRST + 8)
+AIRBORNE, SENT_ON, REPEATED = range(_FIRST + 8, _FIRST + 11)
 """Places in `Radio.counters`: packets delivered; packets deferred because a port was full; first free place and number
-of free places; places in use; rows of events and bytes of log in use; packets that wait for their slot.
+of free places; places in use; rows of events and bytes of log in use; packets that wait for the medium or
+are in the air; those in the air (if there are relays); packets that relays have sent on; copies of packets that their
+receiver had taken before.
 """
 
 
-COUNTERS = _FIRST + 8
+COUNTERS = _FIRST + 11

@@ -43,9 +43,8 @@ class PacketLog:
     every = 0
 
     def __init__(self, file: TableFile, network: Network, logs: Sequence[Any]) -> None:
-        gateways = [gateway.name for gateway in network.gateways]
         self._nodes = _node_names(network)
-        self._endpoints = [e.name for node in network.nodes for e in node.endpoints] + gateways
+        self._endpoints = [name for name, _ in network.senders()]
         self._file, self._logs, self._names = file, logs, log_names(network)
         self._schema = packets_schema()
         self._in_journal = self._in_logs = 0

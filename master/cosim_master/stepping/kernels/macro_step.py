@@ -2,7 +2,7 @@
 
     t_k = t0 + k*h, k an integer; t0 and h whole ticks, of which a whole number makes a nanosecond
     DELIVER   packets that have arrived by t_k         -> mavlink_rx of receivers that are due
-              (before that, those of slots of the medium that are over by t_k -> channel -> in flight)
+              (before that, those that have left the medium or reached a relay by t_k -> channel -> in flight)
     STEP      exchange: outputs(t_k) -> inputs, all read before any is written (Jacobi)
               step every instance that is due: t_k -> t_k + n*h; isolated ones begin before the others
               collect outputs of the instances whose step ends at t_k + h
@@ -30,9 +30,11 @@ from numpy.typing import NDArray
 
 from cosim.kernel import kernel
 from cosim.packets import MAX_PACKET, encode_base64
+from cosim_master.network.radio.air import serve_medium
 from cosim_master.network.radio.queues import arrived, deliver
-from cosim_master.network.radio.router import send, serve_medium
+from cosim_master.network.radio.router import send
 from cosim_master.network.radio.tables import (
+    AIRBORNE,
     FREE_PLACES,
     IN_FLIGHT,
     NEAREST_ON_AXIS,
@@ -151,6 +153,8 @@ def places_needed(p: Plan, r: Radio) -> int:
     for e in range(p.ports.size):
         if p.ports[e].sent > 0:
             packets += p.ports[e].sent // 8 + 2
+    if r.trip.size > 0:
+        packets += 1 - r.counters[AIRBORNE]  # packets that have reached a node are routed one by one
     return int((packets + r.counters[WAITING]) * copies(r))
 
 
@@ -178,16 +182,17 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
 
 @kernel
 def _serve_medium(p: Plan, r: Radio, k: int) -> int:
-    """Routes the packets that have left the medium; returns DONE, or the need of the array that must grow first."""
-    need = places_needed(p, r)
-    if need > r.counters[FREE_PLACES]:
-        return NEED_PLACES
-    if r.settings[0].keep != 0 and r.counters[USED_EVENTS] + need > r.events.size:
-        return NEED_LOG
+    """Routes packets that have left the medium or reached a relay; returns DONE, or why an array must grow first."""
     if r.settings[0].topology == NEAREST_ON_AXIS:
         sort_along(r, p.real_out)
-    serve_medium(r, p.real_out, point_in_time(p.counters, k))
-    return DONE
+    while True:
+        need = places_needed(p, r)
+        if need > r.counters[FREE_PLACES]:
+            return NEED_PLACES
+        if r.settings[0].keep != 0 and r.counters[USED_EVENTS] + need > r.events.size:
+            return NEED_LOG
+        if serve_medium(r, p.real_out, point_in_time(p.counters, k)):
+            return DONE
 
 
 @kernel
@@ -232,17 +237,17 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
         if counters[PHASE] == DELIVER:
             if k >= k_stop:
                 return DONE
-            in_flight = r.counters[IN_FLIGHT]
+            if r.counters[WAITING] > 0:
+                reason = _serve_medium(p, r, k)
+                if reason != DONE:
+                    return reason
+            in_flight = r.counters[IN_FLIGHT]  # after the medium and relays have made copies
             if (
                 r.settings[0].keep != 0
                 and in_flight > 0
                 and r.counters[USED_LOG] + in_flight * (MAX_PACKET + 16) > r.log.size
             ):
                 return NEED_LOG
-            if r.counters[WAITING] > 0:
-                reason = _serve_medium(p, r, k)
-                if reason != DONE:
-                    return reason
             if p.ports.size > 0:
                 _deliver_all(p, r, k)
             counters[PHASE] = STEP

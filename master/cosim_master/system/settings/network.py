@@ -40,6 +40,7 @@ each packet in one of the next `window`; packets in the same slot collide), "csm
 of `backoff`, in s, and goes if its sender hears nobody; others hear it after `sensing`, in s). `rate`: in baud, ten per
 byte; a packet that waits longer than `queue`, in s, is lost.
 `trace`: a CSV file, relative to the system's document, with recorded fates of packets (`trace`).
+`relays`: nodes, by name or pattern, that send packets on as MAVLink routers do; a packet passes at most `hops` of them.
 `channel`: a Python file, relative likewise, with an effect of one's own (`own_channel`).
 `position`: path, below a node, of its NED position in m. By default, it is the output that the only FMU of the node
 declares as its position, or else the one with the conventional name (`cosim.vehicle`).
@@ -57,9 +58,18 @@ from typing import TYPE_CHECKING, Any
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.diagnostics.limitations import DIALECT
-from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
+from cosim_master.diagnostics.names import is_pattern, near, near_pattern
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.annotation import Attributes, root_annotation
+from cosim_master.system.settings.disturbances import (
+    Jamming,
+    Partition,
+    matched,
+    read_jamming,
+    read_outage,
+    read_partition,
+    read_relays,
+)
 from cosim_master.system.settings.nodes import BY_CONVENTION, TELEMETRY, Endpoint, Node, nodes_of
 from cosim_master.system.settings.obstacles import Obstacle, read_box, read_cylinder
 from cosim_master.system.settings.own_channel import OwnChannel, read_own_channel
@@ -156,26 +166,6 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True)
-class Partition:
-    """The nodes with these names are cut off from all others between start and stop [s]."""
-
-    nodes: tuple[str, ...]
-    start: float
-    stop: float
-
-
-@dataclass(frozen=True, slots=True)
-class Jamming:
-    """Nodes within `radius` of a place [m], at any height, do not hear anything between start and stop [s]."""
-
-    north: float
-    east: float
-    radius: float
-    start: float
-    stop: float
-
-
-@dataclass(frozen=True, slots=True)
 class Network:
     """Nodes by name, and the radio between them. Times in s, lengths in m. The last of several `channels` applies."""
 
@@ -206,6 +196,8 @@ class Network:
     window: int = 1
     backoff: float = 0.0
     sensing: float = 0.0
+    relays: tuple[str, ...] = ()
+    hops: int = 8
     seed: int = 0
     links: frozenset[tuple[str, str]] = frozenset()
     channels: tuple[Channel, ...] = ()
@@ -217,6 +209,17 @@ class Network:
     own: OwnChannel | None = None
     dialect: tuple[Message, ...] = ()
     notes: tuple[str, ...] = field(default=())
+
+    def senders(self) -> Iterator[tuple[str, int]]:
+        """Yields name and node of each sender by radio, in the radio's order: endpoints, gateways, relays.
+
+        A gateway is a node of its own, behind the others.
+        """
+        for n, node in enumerate(self.nodes):
+            yield from ((endpoint.name, n) for endpoint in node.endpoints)
+        yield from ((gateway.name, len(self.nodes) + g) for g, gateway in enumerate(self.gateways))
+        places = {node.name: n for n, node in enumerate(self.nodes)}
+        yield from ((f"{name}.relay", places[name]) for name in self.relays)
 
 
 def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
@@ -276,13 +279,15 @@ def _settings(reader: Attributes, nodes: Sequence[Node], seed: int | None) -> Ne
         seed=written_seed if seed is None else seed,
         links=links,
         channels=channels,
-        outages=tuple(_outage(child, nodes) for child in children["outage"]),
-        partitions=tuple(_partition(child, nodes) for child in children["partition"]),
-        jamming=tuple(map(_jamming, children["jamming"])),
+        outages=tuple(read_outage(child, nodes) for child in children["outage"]),
+        partitions=tuple(read_partition(child, nodes) for child in children["partition"]),
+        jamming=tuple(map(read_jamming, children["jamming"])),
         obstacles=(*map(read_box, children["box"]), *map(read_cylinder, children["cylinder"])),
         rayleigh=reader.choice("rayleigh", "false", ("true", "false")) == "true",
         medium=reader.choice("medium", "none", ("none", "own", "shared", "aloha", "csma")),
         window=reader.integer("window", 1, 1, 1_000_000),
+        relays=read_relays(reader, nodes),
+        hops=reader.integer("hops", 8, 1, 255),
         **_effects(reader),
         notes=_notes(reader, nodes),
     )
@@ -344,40 +349,6 @@ def _check_effects(reader: Attributes, settings: Network) -> None:
         if settings.rate < math.inf and settings.sensing * settings.rate >= _SHORTEST:
             text = f"it must be less than the time of the shortest packet on the air, {_SHORTEST / settings.rate:.3g} s"
             reader.problem(f"sensing={settings.sensing:g} s: {text}")
-
-
-def _partition(child: Attributes, nodes: Sequence[Node]) -> Partition:
-    names = {node.name: node for node in nodes}
-    ends = child.text("nodes", "").split()
-    start, stop = _span(child, "partition")
-    child.finish()
-    found = {name: None for end in ends for name in _matching(end, names)}
-    for end in ends:
-        if not _matching(end, names):
-            hint = near_pattern(end, names) if is_pattern(end) else near(end, names)
-            child.problem(f'partition of "{end}": there is no such radio node; {hint}')
-    if not ends or len(found) == len(names):
-        child.problem('a partition names some of the nodes, and not all of them: nodes="A B", or patterns')
-    return Partition(tuple(found), start, stop)
-
-
-def _jamming(child: Attributes) -> Jamming:
-    north, east = (child.number(name, 0.0, -1e9, 1e9) for name in ("north", "east"))
-    radius = child.number("radius", 0.0, 0.0, 1e9)
-    start, stop = _span(child, "jamming")
-    child.finish()
-    if radius <= 0.0:
-        child.problem("jamming needs a radius, in m")
-    return Jamming(north, east, radius, start, stop)
-
-
-def _span(child: Attributes, what: str) -> tuple[float, float]:
-    """Returns start and stop, s."""
-    start = child.number("start", 0.0, 0.0, 1e9)
-    stop = child.number("stop", math.inf, 0.0, math.inf)
-    if stop <= start:
-        child.problem(f"{what} from {start:g} s to {stop:g} s: stop must be after start")
-    return start, stop
 
 
 def _dialect(reader: Attributes, folder: Path) -> tuple[Message, ...]:
@@ -461,8 +432,8 @@ def _links(
             if topology == "listed" and source in nodes and target in nodes:
                 links.add((source, target))
             if describes:
-                matched = _matching(source, nodes), _matching(target, nodes)
-                described.append((child, Channel(source, target, *matched, **numbers)))
+                nodes_of_ends = matched(source, nodes), matched(target, nodes)
+                described.append((child, Channel(source, target, *nodes_of_ends, **numbers)))
     for child, channel in described if topology == "listed" else ():
         hearers = frozenset(channel.hearers)
         if not any(a in channel.senders and b in hearers for a, b in links):
@@ -492,21 +463,17 @@ def _ends(child: Attributes) -> tuple[tuple[str, str], ...] | None:
     return None
 
 
-def _matching(end: str, nodes: Mapping[str, Node]) -> tuple[str, ...]:
-    return (end,) if end in nodes else tuple(matching(end, nodes))
-
-
 def _linkable(
     child: Attributes, ends: tuple[str, str], nodes: Mapping[str, Node], topology: str, *, describes: bool
 ) -> bool:
     """Returns whether a link has nodes at its ends, and creates or describes a connection."""
     known = True
     for end in ends:
-        if not _matching(end, nodes):
+        if not matched(end, nodes):
             known = False
             hint = near_pattern(end, nodes) if is_pattern(end) else near(end, nodes)
             child.problem(f'there is no radio node "{end}"; {hint}')
-    if known and len({*_matching(ends[0], nodes), *_matching(ends[1], nodes)}) < 2:
+    if known and len({*matched(ends[0], nodes), *matched(ends[1], nodes)}) < 2:
         known = False
         child.problem(f'a link from "{ends[0]}" to itself; name two nodes')
     pattern = not all(end in nodes for end in ends)
@@ -516,16 +483,6 @@ def _linkable(
     elif known and not describes and pattern:
         child.problem("patterns make no links, they describe them: give names, or latency, jitter or loss")
     return known and (describes or (topology == "listed" and not pattern))
-
-
-def _outage(child: Attributes, nodes: Sequence[Node]) -> tuple[str, float, float]:
-    names = {node.name for node in nodes}
-    name = child.text("node", "")
-    start, stop = _span(child, "outage")
-    child.finish()
-    if name not in names:
-        child.problem(f'outage of node "{name}": there is no such radio node; {near(name, names)}')
-    return (name, start, stop)
 
 
 def _notes(reader: Attributes, nodes: Sequence[Node]) -> tuple[str, ...]:

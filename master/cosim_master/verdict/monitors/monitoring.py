@@ -118,8 +118,7 @@ class Monitoring:
         self.every = min(self.periods)
         self.prompt = hears_packets(monitors)
         self._columns = _Columns(layout, monitored(monitors))
-        nodes = [n for n, node in enumerate(network.nodes) for _ in node.endpoints]
-        nodes += [len(network.nodes)] * len(network.gateways)
+        nodes = [min(n, len(network.nodes)) for _, n in network.senders()]
         self._nodes = np.array(nodes, np.int64)
         self.rules: list[Rule] = [self._rule(one) for one in monitors.every]
         self._ending = [rule for rule in self.rules if rule.monitor.ends]

@@ -57,10 +57,8 @@ class LiveTraffic:
     def __init__(self, network: Network, parts: Sequence[Part]) -> None:
         gateways = [gateway.name for gateway in network.gateways]
         self._nodes = [*(node.name for node in network.nodes), *gateways]
-        self._endpoints = [*(e.name for node in network.nodes for e in node.endpoints), *gateways]
-        n = len(network.nodes)
-        of_node = [i for i, node in enumerate(network.nodes) for _ in node.endpoints]
-        self._node_of = np.array([*of_node, *range(n, n + len(gateways))], np.int64)
+        self._endpoints = [name for name, _ in network.senders()]
+        self._node_of = np.array([n for _, n in network.senders()], np.int64)
         vehicles = vehicle_of_nodes(self._nodes, parts)
         self._vehicle = np.array([*(vehicles.get(name, _NOBODY) for name in self._nodes), _NOBODY], np.int64)
         self._width = len(self._nodes) + 1  # the last column: to nobody
