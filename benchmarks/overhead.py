@@ -33,6 +33,7 @@ from report import machine, show, write
 
 from cosim.build import build, load_models
 from cosim_master.execution.execution import Execution
+from cosim_master.execution.run.opening import Setup
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.stepping.layout import make_layout
 from cosim_master.system.flatten.check import check
@@ -72,7 +73,9 @@ class Ours:
         self.clock = time_grid(checked, until)
         self.layout = make_layout(checked, network)
         self.execution = stack.enter_context(
-            Execution(checked, self.clock, self.layout, network, every=self.clock.steps, threads=1, isolation=isolation)
+            Execution(
+                checked, self.clock, self.layout, network, Setup(every=self.clock.steps, threads=1, isolation=isolation)
+            )
         )
 
     def run(self, steps: int) -> float:

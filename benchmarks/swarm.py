@@ -30,6 +30,7 @@ from report import machine, show, write
 from cosim.kernel import kernel
 from cosim_master.execution.execution import Execution
 from cosim_master.execution.options import Listener, RunOptions
+from cosim_master.execution.run.opening import Setup
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.radio.build import grown
 from cosim_master.network.radio.tables import Radio
@@ -171,7 +172,7 @@ def phases(folder: Path) -> dict[str, float]:
         network = network_of(checked)
         clock = time_grid(checked, AIRBORNE + PHASE_SECONDS)
         layout = make_layout(checked, network, RECORDED)
-        with Execution(checked, clock, layout, network, every=clock.steps, threads=1) as execution:
+        with Execution(checked, clock, layout, network, Setup(every=clock.steps, threads=1)) as execution:
             models = [instance.fmu.model_name for instance in checked.instances]
             names = list(dict.fromkeys(models))
             groups = [[i for i, model in enumerate(models) if model == name] for name in names]
@@ -179,11 +180,11 @@ def phases(folder: Path) -> dict[str, float]:
             ends = np.cumsum([len(group) for group in groups])
             execution.advance(clock.steps - round(PHASE_SECONDS * 1e9 / clock.base))
             spent = np.zeros(2 + len(names) + 3, dtype=np.int64)
-            execution.radio = grown(execution.radio, 64 * len(network.nodes) * 16)
+            execution.state.radio = grown(execution.state.radio, 64 * len(network.nodes) * 16)
             # the first call compiles; the second is the one that counts
             before = execution.k
             for stop in (before, clock.steps - 1):
-                if (reason := _timed_steps(execution.plan, execution.radio, stop, grouped, ends, spent)) != 0:
+                if (reason := _timed_steps(execution.plan, execution.state.radio, stop, grouped, ends, spent)) != 0:
                     raise RuntimeError(f"the loop wants something ({reason}) in a timed step")
             per = 1e-3 / (clock.steps - 1 - before) / len(network.nodes)
             return dict(zip(("exchange", "packets", *names), (spent[:-3] * per).tolist(), strict=True))

@@ -11,40 +11,28 @@ process when they are freed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
-from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-from cosim_master.diagnostics.errors import FmuError, Problem, RunFailed, SystemDescriptionError
-from cosim_master.diagnostics.limitations import CHECKPOINT
+from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.execution.algorithms.algorithm import Algorithm
 from cosim_master.execution.algorithms.choice import algorithm_for
-from cosim_master.execution.preparation.stimuli import Agenda, Stimuli
+from cosim_master.execution.preparation.stimuli import Agenda
 from cosim_master.execution.run.blocks import Blocks
-from cosim_master.execution.run.checkpoint import cannot_be_serialised, restore, save
+from cosim_master.execution.run.checkpoint import refuse_checkpoints, restore
 from cosim_master.execution.run.gateway_port import GatewayPort
 from cosim_master.execution.run.instances import Instances
-from cosim_master.execution.run.opening import open_run
+from cosim_master.execution.run.opening import Setup, open_run
+from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.workers import Workers
 from cosim_master.execution.startup.initialize import answers
-from cosim_master.fmi.slaves.fmi2 import Library
-from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.network.radio.build import packet_counts
-from cosim_master.network.radio.tables import Radio
-from cosim_master.results.checkpoint_folder import Checkpoint, Position
+from cosim_master.results.checkpoint_folder import Checkpoint
 from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.instances import collect_all
-from cosim_master.stepping.kernels.macro_step import record
-from cosim_master.stepping.kernels.tables import EVERY, ROWS, K
 from cosim_master.stepping.layout import Layout
-from cosim_master.stepping.profiling import Profiler
 from cosim_master.stepping.strings import failing
 from cosim_master.system.flatten.flat import CheckedSystem
-from cosim_master.system.settings.changes import Change
-from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
@@ -59,25 +47,13 @@ class Execution:
         clock: start, base step and periods.
         layout: the places of all values.
         network: nodes and radio.
-        every: base steps between two rows.
-        keep_packets: collect packet events and logs for the observers of the run.
-        threads: number of threads that step native instances; None selects it automatically. Only FMUs built by this
-            project are stepped by threads other than the main one: many other FMUs store state in globals, whatever
-            they declare.
-        changes: values to be set during the run, in the order of time.
-        stimuli: inputs from a file, sampled.
-        profiler: measures the time profile.
-        checkpoint: the checkpoint to resume from.
-        master: the master algorithm; None is Jacobi.
-        grid: rows at every base step, even if no step of an instance ends there.
-        isolation: selects the FMUs that run in processes of their own; None: none does.
-        on_stage: called with a description of each stage, until the first step.
-        on_library: called with each library that is loaded.
+        setup: how it runs; None is the default of each of its attributes.
 
     Attributes:
+        agenda: the values that are set during the run, to which more can be added.
+        state: everything that changes during the run.
         parameters: of each instance, as its FMU answered after initialization.
         blocks: rows and packets that have not been handed over to observers.
-        requested: the values that `request` has set.
 
     Raises:
         SystemDescriptionError: interpreted FMUs are incompatible with each other.
@@ -90,52 +66,27 @@ class Execution:
         clock: TimeGrid,
         layout: Layout,
         network: Network,
-        *,
-        every: int = 1,
-        keep_packets: bool = False,
-        threads: int | None = None,
-        changes: Sequence[Change] = (),
-        stimuli: Stimuli | None = None,
-        profiler: Profiler | None = None,
-        checkpoint: Checkpoint | None = None,
-        master: MasterSettings | None = None,
-        grid: bool = False,
-        isolation: Isolation | None = None,
-        on_stage: Callable[[str], None] | None = None,
-        on_library: Callable[[Library], None] | None = None,
+        setup: Setup | None = None,
     ) -> None:
+        setup = setup or Setup()
         self.checked, self.clock, self.layout, self.network = checked, clock, layout, network
-        master = master or MasterSettings()
-        phase: Callable[[str], AbstractContextManager[Any]] = profiler.phase if profiler else nullcontext
-        self._agenda = Agenda(changes, stimuli, checkpoint.k if checkpoint is not None else 0)
-        self.requested: list[Change] = []
-        self._instances, self._workers = Instances(isolation, on_library), Workers()
+        self.agenda = Agenda(setup.changes, setup.stimuli, setup.checkpoint.k if setup.checkpoint is not None else 0)
+        self._instances, self._workers = Instances(setup.isolation, setup.on_library), Workers()
         self._algorithm: Algorithm | None = None
         try:
-            self._state, self.threads = open_run(
-                self._instances,
-                checked,
-                clock,
-                layout,
-                network,
-                master,
-                every=every,
-                keep_packets=keep_packets,
-                grid=grid,
-                threads=threads,
-                phase=phase,
-                tell=on_stage or (lambda _: None),
-            )
-            self.slaves, self.plan = self._state.slaves, self._state.plan
+            self.state, self.threads = open_run(self._instances, checked, clock, layout, network, setup)
+            self.slaves, self.plan = self.state.slaves, self.state.plan
             self.parameters, self._notes = answers(checked, self.slaves)
-            if profiler is not None:
-                profiler.attach(self.plan, self.slaves)
-            self.blocks = Blocks(self._state, phase)
-            self._algorithm = algorithm_for(master, self._state, self.blocks, self._agenda, self._change, every)
+            if setup.profiler is not None:
+                setup.profiler.attach(self.plan, self.slaves)
+            self.blocks = Blocks(self.state, setup.phase)
+            self._algorithm = algorithm_for(
+                setup.master, self.state, self.blocks, self.agenda, self._change, setup.every
+            )
             collect_all(self.plan)
             raise_failures(self.plan, layout, self.slaves)
-            self._state.event_mode.attach(self.plan, self._state.texts)
-            self._begin(checkpoint)
+            self.state.event_mode.attach(self.plan, self.state.texts)
+            self._begin(setup.checkpoint)
         except BaseException as error:
             self.end()
             if isinstance(error, FmuError):
@@ -146,10 +97,10 @@ class Execution:
         """Proceeds from the outputs at the start to the first communication point, or to that of a checkpoint."""
         assert self._algorithm is not None
         if checkpoint is not None:
-            self.refuse_checkpoints()
-            restore(checkpoint, self._state)
+            refuse_checkpoints(self.state)
+            restore(checkpoint, self.state)
         self._algorithm.prepare()
-        port = GatewayPort(self._state, self.blocks)
+        port = GatewayPort(self.state, self.blocks)
         self.admit, self.take, self.waiting = port.admit, port.take, port.waiting
         if self.network.gateways:
             port.compile()
@@ -178,16 +129,7 @@ class Execution:
     @property
     def time(self) -> float:
         """Simulation time reached, s."""
-        return self._state.time
-
-    @property
-    def radio(self) -> Radio:
-        """The arrays of the radio, which are replaced when they become too small."""
-        return self._state.radio
-
-    @radio.setter
-    def radio(self, radio: Radio) -> None:
-        self._state.radio = radio
+        return self.state.time
 
     def advance(self, k_stop: int) -> None:
         """Makes macro steps until base step `k_stop`; with error control, at least until the next row.
@@ -202,70 +144,29 @@ class Execution:
     def _change(self, k: int) -> bool:
         """Sets the values that are due at base step `k`; returns whether any were due."""
         changed = False
-        for change in self._agenda.take(k):
+        for change in self.agenda.take(k):
             with failing(self.plan, self.slaves[change.instance]):
-                self._state.event_mode.change(change)
+                self.state.event_mode.change(change)
             changed = True
         return changed
 
-    def request(self, change: Change) -> float | None:
-        """Sets a value before the next step of its instance, as a change known from the beginning would at that time.
+    def settle(self) -> RunState:
+        """Steps to the next communication point of the system's own grid, if the run is between two; returns its state.
 
-        Returns:
-            The time of that step, s; None if the run ends before.
-        """
-        period = self.clock.periods[change.instance]
-        due = replace(change, k=-(-self.k // period) * period)
-        if due.k >= self.clock.steps:
-            return None
-        self._agenda.add(due)
-        self.requested.append(due)
-        return self.clock.time(due.k)
-
-    def record_end(self) -> None:
-        """Records a row of the current communication point, with which the run ends, unless it has one."""
-        plan = self.plan
-        if int(plan.counters[K]) % int(plan.counters[EVERY]):
-            if int(plan.counters[ROWS]) == plan.ticks.size:
-                self.blocks.rows()
-            record(plan)
-            if self._state.texts:
-                self.blocks.read_texts(recorded=True)
-
-    def refuse_checkpoints(self) -> None:
-        """Raises SystemDescriptionError, with the reason, if this system cannot have checkpoints."""
-        reason = "what has passed a gateway cannot be taken back" if self.network.gateways else ""
-        if reason := reason or cannot_be_serialised(self.slaves):
-            raise SystemDescriptionError([Problem(self.checked.structure.where, CHECKPOINT.text(reason))])
-
-    def save_checkpoint(
-        self, folder: Path, about: Mapping[str, Any], recorded: Callable[[], tuple[Position, Sequence[Path]]]
-    ) -> Path:
-        """Writes a checkpoint of the current communication point, or of the next one on the system's own grid.
-
-        Args:
-            about: what the checkpoint tells of the run.
-            recorded: returns the position of the recording, and its segments since the last checkpoint; called when
-                the blocks are empty.
+        All rows and packets up to then are handed over to the observers, so that a checkpoint can be saved.
 
         Raises:
-            SystemDescriptionError: the run has gateways, or FMUs that cannot serialise their state.
-            RunFailed: an FMU fails to serialise its state, or a step up to that communication point fails.
+            RunFailed: a step up to that communication point fails.
         """
         assert self._algorithm is not None
-        self.refuse_checkpoints()
         self._algorithm.settle()
         self.blocks.rows()
         self.blocks.packets()
-        position, segments = recorded()
-        try:
-            return save(folder, self._state, self.k, position=position, segments=segments, about=about)
-        except FmuError as error:
-            raise RunFailed([error]) from None
+        return self.state
 
     def packet_counts(self) -> dict[str, int]:
         """Returns the numbers of packets by radio, as the radio's `packet_counts` does."""
-        return packet_counts(self._state.radio)
+        return packet_counts(self.state.radio)
 
     def __enter__(self) -> Self:
         return self

@@ -16,8 +16,10 @@ from types import FrameType
 
 from cosim_master.diagnostics.errors import (
     CosimError,
+    FmuError,
     Problem,
     RecordingFailed,
+    RunFailed,
     RunTerminated,
     SystemDescriptionError,
     Where,
@@ -26,6 +28,7 @@ from cosim_master.execution.execution import Execution
 from cosim_master.execution.outcome.manifest import digest_of_system
 from cosim_master.execution.outcome.result import Outcome, Overruns, RunResult
 from cosim_master.execution.preparation.prepare import Prepared
+from cosim_master.execution.run.checkpoint import save
 from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.results.checkpoint_folder import Identity
 from cosim_master.results.recording.recording import Recording
@@ -108,11 +111,18 @@ class Checkpoints:
             recording, seen = self.recording, remember(self.watch)
             if self.monitoring is not None:
                 seen["monitors"] = self.monitoring.memory()
-            execution.save_checkpoint(
-                self._folder,
-                {**self._about, "verdict": seen},
-                lambda: (recording.position(), recording.segments()),
-            )
+            state = execution.settle()
+            try:
+                save(
+                    self._folder,
+                    state,
+                    execution.k,
+                    position=recording.position(),
+                    segments=recording.segments(),
+                    about={**self._about, "verdict": seen},
+                )
+            except FmuError as error:
+                raise RunFailed([error]) from None
 
 
 @contextmanager
@@ -276,7 +286,8 @@ def run(
             if interrupted():
                 outcome = Outcome.INTERRUPTED
                 break
-            control.made += [(execution.request(change), change) for change in control.take_changes()]
+            for change in control.take_changes():
+                control.made.append((execution.agenda.request(change, execution.k, clock), change))
             if gateways:
                 gateways.exchange(execution)
             stop_at = held.after(execution.k)
@@ -287,7 +298,7 @@ def run(
                 if not observed.over:
                     checkpoints.save(execution)
             if observed.over:
-                execution.record_end()
+                execution.blocks.record_end()
                 outcome = Outcome.VIOLATED
                 break
             if not telling.keep():

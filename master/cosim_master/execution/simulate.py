@@ -28,8 +28,10 @@ from cosim_master.execution.preparation.fingerprint import digest_of_changes, fi
 from cosim_master.execution.preparation.isolating import isolation_for
 from cosim_master.execution.preparation.prepare import Prepared, prepare
 from cosim_master.execution.preparation.stimuli import read_stimuli
+from cosim_master.execution.run.checkpoint import refuse_checkpoints
 from cosim_master.execution.run.crashes import reported
 from cosim_master.execution.run.hangs import reported_hangs
+from cosim_master.execution.run.opening import Setup
 from cosim_master.execution.run.process_state import ProcessState, WatchedCalls, told
 from cosim_master.files.kept import private_cache
 from cosim_master.fmi.slaves.isolated import Isolation
@@ -130,24 +132,21 @@ class _Run:
     def opened(self, calls: WatchedCalls) -> Execution:
         """Returns the run at its start, with initialized FMUs; `calls` watches their functions."""
         ready, options = self.ready, self.options
-        return Execution(
-            ready.checked,
-            ready.clock,
-            self.layout,
-            ready.network,
+        setup = Setup(
+            master=ready.master,
             every=ready.every,
+            grid=ready.recording.interval is not None and ready.every == 1,
             keep_packets=(self.out is not None and ready.recording.packets) or hears_packets(ready.monitors),
             threads=options.threads,
             changes=ready.changes,
             stimuli=ready.stimuli,
             profiler=self.profiler,
             checkpoint=self.checkpoint,
-            master=ready.master,
-            grid=ready.recording.interval is not None and ready.every == 1,
             isolation=isolation_for(options.isolation, ready.checked),
             on_stage=self.listener.stage,
             on_library=calls.watch,
         )
+        return Execution(ready.checked, ready.clock, self.layout, ready.network, setup)
 
     def recording(self, execution: Execution, start_up: float) -> Recording | None:
         """Opens the recording of the run; `start_up` is the wall-clock time for which FMUs were loaded, s."""
@@ -221,16 +220,16 @@ class _Run:
 
     def _changed(self, execution: Execution) -> tuple[Prepared, dict[str, str]]:
         """Returns the run and its fingerprint as if the values set by request had been known from the beginning."""
-        if not execution.requested:
+        if not execution.agenda.requested:
             return self.ready, self.fingerprint
-        changes = tuple(sorted([*self.ready.changes, *execution.requested], key=lambda change: change.k))
+        changes = tuple(sorted([*self.ready.changes, *execution.agenda.requested], key=lambda change: change.k))
         digest = digest_of_changes(self.ready.checked, changes)
         return replace(self.ready, changes=changes), {**self.fingerprint, "changes": digest}
 
     def _watch(self, execution: Execution, recording: Recording | None) -> Watch:
         ready = self.ready
         if self.options.checkpoint_every is not None:
-            execution.refuse_checkpoints()
+            refuse_checkpoints(execution.state)
         watch = Watch(ready.checked, ready.network, self.layout, ready.clock, ready.limits)
         self.saving.watch, self.saving.recording = watch, recording
         if self.checkpoint is not None:

@@ -26,6 +26,7 @@ from hypothesis.stateful import (
 
 from cosim_master.diagnostics.errors import RunFailed, RunTerminated
 from cosim_master.execution.execution import Execution
+from cosim_master.execution.run.opening import Setup
 from cosim_master.fmi.slaves.fmi2 import Instance2
 from cosim_master.stepping.layout import make_layout
 from cosim_master.system.flatten.check import check
@@ -75,7 +76,7 @@ class Machine(RuleBasedStateMachine):
             changes = (Change(self.change_at, 0, first.fmu.variables["p"], 3.0),)
         self.changed = bool(changes)
         try:
-            self.execution = Execution(checked, clock, make_layout(checked, network), network, changes=changes)
+            self.execution = Execution(checked, clock, make_layout(checked, network), network, Setup(changes=changes))
         except (RunFailed, RunTerminated):
             self.over = True
 

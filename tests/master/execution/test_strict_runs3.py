@@ -25,6 +25,7 @@ from hypothesis.stateful import (
 
 from cosim_master.diagnostics.errors import RunFailed, RunTerminated
 from cosim_master.execution.execution import Execution
+from cosim_master.execution.run.opening import Setup
 from cosim_master.stepping.layout import make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
@@ -98,7 +99,7 @@ class Machine(RuleBasedStateMachine):
         free = not any(wire.endswith(f" a/{variable.name}") for wire in wires) and at % clock.periods[0] == 0
         changes = (Change(at, 0, variable, 3),) if free else ()
         try:
-            self.execution = Execution(checked, clock, make_layout(checked, network), network, changes=changes)
+            self.execution = Execution(checked, clock, make_layout(checked, network), network, Setup(changes=changes))
         except (RunFailed, RunTerminated):
             self.over = True
             assert self.modes & {1, 2, 14}

@@ -112,9 +112,13 @@ class Agenda:
         changes: the changes, in the order of time.
         stimuli: the stimuli, already sampled.
         first: the first base step of the run.
+
+    Attributes:
+        requested: the changes that `request` has added.
     """
 
     def __init__(self, changes: Sequence[Change], stimuli: Stimuli | None, first: int = 0) -> None:
+        self.requested: list[Change] = []
         self._changes = deque(changes)
         self._stimuli = stimuli
         self._stimulus = None if stimuli is None else stimuli.next(first)
@@ -125,9 +129,24 @@ class Agenda:
         change = self._changes[0].k if self._changes else math.inf
         return change if self._stimulus is None else min(change, self._stimulus)
 
-    def add(self, change: Change) -> None:
-        """Adds a change that is not due before the next step, after those of the same time."""
-        self._changes.insert(bisect_right(self._changes, change.k, key=lambda one: one.k), change)
+    def request(self, change: Change, k: int, clock: TimeGrid) -> float | None:
+        """Adds a change before the next step of its instance, after those of the same time.
+
+        Args:
+            change: its base step does not matter.
+            k: base steps made so far.
+            clock: the periods of the instances.
+
+        Returns:
+            The time of that step, s; None if the run ends before.
+        """
+        period = clock.periods[change.instance]
+        due = replace(change, k=-(-k // period) * period)
+        if due.k >= clock.steps:
+            return None
+        self._changes.insert(bisect_right(self._changes, due.k, key=lambda one: one.k), due)
+        self.requested.append(due)
+        return clock.time(due.k)
 
     def take(self, k: int) -> list[Change]:
         """Removes and returns the values to be set at base step `k`."""

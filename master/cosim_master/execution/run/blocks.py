@@ -13,8 +13,8 @@ from cosim.packets import MAX_PACKET
 from cosim_master.diagnostics.errors import RecordingFailed, RunFailed
 from cosim_master.execution.run.state import RunState
 from cosim_master.network.radio.tables import IN_FLIGHT, USED_EVENTS, USED_LOG, Radio
-from cosim_master.stepping.kernels.macro_step import places_needed, sent_bytes
-from cosim_master.stepping.kernels.tables import PER_NS, ROWS, K
+from cosim_master.stepping.kernels.macro_step import places_needed, record, sent_bytes
+from cosim_master.stepping.kernels.tables import EVERY, PER_NS, ROWS, K
 from cosim_master.stepping.observation import PacketObserver, Packets, RowObserver, Rows
 
 __all__ = ["Blocks", "Recorded"]
@@ -64,6 +64,16 @@ class Blocks:
         self._hand_over_rows(complete=True)
         self._state.plan.counters[ROWS] = 0
         self._texts.clear()
+
+    def record_end(self) -> None:
+        """Records a row of the current communication point, with which the run ends, unless it has one."""
+        plan = self._state.plan
+        if int(plan.counters[K]) % int(plan.counters[EVERY]):
+            if int(plan.counters[ROWS]) == plan.ticks.size:
+                self.rows()
+            record(plan)
+            if self._state.texts:
+                self.read_texts(recorded=True)
 
     def _hand_over_rows(self, *, complete: bool) -> None:
         plan, n = self._state.plan, int(self._state.plan.counters[ROWS])

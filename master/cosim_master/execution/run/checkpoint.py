@@ -24,6 +24,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
+from cosim_master.diagnostics.limitations import CHECKPOINT
 from cosim_master.execution.run.state import RunState, changing
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.network.radio.tables import ROLES as RADIO_ROLES
@@ -31,7 +32,7 @@ from cosim_master.network.roles import STATE
 from cosim_master.results.checkpoint_folder import FORMAT, Checkpoint, Position, sealed
 from cosim_master.stepping.kernels.tables import PHASE, ROLES, K
 
-__all__ = ["cannot_be_serialised", "restore", "save"]
+__all__ = ["cannot_be_serialised", "refuse_checkpoints", "restore", "save"]
 
 _UNREADABLE = (BadZipFile, zlib.error)
 _GROWING = ("radio.places", "radio.data")
@@ -47,6 +48,13 @@ def cannot_be_serialised(slaves: Sequence[Slave]) -> str:
         if flags:
             lacking.append(f"{flags[0]} of {one.name} is false{one.fmu.remedy(flags[0])}")
     return ", ".join(lacking[:3]) + (f", and {len(lacking) - 3} more" if len(lacking) > 3 else "")
+
+
+def refuse_checkpoints(state: RunState) -> None:
+    """Raises SystemDescriptionError, with the reason, if this run cannot have checkpoints."""
+    reason = "what has passed a gateway cannot be taken back" if state.network.gateways else ""
+    if reason := reason or cannot_be_serialised(state.slaves):
+        raise SystemDescriptionError([Problem(state.checked.structure.where, CHECKPOINT.text(reason))])
 
 
 def save(

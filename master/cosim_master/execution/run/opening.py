@@ -2,25 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
 from typing import Any
 
 from cosim_master.execution.events.event_mode import EventMode
+from cosim_master.execution.preparation.stimuli import Stimuli
 from cosim_master.execution.run.instances import Instances
 from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.workers import threads_for
 from cosim_master.execution.startup.initialize import initialize
+from cosim_master.fmi.slaves.fmi2 import Library
+from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.network.radio.build import make_radio
+from cosim_master.results.checkpoint_folder import Checkpoint
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.plan import make_plan
+from cosim_master.stepping.profiling import Profiler
 from cosim_master.stepping.strings import Texts
 from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["open_run"]
+__all__ = ["Setup", "open_run"]
+
+
+def _nothing(_: str) -> None:
+    """Ignores a description of a stage."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """How a checked system runs: master algorithm, threads, processes, changes, and the data to be collected."""
+
+    master: MasterSettings = field(default_factory=MasterSettings)
+    """The master algorithm."""
+    every: int = 1
+    """Base steps between two rows."""
+    grid: bool = False
+    """Rows at every base step, even if no step of an instance ends there."""
+    keep_packets: bool = False
+    """Collect packet events and logs for the observers of the run."""
+    threads: int | None = None
+    """Number of threads that step native instances; None selects it automatically. Only FMUs built by this project are
+    stepped by threads other than the main one: many other FMUs store state in globals, whatever they declare."""
+    changes: Sequence[Change] = ()
+    """Values to be set during the run, in the order of time."""
+    stimuli: Stimuli | None = None
+    """Inputs from a file, sampled."""
+    profiler: Profiler | None = None
+    """Measures the time profile."""
+    checkpoint: Checkpoint | None = None
+    """The checkpoint to resume from."""
+    isolation: Isolation | None = None
+    """Selects the FMUs that run in processes of their own; None: none does."""
+    on_stage: Callable[[str], None] = _nothing
+    """Called with a description of each stage, until the first step."""
+    on_library: Callable[[Library], None] | None = None
+    """Called with each library that is loaded."""
+
+    def phase(self, name: str) -> AbstractContextManager[Any]:
+        """Measures the time of a phase of this name."""
+        return self.profiler.phase(name) if self.profiler is not None else nullcontext()
 
 
 def open_run(
@@ -29,29 +75,20 @@ def open_run(
     clock: TimeGrid,
     layout: Layout,
     network: Network,
-    master: MasterSettings,
-    *,
-    every: int,
-    keep_packets: bool,
-    grid: bool,
-    threads: int | None,
-    phase: Callable[[str], AbstractContextManager[Any]],
-    tell: Callable[[str], None],
+    setup: Setup,
 ) -> tuple[RunState, int]:
     """Loads and initializes all FMU instances; returns the run at its start, and the number of threads that step it.
 
     Args:
         instances: receives the instances, and ends them even after an error here.
-        every, keep_packets, grid, threads: as for `Execution`.
-        phase: measures the time of a phase.
-        tell: called with a description of each stage.
 
     Raises:
         SystemDescriptionError: interpreted FMUs are incompatible with each other, or an own channel cannot be compiled.
         FmuError: an FMU refuses.
         LoopError: outputs depend on each other at the start, and no consistent values were found.
     """
-    radio = make_radio(network, layout.ports["Real"].index, keep=keep_packets)
+    tell, phase, master = setup.on_stage, setup.phase, setup.master
+    radio = make_radio(network, layout.ports["Real"].index, keep=setup.keep_packets)
     tell(f"loading {len(checked.instances)} FMU instances")
     with phase("load and instantiate"):
         instances.make(checked)
@@ -61,16 +98,16 @@ def open_run(
         event_mode = EventMode(checked, layout, slaves, clock.start_ns, master.delays)
         initialize(checked, slaves, clock.time(0), clock.time(clock.steps), event_mode.events)
     free = [i for i, one in enumerate(slaves) if one.library.thread_safe and not master.sequence]
-    used = threads_for(len(free), threads)
+    used = threads_for(len(free), setup.threads)
     plan = make_plan(
         layout,
         clock,
         network,
         slaves,
-        every,
+        setup.every,
         free=free,
         threads=used,
         master=master,
-        grid=grid or master.variable,
+        grid=setup.grid or master.variable,
     )
     return RunState(checked, clock, layout, network, slaves, plan, radio, event_mode, Texts(layout, slaves)), used
