@@ -356,7 +356,7 @@ def build_fmu(folder: Path) -> Path:
 def drive_fmu(fmi: int, kinds: str, sources: bool, folder: Path) -> Path:
     """An FMU of the tests' hybrid models: x' = u, y = x + u."""
     sys.path.insert(0, str(Path(__file__).parents[1]))
-    from tests.master.dynamics import SOURCE, Dynamics
+    from tests.master.fmus.dynamics import SOURCE, Dynamics
 
     text = f"#define MODEL 5\n#define FMI {fmi}\n{SOURCE.read_text()}"
     extra = {"sources/dynamic.c": text} if sources else {}

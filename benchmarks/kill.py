@@ -34,7 +34,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from cosim_master import RunOptions, simulate
-from cosim_master.results.read import packets, signals
+from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.repair import repair
 from cosim_master.stepping.observation import Seen, View
 

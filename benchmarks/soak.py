@@ -24,7 +24,7 @@ from typing import Any
 
 from cosim_master import RunOptions, simulate
 from cosim_master.fmi.slaves.isolated import Isolation
-from cosim_master.results.read import signals
+from cosim_master.results.reading.read import signals
 from cosim_master.stepping.observation import Seen, View
 
 FMU = Path(__file__).parents[1] / "fmus" / "PointMass.fmu"

@@ -21,7 +21,7 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.swap import swap
 from tests.master.conftest import Workshop, variable
 from tests.master.execution.test_convergence import GAIN, MATRIX, START, W1, W2
-from tests.master.linear import Linears, exact, signals
+from tests.master.fmus.linear import Linears, exact, signals
 from tests.master.system.test_network import PACKETS, network
 from tests.scenarios.flights import copy_of
 
@@ -221,7 +221,7 @@ RECORD = """
 import sys
 from pathlib import Path
 from cosim_master import RunOptions, simulate
-from cosim_master.results.csv_recorder import CsvRecorder
+from cosim_master.results.recording.csv_recorder import CsvRecorder
 file = Path(sys.argv[3])
 options = RunOptions(out=Path(sys.argv[2]))
 result = simulate(sys.argv[1], options, observers=[lambda view: CsvRecorder(view, file, 0.02)])

@@ -25,9 +25,9 @@ from traceback import extract_tb
 from types import ModuleType
 from typing import Any, TypedDict
 
-from cosim.build.compiled import HOST, TARGETS, CannotCompile, build_compiled
 from cosim.build.faults import place
 from cosim.build.interpreted import build_interpreted
+from cosim.build.native.compiled import HOST, TARGETS, CannotCompile, build_compiled
 from cosim.build.sources import Sources, sources_of
 from cosim.model import Model
 
@@ -309,8 +309,8 @@ def _up_to_date(file: Path, stamp: _Stamp) -> Built | None:
 def _builder_digest() -> str:
     """Returns a digest that changes with this package and with the versions of its tools."""
     digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.glob("*.[pc]*")):
-        if file.is_file():
+    for file in sorted(Path(__file__).parent.rglob("*")):
+        if file.suffix in {".py", ".c", ".h"}:
             digest.update(file.read_bytes())
     for tool in ("numba", "llvmlite", "numpy", "pythonfmu", "ziglang"):
         if importlib.util.find_spec(tool) is not None:

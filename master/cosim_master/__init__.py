@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from cosim_master.execution.outcome.result import RunResult as RunResult
     from cosim_master.execution.preparation.prepare import Prepared as Prepared
     from cosim_master.execution.simulate import simulate as simulate
-    from cosim_master.results.comparison import compare as compare
-    from cosim_master.results.read import packets as packets
-    from cosim_master.results.read import signals as signals
+    from cosim_master.results.reading.comparison import compare as compare
+    from cosim_master.results.reading.read import packets as packets
+    from cosim_master.results.reading.read import signals as signals
     from cosim_master.stepping.observation import Observer as Observer
     from cosim_master.stepping.observation import Progress as Progress
     from cosim_master.stepping.observation import Seen as Seen
@@ -70,14 +70,14 @@ _WHERE = {
     "SystemDescriptionError": "diagnostics.errors",
     "View": "stepping.observation",
     "check": "system.flatten.check",
-    "compare": "results.comparison",
+    "compare": "results.reading.comparison",
     "convert": "system.authoring.convert",
     "new_system": "system.authoring.swarm.new",
     "pack": "system.authoring.pack",
-    "packets": "results.read",
+    "packets": "results.reading.read",
     "read_system": "system.reading.read",
     "save": "system.authoring.save",
-    "signals": "results.read",
+    "signals": "results.reading.read",
     "simulate": "execution.simulate",
     "swap": "system.authoring.swap",
 }

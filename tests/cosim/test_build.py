@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -494,6 +495,7 @@ class Garden:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._written = time.time() - 3600.0
         for name, text in GARDEN.items():
             self.write(name, text)
 
@@ -501,6 +503,9 @@ class Garden:
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
+        # Python compares its kept bytecode with the size and the second of a file.
+        self._written += 2.0
+        os.utime(path, (self._written, self._written))
 
     def build(self, out: Path, how: str = "compiled") -> tuple[bool, bool, str]:
         paths = os.pathsep.join([str(self.folder), os.environ.get("PYTHONPATH", "")])

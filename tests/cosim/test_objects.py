@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.build.objects import object_code
+from cosim.build.native.objects import object_code
 from cosim.build.sources import sources_of
 from cosim.model import Model, record_layout
 from cosim_models.agents.coverage import Coverage

@@ -213,7 +213,7 @@ def _variable() -> object:
 @pytest.fixture
 def probes(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Probe FMUs (see probe.c) in a workshop, with their calls written to a file."""
-    from tests.master.probe import Probes
+    from tests.master.fmus.probe import Probes
 
     log = workshop.root / "calls.txt"
     monkeypatch.setenv("PROBE_LOG", str(log))
@@ -223,7 +223,7 @@ def probes(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkeyp
 @pytest.fixture
 def stricts(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Strict FMUs (see strict.c) in a workshop; what they complain about and all calls are written to files."""
-    from tests.master.strict import Stricts
+    from tests.master.fmus.strict import Stricts
 
     log, calls = workshop.root / "complaints.txt", workshop.root / "strict_calls.txt"
     monkeypatch.setenv("STRICT_LOG", str(log))
@@ -234,7 +234,7 @@ def stricts(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkey
 @pytest.fixture
 def stricts3(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Strict FMI 3 FMUs (see strict3.c) in a workshop; what they complain about and calls are written to files."""
-    from tests.master.strict3 import Stricts3
+    from tests.master.fmus.strict3 import Stricts3
 
     log, calls = workshop.root / "complaints3.txt", workshop.root / "strict3_calls.txt"
     monkeypatch.setenv("STRICT3_LOG", str(log))
@@ -260,7 +260,7 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
 @pytest.fixture
 def linears(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Linear FMUs (see linear.c) in a workshop."""
-    from tests.master.linear import Linears
+    from tests.master.fmus.linear import Linears
 
     return Linears(workshop, tmp_path_factory.getbasetemp())
 
@@ -268,7 +268,7 @@ def linears(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> Any
 @pytest.fixture
 def foreigners(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """FMUs with the habits of other tools (see foreign.c) in a workshop."""
-    from tests.master.foreign import Foreigners
+    from tests.master.fmus.foreign import Foreigners
 
     return Foreigners(workshop, tmp_path_factory.getbasetemp())
 
@@ -276,7 +276,7 @@ def foreigners(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> 
 @pytest.fixture
 def dynamics(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """FMUs of the hybrid models in dynamic.c."""
-    from tests.master.dynamics import Dynamics
+    from tests.master.fmus.dynamics import Dynamics
 
     return Dynamics(tmp_path, tmp_path_factory.getbasetemp())
 

@@ -6,7 +6,7 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.master.probe import slave
+from tests.master.fmus.probe import slave
 
 _SOURCE = '''
 from pythonfmu import Fmi2Causality, Fmi2Slave, Real

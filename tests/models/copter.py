@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_models.autopilot.autopilot import Autopilot
 from cosim_models.vehicles import quadrotor
+from cosim_models.vehicles.dynamics.rotor import MotorCurve
 from cosim_models.vehicles.quadrotor import Quadrotor
-from cosim_models.vehicles.rotor import MotorCurve
 from tests.models.shipped_kernels import kernels
 
 H = 0.0025

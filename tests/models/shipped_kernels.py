@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.build.compiled import HOST, TARGETS, kernel_code
+from cosim.build.native.compiled import HOST, TARGETS, kernel_code
 from cosim.build.sources import sources_of
 from cosim.kernel import PLAIN
 from cosim.model import Model

@@ -30,9 +30,9 @@ from cosim_master.system.settings.network import Gateway, Network
 from cosim_master.system.settings.nodes import Endpoint, Node
 from cosim_models.agents.line_agent import LineAgent
 from cosim_models.autopilot.autopilot import Autopilot
-from tests.master.packet_fuzz import good as good_packets
-from tests.master.packet_fuzz import sent as packets_sent
-from tests.master.scripted import variable
+from tests.master.fmus.scripted import variable
+from tests.master.fuzz.packet_fuzz import good as good_packets
+from tests.master.fuzz.packet_fuzz import sent as packets_sent
 from tests.models.shipped_kernels import kernels
 
 LINK, AUTOPILOT, AGENT, JAMMER, GATEWAY = 0, 0, 1, 2, 3

@@ -11,7 +11,7 @@ import pytest
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.read import signals
+from cosim_master.results.reading.read import signals
 from tests.scenarios.flights import SYSTEMS, copy_of
 
 LAW = """

@@ -13,9 +13,9 @@ import pytest
 
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.journal import goes_on
-from cosim_master.results.read import packets, signals
+from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.repair import repair
+from cosim_master.results.storage.journal import goes_on
 from cosim_master.stepping.observation import Seen, View
 from tests.scenarios.flights import SYSTEMS, copy_of
 from tests.scenarios.test_radio_is_bad import with_radio

@@ -27,7 +27,7 @@ from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.workers import Workers
 from cosim_master.execution.startup.initialize import answers
 from cosim_master.network.radio.build import packet_counts
-from cosim_master.results.checkpoint_folder import Checkpoint
+from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.instances import collect_all
 from cosim_master.stepping.layout import Layout
@@ -83,7 +83,8 @@ class Execution:
             self._algorithm = algorithm_for(
                 setup.master, self.state, self.blocks, self.agenda, self._change, setup.every
             )
-            collect_all(self.plan)
+            with setup.phase("initialize"):
+                collect_all(self.plan)
             raise_failures(self.plan, layout, self.slaves)
             self.state.event_mode.attach(self.plan, self.state.texts)
             self._begin(setup.checkpoint)

@@ -9,8 +9,8 @@ from typing import Any
 
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.fmi.slaves.isolated import Isolation
-from cosim_master.results.checkpoint_folder import Checkpoint
-from cosim_master.results.run_folder import RunFolder
+from cosim_master.results.storage.checkpoint_folder import Checkpoint
+from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.observation import Progress, Seen
 from cosim_master.system.reading.overrides import apart
 from cosim_master.system.structure import SystemStructure

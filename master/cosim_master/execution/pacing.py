@@ -30,14 +30,14 @@ from cosim_master.execution.outcome.result import Outcome, Overruns, RunResult
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.run.checkpoint import save
 from cosim_master.network.gateways.gateways import Gateways
-from cosim_master.results.checkpoint_folder import Identity
 from cosim_master.results.recording.recording import Recording
+from cosim_master.results.storage.checkpoint_folder import Identity
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import Observers, Progress
 from cosim_master.system.settings.time_grid import TimeGrid
-from cosim_master.verdict.memory import remember
 from cosim_master.verdict.monitors.monitoring import Monitoring
-from cosim_master.verdict.watch import Watch
+from cosim_master.verdict.watching.memory import remember
+from cosim_master.verdict.watching.watch import Watch
 
 __all__ = ["Checkpoints", "interrupts", "run"]
 

@@ -29,17 +29,17 @@ from cosim_master.execution.preparation.isolating import isolation_for
 from cosim_master.execution.preparation.prepare import Prepared, prepare
 from cosim_master.execution.preparation.stimuli import read_stimuli
 from cosim_master.execution.run.checkpoint import refuse_checkpoints
-from cosim_master.execution.run.crashes import reported
-from cosim_master.execution.run.hangs import reported_hangs
+from cosim_master.execution.run.faults.crashes import reported
+from cosim_master.execution.run.faults.hangs import reported_hangs
+from cosim_master.execution.run.faults.process_state import ProcessState, WatchedCalls, told
 from cosim_master.execution.run.opening import Setup
-from cosim_master.execution.run.process_state import ProcessState, WatchedCalls, told
 from cosim_master.files.kept import private_cache
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
-from cosim_master.results.checkpoint_folder import Checkpoint, find
 from cosim_master.results.recording.recording import Recording, check_columns
-from cosim_master.results.run_folder import RunFolder
+from cosim_master.results.storage.checkpoint_folder import Checkpoint, find
+from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.layout import Layout, make_layout
 from cosim_master.stepping.observation import MakeObserver, Observer, Observers, View
@@ -51,11 +51,11 @@ from cosim_master.system.reading.single_fmu import as_model_exchange, full_names
 from cosim_master.system.settings.network import Gateway, with_gateways
 from cosim_master.system.structure import SystemStructure
 from cosim_master.verdict.judging import judgement
-from cosim_master.verdict.memory import recall
 from cosim_master.verdict.monitors.declared import monitored
 from cosim_master.verdict.monitors.monitoring import Monitoring, hears_packets
-from cosim_master.verdict.subjects import watched
-from cosim_master.verdict.watch import Watch
+from cosim_master.verdict.watching.memory import recall
+from cosim_master.verdict.watching.subjects import watched
+from cosim_master.verdict.watching.watch import Watch
 
 __all__ = ["simulate"]
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.comparison import compare
-from cosim_master.results.flight import Flight, read_flight
-from cosim_master.results.links import Links, read_links
-from cosim_master.results.read import has_packets
-from cosim_master.results.roles import read_manifest
+from cosim_master.results.reading.comparison import compare
+from cosim_master.results.reading.flight import Flight, read_flight
+from cosim_master.results.reading.links import Links, read_links
+from cosim_master.results.reading.read import has_packets
+from cosim_master.results.reading.roles import read_manifest
 
 __all__ = [
     "Run",

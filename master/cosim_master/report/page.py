@@ -18,7 +18,7 @@ from cosim_master.report import contents
 from cosim_master.report.contents import Run, Table
 from cosim_master.report.structure import draw_structure
 from cosim_master.results.figures.draw import drawn
-from cosim_master.results.run_folder import stamp
+from cosim_master.results.storage.run_folder import stamp
 
 __all__ = ["write_report"]
 

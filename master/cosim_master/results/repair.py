@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from cosim_master.diagnostics.errors import CosimError, Problem, RecordingFailed, SystemDescriptionError, Where
-from cosim_master.results.journal import FOLDER, goes_on, groups_of, schema_of
-from cosim_master.results.links import statistics
-from cosim_master.results.manifest_file import NAME, write_manifest
-from cosim_master.results.parquet import packets_writer, signals_writer
+from cosim_master.results.reading.links import statistics
+from cosim_master.results.storage.journal import FOLDER, goes_on, groups_of, schema_of
+from cosim_master.results.storage.manifest_file import NAME, write_manifest
+from cosim_master.results.storage.parquet import packets_writer, signals_writer
 
 __all__ = ["repair"]
 

@@ -10,7 +10,7 @@ from cosim_master.verdict.monitors import reporting as of_monitors
 from cosim_master.verdict.monitors.monitoring import Monitoring
 from cosim_master.verdict.prior import DOUBLE_ID
 from cosim_master.verdict.reporting import findings, nearest
-from cosim_master.verdict.watch import Watch
+from cosim_master.verdict.watching.watch import Watch
 
 __all__ = ["judgement"]
 

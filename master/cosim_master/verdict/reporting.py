@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from cosim_master.verdict.findings import Finding, Number
-from cosim_master.verdict.spells import Spells
-from cosim_master.verdict.watch import Watch
+from cosim_master.verdict.watching.spells import Spells
+from cosim_master.verdict.watching.watch import Watch
 
 __all__ = ["findings", "nearest"]
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim.verdict import Role, Rotors
-from cosim_master.results.roles import UNKNOWN, Part, Player
+from cosim_master.results.reading.roles import UNKNOWN, Part, Player
 from cosim_master.view.block import Array, Block
 
 __all__ = ["Motion", "Moving", "moving"]

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.run_folder import stamp
+from cosim_master.results.storage.run_folder import stamp
 from cosim_master.view.block import compressed
 from cosim_master.view.bundle import read_bundle
 from cosim_master.view.replay import replay

@@ -14,8 +14,8 @@ import numpy as np
 import pyarrow as pa
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.recorded_signals import open_signals
-from cosim_master.results.roles import UNKNOWN, Part, parts, players, read_manifest
+from cosim_master.results.reading.recorded_signals import open_signals
+from cosim_master.results.reading.roles import UNKNOWN, Part, parts, players, read_manifest
 from cosim_master.view.block import Block, steps_between
 from cosim_master.view.curves import Curves
 from cosim_master.view.motion import Motion

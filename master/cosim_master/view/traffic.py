@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from cosim.messages import STATUSTEXT, STATUSTEXT_TEXT
-from cosim_master.results.links import nodes_of
-from cosim_master.results.message_names import message_names
-from cosim_master.results.read import packets
+from cosim_master.results.reading.links import nodes_of
+from cosim_master.results.reading.message_names import message_names
+from cosim_master.results.reading.read import packets
+from cosim_master.results.reading.roles import Part
 from cosim_master.results.recording.packet_log import EPOCH
-from cosim_master.results.roles import Part
 from cosim_master.view.block import Array, Block, steps_between
 
 __all__ = ["packet_at", "said", "sends", "traffic", "vehicle_of_nodes"]

@@ -18,7 +18,7 @@ from cosim.frames import derivative, normalize, quaternion_from_euler
 from cosim.kernel import kernel
 from cosim.vehicle import FORCE, VEHICLE_INPUTS, Airframe, outputs_of
 from cosim.verdict import Role
-from cosim_models.vehicles.rigid_body import (
+from cosim_models.vehicles.dynamics.rigid_body import (
     Matrix,
     Quaternion,
     Vector,

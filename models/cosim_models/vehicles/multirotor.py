@@ -15,9 +15,9 @@ from cosim import Memory, Output, Parameter, Variable
 from cosim.model import Start
 from cosim.vehicle import FORCE, MAX_MOTORS, THRUST_FACTOR, VEHICLE_INPUTS, Airframe, outputs_of
 from cosim.verdict import Role, Rotors
-from cosim_models.vehicles.multirotor_dynamics import CONTACTS, ERRORS, advance, start
-from cosim_models.vehicles.rigid_body import Vector
-from cosim_models.vehicles.rotor import MotorCurve
+from cosim_models.vehicles.dynamics.multirotor_dynamics import CONTACTS, ERRORS, advance, start
+from cosim_models.vehicles.dynamics.rigid_body import Vector
+from cosim_models.vehicles.dynamics.rotor import MotorCurve
 
 __all__ = ["ERRORS", "KERNELS", "STEP_SIZE", "multirotor_variables", "started"]
 

@@ -12,8 +12,8 @@ from math import cos, radians, sin
 
 from cosim import Model
 from cosim.vehicle import Airframe
+from cosim_models.vehicles.dynamics.rotor import MotorCurve
 from cosim_models.vehicles.multirotor import ERRORS, KERNELS, STEP_SIZE, multirotor_variables, started
-from cosim_models.vehicles.rotor import MotorCurve
 
 __all__ = ["Octorotor"]
 

@@ -17,7 +17,7 @@ from cosim import Input, Model, Output, Parameter
 from cosim.kernel import kernel
 from cosim.vehicle import MAX_MOTORS
 from cosim.verdict import Bound
-from cosim_models.vehicles.battery import FULL_CELL, loaded_voltage, rest_voltage, rotor_power
+from cosim_models.vehicles.dynamics.battery import FULL_CELL, loaded_voltage, rest_voltage, rotor_power
 
 __all__ = ["PowerSystem"]
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from cosim.build import models_of_package
 from cosim_master.cli import app, err, out
 from cosim_master.cli.terminal import progress
-from tests.master.probe import model
+from tests.master.fmus.probe import model
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -17,7 +17,7 @@ from cosim_master.cli.views.overview import overview
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from tests.master.probe import LEVEL
+from tests.master.fmus.probe import LEVEL
 
 
 def shown(tables: Any) -> list[str]:

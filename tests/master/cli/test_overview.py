@@ -17,7 +17,7 @@ from rich.console import Console
 from cosim_master.cli.views.overview import overview, overview_tables, signal_table
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.message_names import message_names
+from cosim_master.results.reading.message_names import message_names
 
 VERDICT = {
     "good": False,

@@ -27,18 +27,18 @@ from cosim_master.system.authoring.convert import convert
 from cosim_master.system.authoring.save import save
 from cosim_master.system.authoring.swap import swap
 from cosim_master.system.flatten.check import check
-from cosim_master.system.reading import into_cps as multimodel
-from cosim_master.system.reading.into_cps import read_multimodel
+from cosim_master.system.reading.others import into_cps as multimodel
+from cosim_master.system.reading.others.into_cps import read_multimodel
 from cosim_master.system.reading.read import SSD_TYPE, read_system
 from cosim_master.system.reading.ssp import references
 from cosim_master.system.settings.network import network_of
 from cosim_master.system.structure import MAX_DEPTH, Component
-from tests.master import clocked as clocks
-from tests.master import strict as strict2
-from tests.master import strict3
-from tests.master.clocked import clocked
-from tests.master.probe import slave
-from tests.master.strict3 import ABLE
+from tests.master.fmus import clocked as clocks
+from tests.master.fmus import strict as strict2
+from tests.master.fmus import strict3
+from tests.master.fmus.clocked import clocked
+from tests.master.fmus.probe import slave
+from tests.master.fmus.strict3 import ABLE
 
 ROOT = Path(__file__).parents[3]
 NAMES = {one: name for name, one in vars(limitations).items() if isinstance(one, Limitation)}

@@ -18,7 +18,7 @@ from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
-from tests.master.clocked import clocked
+from tests.master.fmus.clocked import clocked
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -17,9 +17,9 @@ import pytest
 from cosim_master.diagnostics.errors import StepTooSmall, SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from tests.master.clocked import clocked
-from tests.master.linear import BALL_PORTS, ball, exact, impacts, signals
-from tests.master.strict3 import ABLE
+from tests.master.fmus.clocked import clocked
+from tests.master.fmus.linear import BALL_PORTS, ball, exact, impacts, signals
+from tests.master.fmus.strict3 import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.simulate import simulate
-from tests.master.strict3 import ABLE
+from tests.master.fmus.strict3 import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 EVENTS = f'{ABLE} hasEventMode="true"'

@@ -14,7 +14,7 @@ import pytest
 
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from tests.master.linear import signals
+from tests.master.fmus.linear import signals
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -20,12 +20,12 @@ import pytest
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.checkpoint_folder import sealed
 from cosim_master.results.repair import repair
+from cosim_master.results.storage.checkpoint_folder import sealed
 from cosim_master.stepping.observation import Progress
-from tests.master.clocked import clocked
-from tests.master.linear import BALL_PORTS, ball
-from tests.master.strict3 import ABLE
+from tests.master.fmus.clocked import clocked
+from tests.master.fmus.linear import BALL_PORTS, ball
+from tests.master.fmus.strict3 import ABLE
 
 DELAYED = '<connection to="a.u" delay="0.03" start="1"/></master>'
 NEARNESS = (

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cosim_master.execution.options import RunOptions
-from cosim_master.execution.run import hangs
+from cosim_master.execution.run.faults import hangs
 from cosim_master.execution.simulate import simulate
 
 

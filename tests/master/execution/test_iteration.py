@@ -12,7 +12,7 @@ import pytest
 from cosim_master.diagnostics.errors import NotConverged, SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from tests.master.linear import exact, signals
+from tests.master.fmus.linear import exact, signals
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -28,7 +28,7 @@ from cosim_master.network.gateways.gateways import Gateways
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import Progress
 from cosim_master.system.settings.time_grid import TimeGrid
-from tests.master.probe import model, slave
+from tests.master.fmus.probe import model, slave
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

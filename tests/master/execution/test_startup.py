@@ -20,7 +20,7 @@ from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from tests.master.conftest import Workshop
-from tests.master.linear import signals
+from tests.master.fmus.linear import signals
 
 SHIPPED = sorted((Path(__file__).parents[3] / "fmus").glob("*.fmu"))
 

@@ -36,8 +36,8 @@ from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.network import network_of
 from cosim_master.system.settings.time_grid import TimeGrid, time_grid
-from tests.master import strict, strict3
-from tests.master.clocked import clocked
+from tests.master.fmus import strict, strict3
+from tests.master.fmus.clocked import clocked
 
 BASE = 0.25
 FLAGS = {"able": strict.ABLE, "fixed": "", "variable": 'canHandleVariableCommunicationStepSize="true"'}

@@ -26,8 +26,8 @@ from cosim_master.system.authoring.convert import convert
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.constraints import Constraint
-from tests.master.step_sizes import steps_made
-from tests.master.strict import ABLE
+from tests.master.fmus.step_sizes import steps_made
+from tests.master.fmus.strict import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

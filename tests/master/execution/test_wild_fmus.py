@@ -17,7 +17,7 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe, platform
 from cosim_master.fmi.slaves.isolated import Isolation
 from tests.master.conftest import SUFFIX, variable
-from tests.master.probe import compiled
+from tests.master.fmus.probe import compiled
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -158,7 +158,7 @@ def test_dots_brackets_and_spaces_in_names(workshop: Any, stricts: Any, tmp_path
         variable("longest", "parameter", start="0").replace("'@'", '"4"'),
     ]
     text = workshop.description(made, step=0.5)
-    library = compiled(Path(__file__).parents[1] / "strict.c", stricts._folder)
+    library = compiled(Path(__file__).parents[1] / "fmus" / "strict.c", stricts._folder)
     with zipfile.ZipFile(tmp_path / "my model.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", text)
         archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", library)

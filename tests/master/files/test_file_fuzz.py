@@ -1,8 +1,8 @@
-"""A share of the fuzzing of files; `python -m tests.master.file_fuzz` runs all of it."""
+"""A share of the fuzzing of files; `python -m tests.master.fuzz.file_fuzz` runs all of it."""
 
 from __future__ import annotations
 
-from tests.master.file_fuzz import fuzz
+from tests.master.fuzz.file_fuzz import fuzz
 
 
 def test_a_share_of_the_fuzzing() -> None:

@@ -20,14 +20,14 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import platform
 from cosim_master.fmi.isolation.child import Limits
 from cosim_master.fmi.slaves.isolated import Isolation
-from tests.master.clocked import clocked, description
 from tests.master.conftest import SUFFIX
-from tests.master.faulting import faulting
 from tests.master.fmi.test_isolation import Faulties, _folder, leftovers
-from tests.master.strict3 import ABLE as ABLE3
-from tests.master.strict3 import Stricts3
+from tests.master.fmus.clocked import clocked, description
+from tests.master.fmus.faulting import faulting
+from tests.master.fmus.strict3 import ABLE as ABLE3
+from tests.master.fmus.strict3 import Stricts3
 
-CLOCKED = Path(__file__).parents[1] / "clocked.c"
+CLOCKED = Path(__file__).parents[1] / "fmus" / "clocked.c"
 CLOCKS = ("constant", "countdown", "changing", "asked", "retuned", "fire")
 FLAGS = f'{ABLE3} canSerializeFMUState="true" hasEventMode="true"'
 LIMITS = Limits(memory=64 << 20)

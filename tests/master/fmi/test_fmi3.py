@@ -24,8 +24,8 @@ from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
 from cosim_master.system.settings.time_grid import time_grid
-from tests.master.probe import compiled
-from tests.master.strict3 import ABLE, SHORT, description
+from tests.master.fmus.probe import compiled
+from tests.master.fmus.strict3 import ABLE, SHORT, description
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 ARRAYS = tuple(SHORT.values())
@@ -384,7 +384,7 @@ def packets(stricts: Any, stricts3: Any, tmp_path: Path) -> Any:
     path = stricts3.fmu("d3.fmu")
     rewritten(path, lambda _: text)
     source = tmp_path / "quiet.c"
-    source.write_text((Path(__file__).parents[1] / "strict.c").read_text().replace('"%s!"', '"%s"'))
+    source.write_text((Path(__file__).parents[1] / "fmus" / "strict.c").read_text().replace('"%s!"', '"%s"'))
     tool = '<VendorAnnotations><Tool name="uav-cosim"><PacketPorts>'
     tool += "".join(f'<PacketPort variable="{name}" maxSize="300"/>' for name in "sr")
     tool += "</PacketPorts></Tool></VendorAnnotations>"

@@ -32,10 +32,10 @@ from cosim_master.fmi.slaves.isolated import Isolation, Scope, built_here
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from tests.master import processes
-from tests.master.clocked import clocked
 from tests.master.conftest import SUFFIX, Workshop, variable
-from tests.master.linear import BALL_PORTS, ball, impacts
-from tests.master.probe import compiled
+from tests.master.fmus.clocked import clocked
+from tests.master.fmus.linear import BALL_PORTS, ball, impacts
+from tests.master.fmus.probe import compiled
 
 LIMITS = Limits(seconds=1.0, memory=64 << 20)
 PATIENT = Limits(memory=64 << 20)
@@ -44,7 +44,7 @@ ABLE = (
     'canNotUseMemoryManagementFunctions="true"'
 )
 Run = Callable[..., RunResult]
-SOURCE = Path(__file__).parents[1] / "faulty.c"
+SOURCE = Path(__file__).parents[1] / "fmus" / "faulty.c"
 
 
 class Faulties:

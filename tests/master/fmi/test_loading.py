@@ -19,7 +19,7 @@ from cosim_master.fmi.description.read import describe
 from cosim_master.fmi.slaves.libraries import Libraries, check_sources
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
-from tests.master.probe import model, slave
+from tests.master.fmus.probe import model, slave
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -15,7 +15,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe, platform
-from tests.master.dynamics import SOURCE
+from tests.master.fmus.dynamics import SOURCE
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 BUILD = """<fmiBuildDescription fmiVersion="3.0"><BuildConfiguration modelIdentifier="Dynamic">

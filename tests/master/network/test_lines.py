@@ -18,8 +18,8 @@ from cosim_master.network.radio.router import admit
 from cosim_master.stepping.kernels.tables import DONE, FAILED, NOT_BASE64
 from cosim_master.system.settings.network import Gateway, Network, network_of, with_gateways
 from cosim_master.system.settings.nodes import Endpoint, Node
+from tests.master.fmus.scripted import Scripted, system_of, variable
 from tests.master.network.test_gateways import Air, packet
-from tests.master.scripted import Scripted, system_of, variable
 from tests.master.stepping.test_macro_step import Loop
 
 RX = {line: variable(f"{line}_rx", "input", "String", 10 + i, capacity=2048) for i, line in enumerate("mts")}

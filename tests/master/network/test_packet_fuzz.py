@@ -1,10 +1,10 @@
-"""A slice of the packet fuzz; `python -m tests.master.packet_fuzz` does as many as wanted."""
+"""A slice of the packet fuzz; `python -m tests.master.fuzz.packet_fuzz` does as many as wanted."""
 
 from __future__ import annotations
 
 import pytest
 
-from tests.master.packet_fuzz import Fuzz, good
+from tests.master.fuzz.packet_fuzz import Fuzz, good
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -34,7 +34,7 @@ from cosim_master.network.radio.tables import (
 from cosim_master.network.radio.topology import copies, sort_along
 from cosim_master.system.settings.network import Channel, Network
 from cosim_master.system.settings.nodes import Endpoint, Node
-from tests.master.scripted import variable
+from tests.master.fmus.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)
 TX = variable("mavlink_tx", "output", "String", 9, capacity=2048)

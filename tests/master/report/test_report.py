@@ -18,7 +18,7 @@ from cosim_master.diagnostics.errors import CosimError
 from cosim_master.report.contents import differences, read_run, repetition
 from cosim_master.report.page import write_report
 from cosim_master.report.structure import draw_structure, groups
-from cosim_master.results.run_folder import is_figure
+from cosim_master.results.storage.run_folder import is_figure
 from tests.master.results.test_figures import consensus_run
 from tests.master.view.recordings import EVIL, evil_run
 

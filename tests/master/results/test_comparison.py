@@ -22,8 +22,8 @@ from cosim_master.cli import app
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.comparison import SignalComparison, _compare_values, compare
 from cosim_master.results.export.csv import export_csv
+from cosim_master.results.reading.comparison import SignalComparison, _compare_values, compare
 
 MANIFEST: dict[str, Any] = {
     "outcome": "done",

@@ -18,8 +18,8 @@ import pytest
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.figures.draw import drawn, figures
 from cosim_master.results.figures.motion import draw_altitude, draw_errors, draw_map, draw_positions, draw_snapshots
-from cosim_master.results.flight import read_flight
-from cosim_master.results.run_folder import is_figure
+from cosim_master.results.reading.flight import read_flight
+from cosim_master.results.storage.run_folder import is_figure
 
 FIRST, PERIOD, LAG = 25.0, 3.1875, 0.6
 

@@ -23,13 +23,13 @@ from cosim_master.cli import app
 from cosim_master.diagnostics.errors import CosimError, SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.journal import goes_on, groups_of, read_journal
-from cosim_master.results.read import signals
+from cosim_master.results.reading.read import signals
 from cosim_master.results.repair import repair
-from cosim_master.results.run_folder import RunFolder
+from cosim_master.results.storage.journal import goes_on, groups_of, read_journal
+from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.observation import Seen, View
 from tests.master import processes
-from tests.master.probe import slave
+from tests.master.fmus.probe import slave
 
 ROOT = Path(__file__).parents[3]
 
@@ -309,8 +309,8 @@ def test_a_disk_that_is_full(
     probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int, *, footer: bool
 ) -> None:
     """In the first row group, in the third, or only when the file is completed: every row is there."""
-    from cosim_master.results.parquet import signals_writer
     from cosim_master.results.recording import recording
+    from cosim_master.results.storage.parquet import signals_writer
 
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)
     probes.fmu(step=0.01)

@@ -12,7 +12,7 @@ from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.figures.draw import figures
 from cosim_master.results.figures.radio import draw_latency, draw_links
 from cosim_master.results.figures.signals import draw_signals, read_panels
-from cosim_master.results.links import Links, read_links, statistics
+from cosim_master.results.reading.links import Links, read_links, statistics
 from tests.master.view.recordings import flying, write_packets, write_run
 
 

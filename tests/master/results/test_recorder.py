@@ -18,11 +18,11 @@ from pymavlink import mavutil
 from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.journal import goes_on
-from cosim_master.results.read import packets, signals
+from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.recording.packet_log import EPOCH, file_name
 from cosim_master.results.repair import repair
-from tests.master.probe import model
+from cosim_master.results.storage.journal import goes_on
+from tests.master.fmus.probe import model
 from tests.master.results.test_journal import broken_off
 
 CHATTER = '''

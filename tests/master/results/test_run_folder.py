@@ -13,7 +13,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.figures.draw import figures
-from cosim_master.results.run_folder import RunFolder, clear, held_fingerprint, is_figure
+from cosim_master.results.storage.run_folder import RunFolder, clear, held_fingerprint, is_figure
 from tests.master.results.test_figures import consensus_run
 
 INPUTS = {"system": "1", "seed": "2"}

@@ -20,7 +20,7 @@ from cosim_master.stepping.plan import make_plan
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.nodes import Endpoint, Node
 from cosim_master.system.settings.time_grid import time_grid
-from tests.master.scripted import Scripted, system_of, variable
+from tests.master.fmus.scripted import Scripted, system_of, variable
 
 U, Y = variable("u", "input", reference=0), variable("y", "output", reference=1)
 

@@ -24,7 +24,7 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.master import Delay, MasterSettings, master_settings_of
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import time_grid
-from tests.master.scripted import HERE, Scripted, system_of, variable
+from tests.master.fmus.scripted import HERE, Scripted, system_of, variable
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

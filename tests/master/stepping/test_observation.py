@@ -14,8 +14,8 @@ from cosim_master.fmi.description.variables import Variable
 from cosim_master.stepping.layout import make_layout
 from cosim_master.stepping.observation import Packets, Progress, Rows
 from cosim_master.system.settings.network import Network
-from tests.master.linear import signals
-from tests.master.scripted import Scripted, system_of, variable
+from tests.master.fmus.linear import signals
+from tests.master.fmus.scripted import Scripted, system_of, variable
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

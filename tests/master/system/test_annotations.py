@@ -18,7 +18,7 @@ from cosim_master.system.settings.annotation import NAMESPACE
 from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.recording import Recording
-from cosim_master.verdict.limits import Limits
+from cosim_master.verdict.watching.limits import Limits
 from tests.master.system.test_network import PACKETS
 from tests.master.verdict.test_verdict import verdict_tool
 

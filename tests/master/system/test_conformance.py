@@ -28,9 +28,9 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import platform
-from tests.master import clocked, strict3
 from tests.master.conftest import SUFFIX, Workshop, variable
-from tests.master.probe import LEVEL, compiled, probe_library
+from tests.master.fmus import clocked, strict3
+from tests.master.fmus.probe import LEVEL, compiled, probe_library
 
 CORPUS = Path(__file__).parents[2] / "data/ssp"
 CASES = sorted(path.parent.name for path in CORPUS.glob("*/case.toml"))
@@ -111,7 +111,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
             archive.writestr("modelDescription.xml", description(Workshop(folder), **options))
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", library)
     for name, (source, text) in OF_FMI3.items():
-        library = compiled(Path(__file__).parents[1] / source, tmp_path_factory.getbasetemp())
+        library = compiled(Path(__file__).parents[1] / "fmus" / source, tmp_path_factory.getbasetemp())
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", text)
             archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)

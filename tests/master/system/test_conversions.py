@@ -12,7 +12,7 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
-from tests.master.linear import signals
+from tests.master.fmus.linear import signals
 
 NOTE = "connections join a Boolean to a number: true is 1, false 0; the first: "
 

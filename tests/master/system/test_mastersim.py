@@ -15,7 +15,7 @@ from cosim_master.system.authoring.convert import convert
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.master import MasterSettings, master_settings_of
-from tests.master.strict import ABLE
+from tests.master.fmus.strict import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 TIMES = "# Created: today\n\ntStart 0 a\ntEnd 1500 ms\nhStart 500 ms\nhOutputMin 0.01 s\n"

@@ -19,9 +19,9 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import convert
 from cosim_master.system.flatten.check import check
-from cosim_master.system.reading.into_cps import read_multimodel
+from cosim_master.system.reading.others.into_cps import read_multimodel
 from cosim_master.system.reading.read import read_system
-from tests.master import multimodel_fuzz
+from tests.master.fuzz import multimodel_fuzz
 
 A, B = "{A}.one", "{A}.two"
 

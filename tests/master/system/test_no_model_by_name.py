@@ -81,7 +81,7 @@ ANYWHERE = {
 IN_FILES = {
     "position": {
         "execution/run/checkpoint.py": "of the recorder in its files",
-        "results/checkpoint_folder.py": "of the recorder in its files",
+        "results/storage/checkpoint_folder.py": "of the recorder in its files",
         "system/settings/network.py": "attribute of the annotation of networks",
         "view/motion.py": "key of the page's document",
     },
@@ -91,11 +91,11 @@ IN_FILES = {
         "fmi/description/declarations.py": "attribute of the annotation of verdicts",
         "network/gateways/gateways.py": "of port numbers",
         "report/structure.py": "key of the manifest",
-        "results/comparison.py": "key of the manifest",
+        "results/reading/comparison.py": "key of the manifest",
         "results/figures/motion.py": "label of an axis",
         "system/flatten/component_settings.py": "attribute of the annotation of solvers",
-        "system/reading/into_cps.py": "fixed-step",
-        "system/reading/var_step.py": "var-step",
+        "system/reading/others/into_cps.py": "fixed-step",
+        "system/reading/others/var_step.py": "var-step",
         "system/settings/master.py": "var-step",
         "system/settings/time_grid.py": "option",
         "view/live/server.py": "request of a live page",
@@ -106,8 +106,8 @@ IN_FILES = {
         "network/radio/queues.py": "field of packets in flight",
         "network/radio/tables.py": "field of packets in flight",
         "results/export/tlog.py": "column of packets.parquet",
-        "results/links.py": "column of packets.parquet",
-        "results/parquet.py": "column of packets.parquet",
+        "results/reading/links.py": "column of packets.parquet",
+        "results/storage/parquet.py": "column of packets.parquet",
         "results/recording/packet_log.py": "column of packets.parquet",
         "system/authoring/text/ssp_text.py": "attribute of SSP",
         "system/reading/ssp/grammar.py": "attribute of SSP",
@@ -131,7 +131,7 @@ JUSTIFIED = {
     ("mavlink_tx", "stepping/kernels/macro_step.py"): "the diagram of a macro step, as in ARCHITECTURE.md",
     ("mavlink_rx", "stepping/kernels/tables.py"): "a comment with the name that packet inputs usually have",
     ("step_timeout", "cli/verbs/run.py"): "an option, the limit of a step in a process of its own",
-    ("on_ground", "verdict/watch.py"): "an attribute of the watch's own class",
+    ("on_ground", "verdict/watching/watch.py"): "an attribute of the watch's own class",
 }
 """Names that are made for models, by the file that may have them, and why."""
 

@@ -20,7 +20,7 @@ from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.changes import changes
 from cosim_master.system.settings.time_grid import time_grid
 from tests.master.conftest import variable
-from tests.master.strict import ABLE
+from tests.master.fmus.strict import ABLE
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

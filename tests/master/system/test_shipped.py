@@ -125,7 +125,7 @@ def test_the_wheel_has_these_packages_and_nothing_else(installed: Path) -> None:
     ]
     for package in ("cosim", "cosim_models", "cosim_master"):
         assert (installed / package / "py.typed").is_file()
-    assert (installed / "cosim" / "build" / "fmi2.c").is_file()
+    assert (installed / "cosim" / "build" / "native" / "fmi2.c").is_file()
     assert (installed / "cosim_models" / "vehicles" / "presets" / "px4_iris.ssv").is_file()
     systems = installed / "cosim_master" / "shipped" / "master" / "systems"
     here = ROOT / "master" / "systems"

@@ -16,7 +16,7 @@ from cosim_master.files.xml import Reader
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.reading.ssp.references import read_reference
 from cosim_master.system.reading.ssp.ssv import read_parameter_mapping, read_parameter_set, read_signal_dictionary
-from tests.master.ssp_fuzz import VALUES, fuzz
+from tests.master.fuzz.ssp_fuzz import VALUES, fuzz
 
 SSP1 = "http://ssp-standard.org/SSP1/SystemStructure"
 ROOTS = {

@@ -20,7 +20,7 @@ from cosim_master.fmi.description.read import describe, platform
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from tests.master.conftest import SUFFIX
-from tests.master.probe import compiled
+from tests.master.fmus.probe import compiled
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -49,7 +49,7 @@ def sized(stricts3: Any) -> Path:
     path: Path = stricts3.workshop.root / "sized.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", DESCRIPTION)
-        library = compiled(Path(__file__).parents[1] / "sized.c", stricts3.folder)
+        library = compiled(Path(__file__).parents[1] / "fmus" / "sized.c", stricts3.folder)
         archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
     return path
 

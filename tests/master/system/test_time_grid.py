@@ -15,7 +15,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.settings.time_grid import exact
-from tests.master.linear import BALL_PORTS, ball, signals
+from tests.master.fmus.linear import BALL_PORTS, ball, signals
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,12 @@ from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Network, network_of
 from cosim_master.system.settings.nodes import Node
-from cosim_master.verdict.approach import Approach
 from cosim_master.verdict.earshot import repeated, twice
 from cosim_master.verdict.findings import Finding, Judgement
-from cosim_master.verdict.limits import Limits, limits_of
 from cosim_master.verdict.prior import known_before
-from cosim_master.verdict.spells import Spells
+from cosim_master.verdict.watching.approach import Approach
+from cosim_master.verdict.watching.limits import Limits, limits_of
+from cosim_master.verdict.watching.spells import Spells
 from tests.master.conftest import Workshop, variable
 
 # ---- declarations --------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 import pytest
 from pymavlink import mavutil
 
-from cosim_master.results.read import packets
+from cosim_master.results.reading.read import packets
 from tests.master.view.browser import LONG, Tab
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega
 
 from cosim_master.network.radio.tables import BY_RADIO, EVENT, LOST_CHANNEL, LOST_RANGE, ON_BOARD
-from cosim_master.results.roles import Part
+from cosim_master.results.reading.roles import Part
 from cosim_master.stepping.observation import Packets
 from cosim_master.system.settings.network import Gateway, Network
 from cosim_master.system.settings.nodes import Endpoint, Node

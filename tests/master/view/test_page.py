@@ -16,7 +16,7 @@ from pymavlink import mavutil
 
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
-from cosim_master.results.read import packets, signals
+from cosim_master.results.reading.read import packets, signals
 from cosim_master.view.page import write_page
 from tests.master.view.browser import LONG, Tab
 from tests.master.view.recordings import evil_run

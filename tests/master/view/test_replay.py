@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from cosim_master.cli import app
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.run_folder import clear
+from cosim_master.results.storage.run_folder import clear
 from cosim_master.view.block import Block
 from cosim_master.view.curves import thinned
 from cosim_master.view.page import write_page

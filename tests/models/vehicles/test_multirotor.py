@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from cosim import Model
 from cosim.vehicle import VEHICLE_INPUTS, VEHICLE_OUTPUTS, Airframe
 from cosim_models.autopilot.control.mixer import motor_factors
+from cosim_models.vehicles.dynamics.rotor import MotorCurve
 from cosim_models.vehicles.hexarotor import Hexarotor
 from cosim_models.vehicles.octorotor import Octorotor
 from cosim_models.vehicles.quadrotor import Quadrotor
-from cosim_models.vehicles.rotor import MotorCurve
 from cosim_models.vehicles.y6 import Y6
 from tests.models.shipped_kernels import kernels
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_models.vehicles.battery import loaded_voltage, rest_voltage, rotor_power
+from cosim_models.vehicles.dynamics.battery import loaded_voltage, rest_voltage, rotor_power
 from cosim_models.vehicles.power_system import PowerSystem
 
 H = 0.0025

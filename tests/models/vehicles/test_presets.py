@@ -10,8 +10,8 @@ import pytest
 from lxml import etree
 
 from cosim.model import flat_variables
+from cosim_models.vehicles.dynamics.rotor import MotorCurve
 from cosim_models.vehicles.quadrotor import Quadrotor
-from cosim_models.vehicles.rotor import MotorCurve
 from tests.models.shipped_kernels import kernels
 
 G = 9.80665

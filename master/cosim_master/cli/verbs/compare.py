@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from cosim_master.results.comparison import Comparison
+    from cosim_master.results.reading.comparison import Comparison
 
 _ROWS = 15
 """Rows of a table."""
@@ -43,7 +43,7 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Compare two runs signal by signal; exit code 0: equal, 1: different, 2: they cannot be compared."""
-    from cosim_master.results.comparison import compare as compared
+    from cosim_master.results.reading.comparison import compare as compared
 
     if not math.isfinite(atol + rtol):
         raise usage("compare: --atol and --rtol are finite numbers")

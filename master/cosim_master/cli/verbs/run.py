@@ -202,7 +202,7 @@ def run(
         doing.starting()
         from cosim_master.execution.options import RunOptions
         from cosim_master.execution.preparation.isolating import chosen_isolation
-        from cosim_master.results.run_folder import RunFolder
+        from cosim_master.results.storage.run_folder import RunFolder
 
         options = RunOptions(
             variant=variant, overrides=overrides(settings), at=changes(at), inputs=inputs, solver=solver,

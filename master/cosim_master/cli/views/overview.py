@@ -12,11 +12,11 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim_master.diagnostics.errors import CosimError, Problem, SystemDescriptionError, Where
-from cosim_master.results.journal import goes_on
-from cosim_master.results.links import statistics
-from cosim_master.results.message_names import message_names
-from cosim_master.results.read import has_packets, packets
-from cosim_master.results.recorded_signals import open_signals
+from cosim_master.results.reading.links import statistics
+from cosim_master.results.reading.message_names import message_names
+from cosim_master.results.reading.read import has_packets, packets
+from cosim_master.results.reading.recorded_signals import open_signals
+from cosim_master.results.storage.journal import goes_on
 
 __all__ = ["overview", "overview_tables", "signal_table"]
 

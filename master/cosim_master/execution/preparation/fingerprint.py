@@ -11,7 +11,7 @@ from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 
-from cosim_master.results.checkpoint_folder import Checkpoint
+from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.changes import Change
 from cosim_master.system.settings.master import MasterSettings

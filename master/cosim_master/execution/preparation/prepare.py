@@ -23,9 +23,9 @@ from cosim_master.system.settings.network import Network, network_of
 from cosim_master.system.settings.recording import Recording, recording_of
 from cosim_master.system.settings.time_grid import TimeGrid, exact, time_grid
 from cosim_master.verdict.findings import Judgement
-from cosim_master.verdict.limits import Limits, limits_of
 from cosim_master.verdict.monitors.declared import Monitors, monitors_of
 from cosim_master.verdict.prior import known_before
+from cosim_master.verdict.watching.limits import Limits, limits_of
 
 __all__ = ["Prepared", "prepare"]
 

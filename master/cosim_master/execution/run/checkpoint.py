@@ -29,7 +29,7 @@ from cosim_master.execution.run.state import RunState, changing
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.network.radio.tables import ROLES as RADIO_ROLES
 from cosim_master.network.roles import STATE
-from cosim_master.results.checkpoint_folder import FORMAT, Checkpoint, Position, sealed
+from cosim_master.results.storage.checkpoint_folder import FORMAT, Checkpoint, Position, sealed
 from cosim_master.stepping.kernels.tables import PHASE, ROLES, K
 
 __all__ = ["cannot_be_serialised", "refuse_checkpoints", "restore", "save"]

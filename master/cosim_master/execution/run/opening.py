@@ -16,7 +16,7 @@ from cosim_master.execution.startup.initialize import initialize
 from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.network.radio.build import make_radio
-from cosim_master.results.checkpoint_folder import Checkpoint
+from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.plan import make_plan
 from cosim_master.stepping.profiling import Profiler

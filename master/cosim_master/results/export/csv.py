@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.options import Options
-from cosim_master.results.recorded_signals import open_signals
+from cosim_master.results.reading.recorded_signals import open_signals
 
 __all__ = ["export", "export_csv"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.options import Options
 from cosim_master.results.figures.style import COLOURS, NAMED, STYLE, plain
-from cosim_master.results.flight import read_flight
+from cosim_master.results.reading.flight import read_flight
 
 __all__ = ["FRAMES", "RATE", "export"]
 

@@ -18,8 +18,8 @@ import pyarrow as pa
 
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.options import Options
-from cosim_master.results.recorded_signals import open_signals
-from cosim_master.results.roles import players, read_manifest
+from cosim_master.results.reading.recorded_signals import open_signals
+from cosim_master.results.reading.roles import players, read_manifest
 
 __all__ = ["export"]
 

@@ -25,7 +25,7 @@ from cosim_master.results.export.options import Options
 from cosim_master.results.export.spoken import spoken
 from cosim_master.results.export.tracks import Tracks, enu, geodetic, orientation, read_tracks
 from cosim_master.results.export.variables import Recorded, recorded_variables
-from cosim_master.results.recorded_signals import open_signals
+from cosim_master.results.reading.recorded_signals import open_signals
 from cosim_master.results.recording.packet_log import EPOCH
 
 __all__ = ["export"]

@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.options import Options
 from cosim_master.results.export.packet_log import packets_of, renumbered
-from cosim_master.results.read import packets
+from cosim_master.results.reading.read import packets
 from cosim_master.results.recording.packet_log import EPOCH, file_name
 
 __all__ = ["export"]

@@ -19,9 +19,9 @@ from cosim.vehicle import POSITION
 from cosim.verdict import Role
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.options import Options, Origin
-from cosim_master.results.recorded_signals import Signals, open_signals
+from cosim_master.results.reading.recorded_signals import Signals, open_signals
+from cosim_master.results.reading.roles import UNKNOWN, Player, parts, players, read_manifest
 from cosim_master.results.recording.packet_log import EPOCH
-from cosim_master.results.roles import UNKNOWN, Player, parts, players, read_manifest
 
 __all__ = ["Track", "Tracks", "enu", "frd_to_flu", "geodetic", "orientation", "read_tracks"]
 

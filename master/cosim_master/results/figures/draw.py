@@ -35,11 +35,11 @@ from cosim_master.results.figures.radio import draw_latency, draw_links
 from cosim_master.results.figures.signals import draw_signals, read_panels
 from cosim_master.results.figures.style import STYLE, plain
 from cosim_master.results.figures.violations import mark_violations, marks_of
-from cosim_master.results.flight import read_flight
-from cosim_master.results.links import read_links
-from cosim_master.results.read import has_packets
-from cosim_master.results.roles import read_manifest
-from cosim_master.results.run_folder import stamp
+from cosim_master.results.reading.flight import read_flight
+from cosim_master.results.reading.links import read_links
+from cosim_master.results.reading.read import has_packets
+from cosim_master.results.reading.roles import read_manifest
+from cosim_master.results.storage.run_folder import stamp
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,7 +19,7 @@ from cosim_master.results.figures.style import (
     short,
     together,
 )
-from cosim_master.results.flight import Array, Drone, Flight
+from cosim_master.results.reading.flight import Array, Drone, Flight
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

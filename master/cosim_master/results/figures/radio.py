@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim_master.results.figures.style import COLOURS, NAMED, WIDTH, short
-from cosim_master.results.links import Array, Links
+from cosim_master.results.reading.links import Array, Links
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

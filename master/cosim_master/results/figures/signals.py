@@ -14,8 +14,8 @@ import pyarrow as pa
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.diagnostics.names import matching, near
 from cosim_master.results.figures.style import DASHES, NAMED, WIDTH, colour_bar, colours, draw_lines, draw_quantiles
-from cosim_master.results.flight import Array
-from cosim_master.results.recorded_signals import Signals, open_signals
+from cosim_master.results.reading.flight import Array
+from cosim_master.results.reading.recorded_signals import Signals, open_signals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

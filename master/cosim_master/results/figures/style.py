@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim_master.results.flight import Array
+from cosim_master.results.reading.flight import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

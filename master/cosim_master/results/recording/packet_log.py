@@ -17,8 +17,8 @@ import numpy as np
 import pyarrow as pa
 
 from cosim_master.network.radio.tables import EVENT, OUTCOMES
-from cosim_master.results.parquet import packets_schema
 from cosim_master.results.recording.table_file import TableFile
+from cosim_master.results.storage.parquet import packets_schema
 from cosim_master.stepping.observation import Packets, Seen
 from cosim_master.system.settings.network import Network
 

@@ -26,16 +26,16 @@ from typing import Any, Self
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError, Problem, RecordingFailed, SystemDescriptionError, Where
-from cosim_master.results.checkpoint_folder import Checkpoint, Position, segments
-from cosim_master.results.columns import columns_of
-from cosim_master.results.journal import FOLDER, Journal, goes_on
-from cosim_master.results.links import statistics
-from cosim_master.results.manifest_file import NAME, RunningManifest, write_manifest
-from cosim_master.results.parquet import packets_schema, packets_writer, signals_writer
+from cosim_master.results.reading.links import statistics
 from cosim_master.results.recording.packet_log import PacketLog, log_names
 from cosim_master.results.recording.signals import SignalRecorder
 from cosim_master.results.recording.table_file import Faults, TableFile
-from cosim_master.results.run_folder import clear
+from cosim_master.results.storage.checkpoint_folder import Checkpoint, Position, segments
+from cosim_master.results.storage.columns import columns_of
+from cosim_master.results.storage.journal import FOLDER, Journal, goes_on
+from cosim_master.results.storage.manifest_file import NAME, RunningManifest, write_manifest
+from cosim_master.results.storage.parquet import packets_schema, packets_writer, signals_writer
+from cosim_master.results.storage.run_folder import clear
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.observation import Observer, Progress, Seen
 from cosim_master.system.flatten.flat import CheckedSystem

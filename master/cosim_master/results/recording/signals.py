@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pyarrow as pa
 
-from cosim_master.results.columns import Columns
 from cosim_master.results.recording.table_file import TableFile
+from cosim_master.results.storage.columns import Columns
 from cosim_master.stepping.observation import Rows, Seen
 
 __all__ = ["SignalRecorder"]

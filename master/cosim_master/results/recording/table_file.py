@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import RecordingFailed
-from cosim_master.results.journal import FOLDER, Journal
-from cosim_master.results.parquet import ROW_GROUP
+from cosim_master.results.storage.journal import FOLDER, Journal
+from cosim_master.results.storage.parquet import ROW_GROUP
 
 __all__ = ["Faults", "TableFile"]
 

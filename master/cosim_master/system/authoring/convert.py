@@ -32,7 +32,7 @@ from cosim_master.diagnostics.limitations import (
 from cosim_master.fmi.description.read import Variable
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection
-from cosim_master.system.reading.osp import OSP_DOCUMENT
+from cosim_master.system.reading.others.osp import OSP_DOCUMENT
 from cosim_master.system.reading.read import FMU_TYPE, ROOT_DOCUMENT, read_system
 from cosim_master.system.structure import Value, annotation
 

@@ -16,7 +16,6 @@ from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.fmi.description.variables import INTEGER_RANGES
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.system.flatten.component_settings import ISOLATION, SOLVER, STEPPING, ComponentSettings
-from cosim_master.system.flatten.components import Part, assemble, measure
 from cosim_master.system.flatten.descriptions import Descriptions
 from cosim_master.system.flatten.flat import (
     Alias,
@@ -28,10 +27,11 @@ from cosim_master.system.flatten.flat import (
 )
 from cosim_master.system.flatten.init_order import Stage, exchange_order
 from cosim_master.system.flatten.parameters import Bindings
-from cosim_master.system.flatten.sizes import check_sizes
-from cosim_master.system.flatten.wiring import Wiring
-from cosim_master.system.reading.omsimulator import OMSIMULATOR
-from cosim_master.system.reading.omsimulator import settings as settings_of_omsimulator
+from cosim_master.system.flatten.topology.components import Part, assemble, measure
+from cosim_master.system.flatten.topology.sizes import check_sizes
+from cosim_master.system.flatten.topology.wiring import Wiring
+from cosim_master.system.reading.others.omsimulator import OMSIMULATOR
+from cosim_master.system.reading.others.omsimulator import settings as settings_of_omsimulator
 from cosim_master.system.reading.overrides import apart, hidden
 from cosim_master.system.structure import Component, SystemStructure
 

@@ -12,10 +12,10 @@ from cosim_master.diagnostics.errors import Problem, Where
 from cosim_master.files.xml import line_of
 from cosim_master.fmi.slaves.solvers import NAMES as SOLVERS
 from cosim_master.fmi.slaves.solvers import Choice
-from cosim_master.system.flatten.components import Part
 from cosim_master.system.flatten.flat import PROCESSES
-from cosim_master.system.reading.omsimulator import DEFAULT_STEP, OMSIMULATOR, Named
-from cosim_master.system.reading.omsimulator import settings as settings_of_omsimulator
+from cosim_master.system.flatten.topology.components import Part
+from cosim_master.system.reading.others.omsimulator import DEFAULT_STEP, OMSIMULATOR, Named
+from cosim_master.system.reading.others.omsimulator import settings as settings_of_omsimulator
 from cosim_master.system.structure import Annotation, SystemStructure
 
 __all__ = ["ISOLATION", "SOLVER", "STEPPING", "ComponentSettings"]

@@ -8,10 +8,10 @@ from pathlib import Path
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.fmi.description.read import FmuDescription, describe
 from cosim_master.system.flatten.component_settings import ComponentSettings
-from cosim_master.system.flatten.components import Part, assemble
 from cosim_master.system.flatten.parameters import Bindings
-from cosim_master.system.flatten.wiring import Wiring
-from cosim_master.system.reading.omsimulator import OMSIMULATOR
+from cosim_master.system.flatten.topology.components import Part, assemble
+from cosim_master.system.flatten.topology.wiring import Wiring
+from cosim_master.system.reading.others.omsimulator import OMSIMULATOR
 from cosim_master.system.reading.ssp.ssd import FMU_TYPE, TABLE_TYPES
 from cosim_master.system.reading.tables import describe_table
 from cosim_master.system.structure import Component, SignalDictionaryReference, System, SystemStructure

@@ -18,9 +18,9 @@ from cosim_master.diagnostics.names import is_pattern, matching, near, near_patt
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.description.units import UndefinedUnit, Unit, UnitError, conversion
 from cosim_master.fmi.description.variables import INTEGER_RANGES
-from cosim_master.system.flatten.components import Part, Port, element_name, indices_of
+from cosim_master.system.flatten.topology.components import Part, Port, element_name, indices_of
+from cosim_master.system.flatten.topology.wiring import SENDING, Route, Wiring
 from cosim_master.system.flatten.typed_values import converted, kind_of, of_type, unsettable
-from cosim_master.system.flatten.wiring import SENDING, Route, Wiring
 from cosim_master.system.reading.ssp.grammar import SAME_TYPE
 from cosim_master.system.structure import (
     MAX_DEPTH,

@@ -13,9 +13,9 @@ from pathlib import Path
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import near
 from cosim_master.system import shipped
-from cosim_master.system.reading.into_cps import read_multimodel
-from cosim_master.system.reading.mastersim import read_mastersim
-from cosim_master.system.reading.osp import OSP_DOCUMENT, read_osp
+from cosim_master.system.reading.others.into_cps import read_multimodel
+from cosim_master.system.reading.others.mastersim import read_mastersim
+from cosim_master.system.reading.others.osp import OSP_DOCUMENT, read_osp
 from cosim_master.system.reading.single_fmu import read_fmu
 from cosim_master.system.reading.ssp.references import File, Files, parsed
 from cosim_master.system.reading.ssp.ssd import COMPONENT_TYPES, FMU_TYPE, ROOT_DOCUMENT, SSD_TYPE, SSP_TYPE, Document

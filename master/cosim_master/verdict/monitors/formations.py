@@ -6,10 +6,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cosim_master.verdict.approach import FEW, box, closest, pairs_within
 from cosim_master.verdict.monitors.declared import Order, Separation
 from cosim_master.verdict.monitors.rules import NEAR, Place, Samples, judge
 from cosim_master.verdict.monitors.violations import Violations
+from cosim_master.verdict.watching.approach import FEW, box, closest, pairs_within
 
 __all__ = ["OrderRule", "SeparationRule"]
 
@@ -69,8 +69,8 @@ class OrderRule:
 class SeparationRule:
     """The distances of all pairs of vehicles; between two instants, a vehicle is assumed to fly straight.
 
-    Only pairs that can have come too near are looked at (`verdict.approach`), so that the cost grows as the number of
-    vehicles does. They are searched anew when a vehicle has moved by more than half of a margin.
+    Only pairs that can have come too near are looked at (`verdict.watching.approach`), so that the cost grows as
+    the number of vehicles does. They are searched anew when a vehicle has moved by more than half of a margin.
     A subject is a pair of vehicles, first * count + second; count * count + i stands for a vehicle whose position is
     not a number.
     """

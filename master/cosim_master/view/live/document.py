@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cosim_master.results.roles import Part, Player, parts
+from cosim_master.results.reading.roles import Part, Player, parts
 from cosim_master.stepping.observation import Column
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.network import Network

@@ -20,8 +20,8 @@ import numpy as np
 
 from cosim.messages import STATUSTEXT
 from cosim_master.network.radio.tables import BY_RADIO, OUTCOMES
-from cosim_master.results.message_names import message_names
-from cosim_master.results.roles import Part
+from cosim_master.results.reading.message_names import message_names
+from cosim_master.results.reading.roles import Part
 from cosim_master.stepping.observation import Packets
 from cosim_master.system.settings.network import Network
 from cosim_master.view.block import Array

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.csv import export_csv
-from cosim_master.results.recorded_signals import open_signals
+from cosim_master.results.reading.recorded_signals import open_signals
 
 
 def write_signals(run: Path, columns: dict[str, pa.Array]) -> Path:

@@ -1,0 +1,65 @@
+"""A recorded run as tables, for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.reading.recorded_signals import open_signals
+from cosim_master.results.storage.journal import journal_of, read_journal
+
+__all__ = ["has_packets", "packets", "signals"]
+
+
+def signals(run: Path | str, names: list[str] | None = None) -> pa.Table:
+    """Returns the recorded signals of a run: column ``time`` [s], then one for each ``component.variable``.
+
+    Units and descriptions are in the metadata of the fields. ``.to_pandas()`` and ``polars.from_arrow`` make data
+    frames of it.
+
+    Args:
+        run: folder of the run.
+        names: of the columns to read; None reads all.
+
+    Raises:
+        CosimError: the folder has no signals, or lacks a column.
+    """
+    with open_signals(Path(run)) as file:
+        if names is not None and (lacking := sorted({*names} - {*file.schema_arrow.names})):
+            raise CosimError(f"{run}: nothing was recorded of {', '.join(lacking[:5])}")
+        try:
+            return file.read(columns=names)
+        except (pa.ArrowException, OSError) as error:
+            raise CosimError(f"{run}: the signals are damaged: {error}") from None
+
+
+def has_packets(run: Path) -> bool:
+    """Returns whether the packets of a run were recorded."""
+    return journal_of(run, "packets") is not None or (run / "packets.parquet").is_file()
+
+
+def packets(run: Path | str, names: list[str] | None = None) -> pa.Table:
+    """Returns the packets of a run, one row for each packet and each of its target nodes; times in s.
+
+    Args:
+        run: folder of the run.
+        names: of the columns to read; None reads all.
+
+    Raises:
+        CosimError: the run has no record of packets, or an incomplete one.
+    """
+    if (journal := journal_of(Path(run), "packets")) is not None:
+        table = read_journal(journal)
+        return table if names is None else table.select(names)
+    file = Path(run) / "packets.parquet"
+    if not file.is_file():
+        raise CosimError(f"{run}: no packets were recorded (there is no packets.parquet)")
+    try:
+        return pq.read_table(file, columns=names)
+    except (pa.ArrowException, OSError) as error:
+        raise CosimError(
+            f"{file}: not a complete Parquet file; the run that wrote it was cut short ({error})"
+        ) from None

@@ -1,0 +1,214 @@
+"""The observer that monitors a swarm: agents, vehicles, autopilots, bounds, distances, system ids.
+
+Ten times per second of simulated time, it copies the outputs that FMUs have declared (`cosim.verdict`). After every few
+dozen of these looks, it evaluates the copies. It does not depend on the names of models.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from cosim_master.stepping.layout import Layout
+from cosim_master.stepping.observation import Seen
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.time_grid import TimeGrid
+from cosim_master.verdict.earshot import depends_on_places, repeated, system_ids, twice
+from cosim_master.verdict.findings import Finding
+from cosim_master.verdict.prior import same_id
+from cosim_master.verdict.watching.approach import FEW, Approach
+from cosim_master.verdict.watching.limits import Limits
+from cosim_master.verdict.watching.spells import Spells
+from cosim_master.verdict.watching.subjects import Subjects
+
+__all__ = ["Watch"]
+
+Array: TypeAlias = np.ndarray[Any, Any]
+
+_INTERVAL = 0.1
+"""s of simulated time between two looks."""
+_LOOKS = {False: 64, True: 10}
+"""Looks that are evaluated together, for few vehicles and for many (`approach.FEW`)."""
+_MOVED = 0.5
+"""m from the start beyond which a vehicle that is not on the ground has flown."""
+_LOW = 1.0
+"""m by which the desired height of an autopilot must exceed that of a vehicle that has come down."""
+
+
+class Watch:
+    """Watches one run.
+
+    Args:
+        checked, network, layout, clock: the system.
+        limits: the distances that are too near and too far.
+    """
+
+    def __init__(
+        self, checked: CheckedSystem, network: Network, layout: Layout, clock: TimeGrid, limits: Limits
+    ) -> None:
+        self._network, self.limits = network, limits
+        self._subjects = subjects = Subjects(checked, layout)
+        self.bodies, self.pilots = subjects.bodies, subjects.pilots
+        self.agents, self.limited = subjects.agents, subjects.limited
+        columns = subjects.columns
+        self._ids = system_ids(checked, network)
+        self._nodes: list[int] = []
+        if repeated(self._ids) and depends_on_places(network) and all(node.position for node in network.nodes):
+            places_of = [(i, v.name) for node in network.nodes for i, v in node.position]
+            self._nodes = [columns.of(instance, name)[1] for instance, name in places_of]
+        self.double: dict[int, Finding] = {}
+        wanted = columns.reals or columns.integers
+        self.every = max(1, round(_INTERVAL / clock.seconds(1))) if wanted else 0
+        self.approach = Approach(len(self.bodies), limits.contact)
+        self.away, self.down = Spells(len(self.pilots)), Spells(len(self.bodies))
+        self.outside = Spells(len(self.limited))
+        self._rows = _LOOKS[len(self.bodies) > FEW]
+        self._real_places = np.array(columns.reals, dtype=np.intp)
+        self._integer_places = np.array(columns.integers, dtype=np.intp)
+        self._times = np.zeros(self._rows)
+        self._reals = np.zeros((self._rows, len(self._real_places)))
+        self._integers = np.zeros((self._rows, len(self._integer_places)), dtype=np.int32)
+        self._used = 0
+        self.start: Array | None = None
+        self.recalled = False  # whether it continues from the findings before a checkpoint
+        self.begin = self.end = clock.time(0)
+
+    def initialised(self, seen: Seen) -> None:
+        """Handles the first look of a run, or of a resumed run."""
+        if not self.recalled:
+            self.begin = seen.time
+        self.stepped(seen)
+
+    def stepped(self, seen: Seen) -> None:
+        """Copies the watched values."""
+        row = self._used
+        self._times[row] = self.end = seen.time
+        np.take(seen.reals, self._real_places, out=self._reals[row])
+        np.take(seen.integers, self._integer_places, out=self._integers[row])
+        self._used += 1
+        if self._used == self._rows:
+            self.settle()
+
+    def closed(self) -> None:
+        """Evaluates the remaining instants."""
+        if self._used:
+            self._look()
+            self._used = 0
+
+    def settle(self) -> None:
+        """Evaluates the copied values. The last look is kept, since the next motions begin there."""
+        if self._used:
+            self._look()
+            for kept in (self._times, self._reals, self._integers):
+                kept[0] = kept[self._used - 1]
+            self._used = 1
+
+    def _look(self) -> None:
+        n = self._used
+        times, reals, integers = self._times[:n], self._reals[:n], self._integers[:n]
+        wanted = np.zeros((n, len(self.bodies)), dtype=bool)
+        self._look_at_agents(times, integers, wanted)
+        positions = reals[:, self._subjects.positions].reshape(n, -1, 3)
+        if self.bodies:
+            self._look_at_bodies(positions, integers)
+            self.approach.look(times, positions)
+        if self.pilots:
+            self._look_at_pilots(times, positions, reals, integers, wanted)
+        if self.bodies:
+            on_ground = integers[:, self._subjects.ground] != 0
+            on_ground &= wanted & np.array([body.flew and body.has_ground for body in self.bodies])
+            self.down.look(times, on_ground, on_ground)
+        if self.limited:
+            self._look_at_limits(times, reals, integers)
+        if self._nodes:
+            self._listen(float(times[0]), reals[0, self._nodes].reshape(-1, 3))
+
+    def _look_at_agents(self, times: Array, integers: Array, wanted: Array) -> None:
+        """Evaluates the agents. In `wanted`, it notes for each look which vehicles are expected to be in the air."""
+        all_states = integers[:, self._subjects.states]
+        for values in {agent.condition.commanding for agent in self.agents if agent.body >= 0} - {()}:
+            of = [a for a, one in enumerate(self.agents) if one.body >= 0 and one.condition.commanding == values]
+            wanted[:, [self.agents[a].body for a in of]] |= np.isin(all_states[:, of], values)
+        last = np.array([agent.last for agent in self.agents], dtype=np.int32)
+        for a in map(int, np.flatnonzero((all_states != last).any(axis=0))):
+            agent, states = self.agents[a], all_states[:, a]
+            agent.last = int(states[-1])
+            for values, what in ((agent.condition.failed, "failed"), (agent.condition.working, "began")):
+                now = np.isin(states, values)
+                if now.any() and math.isnan(getattr(agent, what)):
+                    row = int(now.argmax())
+                    setattr(agent, what, float(times[row]))
+                    if what == "failed" and self._subjects.reasons[a] >= 0:
+                        agent.reason = int(integers[row, self._subjects.reasons[a]])
+            now = np.isin(states, agent.condition.commanding)
+            if agent.body >= 0 and now.any():
+                self._command(agent.body, float(times[int(now.argmax())]), agent.instance.name)
+
+    def _command(self, body: int, time: float, by: str) -> None:
+        if math.isnan(self.bodies[body].commanded):
+            self.bodies[body].commanded, self.bodies[body].by = time, by
+
+    def _look_at_bodies(self, positions: Array, integers: Array) -> None:
+        if self.start is None:
+            self.start = positions[0].copy()
+        waiting = np.flatnonzero([not body.flew for body in self.bodies])
+        if not waiting.size:
+            return
+        aloft = np.linalg.norm(positions[:, waiting] - self.start[waiting], axis=2) > _MOVED
+        has_ground = [b for b, body in enumerate(waiting) if self.bodies[body].has_ground]
+        aloft[:, has_ground] &= integers[:, [self._subjects.ground[waiting[b]] for b in has_ground]] == 0
+        for b in waiting[aloft.any(axis=0)]:
+            self.bodies[b].flew = True
+
+    def _look_at_pilots(self, times: Array, positions: Array, reals: Array, integers: Array, wanted: Array) -> None:
+        armed = integers[:, self._subjects.armed] != 0
+        armed[:, [not pilot.has_armed for pilot in self.pilots]] = True
+        for p in map(int, np.flatnonzero(armed.any(axis=0))):
+            if self.pilots[p].has_armed:
+                self._command(self.pilots[p].body, float(times[int(armed[:, p].argmax())]), self.pilots[p].instance)
+        desired = reals[:, self._subjects.desired].reshape(len(times), -1, 3)
+        actual = positions[:, [pilot.body for pilot in self.pilots]]
+        away = np.linalg.norm(desired - actual, axis=2)
+        away[:, [not pilot.has_desired for pilot in self.pilots]] = 0.0
+        self.away.look(times, armed & (away > self.limits.deviation), away)
+        higher = armed & (away > 0.0) & (actual[:, :, 2] - desired[:, :, 2] > _LOW)
+        for p in map(int, np.flatnonzero(higher.any(axis=0))):
+            wanted[:, self.pilots[p].body] |= higher[:, p]
+
+    def _look_at_limits(self, times: Array, reals: Array, integers: Array) -> None:
+        values = np.zeros((len(times), len(self.limited)))
+        of_reals = np.array([real for real, _ in self._subjects.values])
+        columns = np.array([column for _, column in self._subjects.values])
+        values[:, of_reals], values[:, ~of_reals] = reals[:, columns[of_reals]], integers[:, columns[~of_reals]]
+        least = np.array([one.least for one in self.limited])
+        most = np.array([one.most for one in self.limited])
+        outside = (values < least) | (values > most)
+        if not outside.any() and not self.outside.open.any():
+            return
+        tied = [n for n, one in enumerate(self.limited) if one.agent >= 0]
+        if tied:
+            outside[:, tied] &= self._working(integers)[:, [self.limited[n].agent for n in tied]]
+        self.outside.look(times, outside, np.maximum(values - most, least - values))
+
+    def _working(self, integers: Array) -> Array:
+        """Returns whether each agent is active at each look; an agent without a declaration is always active."""
+        working = np.ones((len(integers), len(self.agents)), dtype=bool)
+        for values in {agent.condition.working for agent in self.agents} - {()}:
+            of = [a for a, agent in enumerate(self.agents) if agent.condition.working == values]
+            working[:, of] = np.isin(integers[:, [self._subjects.states[a] for a in of]], values)
+        return working
+
+    def _listen(self, time: float, places: Array) -> None:
+        for one in twice(self._network, self._ids, places):
+            if one.system_id not in self.double:
+                self.double[one.system_id] = same_id(one.system_id, one.nodes, one.listener, time)
+
+    # ---- results -------------------------------------------------------------------------------------------------
+
+    @property
+    def hears_by_place(self) -> bool:
+        """True if the watch has checked the reachability of nodes with the same system id."""
+        return bool(self._nodes)
