@@ -623,6 +623,7 @@ def test_closure_of_a_model(samples: SimpleNamespace) -> None:
     assert set(sources.files) == {
         "sample_models",
         "cosim",
+        "cosim.kept",
         "cosim.kernel",
         "cosim.lowering",
         "cosim.model",
