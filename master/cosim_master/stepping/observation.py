@@ -55,6 +55,7 @@ __all__ = [
     "Rows",
     "Seen",
     "View",
+    "value_of",
 ]
 
 
@@ -234,10 +235,11 @@ class View:
 
     def row(self, seen: Seen) -> list[float | int | bool]:
         """Returns the values of `names`."""
-        return [_value(seen, column) for column in self.columns]
+        return [value_of(column, seen) for column in self.columns]
 
 
-def _value(seen: Seen, column: Column) -> float | int | bool:
+def value_of(column: Column, seen: Seen) -> float | int | bool:
+    """Returns the value of a signal."""
     place, variable = column.place, column.variable
     if column.kind == "Real":
         return float(seen.reals[place])

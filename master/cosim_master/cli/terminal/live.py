@@ -1,4 +1,4 @@
-"""The live page of a run (`run --view`): its server, its observer, and the browser that opens it."""
+"""Live views of a run: its page (`run --view`), with the browser that opens it, and Foxglove (`run --foxglove`)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 import webbrowser
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from cosim_master.cli.terminal.console import announce, note
 
@@ -17,10 +17,21 @@ if TYPE_CHECKING:
     from cosim_master.execution.preparation.prepare import Prepared
     from cosim_master.stepping.control import Control
     from cosim_master.stepping.observation import Observer, View
+    from cosim_master.view.foxglove_server import FoxgloveFeed
     from cosim_master.view.live.feed import Feed
     from cosim_master.view.live.server import LivePage
 
-__all__ = ["Live", "show_in_browser", "shown_live"]
+__all__ = ["Foxglove", "Live", "Onlooker", "foxglove_live", "show_in_browser", "shown_live"]
+
+
+class Onlooker(Protocol):
+    """A live view of one run."""
+
+    def observer(self, view: View) -> Observer:
+        """Returns the observer of the run."""
+
+    def begin(self, ready: Prepared) -> None:
+        """Opens the view of a run that has been checked."""
 
 
 class Live:
@@ -89,6 +100,52 @@ def shown_live(options: RunOptions, *, open_browser: bool) -> Iterator[Live]:
 
     with ExitStack() as opened:
         yield Live(Control(1.0 if options.pace is None else options.pace), open_browser=open_browser, opened=opened)
+
+
+class Foxglove:
+    """The server of one run for Foxglove.
+
+    Args:
+        port: 0 for any free port.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._feed: FoxgloveFeed | None = None
+
+    def observer(self, view: View) -> Observer:
+        """Returns the observer of the run."""
+        from cosim_master.view.foxglove_server import FoxgloveFeed
+
+        self._feed = FoxgloveFeed(view)
+        return self._feed
+
+    def begin(self, ready: Prepared) -> None:
+        """Opens the server of a run that has been checked, and announces its address.
+
+        Raises:
+            CosimError: the port cannot be opened.
+        """
+        assert self._feed is not None
+        self._feed.serve(ready.checked, self._port)
+        announce(f"Foxglove: ws://127.0.0.1:{self._feed.port}")
+
+    def close(self) -> None:
+        """Closes the server."""
+        if self._feed is not None:
+            self._feed.close()
+
+
+@contextmanager
+def foxglove_live(port: int) -> Iterator[Foxglove]:
+    """Yields the server of a run, which is opened when the run has been checked; closes it in the end."""
+    import foxglove  # noqa: F401 (if it is missing, the run does not begin)
+
+    server = Foxglove(port)
+    try:
+        yield server
+    finally:
+        server.close()
 
 
 def show_in_browser(address: str) -> None:

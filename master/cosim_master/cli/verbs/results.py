@@ -208,7 +208,7 @@ def _with_formats(function: Callable[..., None]) -> Callable[..., None]:
             inspect.Parameter.KEYWORD_ONLY,
             default=None,
             annotation=Annotated[
-                Path | None, typer.Option(f"--{one.name}", metavar="FOLDER" if one.is_folder else "FILE", help=one.text)
+                Path | None, typer.Option(one.option, metavar="FOLDER" if one.is_folder else "FILE", help=one.text)
             ],
         )
         for one in FORMATS
@@ -257,9 +257,7 @@ def export(
         if file is not None:
             wanted.append((format_of(file), file))
         if not wanted:
-            raise usage(
-                f"export: no file to write; give -o FILE, or one of {', '.join(f'--{f.name}' for f in FORMATS)}"
-            )
+            raise usage(f"export: no file to write; give -o FILE, or one of {', '.join(f.option for f in FORMATS)}")
         if as_json and any(str(path) == "-" for _, path in wanted):
             raise usage("export: --json and -o - both want standard output; leave out one")
         options = Options(numbers, origin_of_text(origin) if origin else None)

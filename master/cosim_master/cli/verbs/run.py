@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim_master.cli.terminal.console import errors, note, notes, print_json, print_tables, report_error, say, usage
-from cosim_master.cli.terminal.live import Live, shown_live
+from cosim_master.cli.terminal.live import Live, Onlooker, foxglove_live, shown_live
 from cosim_master.cli.terminal.options import (
     Json,
     Settings,
@@ -150,6 +152,17 @@ _View = Annotated[
         show_default=False,
     ),
 ]
+_FoxglovePort = Annotated[
+    int | None,
+    typer.Option(
+        "--foxglove",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="Serve the run to Foxglove on this port of loopback (0: any), in real time unless --pace is given.",
+        show_default=False,
+    ),
+]
 _NoOpen = Annotated[
     bool,
     typer.Option("--no-open", help="With --view: print the address only; do not open a browser.", show_default=False),
@@ -161,6 +174,7 @@ _NoOpen = Annotated[
     "run master/systems/line5 --set drone3.agent.epsilon=0.5 --until 60 --seed 7",
     "run master/systems/line5 --pace 1 --gcs udpout:127.0.0.1:14550",
     "run master/systems/line5 --view --pace 2",
+    "run master/systems/line5 --foxglove 8765",
     "run master/systems/line5 --at 30 'drone3.vehicle.wind[2]=5'",
 )
 def run(
@@ -190,6 +204,7 @@ def run(
     origin: _From = None,
     view: _View = False,
     no_open: _NoOpen = False,
+    foxglove: _FoxglovePort = None,
     as_json: Json = False,
 ) -> None:
     """Run a system, or one FMU alone."""
@@ -197,6 +212,8 @@ def run(
         raise usage(f"--threads {threads}: give a positive number")
     if no_open and not view:
         raise usage("--no-open belongs to --view, which is not given")
+    if foxglove is not None and pace is None:
+        pace = 1.0
     by_default = Path("out") / Path(system).resolve().stem
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
@@ -213,12 +230,12 @@ def run(
             isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed),
             gcs=gcs or (), ports=ports,
         )  # fmt: skip
-        if view:
-            with shown_live(options, open_browser=not no_open) as live:
-                result = _simulate(system, options, doing, live)
+        with ExitStack() as opened:
+            live = opened.enter_context(shown_live(options, open_browser=not no_open)) if view else None
+            others = [] if foxglove is None else [opened.enter_context(foxglove_live(foxglove))]
+            result = _simulate(system, options, doing, live, others)
+            if live is not None:
                 live.end(result)
-        else:
-            result = _simulate(system, options, doing, None)
     if as_json:
         print_json(_document(result))
     else:
@@ -229,7 +246,9 @@ def run(
         raise typer.Exit(code)
 
 
-def _simulate(system: str, options: RunOptions, doing: Activity, live: Live | None) -> RunResult:
+def _simulate(
+    system: str, options: RunOptions, doing: Activity, live: Live | None, others: Sequence[Onlooker]
+) -> RunResult:
     from cosim.kernel import PLAIN
     from cosim_master.execution.options import Listener
     from cosim_master.execution.simulate import simulate
@@ -238,16 +257,18 @@ def _simulate(system: str, options: RunOptions, doing: Activity, live: Live | No
         raise usage("--profile needs compiled kernels; NUMBA_DISABLE_JIT is set")
     doing.stage(f"checking {system}")
 
+    onlookers = [*others] if live is None else [live, *others]
+
     def prepared(ready: Prepared) -> None:
         notes(ready.notes)
-        if live is not None:
-            live.begin(ready)
+        for one in onlookers:
+            one.begin(ready)
 
     listener = Listener(prepared=prepared, stage=doing.stage, progress=doing.run, gateway=note)
     with compiling(doing):
-        if live is None:
-            return simulate(system, options, listener=listener)
-        return simulate(system, options, listener=listener, observers=[live.observer], control=live.control)
+        observers = [one.observer for one in onlookers]
+        control = None if live is None else live.control
+        return simulate(system, options, listener=listener, observers=observers, control=control)
 
 
 def _exit_code(result: RunResult, *, strict: bool) -> int:

@@ -45,7 +45,7 @@ class Format:
     """A format.
 
     Attributes:
-        name: of its option and of its module.
+        name: of its module, and with hyphens of its option.
         text: the content, for the help.
         suffix: of its files, by which `-o` chooses it; empty for a folder.
     """
@@ -53,6 +53,10 @@ class Format:
     name: str
     text: str
     suffix: str = ""
+
+    @property
+    def option(self) -> str:
+        return f"--{self.name.replace('_', '-')}"
 
     @property
     def is_folder(self) -> bool:
@@ -63,6 +67,7 @@ FORMATS = (
     Format("csv", "All signals as FMPy writes its results; - is standard output.", ".csv"),
     Format("mat", "All signals as OpenModelica writes its results (MAT 4).", ".mat"),
     Format("mcap", "Poses, geodetic positions, signals, messages and a scene for Foxglove.", ".mcap"),
+    Format("foxglove_layout", "Layout of Foxglove for --mcap and `run --foxglove`.", ".layout.json"),
     Format("rrd", "Scene, poses, signals and messages for Rerun.", ".rrd"),
     Format("rosbag", "ROS 2 bag: poses, odometry, NavSatFix, path, tf."),
     Format("tlog", "MAVLink packets of each node, with the sequence numbers of its link."),
@@ -81,10 +86,10 @@ def format_of(file: Path) -> Format:
     if str(file) == "-":
         return FORMATS[0]
     for one in FORMATS:
-        if one.suffix and file.suffix.lower() == one.suffix:
+        if one.suffix and file.name.lower().endswith(one.suffix):
             return one
     known = ", ".join(one.suffix for one in FORMATS if one.suffix)
-    folders = ", ".join(f"--{one.name} FOLDER" for one in FORMATS if one.is_folder)
+    folders = ", ".join(f"{one.option} FOLDER" for one in FORMATS if one.is_folder)
     raise CosimError(f"{file}: the end of the name must be one of {known}; {folders} write folders")
 
 
@@ -98,7 +103,7 @@ def export_run(run: Path, one: Format, file: Path, options: Options) -> list[str
     module = import_module(f"cosim_master.results.export.{one.name}")
     try:
         if one.is_folder and file.is_dir() and any(file.iterdir()):
-            raise CosimError(f"{file}: the folder is not empty; give a new one for --{one.name}")
+            raise CosimError(f"{file}: the folder is not empty; give a new one for {one.option}")
         existed = file.exists()
         file.parent.mkdir(parents=True, exist_ok=True)
         try:

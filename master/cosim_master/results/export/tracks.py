@@ -23,7 +23,7 @@ from cosim_master.results.reading.recorded_signals import Signals, open_signals
 from cosim_master.results.reading.roles import UNKNOWN, Player, parts, players, read_manifest
 from cosim_master.results.recording.packet_log import EPOCH
 
-__all__ = ["Track", "Tracks", "enu", "frd_to_flu", "geodetic", "orientation", "read_tracks"]
+__all__ = ["Track", "Tracks", "declared_origin", "enu", "frd_to_flu", "geodetic", "orientation", "read_tracks"]
 
 Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -120,7 +120,7 @@ def read_tracks(run: Path, options: Options, *, on_earth: bool = False) -> Track
         vehicles = tuple(
             _track(one.name, one.vehicle, known.get(one.vehicle, UNKNOWN), units, signals) for one in found
         )
-    origin = options.origin or _declared_origin(run, known)
+    origin = options.origin or declared_origin(known, str(run))
     if on_earth and origin is None:
         roles = ", ".join(role.value for role in _ORIGIN[:2])
         raise CosimError(
@@ -150,8 +150,16 @@ def _track(name: str, vehicle: str, player: Player, units: Mapping[str, str], si
     )
 
 
-def _declared_origin(run: Path, known: Mapping[str, Player]) -> Origin | None:
-    """Returns the origin that instances declare; the altitude is 0 where none declares it."""
+def declared_origin(known: Mapping[str, Player], run: str) -> Origin | None:
+    """Returns the origin that instances declare; the altitude is 0 where none declares it.
+
+    Args:
+        known: the instances.
+        run: the run, for messages.
+
+    Raises:
+        CosimError: two instances declare different origins.
+    """
     places: dict[tuple[float, float], str] = {}
     altitudes: dict[float, str] = {}
     for name, player in known.items():
