@@ -26,8 +26,8 @@ from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.foxglove_topics import PoseTopics, json_message, scene, signal_channel
 from cosim_master.results.export.tracks import declared_origin, enu, geodetic, orientation
 from cosim_master.results.export.variables import Recorded, recorded_variables
-from cosim_master.results.recording.packet_log import EPOCH
 from cosim_master.results.reading.roles import parts
+from cosim_master.results.recording.packet_log import EPOCH
 from cosim_master.stepping.observation import Column, Progress, Seen, View, value_of
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.view.live.document import known_of
