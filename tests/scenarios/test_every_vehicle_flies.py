@@ -8,11 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import etree
 
 from cosim.build import models_of_package
 from cosim_master.system.authoring.swap import swap
 from cosim_master.system.authoring.swarm.new import fleet_of, new_system
-from tests.models.copter import preset
+from cosim_master.system.flatten.check import check
+from cosim_master.system.reading.read import read_system
+from tests.models.copter import PRESETS, preset
 from tests.scenarios.flights import SYSTEMS, Flight, fly
 
 
@@ -82,6 +85,34 @@ def test_it_takes_the_place_of_a_quadrotor(name: str, flights: dict[str, Flight]
         assert not judged
 
 
+def bound(name: str) -> dict[str, str]:
+    """The parameters of a preset as texts, for drone 3."""
+    root = etree.fromstring((PRESETS / f"{name}.ssv").read_bytes())
+    return {f"drone3.vehicle.{one.get('name')}": one[0].get("value") for one in root[0]}
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "name", "place"),
+    [
+        ("Quadrotor", "rotors_iris", PLACES["Quadrotor"]),
+        ("Quadrotor", "ardupilot_gazebo_iris", PLACES["Quadrotor"]),
+        ("Quadrotor", "ardupilot_sitl_quad", PLACES["Quadrotor"]),
+        ("Hexarotor", "ardupilot_sitl_hexa", PLACES["Hexarotor"]),
+        ("Y6", "ardupilot_sitl_y6", PLACES["Y6"]),
+        ("Rover", "ardupilot_rover_skid", PLACES["Rover"]),
+    ],
+)
+def test_its_presets_fly_too(vehicle: str, name: str, place: Place, fmus: Path, tmp_path: Path) -> None:
+    swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / f"{vehicle}.fmu", tmp_path / "system")
+    flight = fly(swapped, tmp_path / "out", overrides=bound(name))
+    ends = [float(flight.east(drone)[-1]) for drone in (1, 2, 4, 5)]
+    assert ends == pytest.approx([0.0, 25.0, 75.0, 100.0], abs=place.tolerance)
+    assert abs(flight.east(3)[-1] - 50.0) < place.own
+    assert flight.up(3)[-1] == pytest.approx(place.height, abs=0.3)
+    judged = {one.kind for one in flight.result.verdict.findings if "drone3" in " ".join(one.who)}
+    assert judged == place.findings
+
+
 @pytest.mark.parametrize(
     ("numbers", "roll", "pitch", "yaw"),
     [("authors_line", 0.003, 0.003, 0.0005), ("authors_voronoi", 0.5, 0.65, 1.0)],
@@ -124,6 +155,24 @@ def test_a_mixed_fleet_of_five_classes_flies(fmus: Path, tmp_path: Path) -> None
         ("drone3.vehicle",),
         ("drone6.vehicle",),
     }
+
+
+def test_any_class_takes_the_place_of_any_other(fmus: Path, tmp_path: Path) -> None:
+    """Each class after each other one: the system is initialised, and drone 3 has the autopilot that it needs."""
+    pilots = {
+        "Quadrotor": "Autopilot",
+        "PointMass": "IdealAutopilot",
+        "Rover": "RoverAutopilot",
+        "FixedWing": "PlaneAutopilot",
+    }
+    for first in pilots:
+        start = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / f"{first}.fmu", tmp_path / first)
+        for second in pilots.keys() - {first}:
+            folder = swap(start, "drone3.vehicle", fmus / f"{second}.fmu", tmp_path / f"{first}-{second}")
+            with read_system(folder) as structure:
+                found = {one.name: one.fmu.path.stem for one in check(structure).instances if "drone3" in one.name}
+            assert found["drone3.vehicle"] == second and found["drone3.autopilot"] == pilots[second]
+            assert fly(folder, tmp_path / f"{first}-{second}-out", until=0.1)["time"][-1] == 0.1
 
 
 def test_swapping_back_finds_the_first_autopilot(fmus: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The presets of `Quadrotor`: complete, about existing parameters, and with the hover figures of their sources."""
+"""The presets of multirotors: complete, about existing parameters, and with the hover figures of their sources."""
 
 from __future__ import annotations
 
@@ -9,17 +9,23 @@ from typing import Any
 import pytest
 from lxml import etree
 
+from cosim import Model
 from cosim.model import flat_variables
 from cosim_models.vehicles.dynamics.rotor import MotorCurve
+from cosim_models.vehicles.hexarotor import Hexarotor
 from cosim_models.vehicles.quadrotor import Quadrotor
+from cosim_models.vehicles.y6 import Y6
 from tests.models.shipped_kernels import kernels
 
 G = 9.80665
 PRESETS = {
     file.name.removesuffix(".ssv"): file
     for file in (resources.files("cosim_models.vehicles") / "presets").iterdir()
-    if file.name.endswith(".ssv") and not file.name.startswith("authors_")  # those are of LinearQuadrotor
+    if file.name.endswith(".ssv") and not file.name.startswith(("authors_", "ardupilot_rover"))
 }
+"""Those of multirotors; the tests of LinearQuadrotor and Rover have the others."""
+MODELS: dict[str, type[Model]] = {"ardupilot_sitl_hexa": Hexarotor, "ardupilot_sitl_y6": Y6}
+"""The model of a preset that is none of `Quadrotor`."""
 NOT_OF_THE_VEHICLE = ("position_start", "yaw_start", "ground_", "foot_", "substep")
 SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
 
@@ -41,28 +47,43 @@ def values(name: str) -> dict[str, Any]:
     return found
 
 
+def model_of(name: str) -> type[Model]:
+    return MODELS.get(name, Quadrotor)
+
+
 def with_preset(name: str) -> Any:
-    m = Quadrotor.record()
+    m = model_of(name).record()
     for key, value in values(name).items():
         array, _, index = key.partition("[")
         if index:
             m[array][int(index[:-1]) - 1] = value
         else:
             m[key] = value
-    assert kernels(Quadrotor)[0](m) == 0
+    assert kernels(model_of(name))[0](m) == 0
     return m
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_sets_every_parameter_of_the_vehicle(name: str) -> None:
     given = values(name)
-    known = {f.name: f.variable for f in flat_variables(Quadrotor.variables) if f.variable.role == "parameter"}
+    known = {f.name: f.variable for f in flat_variables(model_of(name).variables) if f.variable.role == "parameter"}
     assert set(given) <= set(known)
     kinds = {float: "Real", int: "Integer", MotorCurve: "Enumeration"}
     assert all(kinds[type(value)] == known[key].kind for key, value in given.items())
-    spare = {f"rotor_{axis}[{i}]" for axis in ("x", "y", "z", "direction") for i in range(5, 9)}
+    spare = {f"rotor_{axis}[{i}]" for axis in ("x", "y", "z", "direction") for i in range(given["rotor_count"] + 1, 9)}
     wanted = {key for key in known if not key.startswith(NOT_OF_THE_VEHICLE)} - spare
     assert set(given) == wanted
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_arms_and_turns_are_those_of_the_model(name: str) -> None:
+    """The rotors of the preset stand in the directions of the model's, 0.35 m from the centre, and turn alike."""
+    ours, default = with_preset(name), model_of(name).record()
+    for i in range(6):
+        assert math.hypot(ours.rotor_x[i], ours.rotor_y[i]) == pytest.approx(0.35, abs=1e-6)
+        angles = [math.atan2(one.rotor_y[i], one.rotor_x[i]) for one in (ours, default)]
+        assert math.cos(angles[0] - angles[1]) == pytest.approx(1.0)
+    assert ours.rotor_direction.tolist() == default.rotor_direction.tolist()
 
 
 def test_the_px4_iris_is_the_default() -> None:
@@ -79,11 +100,13 @@ def test_the_px4_iris_is_the_default() -> None:
         ("crazyflie", math.sqrt(0.027 * G / (4.0 * 3.16e-10)) * math.pi / 30.0, 2.25),
         ("ardupilot_sitl_quad", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
         ("ardupilot_json", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
+        ("ardupilot_sitl_hexa", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
+        ("ardupilot_sitl_y6", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
     ],
 )
 def test_hover(name: str, hover: float, thrust_over_weight: float) -> None:
     m = with_preset(name)
-    speed = math.sqrt(m.mass * G / (4.0 * m.thrust_constant))
+    speed = math.sqrt(m.mass * G / (m.rotor_count * m.thrust_constant))
     assert speed == pytest.approx(hover, abs=0.6)
     assert (m.speed_max / speed) ** 2 == pytest.approx(thrust_over_weight, abs=0.01)
 
@@ -92,10 +115,10 @@ def test_hover(name: str, hover: float, thrust_over_weight: float) -> None:
 def test_it_flies(name: str) -> None:
     """Full command lifts it with the acceleration of its thrust over weight, until drag matters."""
     m = with_preset(name)
-    m.motor[:4] = 1.0
+    m.motor[: m.rotor_count] = 1.0
     for k in range(80):
-        assert kernels(Quadrotor)[1](m, 0.0025 * k, 0.0025) == 0
-    thrust = 4.0 * m.thrust_constant * m.speed_max**2 / m.mass
+        assert kernels(model_of(name))[1](m, 0.0025 * k, 0.0025) == 0
+    thrust = m.rotor_count * m.thrust_constant * m.speed_max**2 / m.mass
     loss = 1.0 - abs(m.velocity[2]) / m.axial_speed_limit if m.axial_speed_limit else 1.0
     assert -m.specific_force[2] == pytest.approx(thrust * loss, rel=0.03)
     assert not m.on_ground
@@ -129,7 +152,7 @@ def test_the_json_body_hovers_at_the_recorded_command() -> None:
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_it_stands_and_survives_a_fall(name: str) -> None:
-    start, advance = kernels(Quadrotor)
+    start, advance = kernels(model_of(name))
     m = with_preset(name)
     for k in range(2000):
         assert advance(m, 0.0025 * k, 0.0025) == 0

@@ -113,13 +113,13 @@ class Watch:
         self._look_at_agents(times, integers, wanted)
         positions = reals[:, self._subjects.positions].reshape(n, -1, 3)
         if self.bodies:
-            self._look_at_bodies(positions, integers)
+            flown = self._look_at_bodies(positions, integers)
             self.approach.look(times, positions)
         if self.pilots:
             self._look_at_pilots(times, positions, reals, integers, wanted)
         if self.bodies:
             on_ground = integers[:, self._subjects.ground] != 0
-            on_ground &= wanted & np.array([body.flew and body.has_ground for body in self.bodies])
+            on_ground &= wanted & flown & np.array([body.has_ground for body in self.bodies])
             self.down.look(times, on_ground, on_ground)
         if self.limited:
             self._look_at_limits(times, reals, integers)
@@ -151,17 +151,21 @@ class Watch:
         if math.isnan(self.bodies[body].commanded):
             self.bodies[body].commanded, self.bodies[body].by = time, by
 
-    def _look_at_bodies(self, positions: Array, integers: Array) -> None:
+    def _look_at_bodies(self, positions: Array, integers: Array) -> Array:
+        """Evaluates the vehicles. Returns for each look which of them have flown by then."""
         if self.start is None:
             self.start = positions[0].copy()
-        waiting = np.flatnonzero([not body.flew for body in self.bodies])
+        flown = np.tile(np.array([body.flew for body in self.bodies], dtype=bool), (len(positions), 1))
+        waiting = np.flatnonzero(~flown[0])
         if not waiting.size:
-            return
+            return flown
         aloft = np.linalg.norm(positions[:, waiting] - self.start[waiting], axis=2) > _MOVED
         has_ground = [b for b, body in enumerate(waiting) if self.bodies[body].has_ground]
         aloft[:, has_ground] &= integers[:, [self._subjects.ground[waiting[b]] for b in has_ground]] == 0
         for b in waiting[aloft.any(axis=0)]:
             self.bodies[b].flew = True
+        flown[:, waiting] = np.maximum.accumulate(aloft, axis=0)
+        return flown
 
     def _look_at_pilots(self, times: Array, positions: Array, reals: Array, integers: Array, wanted: Array) -> None:
         armed = integers[:, self._subjects.armed] != 0
