@@ -1,8 +1,11 @@
 """What processes of FMUs cost: time per FMU step in the process of the run, with a process per file, and per instance.
 
-    python benchmarks/isolation.py [--instances 1 10 100] [--fmus Relay Quadrotor] [--json FILE]
+    python benchmarks/isolation.py [--instances 1 10 100] [--fmus Relay Quadrotor] [--hosted] [--json FILE]
 
 With processes, all instances begin their steps before the results of any are awaited. "in turn" is the same without.
+With --hosted, the processes are also those of `uav-cosim serve`, over TCP of this machine (one process per file). The
+bare round trip of one byte over TCP between two processes of Python is measured, too.
+
 With --ecos, Ecos takes part too, in its process and with its proxyfmu (one process per instance); it reads connected
 outputs only.
 
@@ -15,20 +18,28 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
+import socket
 import statistics
+import subprocess
+import sys
 import tempfile
+import time
 import zipfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
+from secrets import token_urlsafe
 from typing import Any, cast
 
 from overhead import COMPARED, RINGS, STEP, Ecos, Ours, load_tbb, write_ring
 from report import machine, show, write
 
 from cosim.build import build, load_models
+from cosim_master.fmi.isolation.child import TOKEN
+from cosim_master.fmi.isolation.remote import Address
 from cosim_master.fmi.slaves.isolated import Isolation, Scope
 
 IN_TURN = ", in turn"
@@ -61,7 +72,48 @@ def offer_proxyfmu(folder: Path) -> None:
     os.environ["PATH"] = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
 
 
-def measure(fmu: Path, n: int, rounds: int, scale: float, *, ecos: bool = False) -> dict[str, Any]:
+HOSTED = ("hosted", f"hosted{IN_TURN}")
+
+
+def served(stack: ExitStack) -> Address:
+    """The address of a server in a process of its own, and its token in the environment."""
+    os.environ[TOKEN] = token_urlsafe(24)
+    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "serve", "--port", "0"]
+    process = stack.enter_context(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+    stack.callback(process.terminate)
+    assert process.stderr is not None
+    found = re.search(r"127\.0\.0\.1:(\d+)", process.stderr.readline())
+    if found is None:
+        raise RuntimeError("the server did not start")
+    return Address("127.0.0.1", int(found[1]))
+
+
+def bare_round_trip(count: int = 20_000) -> float:
+    """The best of three mean times of a round trip of one byte over TCP to another process, us."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        child = os.fork()
+        if child == 0:
+            other, _ = listening.accept()
+            other.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            while data := other.recv(1):
+                other.send(data)
+            os._exit(0)
+        with socket.create_connection(listening.getsockname()) as one:
+            one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            times = []
+            for _ in range(3):
+                began = time.perf_counter()
+                for _ in range(count):
+                    one.send(b"x")
+                    one.recv(1)
+                times.append(1e6 * (time.perf_counter() - began) / count)
+        os.waitpid(child, 0)
+    return min(times)
+
+
+def measure(
+    fmu: Path, n: int, rounds: int, scale: float, *, ecos: bool = False, host: Address | None = None
+) -> dict[str, Any]:
     """The best and the median over `rounds` turns of the time per FMU step in us, for a ring of `n` instances."""
     steps = {scope: max(1, round(count * scale / n)) for scope, count in STEPS.items()}
     until = (rounds * max(steps.values()) + COMPARED) * STEP
@@ -75,6 +127,12 @@ def measure(fmu: Path, n: int, rounds: int, scale: float, *, ecos: bool = False)
             runs[scope] = Ours(folder, until, stack, isolation)
             if scope.endswith(IN_TURN):
                 runs[scope].execution.plan.ahead["begin"] = 0
+        for name in HOSTED if host is not None else ():
+            hosts = {one.name: host for one in runs["none"].execution.slaves if host is not None}
+            runs[name] = Ours(folder, until, stack, Isolation("foreign", hosts=hosts, token=os.environ[TOKEN]))
+            if name.endswith(IN_TURN):
+                runs[name].execution.plan.ahead["begin"] = 0
+            steps[name], times[name] = steps["foreign"], []
         for one in runs.values():
             one.run(COMPARED)
         if any(one.values() != runs["none"].values() for one in runs.values()):
@@ -101,12 +159,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rounds", type=int, default=15, help="turns of each")
     parser.add_argument("--scale", type=float, default=1.0, help="times the steps of a turn")
     parser.add_argument("--ecos", action="store_true", help="compare with Ecos and its proxy (ecospy)")
+    parser.add_argument("--hosted", action="store_true", help="compare with processes behind TCP (uav-cosim serve)")
     parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args(arguments)
     options.json = options.json and options.json.absolute()
     host, rows = machine("ziglang"), []
-    with tempfile.TemporaryDirectory(prefix="uav-cosim-isolation-") as temporary:
+    more = (*(HOSTED if options.hosted else ()), *(ECOS if options.ecos else ()))
+    with ExitStack() as stack:
+        temporary = stack.enter_context(tempfile.TemporaryDirectory(prefix="uav-cosim-isolation-"))
         folder = Path(temporary).resolve()
+        place = served(stack) if options.hosted else None
         if options.ecos:
             load_tbb()
             offer_proxyfmu(folder)
@@ -114,13 +176,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for name in options.fmus:
             (model,) = load_models(RINGS[name][0])
             fmu = foreign(build(model, folder).file, folder / "foreign")
-            rows += [measure(fmu, n, options.rounds, options.scale, ecos=options.ecos) for n in options.instances]
+            rows += [
+                measure(fmu, n, options.rounds, options.scale, ecos=options.ecos, host=place) for n in options.instances
+            ]
+    bare = f"a bare round trip over TCP: {bare_round_trip():.1f} us" if options.hosted else ""
     cells = []
     for row in rows:
         best, median = row["us_per_fmu_step"], row["median_us"]
         cells.append(
             [f"{row['fmu']} x {row['instances']}"]
-            + [f"{best[scope]:.2f} ({median[scope]:.2f})" for scope in (*SCOPES, *(ECOS if options.ecos else ()))]
+            + [f"{best[scope]:.2f} ({median[scope]:.2f})" for scope in (*SCOPES, *more)]
             + [f"{best['foreign'] - best['none']:.2f}"]
         )
     columns = [
@@ -131,8 +196,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "per instance",
         "in turn",
     ]
-    columns += [*(ECOS if options.ecos else ()), "added by one per file"]
-    show("Cost of isolation: rings of compiled FMUs, no recording", host, columns, cells, "")
+    columns += [*more, "added by one per file"]
+    show("Cost of isolation: rings of compiled FMUs, no recording", host, columns, cells, bare)
     write(options.json, host, {"benchmark": "isolation", "rows": rows})
 
 

@@ -40,7 +40,7 @@ def _verb(name: str, command: Any) -> Iterator[str]:
     arguments = " ".join(_argument(p) for p in shown if p.param_type_name == "argument")
     yield f"### {name}"
     yield ""
-    yield f"`uav-cosim {name} {arguments}`: {command.help.strip().splitlines()[0]}"
+    yield f"`{f'uav-cosim {name} {arguments}'.strip()}`: {command.help.strip().splitlines()[0]}"
     yield ""
     yield "| | | default |"
     yield "|---|---|---|"

@@ -126,6 +126,14 @@ _RestartCrashed = Annotated[
         show_default="the system's, or the run fails",
     ),
 ]
+_Host = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="INSTANCE=MACHINE:PORT",
+        help="Run an FMU on another machine, by name or pattern ('drone*.vehicle=10.0.0.7:5600'), where `uav-cosim "
+        "serve` runs; UAV_COSIM_TOKEN holds its token. May be repeated.",
+    ),
+]
 _Profile = Annotated[
     bool, typer.Option("--profile", help="Tell where the time went, by FMU and phase.", show_default=False)
 ]
@@ -199,6 +207,7 @@ def run(
     step_timeout: _StepTimeout = None,
     memory_limit: _MemoryLimit = None,
     restart_crashed: _RestartCrashed = None,
+    host: _Host = None,
     profile: _Profile = False,
     checkpoint_every: _CheckpointEvery = None,
     origin: _From = None,
@@ -227,7 +236,7 @@ def run(
             out=RunFolder(folder or by_default, numbered=folder is None, force=force), record=record or (),
             checkpoint_every=checkpoint_every, origin=origin,
             pace=pace, threads=threads, profile=profile,
-            isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed),
+            isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed, host),
             gcs=gcs or (), ports=ports,
         )  # fmt: skip
         with ExitStack() as opened:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import logging
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import cast, get_args
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ONLY_ONCE
+from cosim_master.diagnostics.names import matching, near_pattern
 from cosim_master.fmi.isolation.building import CannotIsolate, binaries
+from cosim_master.fmi.isolation.child import TOKEN
+from cosim_master.fmi.isolation.remote import Address
 from cosim_master.fmi.slaves.isolated import Isolation, Scope, isolable
 from cosim_master.system.flatten.flat import CheckedSystem
 
@@ -21,17 +26,21 @@ STATE_FLAGS = ("canGetAndSetFMUstate", "canSerializeFMUstate")
 
 
 def chosen_isolation(
-    scope: str | None, seconds: float | None, mebibytes: int | None, restarts: int | None = None
+    scope: str | None,
+    seconds: float | None,
+    mebibytes: int | None,
+    restarts: int | None = None,
+    hosts: Sequence[str] | None = None,
 ) -> Isolation | None:
-    """Returns the isolation that --isolate, --step-timeout, --memory-limit and --restart-crashed select.
+    """Returns the isolation that --isolate, --step-timeout, --memory-limit, --restart-crashed and --host select.
 
     Returns:
         None without any of them: the default.
 
     Raises:
-        SystemDescriptionError: the scope is unknown.
+        SystemDescriptionError: the scope is unknown, a host is not INSTANCE=MACHINE:PORT, or there is no token for it.
     """
-    if (scope, seconds, mebibytes, restarts) == (None,) * 4:
+    if (scope, seconds, mebibytes, restarts, hosts or None) == (None,) * 5:
         return None
     scopes = get_args(Scope)
     if scope is not None and scope not in scopes:
@@ -44,7 +53,50 @@ def chosen_isolation(
         limits = replace(limits, memory=mebibytes << 20)
     if restarts is not None:
         limits = replace(limits, restarts=restarts)
-    return Isolation(cast(Scope, scope or DEFAULT.scope), limits)
+    addresses = _addresses(hosts or ())
+    token = os.environ.get(TOKEN, "")
+    if addresses and not token:
+        text = f"the environment variable {TOKEN} is not set; it holds the token that `uav-cosim serve` shows"
+        raise SystemDescriptionError([Problem(Where("--host"), text)])
+    return Isolation(cast(Scope, scope or DEFAULT.scope), limits, hosts=addresses, token=token)
+
+
+def _addresses(hosts: Sequence[str]) -> dict[str, Address]:
+    """Returns the addresses in texts INSTANCE=MACHINE:PORT by instance or pattern."""
+    found, problems = {}, []
+    for text in hosts:
+        name, _, place = text.partition("=")
+        try:
+            found[name] = Address.parsed(place)
+        except ValueError as error:
+            problems.append(Problem(Where("--host"), f'"{text}" is not INSTANCE=MACHINE:PORT: {error}'))
+    if problems:
+        raise SystemDescriptionError(problems)
+    return found
+
+
+def _hosted(hosts: Mapping[str, Address], checked: CheckedSystem) -> dict[str, Address]:
+    """Returns the addresses by the names of instances; a name precedes patterns, and later patterns earlier ones.
+
+    Raises:
+        SystemDescriptionError: a pattern selects no instance, or one whose FMU cannot run on another machine.
+    """
+    found: dict[str, Address] = {}
+    problems = []
+    names = {one.name: one for one in checked.instances}
+    for pattern, address in sorted(hosts.items(), key=lambda item: item[0] in names):
+        selected = [pattern] if pattern in names else matching(pattern, names)
+        if not selected:
+            text = f'"{pattern}" is no instance; {near_pattern(pattern, names)}'
+            problems.append(Problem(Where("--host"), text))
+        for name in selected:
+            found[name] = address
+            if not isolable(names[name].fmu):
+                text = f"{name} cannot run on {address}: tables and FMUs of FMI 1 run in the process of the run"
+                problems.append(Problem(names[name].where, text))
+    if problems:
+        raise SystemDescriptionError(problems)
+    return found
 
 
 def isolation_for(chosen: Isolation | None, checked: CheckedSystem) -> Isolation:
@@ -59,6 +111,8 @@ def isolation_for(chosen: Isolation | None, checked: CheckedSystem) -> Isolation
             per process has several instances in one, or a process has to be started anew and cannot be.
     """
     isolation = chosen or DEFAULT
+    if isolation.hosts:
+        isolation = replace(isolation, hosts=_hosted(isolation.hosts, checked))
     if chosen is None or chosen.scope == "foreign":
         isolation = replace(isolation, wishes={i.name: i.process for i in checked.instances if i.process})
         if not isolation.limits.restarts:

@@ -26,14 +26,17 @@ from typing import Any
 
 from cosim_master.fmi.isolation.building import HOST, LIBRARY, binaries
 
-__all__ = ["Child", "End", "Limits", "Restart"]
+__all__ = ["FIRST_BYTES", "TOKEN", "Child", "End", "Limits", "Process", "Restart"]
 
 log = logging.getLogger(__name__)
 
-_FIRST_BYTES = 1 << 18
+TOKEN = "UAV_COSIM_TOKEN"
+"""The environment variable with the secret that masters and servers of FMUs share."""
+
+FIRST_BYTES = 1 << 18
 """Initial size of the shared memory, which grows when a message needs more."""
 _OUTPUT_BYTES = 8192
-_ALIVE, _SIGNALLED, _EXITED, _TIMED_OUT, _BROKEN, _DIFFERENT = range(6)
+_ALIVE, _SIGNALLED, _EXITED, _TIMED_OUT, _BROKEN, _DIFFERENT, _LOST = range(7)
 _START_ANEW = ctypes.CFUNCTYPE(ctypes.c_bool)
 _PATIENCE = 6
 _FULL = 0.8
@@ -69,6 +72,11 @@ class Limits:
     restricted: bool = True
     restarts: int = 0
     requests: int = 256
+
+    @property
+    def of_calls(self) -> tuple[float, float]:
+        """Returns the time limits of calls in Step Mode and of all others, s."""
+        return self.seconds, _PATIENCE * self.seconds
 
     @property
     def bytes(self) -> int:
@@ -139,110 +147,80 @@ def _functions() -> Any:
         ("isolated_give_up", None, (pointer,)),
         ("isolated_unkept", ctypes.c_bool, (pointer,)),
         ("isolated_time", ctypes.c_double, (pointer,)),
+        ("isolated_connect", pointer, (number, number, ctypes.c_double, ctypes.c_double)),
+        ("isolated_reconnect", ctypes.c_bool, (pointer, number)),
+        ("isolated_relay", number, (pointer, number)),
     ):
         function = getattr(functions, name)
         function.restype, function.argtypes = result, arguments
     return functions
 
 
-class Child:
-    """The process of an FMU file.
+class Process:
+    """The process of an FMU file, of which the C library knows by a channel.
 
     Args:
-        library: the binary of the FMU.
-        folder: the unpacked FMU, into which the process may write; it is its working directory.
-        python: the FMU needs a Python interpreter.
-        writable: further folders into which it may write.
+        limits: of the process.
+        name: of the FMU's binary.
 
     Attributes:
+        functions: the C library, which has all functions of FMI.
+        channel: the address of the channel.
         refusal: the reason why the FMU could not be loaded; empty if it is loaded.
         restarts: the processes that were started anew after a crash.
-
-    Raises:
-        CannotIsolate: FMUs cannot have processes here.
-        OSError: the process cannot be started.
     """
 
-    def __init__(
-        self, library: Path, folder: Path, limits: Limits, *, python: bool = False, writable: Sequence[Path] = ()
-    ) -> None:
+    def __init__(self, limits: Limits, name: str) -> None:
         self.functions = _functions()
+        self.channel: int | None = None
         self.limits, self.restarts = limits, list[Restart]()
-        self._temporary = tempfile.mkdtemp(prefix="uav-cosim-")
-        self._program: list[str] = [str(binaries() / HOST)]
-        self._environment: dict[str, str] = {**os.environ, "TMPDIR": self._temporary}
-        if python:
-            self._program = [sys.executable, "-u", "-c", _INTERPRETER, str(binaries() / LIBRARY)]
-            self._environment["UAV_COSIM_PATH"] = json.dumps([str(Path(place).absolute()) for place in sys.path])
-        self._library = str(library)
-        self._folders = [str(place) for place in (folder, self._temporary, *writable)]
-        try:
-            self._start()
-        except BaseException:
-            shutil.rmtree(self._temporary, ignore_errors=True)
-            raise
-        seconds = (limits.seconds, _PATIENCE * limits.seconds)
-        self.channel = self.functions.isolated_open(
-            self._memory, self._handle, self._process.pid, self._output, *seconds
-        )
-        if not self.channel:
-            self._stop()
-            raise MemoryError("no memory for the messages of an FMU's process")
-        refusal = self.functions.isolated_refusal(self.channel)
-        self.refusal = "" if refusal is None else refusal.decode("utf-8", "replace")
+        self.refusal = ""
+        self._name = name
         self._closed = self._unkept = False
         self._start_anew = _START_ANEW(self._restarted)  # which must live as long as the channel
-        if limits.restarts:
-            self.functions.isolated_restart_by(self.channel, limits.restarts, limits.requests, self._start_anew)
 
-    def _start(self) -> None:
-        """Starts the process.
+    def _open(self, channel: int | None) -> None:
+        """Takes a channel.
 
         Raises:
-            OSError: it cannot be started; nothing has changed.
+            MemoryError: there is none.
         """
-        memory = os.memfd_create("uav-cosim")
-        reading, writing = os.pipe()
-        try:
-            os.ftruncate(memory, _FIRST_BYTES)
-            numbers = [str(n) for n in (os.getpid(), self.limits.bytes, int(self.limits.restricted))]
-            self._process = subprocess.Popen(
-                [*self._program, str(memory), self._library, *numbers, *self._folders],
-                stdin=subprocess.DEVNULL,
-                stdout=writing,
-                stderr=writing,
-                cwd=self._folders[0],
-                env=self._environment,
-                pass_fds=(memory,),
-                start_new_session=True,
-            )
-        except BaseException:
-            os.close(memory)
-            os.close(reading)
-            raise
-        finally:
-            os.close(writing)
-        self._memory, self._output = memory, reading
-        self._handle = os.pidfd_open(self._process.pid)
+        if not channel:
+            self._stop()
+            raise MemoryError("no memory for the messages of an FMU's process")
+        self.channel = channel
+        refusal = self.functions.isolated_refusal(channel)
+        self.refusal = "" if refusal is None else refusal.decode("utf-8", "replace")
+        if self.limits.restarts:
+            self.functions.isolated_restart_by(channel, self.limits.restarts, self.limits.requests, self._start_anew)
+
+    def _renew(self) -> bool:
+        """Replaces the process by a new one; returns whether that has loaded the FMU.
+
+        Raises:
+            OSError: it cannot be started.
+        """
+        raise NotImplementedError
+
+    def _stop(self) -> None:
+        """Frees all resources, after the end of the process or before."""
+        raise NotImplementedError
 
     def _restarted(self) -> bool:
         """Starts a new process after a crash, called by the C library; returns whether it has loaded the FMU."""
         end = self._end()
         assert end is not None
         time = float(self.functions.isolated_time(self.channel))
-        restart = Restart(end, Path(self._library).stem, time, len(self.restarts) + 1, self.limits.restarts)
-        old = self._process, (self._memory, self._output, self._handle)
+        restart = Restart(end, self._name, time, len(self.restarts) + 1, self.limits.restarts)
         try:
-            self._start()
+            well = self._renew()
         except OSError as error:
-            log.warning("note: %s, but its process cannot be started: %s", end.text, error.strerror)
+            log.warning("note: %s, but its process cannot be started: %s", end.text, error.strerror or error)
             return False
-        well = self.functions.isolated_reopen(self.channel, self._memory, self._handle, self._process.pid, self._output)
-        _discard(*old)
         if well:
             self.restarts.append(restart)
             log.warning("note: %s", restart)
-        return bool(well)
+        return well
 
     def has(self, function: str) -> bool:
         """Returns whether the FMU exports a function."""
@@ -291,9 +269,15 @@ class Child:
             stepping = function.endswith(("DoStep",)) or "Set" in function or "Get" in function
             limit = self.limits.seconds if stepping else _PATIENCE * self.limits.seconds
             return f"it did not return within {limit:g} s, and its process was killed"
+        if cause == _LOST:
+            return self._loss(number)
         if cause == _DIFFERENT:
             return "after a restart it does not answer as before: the state that it has serialised is incomplete"
         return "its process has sent a malformed answer, and was killed"
+
+    def _loss(self, number: int) -> str:
+        """Returns why the connection to the process was lost, from its errno."""
+        raise NotImplementedError
 
     @property
     def unkept(self) -> bool:
@@ -314,12 +298,6 @@ class Child:
         n = self.functions.isolated_output(self.channel, place, _OUTPUT_BYTES)
         return place.raw[:n].decode("utf-8", "replace")
 
-    def kill(self) -> None:
-        """Ends the process while it is called, from another thread."""
-        if not self._closed:
-            self.functions.isolated_give_up(self.channel)
-            signal.pidfd_send_signal(self._handle, signal.SIGKILL)
-
     def quit(self) -> None:
         """Tells the process to end; `close` waits for it."""
         if not self._closed:
@@ -330,12 +308,101 @@ class Child:
         if self._closed:
             return
         self._unkept, self._closed = self.unkept, True
+        self._wait()
+        self._stop()
+        self.functions.isolated_close(self.channel)
+
+    def _wait(self) -> None:
+        """Waits a short time for the process to end."""
+
+    def kill(self) -> None:
+        """Ends the process while it is called, from another thread."""
+        raise NotImplementedError
+
+
+class Child(Process):
+    """The process of an FMU file on this machine.
+
+    Args:
+        library: the binary of the FMU.
+        folder: the unpacked FMU, into which the process may write; it is its working directory.
+        python: the FMU needs a Python interpreter.
+        writable: further folders into which it may write.
+
+    Raises:
+        CannotIsolate: FMUs cannot have processes here.
+        OSError: the process cannot be started.
+    """
+
+    def __init__(
+        self, library: Path, folder: Path, limits: Limits, *, python: bool = False, writable: Sequence[Path] = ()
+    ) -> None:
+        super().__init__(limits, Path(library).stem)
+        self._temporary = tempfile.mkdtemp(prefix="uav-cosim-")
+        self._program: list[str] = [str(binaries() / HOST)]
+        self._environment: dict[str, str] = {**os.environ, "TMPDIR": self._temporary}
+        self._environment.pop(TOKEN, None)  # which is not for FMUs
+        if python:
+            self._program = [sys.executable, "-u", "-c", _INTERPRETER, str(binaries() / LIBRARY)]
+            self._environment["UAV_COSIM_PATH"] = json.dumps([str(Path(place).absolute()) for place in sys.path])
+        self._file = str(library)
+        self._folders = [str(place) for place in (folder, self._temporary, *writable)]
+        try:
+            self._start()
+        except BaseException:
+            shutil.rmtree(self._temporary, ignore_errors=True)
+            raise
+        self._open(
+            self.functions.isolated_open(self._memory, self._handle, self._process.pid, self._output, *limits.of_calls)
+        )
+
+    def _start(self) -> None:
+        """Starts the process.
+
+        Raises:
+            OSError: it cannot be started; nothing has changed.
+        """
+        memory = os.memfd_create("uav-cosim")
+        reading, writing = os.pipe()
+        try:
+            os.ftruncate(memory, FIRST_BYTES)
+            numbers = [str(n) for n in (os.getpid(), self.limits.bytes, int(self.limits.restricted))]
+            self._process = subprocess.Popen(
+                [*self._program, str(memory), self._file, *numbers, *self._folders],
+                stdin=subprocess.DEVNULL,
+                stdout=writing,
+                stderr=writing,
+                cwd=self._folders[0],
+                env=self._environment,
+                pass_fds=(memory,),
+                start_new_session=True,
+            )
+        except BaseException:
+            os.close(memory)
+            os.close(reading)
+            raise
+        finally:
+            os.close(writing)
+        self._memory, self._output = memory, reading
+        self._handle = os.pidfd_open(self._process.pid)
+
+    def _renew(self) -> bool:
+        old = self._process, (self._memory, self._output, self._handle)
+        self._start()
+        well = self.functions.isolated_reopen(self.channel, self._memory, self._handle, self._process.pid, self._output)
+        _discard(*old)
+        return bool(well)
+
+    def kill(self) -> None:
+        if not self._closed:
+            self.functions.isolated_give_up(self.channel)
+            signal.pidfd_send_signal(self._handle, signal.SIGKILL)
+
+    def _wait(self) -> None:
         if self.end() is None:
             poll = select.poll()
             poll.register(self._handle, select.POLLIN)
             poll.poll(1000 * _END_SECONDS)
-        self._stop()
-        self.functions.isolated_close(self.channel)
 
     def _stop(self) -> None:
         _discard(self._process, (self._memory, self._output, self._handle))

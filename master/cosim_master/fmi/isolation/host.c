@@ -108,7 +108,7 @@ static void write_entry(int status, const char *category, const char *message) {
     h->log += size;
 }
 
-static void log2(void *environment, const char *name, int status, const char *category, const char *format, ...) {
+static void logger2(void *environment, const char *name, int status, const char *category, const char *format, ...) {
     (void)environment, (void)name;
     static char message[LONGEST_MESSAGE];
     va_list arguments;
@@ -121,7 +121,7 @@ static void log2(void *environment, const char *name, int status, const char *ca
     write_entry(status, category, message);
 }
 
-static void log3(void *environment, int status, const char *category, const char *text) {
+static void logger3(void *environment, int status, const char *category, const char *text) {
     (void)environment;
     static char message[LONGEST_MESSAGE];
     snprintf(message, sizeof message, "%s", text ? text : "");
@@ -133,7 +133,7 @@ static void log3(void *environment, int status, const char *category, const char
 
 static const struct {
     void *logger, *allocate, *release, *finished, *environment;
-} callbacks = {(void *)log2, (void *)calloc, (void *)free, NULL, NULL};
+} callbacks = {(void *)logger2, (void *)calloc, (void *)free, NULL, NULL};
 
 static uint64_t instantiate(unsigned number, const char *arguments) {
     const uint64_t *options = (const uint64_t *)arguments;
@@ -148,10 +148,10 @@ static uint64_t instantiate(unsigned number, const char *arguments) {
             name, (int)options[0], guid, resources, &callbacks, 0, logging);
     if (number == NUMBER_fmi3InstantiateModelExchange)
         return (uint64_t)((void *(*)(const char *, const char *, const char *, bool, bool, void *, void *))f)(
-            name, guid, resources, false, logging, NULL, (void *)log3);
+            name, guid, resources, false, logging, NULL, (void *)logger3);
     return (uint64_t)((void *(*)(const char *, const char *, const char *, bool, bool, bool, bool, const uint32_t *,
                                  size_t, void *, void *, void *))f)(
-        name, guid, resources, false, logging, events, early, NULL, 0, NULL, (void *)log3, NULL);
+        name, guid, resources, false, logging, events, early, NULL, 0, NULL, (void *)logger3, NULL);
 }
 
 static int call(Shape shape, void *function, void *h, const Value *v) {

@@ -9,7 +9,7 @@
    then only waits for the reply.
 
    If the process ends or does not return in time, every later call of its instances returns fatal, unless it may be
-   started anew (restart.h). */
+   started anew (restart.h). It may be on another machine (remote.h). */
 
 #include "channel.h"
 
@@ -21,6 +21,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -44,7 +45,7 @@ typedef struct {
     size_t answer, answer_bytes; /* in `answers`; 0 bytes: the FMU has not been asked */
 } Read;
 
-typedef enum { ALIVE, SIGNALLED, EXITED, TIMED_OUT, BROKEN, DIFFERENT } End;
+typedef enum { ALIVE, SIGNALLED, EXITED, TIMED_OUT, BROKEN, DIFFERENT, LOST } End;
 typedef enum { IDLE, BEGUN, ANSWERED } Progress;
 
 typedef struct Channel Channel;
@@ -72,6 +73,9 @@ struct Channel {
     char *memory;
     size_t mapped;
     int file, process, output, pid;
+    int socket; /* to the machine of the process; -1: it is here */
+    int master; /* the socket to the master, if that is on another machine; -1: it is here */
+    int64_t pulsed; /* when the master was last told that the process is busy, ns */
     double limit, patience; /* s; 0: none. `patience` is the limit of calls other than those of Step Mode. */
     Instance *instances;
     uint64_t numbers;
@@ -80,7 +84,7 @@ struct Channel {
     Buffer begun;          /* pointers to the instances whose steps are in it */
     bool posted;
     End end;
-    int end_number;         /* the signal or the exit code */
+    int end_number;         /* the signal, the exit code, or the errno of a lost connection */
     unsigned end_function;  /* 1 + number of the function that was called */
     uint64_t end_owner, end_memory;
     char lines[OUTPUT_BYTES]; /* the last bytes that the process has written to stdout and stderr */
@@ -145,6 +149,11 @@ static void found_dead(Channel *c) {
 
 static void end_by(Channel *c, End end) {
     Header *h = header(c);
+    if (c->socket >= 0) {
+        shutdown(c->socket, SHUT_RDWR); /* which ends the process */
+        c->end = end;
+        return;
+    }
     c->end_function = h->running <= N_FUNCTIONS ? h->running : 0, c->end_owner = h->owner;
     kill(c->pid, SIGKILL);
     siginfo_t info;
@@ -159,9 +168,14 @@ static int64_t now(void) {
     return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
 }
 
+static bool map(Channel *c, size_t least);
+static bool receive_reply(Channel *c);
+static bool pulse(Channel *c);
+
 /* Waits until the process hands over; returns false, with `end`, if it never will. The time during which this process
    was stopped does not count. */
 static bool wait_for_turn(Channel *c, double limit) {
+    if (c->socket >= 0) return receive_reply(c); /* the other machine has the time limit */
     uint32_t *turn = &header(c)->turn;
     int64_t slice = FIRST_SLICE, waited = 0, began = 0;
     uint32_t executed = 0;
@@ -182,6 +196,10 @@ static bool wait_for_turn(Channel *c, double limit) {
         }
         if (limit > 0 && (double)waited > limit * 1e9) {
             end_by(c, TIMED_OUT);
+            return false;
+        }
+        if (c->master >= 0 && !pulse(c)) {
+            end_by(c, BROKEN);
             return false;
         }
         slice = 2 * slice < LONGEST_SLICE ? 2 * slice : LONGEST_SLICE;
@@ -234,15 +252,17 @@ static void pass_log_on(Channel *c) {
 }
 
 static void translate(Channel *c, char *data, size_t bytes);
+static bool send_request(Channel *c, size_t bytes, double limit);
 
-/* Hands operations over to the process. */
-static bool hand_over(Channel *c, const Buffer *operations, bool translated) {
+/* Hands operations over to the process, each of which has to return within `limit`. */
+static bool hand_over(Channel *c, const Buffer *operations, bool translated, double limit) {
     size_t bytes = operations->used;
     if (!map(c, MESSAGES + bytes + 4096)) return end_by(c, BROKEN), false;
     Header *h = header(c);
     memcpy(c->memory + MESSAGES, operations->data, bytes);
     if (translated) translate(c, c->memory + MESSAGES, bytes);
     h->request = bytes, h->executed = 0;
+    if (c->socket >= 0) return send_request(c, bytes, limit);
     __atomic_store_n(&h->turn, OF_FMU, __ATOMIC_RELEASE);
     syscall(SYS_futex, &h->turn, FUTEX_WAKE, 1, NULL, NULL, 0);
     return true;
@@ -362,12 +382,13 @@ static const Answer *next_answer(Answers *a) {
 }
 
 #define V (Value[])
+#include "remote.h"
 #include "restart.h"
 
-/* Hands the request over to the process; `await_reply` waits for its reply. */
-static bool post(Channel *c) {
+/* Hands the request over to the process; `await_reply` waits for its reply, with the same limit. */
+static bool post(Channel *c, double limit) {
     if (c->most_restarts && !keep_if_due(c)) return false;
-    return c->posted = hand_over(c, &c->request, c->most_restarts > 0);
+    return c->posted = hand_over(c, &c->request, c->most_restarts > 0, limit);
 }
 
 /* Returns whether the reply has arrived. If the process has ended, the answers that it has written before can be read. */
@@ -433,7 +454,7 @@ static void collect(Channel *c) {
     Instance **begun = (Instance **)c->begun.data;
     size_t n_begun = c->begun.used / sizeof *begun, j = 0;
     if (n_begun == 0) return;
-    if (c->posted || post(c)) await_reply(c, c->limit);
+    if (c->posted || post(c, c->limit)) await_reply(c, c->limit);
     Answers all = answers_of(c);
     for (const Answer *answer; (answer = next_answer(&all)) != NULL;) {
         while (j < n_begun && answer->operation >= begun[j]->first + begun[j]->n_operations) j++;
@@ -450,7 +471,8 @@ static int send_all(Instance *i, unsigned number, const Value *values) {
     collect(c);
     if (c->end != ALIVE) return FATAL;
     if (!append_request(i, number, values)) return broken(c);
-    if (!post(c) || !await_reply(c, i->stepping ? c->limit : c->patience)) return FATAL;
+    double limit = i->stepping ? c->limit : c->patience;
+    if (!post(c, limit) || !await_reply(c, limit)) return FATAL;
     Answers all = answers_of(c);
     return take_answers(i, number, values, &all);
 }
@@ -635,7 +657,7 @@ static void *instantiate(Channel *c, unsigned number, const char *name, const ch
     for (int n = 0; n < 3; n++) well = well && append(&i->operation, texts[n], strlen(texts[n]) + 1);
     if (well) ((Operation *)i->operation.data)->size = i->operation.used;
     if (!well || !append(&c->request, i->operation.data, i->operation.used)) return broken(c), forget(i), NULL;
-    if (!post(c) || !await_reply(c, c->patience)) return forget(i), NULL;
+    if (!post(c, c->patience) || !await_reply(c, c->patience)) return forget(i), NULL;
     Answers all = answers_of(c);
     const Answer *answer = next_answer(&all);
     if (answer == NULL || answer->size < sizeof(Answer) + 8) return broken(c), forget(i), NULL;
@@ -696,7 +718,7 @@ EXPORT int isolated_begin_fmi3DoStep(void *h, double t, double step, bool final,
 EXPORT int isolated_post(void *handle, double t, double step, int final) {
     (void)t, (void)step, (void)final;
     Channel *c = ((Instance *)handle)->channel;
-    if (c->end == ALIVE && !c->posted && c->begun.used) post(c);
+    if (c->end == ALIVE && !c->posted && c->begun.used) post(c, c->limit);
     return 0;
 }
 
@@ -709,6 +731,7 @@ EXPORT Channel *isolated_open(int file, int process, int pid, int output, double
     Channel *c = calloc(1, sizeof *c);
     if (c == NULL) return NULL;
     c->file = file, c->process = process, c->pid = pid, c->output = output, c->limit = limit, c->patience = patience;
+    c->socket = c->master = -1;
     fcntl(output, F_SETFL, O_NONBLOCK);
     size_t size = (size_t)lseek(file, 0, SEEK_END);
     c->memory = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
@@ -717,6 +740,35 @@ EXPORT Channel *isolated_open(int file, int process, int pid, int output, double
     wait_for_turn(c, patience);
     if (c->end == ALIVE && header(c)->version != VERSION) end_by(c, BROKEN);
     return c;
+}
+
+/* Opens a channel to a process on another machine, which isolated_relay serves there; returns NULL without memory.
+
+   file: memory of this process; socket: blocking, with time limits for silence (SO_RCVTIMEO, SO_SNDTIMEO). */
+EXPORT Channel *isolated_connect(int file, int socket, double limit, double patience) {
+    Channel *c = calloc(1, sizeof *c);
+    if (c == NULL) return NULL;
+    c->file = file, c->process = c->output = c->master = -1, c->socket = socket;
+    c->limit = limit, c->patience = patience;
+    c->mapped = (size_t)lseek(file, 0, SEEK_END);
+    c->memory = mmap(NULL, c->mapped, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (c->memory == MAP_FAILED) return free(c), NULL;
+    receive_state(c);
+    return c;
+}
+
+/* Replaces a process on another machine that has ended by a new one; returns whether that has loaded the FMU. */
+EXPORT bool isolated_reconnect(Channel *c, int socket) {
+    c->socket = socket, c->end = ALIVE, c->n_lines = 0;
+    return receive_state(c);
+}
+
+/* Serves a master on another machine until the connection or the process ends; returns the end of the process. */
+EXPORT int isolated_relay(Channel *c, int socket) {
+    c->master = socket;
+    relay(c);
+    c->master = -1;
+    return c->end;
 }
 
 EXPORT void isolated_close(Channel *c) {
@@ -767,6 +819,10 @@ EXPORT double isolated_time(Channel *c) {
 EXPORT void isolated_quit(Channel *c) {
     Header *h = header(c);
     if (c->end != ALIVE) return;
+    if (c->socket >= 0) {
+        shutdown(c->socket, SHUT_RDWR);
+        return;
+    }
     h->quit = 1, h->request = 0;
     __atomic_store_n(&h->turn, OF_FMU, __ATOMIC_RELEASE);
     syscall(SYS_futex, &h->turn, FUTEX_WAKE, 1, NULL, NULL, 0);

@@ -163,7 +163,7 @@ static void keep_request(Channel *c) {
 
 /* Makes operations of this file's own, with real addresses; returns whether the process has answered. */
 static bool ask(Channel *c, const Buffer *operations, bool translated) {
-    if (!hand_over(c, operations, translated)) return false;
+    if (!hand_over(c, operations, translated, c->patience)) return false;
     bool well = wait_for_turn(c, c->patience);
     if (well && !map(c, 0)) end_by(c, BROKEN), well = false;
     header(c)->log = 0; /* the FMU has said it before, or will */
@@ -298,7 +298,7 @@ static bool recover(Channel *c) {
 /* Starts a process that has crashed in a request anew, and makes the request again; returns whether it has a reply. */
 static bool again(Channel *c, double limit) {
     while (recover(c)) {
-        if (!hand_over(c, &c->request, true)) return false;
+        if (!hand_over(c, &c->request, true, limit)) return false;
         bool well = wait_for_turn(c, limit);
         if (well && !map(c, 0)) end_by(c, BROKEN), well = false;
         pass_log_on(c);

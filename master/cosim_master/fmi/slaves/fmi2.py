@@ -142,6 +142,8 @@ class Library:
         self.isolated = False
         self.watch: Callable[[str, Any], Any] | None = None
         """Replaces functions that Python calls, by name; None: they are called as they are."""
+        self.resources_path: bytes | None = f"{resources}/".encode() if resources.is_dir() else None
+        """The resourcePath of FMI 3; None if the FMU has no resources."""
         self._dll = self._load(library)
         libc = ctypes.CDLL("msvcrt" if platform.system() == "Windows" else None)
         self.memory: tuple[Any, Any] = (

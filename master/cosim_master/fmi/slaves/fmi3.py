@@ -117,12 +117,12 @@ class Instance3:
     def _instantiate(self) -> int | None:
         instantiate = self.library.function("fmi3InstantiateCoSimulation")
         instantiate.restype = ctypes.c_void_p
-        fmu, resources = self.fmu, self.library.resources
+        fmu = self.fmu
         no, yes = ctypes.c_bool(False), ctypes.c_bool(True)
         handle: int | None = instantiate(
             ctypes.c_char_p(self.name.encode()),
             ctypes.c_char_p(fmu.guid.encode()),
-            ctypes.c_char_p(f"{resources}/".encode() if resources.is_dir() else None),
+            ctypes.c_char_p(self.library.resources_path),
             no,  # visible
             yes if self.library.python else no,  # logging
             yes if self.event_mode else no,

@@ -14,7 +14,8 @@ from typing import Any, Literal
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.fmi.description.read import FmuDescription
-from cosim_master.fmi.isolation.child import Child, Limits
+from cosim_master.fmi.isolation.child import Child, Limits, Process
+from cosim_master.fmi.isolation.remote import Address
 from cosim_master.fmi.slaves.fmi2 import Diagnosis, Library
 
 __all__ = ["IsolatedLibrary", "Isolation", "Scope", "built_here", "isolable"]
@@ -42,17 +43,24 @@ class Isolation:
         limits: of each process.
         wishes: the processes that a system sets for instances, which precede `scope`: "here", "file" or "instance".
         restarts: how often the processes of instances are started anew, where that differs from `limits`.
+        hosts: the machines of instances whose processes are not on this one, by name; as the user wants it, by
+            pattern. They precede everything else.
+        token: the secret of these machines.
     """
 
     scope: Scope = "foreign"
     limits: Limits = field(default_factory=Limits)
     wishes: Mapping[str, str] = field(default_factory=dict)
     restarts: Mapping[str, int] = field(default_factory=dict)
+    hosts: Mapping[str, Address] = field(default_factory=dict)
+    token: str = field(default="", repr=False)
 
     def isolates(self, fmu: FmuDescription, name: str = "") -> bool:
         """Returns whether the instance `name` of an FMU runs in another process."""
         if not isolable(fmu):
             return False
+        if name in self.hosts:
+            return True
         if wish := self.wishes.get(name):
             return wish != "here"
         return self.scope == "all" or (self.scope != "none" and not built_here(fmu))
@@ -113,13 +121,7 @@ class IsolatedLibrary(Library):
 
     def _load(self, library: Path) -> Any:
         loading = f"loading {self.fmu.path}"
-        try:
-            self.child = Child(
-                library, self.resources.parent, self._limits, python=self.python, writable=self._writable
-            )
-        except OSError as error:
-            text = f"its process cannot be started: {error.strerror}"
-            raise FmuError(self.fmu.model_name, loading, text) from None
+        self.child = self._started(library, loading)
         end = self.child.end()
         if end is not None or self.child.refusal:
             lines = self.child.output().splitlines()
@@ -139,6 +141,14 @@ class IsolatedLibrary(Library):
             function.restype = ctypes.c_void_p
             self._made_by[name] = _Bound(function, make)
         return self.child.functions
+
+    def _started(self, library: Path, loading: str) -> Process:
+        """Returns the process, or raises FmuError for the activity `loading`."""
+        try:
+            return Child(library, self.resources.parent, self._limits, python=self.python, writable=self._writable)
+        except OSError as error:
+            text = f"its process cannot be started: {error.strerror}"
+            raise FmuError(self.fmu.model_name, loading, text) from None
 
     def _function(self, name: str) -> Any:
         if not self.has(name):

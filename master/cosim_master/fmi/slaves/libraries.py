@@ -24,8 +24,10 @@ from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Whe
 from cosim_master.diagnostics.limitations import PYTHON_SOURCES
 from cosim_master.files.kept import intact_copy, private_cache
 from cosim_master.fmi.description.read import SOURCES, FmuDescription, extract
+from cosim_master.fmi.isolation.remote import Address
 from cosim_master.fmi.slaves.fmi1 import Library1
 from cosim_master.fmi.slaves.fmi2 import Library, SharedHandle
+from cosim_master.fmi.slaves.hosted import HostedLibrary
 from cosim_master.fmi.slaves.isolated import IsolatedLibrary, Isolation, built_here
 from cosim_master.fmi.slaves.sources_only import compiled
 from cosim_master.fmi.slaves.table import TableLibrary
@@ -113,6 +115,8 @@ class Libraries:
         self._loaded: dict[tuple[Path, str, bool], Library] = {}
         self._opened: list[Library] = []
         self._sharing: set[Path] = set()
+        self._there: dict[tuple[Path, Address], Library] = {}
+        self._alone: set[tuple[Path, Address]] = set()
         self._copies = 0
 
     def load(self, fmu: FmuDescription) -> Library:
@@ -163,6 +167,8 @@ class Libraries:
             FmuError: the FMU refused.
         """
         isolated = self._isolation.isolates(fmu, name)
+        if name in self._isolation.hosts:
+            return self._hosted(fmu, name, make)
         if isolated and self._isolation.each(fmu, name):
             return make(self._open(fmu, self._folder_of(fmu), name, isolated=True), name)
         library = self._load(fmu, name, isolated=isolated)
@@ -179,6 +185,26 @@ class Libraries:
         folder = self._folder / f"copy{self._copies}"
         extract(fmu, folder)
         return make(self._open(fmu, folder, name, isolated=False), name)
+
+    def _hosted(self, fmu: FmuDescription, name: str, make: Callable[[Library, str], _Made]) -> _Made:
+        """Returns a new instance on another machine: in the process of its file there, or in one of its own."""
+        address = self._isolation.hosts[name]
+        if not self._isolation.each(fmu, name) and (fmu.path, address) not in self._alone:
+            library = self._there.get((fmu.path, address)) or self._connected(fmu, name)
+            self._there[fmu.path, address] = library
+            try:
+                return make(library, name)
+            except SharedHandle:
+                self._alone.add((fmu.path, address))
+        return make(self._connected(fmu, name), name)
+
+    def _connected(self, fmu: FmuDescription, name: str) -> Library:
+        """Returns the library of an FMU in a new process on the machine of an instance."""
+        isolation = self._isolation
+        library = HostedLibrary(fmu, isolation.hosts[name], isolation.token, isolation.limits_of(name))
+        self._opened.append(library)
+        self._on_opened(library)
+        return library
 
     def _unpacked(self, fmu: FmuDescription) -> Path:
         if not _sources(fmu):

@@ -395,11 +395,10 @@ class Exchanged3(_Exchanged, Instance3):
     def _instantiate(self) -> int | None:
         instantiate = self.library.function("fmi3InstantiateModelExchange")
         instantiate.restype = ctypes.c_void_p
-        resources = self.library.resources
         handle: int | None = instantiate(
             ctypes.c_char_p(self.name.encode()),
             ctypes.c_char_p(self.fmu.guid.encode()),
-            ctypes.c_char_p(f"{resources}/".encode() if resources.is_dir() else None),
+            ctypes.c_char_p(self.library.resources_path),
             ctypes.c_bool(False),
             ctypes.c_bool(False),
             None,
