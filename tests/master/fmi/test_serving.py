@@ -40,10 +40,10 @@ from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from tests.master import processes
-from tests.master.clocked import clocked
 from tests.master.conftest import Workshop
 from tests.master.fmi.test_isolation import ABLE, FAULTS, LIMITS, PATIENT, Faulties, _folder, leftovers
-from tests.master.linear import BALL_PORTS, ball
+from tests.master.fmus.clocked import clocked
+from tests.master.fmus.linear import BALL_PORTS, ball
 from tests.master.terminal import COMMAND
 
 SECRET = "correct horse battery staple"
