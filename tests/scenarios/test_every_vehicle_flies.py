@@ -15,7 +15,7 @@ from cosim_master.system.authoring.swap import swap
 from cosim_master.system.authoring.swarm.new import fleet_of, new_system
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
-from tests.models.copter import PRESETS, preset
+from tests.models.copter import PRESETS
 from tests.scenarios.flights import SYSTEMS, Flight, fly
 
 
@@ -113,25 +113,40 @@ def test_its_presets_fly_too(vehicle: str, name: str, place: Place, fmus: Path, 
     assert judged == place.findings
 
 
-@pytest.mark.parametrize(
-    ("numbers", "roll", "pitch", "yaw"),
-    [("authors_line", 0.003, 0.003, 0.0005), ("authors_voronoi", 0.5, 0.65, 1.0)],
-)
-def test_the_authors_plants_fly_with_gains_that_suit_them(
-    numbers: str, roll: float, pitch: float, yaw: float, fmus: Path, tmp_path: Path
-) -> None:
-    """The gains are those of the table in docs/vehicles.md: I as P, of yaw a tenth of it, and no D."""
-    gains = {"RLL_P": roll, "RLL_I": roll, "RLL_D": 0.0, "PIT_P": pitch, "PIT_I": pitch, "PIT_D": 0.0}
-    gains |= {"YAW_P": yaw, "YAW_I": 0.1 * yaw}
-    overrides = {f"drone3.autopilot.ATC_RAT_{name}": str(value) for name, value in gains.items()}
-    overrides |= {f"drone3.vehicle.{name}": str(value) for name, value in preset(numbers).items()}
-    swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / "LinearQuadrotor.fmu", tmp_path / "system")
+GAINS: dict[str, tuple[str, dict[str, float]]] = {
+    "crazyflie": (
+        "Quadrotor",
+        {"RLL_P": 0.0225, "RLL_I": 0.0225, "RLL_D": 0.0006, "PIT_P": 0.0225, "PIT_I": 0.0225, "PIT_D": 0.0006}
+        | {"YAW_P": 0.008, "YAW_I": 0.0008},
+    ),
+    "authors_line": (
+        "LinearQuadrotor",
+        {"RLL_P": 0.003, "RLL_I": 0.003, "RLL_D": 0.0, "PIT_P": 0.003, "PIT_I": 0.003, "PIT_D": 0.0}
+        | {"YAW_P": 0.0005, "YAW_I": 0.00005},
+    ),
+    "authors_voronoi": (
+        "LinearQuadrotor",
+        {"RLL_P": 0.5, "RLL_I": 0.5, "RLL_D": 0.0, "PIT_P": 0.65, "PIT_I": 0.65, "PIT_D": 0.0}
+        | {"YAW_P": 1.0, "YAW_I": 0.1},
+    ),
+}
+"""The vehicle of a preset, and the gains of its table in docs/vehicles.md."""
+
+
+@pytest.mark.parametrize("name", GAINS)
+def test_presets_that_need_other_gains_fly_with_them(name: str, fmus: Path, tmp_path: Path) -> None:
+    vehicle, gains = GAINS[name]
+    overrides = bound(name) | {f"drone3.autopilot.ATC_RAT_{gain}": str(value) for gain, value in gains.items()}
+    swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / f"{vehicle}.fmu", tmp_path / "system")
     flight = fly(swapped, tmp_path / "out", overrides=overrides)
     ends = [float(flight.east(drone)[-1]) for drone in (1, 2, 3, 4, 5)]
     assert ends == pytest.approx([0.0, 25.0, 50.0, 75.0, 100.0], abs=1.0)
     assert flight.up(3)[-1] == pytest.approx(10.0, abs=0.1)
     x, y = (flight[f"drone3.vehicle.attitude[{i}]"] for i in (2, 3))
     assert math.degrees(2.0 * math.asin(float(np.hypot(x, y).max()))) < 30.0
+    late = flight["time"] > 60.0
+    for axis in (1, 2, 3):
+        assert np.abs(flight[f"drone3.vehicle.angular_velocity[{axis}]"][late]).max() < 1.0
     assert not [one for one in flight.result.verdict.findings if "drone3" in " ".join(one.who)]
 
 
