@@ -31,7 +31,7 @@ from cosim_master.execution.preparation.stimuli import read_stimuli
 from cosim_master.execution.run.checkpoint import refuse_checkpoints
 from cosim_master.execution.run.faults.crashes import reported
 from cosim_master.execution.run.faults.hangs import reported_hangs
-from cosim_master.execution.run.faults.process_state import ProcessState, WatchedCalls, told
+from cosim_master.execution.run.faults.process_state import ProcessState, WatchedCalls, WatchedSteps, told
 from cosim_master.execution.run.opening import Setup
 from cosim_master.files.kept import private_cache
 from cosim_master.fmi.slaves.isolated import Isolation
@@ -196,14 +196,17 @@ class _Run:
             watch = self._watch(execution, recording)
             recorders = [] if recording is None else recording.observers
             monitoring = self._monitoring()
+            changes = WatchedSteps(execution.slaves)
             looking = [watch, *observers, Reporting(self.listener), *recorders, *([monitoring] if monitoring else [])]
+            looking.append(changes)
             observed = Observers(execution, looking, ready.clock.steps, execution.blocks)
             opened.enter_context(observed)
             opened.enter_context(reported(execution.slaves, lambda: execution.time, rescue))
             interrupted = opened.enter_context(interrupts())
             seconds = (self.options.isolation or Isolation()).limits.seconds
             opened.enter_context(reported_hangs(execution.slaves, lambda: execution.time, rescue, seconds))
-            result = self._stepped(execution, gateways, observed, interrupted, noted)
+            result = self._stepped(execution, gateways, observed, interrupted, changes)
+            result = replace(result, notes=(*result.notes, *noted, *changes.notes))
             result = self._judged(result, execution, watch, monitoring)
             if recording is not None:
                 self.listener.stage(f"writing {self.out}")
@@ -254,10 +257,10 @@ class _Run:
         gateways: Gateways,
         observed: Observers,
         interrupted: Callable[[], bool],
-        noted: tuple[str, ...],
+        changes: WatchedSteps,
     ) -> RunResult:
         gateways.start()
-        before = ProcessState.present()
+        changes.begin(execution.time, interrupted)
         result = run(
             execution,
             self.ready,
@@ -267,9 +270,8 @@ class _Run:
             interrupted=interrupted,
             checkpoints=self.saving if self.options.checkpoint_every is not None else None,
         )
-        if result.outcome is not Outcome.INTERRUPTED:  # which has changed handlers of signals
-            noted += told(before, execution.slaves, "a step (doStep, or a function that sets or gets values)")
-        return unrecorded(replace(result, notes=(*result.notes, *noted)), observed.close())
+        changes.compare(execution.time)
+        return unrecorded(result, observed.close())
 
     def _judged(
         self, result: RunResult, execution: Execution, watch: Watch, monitoring: Monitoring | None

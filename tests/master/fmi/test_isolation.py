@@ -10,6 +10,7 @@ import re
 import signal
 import sys
 import tempfile
+import threading
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -25,10 +26,12 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.preparation.isolating import chosen_isolation, isolation_for
+from cosim_master.execution.run.faults.process_state import WatchedSteps
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe, platform
 from cosim_master.fmi.isolation.child import Limits
 from cosim_master.fmi.slaves.isolated import Isolation, Scope, built_here
+from cosim_master.stepping.observation import Progress
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from tests.master import processes
@@ -307,10 +310,58 @@ def restored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_an_fmu_that_changes_the_process_of_the_run(run: Run, tmp_path: Path, change: str, function: str) -> None:
     """In this process, that is noted, with the function if Python calls it; in another one, it has no effect."""
     result = run(f"{change} {function} 1", "none", names=("bad", "good"))
-    where = "one of bad, good has .* in a step" if function == "fmi2DoStep" else f"bad has .* in {function}"
+    where = f"bad has .* in {function}"
+    if function == "fmi2DoStep":
+        where = "one of bad, good has .* in a step between t = 0 s and t = [.0-9]+ s"
     notes = [note for note in result.notes if "has changed the process of the run" in note]
     assert len(notes) == 1 and re.search(f"^{where}.*: {CHANGES[change]}", notes[0]), notes
     assert notes[0] in json.loads((tmp_path / "out" / "manifest.json").read_text())["notes"]
+
+
+@pytest.mark.usefixtures("restored")
+def test_changes_in_steps_are_found_with_their_time(
+    faulties: Faulties, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each is told once, with the comparisons before and after it; files that others open and close are no changes."""
+    monkeypatch.setattr("cosim_master.execution.run.faults.process_state._INTERVAL", 0.0)
+    (tmp_path / "here").mkdir()
+    found: list[WatchedSteps] = []
+    original = WatchedSteps.progressed
+
+    def progressed(self: WatchedSteps, progress: Progress) -> None:
+        found.append(self)
+        original(self, progress)
+
+    monkeypatch.setattr(WatchedSteps, "progressed", progressed)
+    faulties.fmu("bad.fmu", "none none 0")
+    path = faulties.workshop.ssd("one.ssd", faulties.workshop.system(faulties.workshop.component("bad", "bad.fmu")))
+    result = simulate(path, RunOptions(until=1.0, isolation=Isolation("none")))
+    assert not any("changed the process" in note for note in result.notes)
+    steps = found[0]  # of a run that has ended
+    wall = iter(range(1, 10))
+
+    def until(time: float) -> None:
+        steps.progressed(Progress(time, 0.0, 9.0, float(next(wall)), {"sent": 0}))
+
+    ended = threading.Event()
+    steps.begin(0.0, ended.is_set)
+    until(1.0)
+    os.chdir(tmp_path / "here")
+    opened = (tmp_path / "file").open("w")
+    until(2.5)
+    opened.close()
+    until(3.0)
+    os.umask(0o27)
+    until(4.0)
+    signal.signal(signal.SIGALRM, lambda *_: None)
+    ended.set()
+    until(5.0)  # the run is interrupted, which has changed signal handlers itself
+    text = "(doStep, or a function that sets or gets values)"
+    assert [note.partition("process of the run in ")[2].partition(" (--isolate")[0] for note in steps.notes] == [
+        f"a step between t = 1 s and t = 2.5 s {text}: the working directory (now {tmp_path / 'here'})",
+        f"a step between t = 3 s and t = 4 s {text}: the permissions of new files (umask 027)",
+    ]
+    assert all(note.startswith("bad has changed the") for note in steps.notes)
 
 
 def test_it_writes_into_its_folder_only(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,8 @@
     told(before, slaves, "steps")         a note for FMUs that have changed something
 
 `WatchedCalls` compares before and after each call that Python makes, and so names function and instance. The calls of
-the loop are too many and too short for that.
+the loop are too many and too short for that: a comparison takes 0.15 ms. `WatchedSteps` compares four times a second of
+wall-clock time, and so names the interval of simulated time.
 
 Isolated FMUs change their own process only.
 """
@@ -18,18 +19,21 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Self
 
 from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.slave import Slave
+from cosim_master.stepping.observation import Progress, Seen
 
-__all__ = ["ProcessState", "WatchedCalls", "told"]
+__all__ = ["ProcessState", "WatchedCalls", "WatchedSteps", "told"]
 
 log = logging.getLogger(__name__)
 
+_INTERVAL = 0.25
+"""Wall-clock time between two comparisons during the steps, s."""
 _LC_ALL = 6
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGALRM", "SIGPIPE")
 
@@ -180,13 +184,68 @@ class _Watched:
             compared(before, library, name, arguments[0] if arguments else None)
 
 
+class WatchedSteps:
+    """The observer that finds the steps in which FMUs change this process.
+
+    Args:
+        slaves: the instances of the run.
+
+    Attributes:
+        notes: the changes found.
+    """
+
+    every = 0
+
+    def __init__(self, slaves: Sequence[Slave]) -> None:
+        self.notes: tuple[str, ...] = ()
+        self._slaves = slaves
+        self._interrupted: Callable[[], bool] = lambda: False
+        self._before: ProcessState | None = None
+        self._time, self._compared = 0.0, 0.0
+
+    def begin(self, time: float, interrupted: Callable[[], bool]) -> None:
+        """Begins at a time, s; `interrupted` returns whether the user ends the run, which changes signal handlers."""
+        self._interrupted = interrupted
+        self._before = ProcessState.present() if _suspects(self._slaves) else None
+        self._time = time
+
+    def initialised(self, seen: Seen) -> None: ...
+    def stepped(self, seen: Seen) -> None: ...
+    def closed(self) -> None: ...
+
+    def progressed(self, progress: Progress) -> None:
+        """Compares, if the last comparison was long ago."""
+        if self._before is not None and abs(progress.wall - self._compared) >= _INTERVAL:
+            self._compared = progress.wall
+            self.compare(progress.time)
+
+    def compare(self, time: float) -> None:
+        """Compares this process with its state at the last comparison, at a later time, s."""
+        if self._before is None or self._interrupted():
+            return
+        after = ProcessState.present()
+        if after is None or self._interrupted():
+            return
+        if self._before.changes(after):
+            where = f"between t = {self._time:.9g} s and t = {time:.9g} s"
+            when = f"a step {where} (doStep, or a function that sets or gets values)"
+            self.notes += told(self._before, self._slaves, when)
+            self._before = replace(after, files=self._before.files & after.files)  # others may open and close theirs
+        self._time = time
+
+
+def _suspects(slaves: Sequence[Slave]) -> list[Slave]:
+    """Returns the instances of this process that this project has not built."""
+    return [one for one in slaves if one.library.file and not one.library.own and not one.library.isolated]
+
+
 def told(before: ProcessState | None, slaves: Sequence[Slave], when: str) -> tuple[str, ...]:
     """Returns and logs a note if the state of this process has changed in calls of FMUs that are not isolated.
 
     Args:
         when: the FMI functions that were called.
     """
-    suspects = [one for one in slaves if one.library.file and not one.library.own and not one.library.isolated]
+    suspects = _suspects(slaves)
     after = ProcessState.present() if suspects and before is not None else None
     if before is None or after is None or not (changes := before.changes(after)):
         return ()
