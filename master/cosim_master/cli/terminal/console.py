@@ -183,6 +183,7 @@ def errors(*, as_json: bool = False) -> Iterator[None]:
 
 
 _EXTRAS = {
+    "av": "film",
     **dict.fromkeys(("foxglove", "gpxpy", "rosbags", "scipy"), "export"),
     **dict.fromkeys(("matplotlib", "PIL"), "plot"),
     "pymavlink": "build",

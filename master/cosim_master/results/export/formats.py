@@ -74,6 +74,7 @@ FORMATS = (
     Format("kml", "Tracks for Google Earth.", ".kml"),
     Format("gpx", "Tracks for maps and GPS tools.", ".gpx"),
     Format("gif", "Animation of all drones, seen from above.", ".gif"),
+    Format("mp4", "Film of all drones, seen from above.", ".mp4"),
 )
 
 

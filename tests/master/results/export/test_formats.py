@@ -360,6 +360,7 @@ def test_a_run_without_packets_or_vehicles(tmp_path: Path) -> None:
         ("mat", "scipy", "export"),
         ("gpx", "gpxpy", "export"),
         ("rrd", "rerun", "rerun"),
+        ("mp4", "av", "film"),
     ],
 )
 def test_a_missing_library_names_its_extra(
