@@ -1,4 +1,4 @@
-"""Drones against real time: lines of 5 to 2500 drones, as `uav-cosim new line` writes them, run by `uav-cosim run`.
+"""Drones against real time: swarms of 5 to 10,000, as `uav-cosim new` writes them, run by `uav-cosim run`.
 
 Three FMUs per drone (vehicle and autopilot at 400 Hz), agents that exchange positions at 4 Hz over the radio, positions
 recorded at 10 Hz, packets recorded. For each size two fresh processes:
@@ -6,7 +6,13 @@ recorded at 10 Hz, packets recorded. For each size two fresh processes:
     run      the whole command: start-up (from the command to the first step), peak memory, simulated per wall time
     phases   the same system on one thread without files: time per drone and base step in exchange, each FMU, packets
 
-    python benchmarks/swarm.py [--drones 5 50 500 1000 2500] [--seconds 20] [--threads N] [--json FILE]
+`--scenario` is one of
+
+    line      six degrees of freedom, each hears its two neighbours
+    flocking  the shipped system with its drones on a grid; each hears those within 20 m; no packets are recorded
+    points    a line of point masses with ideal autopilots, of 80 Hz, agents as in line; no packets are recorded
+
+    python benchmarks/swarm.py [--scenario line] [--drones 5 50 500 1000 2500] [--seconds 20] [--threads N]
 """
 
 from __future__ import annotations
@@ -20,7 +26,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -40,7 +46,7 @@ from cosim_master.stepping.kernels import macro_step as stepping
 from cosim_master.stepping.kernels import tables
 from cosim_master.stepping.layout import make_layout
 from cosim_master.stepping.observation import Progress
-from cosim_master.system.authoring.swarm.new import new_system
+from cosim_master.system.authoring.swarm.new import fleet_of, new_system
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
@@ -48,6 +54,30 @@ from cosim_master.system.settings.time_grid import time_grid
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDED = ("*.vehicle.position*",)
+
+
+class Scenario(NamedTuple):
+    """How `new` writes a swarm, and what its runs set; `drones`: the default sizes."""
+
+    name: str
+    drones: Sequence[int]
+    fleet: dict[str, str]
+    overrides: dict[str, str]
+    spacing: float = 10.0
+
+
+SCENARIOS = {
+    "line": Scenario("line", (5, 50, 500, 1000, 2500), {}, {}),
+    "flocking": Scenario(
+        "flocking", (5, 100, 1000), {}, {"network.range": "20", "recording.packets": "false"}, spacing=8.0
+    ),
+    "points": Scenario(
+        "line",
+        (1000, 10_000),
+        {"vehicle": "PointMass", "autopilot": "IdealAutopilot"},
+        {"recording.packets": "false"},
+    ),
+}
 PHASE_SECONDS = 1.0
 """Simulated time over which phases are timed, after all drones have taken off."""
 AIRBORNE = 12.0
@@ -57,7 +87,7 @@ AIRBORNE = 12.0
 # ---- in a process of its own: the whole command -------------------------------------------------------------------
 
 
-def run_once(folder: Path, seconds: float, threads: int | None, began: float) -> dict[str, Any]:
+def run_once(folder: Path, scenario: str, seconds: float, threads: int | None, began: float) -> dict[str, Any]:
     """What `uav-cosim run FOLDER -o OUT --record '*.vehicle.position*'` does; `began` is when it was started."""
     first: list[float] = []
     recording = 0.0
@@ -82,7 +112,9 @@ def run_once(folder: Path, seconds: float, threads: int | None, began: float) ->
     with tempfile.TemporaryDirectory(prefix="uav-cosim-swarm-") as out:
         result = simulate(
             folder,
-            RunOptions(out=Path(out), until=seconds, record=RECORDED, threads=threads),
+            RunOptions(
+                out=Path(out), until=seconds, record=RECORDED, threads=threads, overrides=SCENARIOS[scenario].overrides
+            ),
             listener=Listener(progress=progress),
         )
         if result.outcome != "done":
@@ -205,14 +237,24 @@ def child(*words: str) -> tuple[dict[str, Any], float]:
     return json.loads(text.splitlines()[-1]), usage.ru_maxrss / 1024
 
 
-def measure(drones: int, seconds: float, threads: int | None, fmus: Path, folder: Path) -> dict[str, Any]:
-    """One row: the command, then its phases."""
+def measure(
+    scenario: str, drones: int, seconds: float, threads: int | None, fmus: Path, folder: Path
+) -> dict[str, Any]:
+    """One row: the command, then, for a line, its phases."""
+    chosen = SCENARIOS[scenario]
     system = new_system(
-        "line", drones, folder / f"line{drones}", fmus=fmus, until=max(seconds, AIRBORNE + PHASE_SECONDS)
+        chosen.name,
+        drones,
+        folder / f"{scenario}{drones}",
+        fmus=fmus if chosen.name == "line" else None,
+        fleet={part: fleet_of(text) for part, text in chosen.fleet.items()},
+        spacing=chosen.spacing,
+        until=max(seconds, AIRBORNE + PHASE_SECONDS),
     )
-    words = [] if threads is None else ["--threads", str(threads)]
-    row, memory = child("--run", str(system), "--seconds", str(seconds), *words, "--began", repr(time.time()))
-    parts, _ = child("--phases", str(system))
+    words = ["--scenario", scenario, "--seconds", str(seconds)]
+    words += [] if threads is None else ["--threads", str(threads)]
+    row, memory = child("--run", str(system), *words, "--began", repr(time.time()))
+    parts, _ = child("--phases", str(system)) if scenario == "line" else ({}, 0.0)
     row |= {"drones": drones, "seconds": seconds, "peak_MiB": memory, "phases_us": parts}
     row["ms_per_drone_second"] = 1e3 * row["wall_s"] / seconds / drones
     return row
@@ -227,7 +269,8 @@ def _cells(row: dict[str, Any], names: Sequence[str]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--drones", type=int, nargs="+", default=[5, 50, 500, 1000, 2500], metavar="N")
+    parser.add_argument("--scenario", choices=SCENARIOS, default="line")
+    parser.add_argument("--drones", type=int, nargs="+", metavar="N", help="default: those of the scenario")
     parser.add_argument("--seconds", type=float, default=20.0, help="simulated")
     parser.add_argument("--threads", type=int, default=None)
     parser.add_argument("--fmus", type=Path, default=ROOT / "fmus", help="folder that `uav-cosim build` has filled")
@@ -237,7 +280,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--began", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.run is not None:
-        print(json.dumps(run_once(options.run, options.seconds, options.threads, options.began)))
+        print(json.dumps(run_once(options.run, options.scenario, options.seconds, options.threads, options.began)))
         return
     if options.phases is not None:
         print(json.dumps(phases(options.phases)))
@@ -245,7 +288,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     host = machine("pyarrow")
     with tempfile.TemporaryDirectory(prefix="uav-cosim-swarm-") as temporary:
         fmus = options.fmus.resolve()
-        rows = [measure(n, options.seconds, options.threads, fmus, Path(temporary)) for n in options.drones]
+        sizes = options.drones or SCENARIOS[options.scenario].drones
+        given = options.seconds, options.threads, fmus, Path(temporary)
+        rows = [measure(options.scenario, n, *given) for n in sizes]
     names = list(rows[0]["phases_us"])
     columns = [
         "drones",

@@ -79,6 +79,10 @@ from cosim_master.stepping.kernels.threads import hand_out, join_in
 __all__ = ["end_here", "next_point", "places_needed", "record", "run", "sent_bytes"]
 
 
+_TOGETHER = 1 << 20
+"""Places that are reserved for the packets of all ports together; a thousand nodes that hear each other need more."""
+
+
 @kernel
 def _is_point(grids: NDArray[np.int64], k: int, finer: int) -> bool:
     """Returns whether the step of an instance ends at base step k."""
@@ -147,15 +151,40 @@ def sent_bytes(p: Plan) -> int:
 
 
 @kernel
+def _at_most(sent: int) -> int:
+    """Returns an upper bound of the packets, and of the pieces of garbage, in this number of bytes."""
+    return sent // 8 + 2 if sent > 0 else 0
+
+
+@kernel
+def _collected(p: Plan, each: int) -> tuple[int, bool]:
+    """Returns an upper bound of the packets that are routed together, and whether these are those of all ports.
+
+    `each`: places that a packet needs. Above `_TOGETHER` places, packets are routed port by port.
+    """
+    packets, most = 0, 0
+    for e in range(p.ports.size):
+        packets += _at_most(p.ports[e].sent)
+        most = max(most, _at_most(p.ports[e].sent))
+    together = packets * each <= _TOGETHER
+    return packets if together else most, together
+
+
+@kernel
 def places_needed(p: Plan, r: Radio) -> int:
     """Returns an upper bound of the places in flight, and of the events, needed to route the collected packets."""
-    packets = 0
-    for e in range(p.ports.size):
-        if p.ports[e].sent > 0:
-            packets += p.ports[e].sent // 8 + 2
+    each = copies(r)
+    packets, _ = _collected(p, each)
+    return _room(r, packets, each)
+
+
+@kernel
+def _room(r: Radio, packets: int, each: int) -> int:
+    """Returns the places for packets that are sent now, and for those that wait; those in the air go one by one."""
+    waiting = r.counters[WAITING]
     if r.trip.size > 0:
-        packets += 1 - r.counters[AIRBORNE]  # packets that have reached a node are routed one by one
-    return int((packets + r.counters[WAITING]) * copies(r))
+        waiting += 1 - r.counters[AIRBORNE]
+    return int((packets + waiting) * each)
 
 
 @kernel
@@ -164,7 +193,9 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
     total = sent_bytes(p)
     if total == 0:
         return DONE
-    need = places_needed(p, r)
+    each = copies(r)
+    packets, together = _collected(p, each)
+    need = _room(r, packets, each)
     if need > r.counters[FREE_PLACES]:
         return NEED_PLACES
     events, used = r.counters[USED_EVENTS] + need, r.counters[USED_LOG] + 3 * total
@@ -175,6 +206,10 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
     t = point_in_time(p.counters, k + 1)
     for e in range(p.ports.size):
         if p.ports[e].sent > 0:
+            if not together and need > r.counters[FREE_PLACES]:
+                return NEED_PLACES
+            if not together and r.settings[0].keep != 0 and r.counters[USED_EVENTS] + need > r.events.size:
+                return NEED_LOG
             send(r, p.real_out, t, e, p.tx[e], p.ports[e].sent)
             p.ports[e].sent = 0
     return DONE
