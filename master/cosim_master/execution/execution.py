@@ -17,6 +17,7 @@ from typing import Self
 from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.execution.algorithms.algorithm import Algorithm
 from cosim_master.execution.algorithms.choice import algorithm_for
+from cosim_master.execution.algorithms.fixed_step import FixedStep
 from cosim_master.execution.preparation.stimuli import Agenda
 from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.checkpoint import refuse_checkpoints, restore
@@ -120,6 +121,11 @@ class Execution:
     def restarts(self) -> tuple[str, ...]:
         """What happened when processes of FMUs were started anew."""
         return self._instances.restarts
+
+    @property
+    def repeats(self) -> bool:
+        """Whether steps may be repeated, so that packets from outside the network could be lost or doubled."""
+        return not isinstance(self._algorithm, FixedStep) or self._algorithm.repeats
 
     @property
     def k(self) -> int:

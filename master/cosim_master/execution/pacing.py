@@ -277,7 +277,7 @@ def run(
     outcome = Outcome.DONE
     failure: CosimError | None = None
     control = control or Control()
-    held = _Pace(control, clock, _SHORT_SLICE if gateways else _SLICE)
+    held = _Pace(control, clock, _SHORT_SLICE if gateways.to_programs else _SLICE)
     telling = _Telling(execution, observed, held, stop)
     try:
         while execution.k < clock.steps:

@@ -37,6 +37,7 @@ from cosim_master.files.kept import private_cache
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
+from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.results.recording.recording import Recording, check_columns
 from cosim_master.results.storage.checkpoint_folder import Checkpoint, find
 from cosim_master.results.storage.run_folder import RunFolder
@@ -59,6 +60,10 @@ from cosim_master.verdict.watching.watch import Watch
 
 __all__ = ["simulate"]
 
+_MAILBOX = "@page"
+"""The node of packets from the mailbox."""
+_REPEATS = "this run takes no packets: its FMUs may discard steps, and what has passed a gateway cannot be taken back"
+
 
 def simulate(
     system: str | PathLike[str],
@@ -67,6 +72,7 @@ def simulate(
     observers: Sequence[MakeObserver] = (),
     listener: Listener | None = None,
     control: Control | None = None,
+    mailbox: Mailbox | None = None,
 ) -> RunResult:
     """Runs the system in a file and records its results.
 
@@ -76,6 +82,8 @@ def simulate(
         observers: functions that return an observer for a `View` of the run, such as a recording in another format.
         listener: callbacks for the progress.
         control: pauses, steps and paces the run, and sets values, from another thread, instead of `RunOptions.pace`.
+        mailbox: takes packets that enter the network as those of a ground station; the recording is the same without
+            it until it receives one. Its `refusal` says whether this run takes any.
 
     Returns:
         The outcome. The failure of an FMU is also an outcome, and the recording up to it is kept.
@@ -91,7 +99,7 @@ def simulate(
     with read_system(system, options.variant) as structure:
         if checkpoint is not None:
             options = going_on(options, checkpoint, structure)
-        one = _planned(structure, options, checkpoint, listener, control or Control(options.pace))
+        one = _planned(structure, options, checkpoint, listener, control or Control(options.pace), mailbox)
         looking = [make(one.view()) for make in observers]
         listener.prepared(one.ready)
         if one.out is not None:
@@ -119,7 +127,8 @@ class _Run:
     listener: Listener
     control: Control
     checkpoint: Checkpoint | None
-    asked: Sequence[tuple[Gateway, Address]]
+    asked: Sequence[tuple[Gateway, Address | Mailbox]]
+    mailbox: Mailbox | None
     fingerprint: dict[str, str]
     out: Path | None
     saving: Checkpoints
@@ -176,7 +185,7 @@ class _Run:
         ready, complete = self.ready, threading.Event()
 
         def document(result: RunResult) -> dict[str, Any]:
-            changed, fingerprint = self._changed(execution)
+            changed, fingerprint = self._changed(execution, result)
             return manifest(changed, result, start_up, execution.parameters, fingerprint)
 
         def rescue(error: FmuError) -> None:
@@ -221,13 +230,19 @@ class _Run:
                     recording.write_manifest(document(failing(result, failures)))
         return failing(result, failures)
 
-    def _changed(self, execution: Execution) -> tuple[Prepared, dict[str, str]]:
-        """Returns the run and its fingerprint as if the values set by request had been known from the beginning."""
+    def _changed(self, execution: Execution, result: RunResult) -> tuple[Prepared, dict[str, str]]:
+        """Returns the run and its fingerprint as if the values set by request had been known from the beginning.
+
+        No options repeat packets from the mailbox: they make the run one with real programs.
+        """
+        fingerprint = dict(self.fingerprint)
+        if _MAILBOX in result.gateways:
+            fingerprint["real programs"] = "mailbox"
         if not execution.agenda.requested:
-            return self.ready, self.fingerprint
+            return self.ready, fingerprint
         changes = tuple(sorted([*self.ready.changes, *execution.agenda.requested], key=lambda change: change.k))
         digest = digest_of_changes(self.ready.checked, changes)
-        return replace(self.ready, changes=changes), {**self.fingerprint, "changes": digest}
+        return replace(self.ready, changes=changes), {**fingerprint, "changes": digest}
 
     def _watch(self, execution: Execution, recording: Recording | None) -> Watch:
         ready = self.ready
@@ -260,6 +275,8 @@ class _Run:
         changes: WatchedSteps,
     ) -> RunResult:
         gateways.start()
+        if self.mailbox is not None and self.asked and self.asked[-1][1] is self.mailbox:
+            self.mailbox.refusal = _REPEATS if execution.repeats else ""
         changes.begin(execution.time, interrupted)
         result = run(
             execution,
@@ -293,6 +310,7 @@ def _planned(
     checkpoint: Checkpoint | None,
     listener: Listener,
     control: Control,
+    mailbox: Mailbox | None,
 ) -> _Run:
     """Plans a run as far as possible without loading an FMU.
 
@@ -300,7 +318,7 @@ def _planned(
         SystemDescriptionError: the description is invalid, or the run cannot have its folder or its checkpoints.
     """
     ready, overrides = _prepared(structure, options)
-    asked = gateways_of(ready.network, options.gcs, options.ports)
+    asked: list[tuple[Gateway, Address | Mailbox]] = [*gateways_of(ready.network, options.gcs, options.ports)]
     fingerprint = _fingerprint(ready, [f"{gateway} {address}" for gateway, address in asked], checkpoint)
     out = options.out
     if isinstance(out, RunFolder):
@@ -312,6 +330,10 @@ def _planned(
             text = "this is the folder of the run that it goes on from; give another folder"
             raise SystemDescriptionError([Problem(Where(str(out)), text)])
         ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
+    if mailbox is not None and (checkpoint is not None or options.checkpoint_every is not None):
+        mailbox.refusal = "a run with checkpoints takes no packets: what has passed a gateway cannot be taken back"
+    elif mailbox is not None:
+        asked.append((Gateway(_MAILBOX, quiet=True), mailbox))
     ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
     observed = watched(ready.checked) | monitored(ready.monitors)
     layout = make_layout(ready.checked, ready.network, ready.recording.signals, ready.master, observed)
@@ -324,6 +346,7 @@ def _planned(
         control=control,
         checkpoint=checkpoint,
         asked=asked,
+        mailbox=mailbox,
         fingerprint=fingerprint,
         out=out,
         saving=saving,

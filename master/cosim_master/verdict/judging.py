@@ -32,6 +32,8 @@ def judgement(
         crossed: see `Gateways.counts`.
         monitoring: the observer of the system's monitors, already closed; None: it has none.
     """
+    quiet = {gateway.name for gateway in network.gateways if gateway.quiet}
+    crossed = {name: counts for name, counts in crossed.items() if name not in quiet}
     on_air = [gateway.name for gateway in network.gateways if gateway.wired is None]
     known = [one for one in before.findings if not (watch.hears_by_place and one.kind == DOUBLE_ID)]
     found = [*known, *findings(watch), *_of_radio(packets), *_of_gateways(crossed, on_air)]

@@ -18,11 +18,14 @@ from cosim_master.cli import app
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.variables import Variable
+from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import Column, Progress, Seen
+from cosim_master.system.settings.network import Network
 from cosim_master.view.live import document as document_module
 from cosim_master.view.live.feed import Feed
 from cosim_master.view.live.parameters import Parameters
+from cosim_master.view.live.sending import Sending
 
 websockets = pytest.importorskip("websockets", reason="the extra `live` is not installed")
 from websockets.sync.client import connect  # noqa: E402
@@ -38,9 +41,9 @@ def column(name: str, kind: str, place: int) -> Column:
     return Column(name, kind, place, Variable(name, 0, kind, "output", "continuous", None))
 
 
-def nothing(control: Control) -> Parameters:
+def nothing(control: Control) -> tuple[Parameters, Sending]:
     checked: Any = SimpleNamespace(instances=(), links=())
-    return Parameters(checked, control)
+    return Parameters(checked, control), Sending(Network(), {}, None, Mailbox())
 
 
 class Run:
@@ -73,7 +76,7 @@ def run() -> Run:
 @pytest.fixture
 def page(run: Run, control: Control) -> Iterator[LivePage]:
     document = {"name": "made up", "live": {"stop": 9.0}}
-    with LivePage(document, run.feed, control, nothing(control)) as found:
+    with LivePage(document, run.feed, control, *nothing(control)) as found:
         yield found
 
 
@@ -151,7 +154,7 @@ def test_only_the_page_itself_may_connect(page: LivePage) -> None:
     assert refused(origin="http://localhost:1") == 403
     assert refused("../" + "x" * 32 + "/run") == 404
     with Reader(page) as reader:
-        assert reader.state() == {"paused": False, "speed": 2.0, "ended": None, "changes": []}
+        assert reader.state() == {"paused": False, "speed": 2.0, "ended": None, "changes": [], "said": [0, ""]}
 
 
 def test_a_page_gets_the_newest_values_when_it_has_drawn_the_last(page: LivePage, run: Run) -> None:
@@ -178,7 +181,11 @@ def test_a_page_controls_the_run(page: LivePage, control: Control) -> None:
     with Reader(page) as reader, Reader(page) as other:
         assert reader.state() == other.state()
         reader.ask({"do": "pause"})
-        assert reader.state() == other.state() == {"paused": True, "speed": 2.0, "ended": None, "changes": []}
+        assert (
+            reader.state()
+            == other.state()
+            == {"paused": True, "speed": 2.0, "ended": None, "changes": [], "said": [0, ""]}
+        )
         assert control.paused and not control.take_step()
         reader.ask({"do": "step"})
         other.ask({"do": "speed", "factor": 0.5})
@@ -201,7 +208,7 @@ def test_other_requests_end_the_connection(page: LivePage, control: Control, req
         reader.ask(request_)
         code, reason = reader.code()
         assert code == 1008 and reason.startswith(
-            ("give drawn, pause, resume, step, speed, find or set", "speed: give a ")
+            ("give drawn, pause, resume, step, speed, find, set or send", "speed: give a ")
         )
         other.ask({"do": "pause"})  # the other one stays
         assert [other.state()["paused"] for _ in range(2)] == [False, True]
@@ -216,7 +223,7 @@ def test_long_requests_end_the_connection(page: LivePage) -> None:
 
 def test_nothing_is_left_when_it_is_closed(run: Run, control: Control) -> None:
     before = set(threading.enumerate())
-    with LivePage({"name": "x", "live": {}}, run.feed, control, nothing(control)) as page:
+    with LivePage({"name": "x", "live": {}}, run.feed, control, *nothing(control)) as page:
         reader = Reader(page)
         with pytest.raises(OSError):
             http.client.HTTPConnection("127.0.0.2", int(page.address.split(":")[2].partition("/")[0])).connect()

@@ -120,3 +120,31 @@ def test_sliders_set_values(browser: Any, fmus: Path, tmp_path: Path) -> None:
         assert tab.complaints == []
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert [[one["time"], one["variable"]] for one in manifest["changes"]] == [one[:2] for one in made]
+
+
+def test_a_click_sends_the_drone_there(browser: Any, fmus: Path, tmp_path: Path) -> None:
+    with flown(browser, tmp_path / "run", 40.0) as (_, tab):
+        tab.ask("cosim.select('drone3')")
+        tab.ask("cosim.send('drone3', 10, 5)")
+        tab.wait("cosim.live.said.startsWith('drone3 cannot be sent there: its autopilot has not sent')")
+        tab.page.locator("#play").click()
+        tab.wait("cosim.position('drone3')[2] < -5")
+        tab.page.keyboard.press("3")  # from above
+        tab.page.locator("#send").click()
+        assert tab.page.locator("#send").get_attribute("aria-pressed") == "true"
+        at = tab.ask("cosim.screen('drone4')")
+        tab.page.locator("#scene").click(position={"x": at[0], "y": at[1] - 150})
+        assert tab.page.locator("#send").get_attribute("aria-pressed") == "false"
+        tab.wait("/^drone3: (?!sent)/.test(cosim.live.said)")
+        assert tab.ask("cosim.live.said") == "drone3: accepted"
+        tab.wait("document.querySelector('.said').textContent === 'drone3: accepted'")
+        assert tab.ask("cosim.selected()") == "drone3" and tab.complaints == []
+    table = packets(tmp_path / "run")
+    sent = table.filter(pc.equal(table["source"], "@page")).to_pylist()
+    assert [(row["target"], row["message"], row["system"]) for row in sent] == [("drone3", 75, 255)]
+    log = mavutil.mavlink_connection(str(tmp_path / "run" / "packets.tlog"), dialect="ardupilotmega")
+    while (message := log.recv_match(type="COMMAND_INT")).get_srcSystem() != 255:
+        pass
+    log.close()
+    assert message.y == pytest.approx(1491657887, abs=300)  # the longitude of drone 4, above which the click was
+    assert message.x > -353632620 + 100  # and north of it

@@ -127,16 +127,29 @@ def test_a_flood_stays_within_the_limits() -> None:
             time = (20 * k + i) * 1_000_000
             message = text(b"one of many") if (k, i) == (99, 3) else beat()
             radio.send(time, i, message, dict.fromkeys(range(1, 1000, 50), BY_RADIO if i % 2 else LOST_RANGE))
+        radio.traffic.wall += 0.05
         radio.hand_over(complete=True)
     flights = radio.flights()
     assert len(flights) == 250 and np.all(np.diff(flights[:, 0]) >= 0)
     assert {*flights[:, 4]} == {0.0, 1.0} and flights[-1, 0] > 1.95  # both fates, up to now
     messages = radio.traffic.messages(0, radio.traffic.newest[1])
-    assert len(messages) == 500 and [one[3] for one in messages[-10:]].count("STATUSTEXT") == 1
+    assert len(messages) == 500 and [one[3] for one in messages[-6:]].count("STATUSTEXT") == 1
+    assert 20 + 99 * 5 - 1 <= radio.traffic.newest[1] <= 20 + 99 * 5  # 100 per second, and 20 at the beginning
     told = radio.traffic.links()
     assert [one["to"] for one in told["links"]] == ["all"] * 20  # by sender: there could be a million links
     assert sum(one["sent"] for one in told["links"]) == 40_000 == len(radio.sent)
     assert sum(one["lost"] for one in told["links"]) == 20_000
+
+
+def test_texts_do_not_wait_for_others() -> None:
+    radio = Radio(3)
+    radio.traffic.watched = True
+    for kind in (beat, lambda: text(b"now")):
+        for _ in range(30):
+            radio.send(0, 0, kind(), {1: BY_RADIO})
+        radio.hand_over(complete=True)
+    messages = radio.traffic.messages(0, radio.traffic.newest[1])
+    assert [one[3] for one in messages] == ["HEARTBEAT"] * 20 + ["STATUSTEXT"] * 20
 
 
 def test_no_more_links_are_told_than_the_page_shows() -> None:

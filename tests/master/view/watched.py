@@ -12,11 +12,13 @@ from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.outcome.result import RunResult
 from cosim_master.execution.preparation.prepare import Prepared
 from cosim_master.execution.simulate import simulate
+from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import View
-from cosim_master.view.live.document import live_document, live_traffic, shown
+from cosim_master.view.live.document import known_of, live_document, live_traffic, shown
 from cosim_master.view.live.feed import Feed
 from cosim_master.view.live.parameters import Parameters, unchangeable
+from cosim_master.view.live.sending import Sending
 from cosim_master.view.live.server import LivePage
 
 LINE5 = Path(__file__).parents[3] / "master" / "systems" / "line5"
@@ -42,6 +44,7 @@ class Watched:
     def __init__(self) -> None:
         self.control = Standing()
         self.control.pause()
+        self.mailbox = Mailbox()
         self.begun = threading.Event()
 
     def run(self, out: Path, until: float, **options: Any) -> RunResult:
@@ -51,6 +54,7 @@ class Watched:
             observers=[self._observer],
             listener=Listener(prepared=self._prepared),
             control=self.control,
+            mailbox=self.mailbox,
         )
         self.page.end((f"ended: {result.outcome}", "good", ""))
         return result
@@ -72,5 +76,6 @@ class Watched:
         self.feed.traffic = live_traffic(columns, ready.checked, ready.network)
         self.document = live_document(columns, len(self.feed.columns), ready.checked, ready.network, ready.clock)
         parameters = Parameters(ready.checked, self.control, unchangeable(ready.master))
-        self.page = LivePage(self.document, self.feed, self.control, parameters)
+        sending = Sending(ready.network, known_of(ready.checked), self.feed.traffic, self.mailbox)
+        self.page = LivePage(self.document, self.feed, self.control, parameters, sending)
         self.begun.set()

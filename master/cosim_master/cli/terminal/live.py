@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cosim_master.execution.options import RunOptions
     from cosim_master.execution.outcome.result import RunResult
     from cosim_master.execution.preparation.prepare import Prepared
+    from cosim_master.network.gateways.mailbox import Mailbox
     from cosim_master.stepping.control import Control
     from cosim_master.stepping.observation import Observer, View
     from cosim_master.view.foxglove_server import FoxgloveFeed
@@ -39,12 +40,13 @@ class Live:
 
     Args:
         control: the requests of the page's reader.
+        mailbox: the packets that its clicks send.
         open_browser: open a browser if there is a display.
         opened: closes the page in the end.
     """
 
-    def __init__(self, control: Control, *, open_browser: bool, opened: ExitStack) -> None:
-        self.control = control
+    def __init__(self, control: Control, mailbox: Mailbox, *, open_browser: bool, opened: ExitStack) -> None:
+        self.control, self.mailbox = control, mailbox
         self._open_browser, self._opened = open_browser, opened
         self._feed: Feed | None = None
         self._page: LivePage | None = None
@@ -62,8 +64,9 @@ class Live:
         Raises:
             CosimError: no port of loopback can be opened.
         """
-        from cosim_master.view.live.document import live_document, live_traffic, shown
+        from cosim_master.view.live.document import known_of, live_document, live_traffic, shown
         from cosim_master.view.live.parameters import Parameters, unchangeable
+        from cosim_master.view.live.sending import Sending
         from cosim_master.view.live.server import LivePage
 
         assert self._feed is not None
@@ -75,7 +78,8 @@ class Live:
             self._feed.traffic = live_traffic(columns, ready.checked, ready.network)
         document = live_document(columns, len(recorded), ready.checked, ready.network, ready.clock, packets=hears)
         parameters = Parameters(ready.checked, self.control, unchangeable(ready.master))
-        self._page = self._opened.enter_context(LivePage(document, self._feed, self.control, parameters))
+        sending = Sending(ready.network, known_of(ready.checked), self._feed.traffic, self.mailbox)
+        self._page = self._opened.enter_context(LivePage(document, self._feed, self.control, parameters, sending))
         announce(f"live view: {self._page.address}")
         if self._open_browser:
             show_in_browser(self._page.address)
@@ -96,10 +100,12 @@ def shown_live(options: RunOptions, *, open_browser: bool) -> Iterator[Live]:
     """Yields the live page of a run, which is made when the run has been checked; closes it in the end."""
     import websockets.asyncio.server  # noqa: F401 (if it is missing, the run does not begin)
 
+    from cosim_master.network.gateways.mailbox import Mailbox
     from cosim_master.stepping.control import Control
 
     with ExitStack() as opened:
-        yield Live(Control(1.0 if options.pace is None else options.pace), open_browser=open_browser, opened=opened)
+        control = Control(1.0 if options.pace is None else options.pace)
+        yield Live(control, Mailbox(), open_browser=open_browser, opened=opened)
 
 
 class Foxglove:

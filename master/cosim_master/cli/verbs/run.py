@@ -276,8 +276,8 @@ def _simulate(
     listener = Listener(prepared=prepared, stage=doing.stage, progress=doing.run, gateway=note)
     with compiling(doing):
         observers = [one.observer for one in onlookers]
-        control = None if live is None else live.control
-        return simulate(system, options, listener=listener, observers=observers, control=control)
+        control, mailbox = (None, None) if live is None else (live.control, live.mailbox)
+        return simulate(system, options, listener=listener, observers=observers, control=control, mailbox=mailbox)
 
 
 def _exit_code(result: RunResult, *, strict: bool) -> int:

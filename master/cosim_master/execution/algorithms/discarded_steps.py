@@ -37,7 +37,9 @@ _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 def cannot_be_repeated(state: RunState) -> str:
     """Returns the reason why discarded steps of a run cannot be repeated; empty if they can."""
     return _incapable(state.slaves) or (
-        "what has passed a gateway cannot be taken back" if state.network.gateways else ""
+        "what has passed a gateway cannot be taken back"
+        if any(not gateway.quiet for gateway in state.network.gateways)
+        else ""
     )
 
 

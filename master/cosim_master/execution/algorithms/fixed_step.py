@@ -56,6 +56,11 @@ class FixedStep:
         return int(self._state.plan.counters[K]) // self._grid.factor
 
     @property
+    def repeats(self) -> bool:
+        """Whether steps may be repeated: FMUs may discard them."""
+        return self._snapshot is not None
+
+    @property
     def notes(self) -> tuple[str, ...]:
         return ()
 

@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from cosim.packets import BAD_CRC, INCOMPATIBLE, NOTHING, TRUNCATED, UNKNOWN, fi
 from cosim.vehicle import AUTOPILOT
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import ADDRESS
+from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.network.gateways.signing import Signing, read_key
 from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket
 from cosim_master.system.settings.network import Gateway, Network
@@ -41,7 +42,7 @@ from cosim_master.system.settings.nodes import SERIAL, Endpoint, Node
 if TYPE_CHECKING:
     from cosim.build.messages import Message
 
-__all__ = ["Address", "Air", "Gateways", "Parser", "gateways_of"]
+__all__ = ["Address", "Air", "Gateways", "Parser", "autopilots_of", "gateways_of"]
 
 _ADDRESS = re.compile(r"(?P<kind>\w+):(?:(?P<host>[^:,]*):)?(?P<port>\d+)(?:\+(?P<step>\d+))?")
 _WAITING = 512
@@ -115,7 +116,7 @@ def _ports(
     where = Where("--ports")
     wired = []
     for node in network.nodes:
-        autopilots = _autopilots(node)
+        autopilots = autopilots_of(node)
         for endpoint in autopilots:
             name = node.name if len(autopilots) == 1 else endpoint.instance
             lines = (e.name for e in node.lines if (e.instance, e.line) == (endpoint.instance, SERIAL))
@@ -136,7 +137,7 @@ def _ports(
     ]
 
 
-def _autopilots(node: Node) -> list[Endpoint]:
+def autopilots_of(node: Node) -> list[Endpoint]:
     """Returns the endpoints of the FMUs that declare to be autopilots, or else of those with the conventional name."""
     both = [e for e in node.endpoints if e.rx is not None and e.tx is not None]
     declared = [e for e in both if e.instance in node.autopilots]
@@ -152,7 +153,7 @@ def _read(option: str, text: str, problems: list[Problem]) -> tuple[Gateway, Add
         text = ADDRESS.text(head, ", ".join(KINDS))
         problems.append(Problem(where, text))
         return None
-    numbers: dict[str, float] = {}
+    numbers: dict[str, Any] = {}
     key = None
     for option in options:
         name, _, value = option.partition("=")
@@ -227,13 +228,18 @@ class _Crossing:
     """One open gateway."""
 
     def __init__(
-        self, gateway: Gateway, address: Address, report: Callable[[str], None], dialect: Sequence[Message]
+        self, gateway: Gateway, address: Address | Mailbox, report: Callable[[str], None], dialect: Sequence[Message]
     ) -> None:
         self.gateway, self.address = gateway, address
         self.counts: Counter[str] = Counter()
-        self.socket: Socket = open_socket(address.kind, address.host, address.port, self._told(report))
+        self.socket: Socket
+        self.signing: Signing | None = None
+        if isinstance(address, Mailbox):
+            self.socket = address
+        else:
+            self.socket = open_socket(address.kind, address.host, address.port, self._told(report))
+            self.signing = Signing(address.key) if address.key is not None else None
         self.parser = Parser(self.socket.stream, dialect)
-        self.signing = Signing(address.key) if address.key is not None else None
 
     def _told(self, report: Callable[[str], None]) -> Callable[[str], None]:
         def tell(what: str) -> None:
@@ -267,7 +273,7 @@ class Gateways:
     """The open gateways of a run; a context manager that closes them.
 
     Args:
-        asked: the result of `gateways_of`.
+        asked: the result of `gateways_of`, and gateways with mailboxes instead of sockets.
         report: called with messages about sockets.
         dialect: messages that only this system defines.
 
@@ -277,7 +283,7 @@ class Gateways:
 
     def __init__(
         self,
-        asked: Sequence[tuple[Gateway, Address]],
+        asked: Sequence[tuple[Gateway, Address | Mailbox]],
         report: Callable[[str], None],
         dialect: Sequence[Message] = (),
     ) -> None:
@@ -296,6 +302,11 @@ class Gateways:
     def __bool__(self) -> bool:
         return bool(self._open)
 
+    @property
+    def to_programs(self) -> bool:
+        """Whether real programs may be connected, which expect answers in short time."""
+        return any(not isinstance(one.address, Mailbox) for one in self._open)
+
     def start(self) -> None:
         """Accepts connections from real programs from now on."""
         for one in self._open:
@@ -312,10 +323,14 @@ class Gateways:
             crossing.outgoing(air.take(g))
 
     def counts(self) -> dict[str, dict[str, int | str]]:
-        """Returns, by gateway, the numbers of packets carried and refused, of connections, and of times held back."""
+        """Returns, by gateway, the numbers of packets carried and refused, of connections, and of times held back.
+
+        A quiet gateway is left out if nothing has crossed it.
+        """
         return {
             one.gateway.name: {"address": str(one.address), **{name: n for name, n in one.counts.items() if n}}
             for one in self._open
+            if not one.gateway.quiet or any(one.counts.values())
         }
 
     def close(self) -> None:

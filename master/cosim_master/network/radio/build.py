@@ -97,7 +97,7 @@ def _gateways(network: Network) -> np.ndarray[Any, Any]:
         table[g]["endpoint"] = len(endpoints) + g
         table[g]["wired"] = -1 if gateway.wired is None else endpoints.index(gateway.wired)
         table[g]["latency"], table[g]["jitter"] = _nanoseconds(gateway.latency), _nanoseconds(gateway.jitter)
-        table[g]["loss"] = gateway.loss
+        table[g]["loss"], table[g]["quiet"] = gateway.loss, gateway.quiet
     return table
 
 

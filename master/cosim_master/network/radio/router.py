@@ -87,7 +87,7 @@ def _to_gateways(r: Radio, t: int, e: int, to_system: int, buf: NDArray[np.uint8
     for g in range(r.gateways.size):
         w = r.gateways[g]
         meant = w.wired == e or (w.wired < 0 and reach in (ON_AIR, GROUND))
-        if not meant or (to_system != 0 and w.systems[to_system] == 0):
+        if not meant or ((to_system != 0 or w.quiet != 0) and w.systems[to_system] == 0):
             continue
         taken = True
         sink = r.endpoints[w.endpoint].node

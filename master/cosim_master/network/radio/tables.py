@@ -259,6 +259,7 @@ GATEWAY = np.dtype(
         ("loss", "f8"),
         ("number", "i8"),  # packets that have gone by its link, either way
         ("waiting", "i8"),  # packets in flight that entered by it
+        ("quiet", "u1"),  # 1: it hears only packets addressed to the systems behind it
         ("systems", "u1", (256,)),  # 1: this system has been heard behind it
     ]
 )

@@ -29,8 +29,12 @@ EPOCH = 1_735_689_600_000_000
 
 
 def log_names(network: Network) -> list[str]:
-    """Returns the paths of the .tlog files: that of each node, and at the end that of all packets sent."""
-    return [*(f"packets/{file_name(name)}.tlog" for name in _node_names(network)), "packets.tlog"]
+    """Returns the paths of the .tlog files: that of each node, and at the end that of all packets sent.
+
+    Quiet gateways, which are the last ones, have none.
+    """
+    loud = len(_node_names(network)) - sum(gateway.quiet for gateway in network.gateways)
+    return [*(f"packets/{file_name(name)}.tlog" for name in _node_names(network)[:loud]), "packets.tlog"]
 
 
 class PacketLog:
@@ -98,7 +102,7 @@ class PacketLog:
             ticks, entry, length = struct.unpack_from("<qii", block, position)
             node, sent = entry >> 1, entry & 1
             stamped = struct.pack(">Q", EPOCH + ticks // 1000) + block[position + 16 : position + 16 + length]
-            if node < len(self._nodes):
+            if node < len(self._logs) - 1:
                 self._logs[node].write(stamped)
             if sent:
                 self._logs[-1].write(stamped)

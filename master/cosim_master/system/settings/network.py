@@ -136,7 +136,8 @@ class Gateway:
     """A node that represents real programs, and the link to it; times in s.
 
     `wired`: name of the endpoint that it is wired to; None: it is on the air and reaches every node, whatever the
-    topology.
+    topology. `quiet`: it hears only packets that are addressed to a system that has sent through it, so that nothing
+    is different until it sends something.
     """
 
     name: str
@@ -144,6 +145,7 @@ class Gateway:
     latency: float = 0.0
     jitter: float = 0.0
     loss: float = 0.0
+    quiet: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +246,7 @@ def network_of(checked: CheckedSystem, seed: int | None = None) -> Network:
 
 def with_gateways(network: Network, gateways: Sequence[Gateway]) -> Network:
     """Returns the network with these gateways, and with the lines that they use."""
-    wired = {gateway.wired for gateway in gateways}
+    wired = {gateway.wired for gateway in gateways if not gateway.quiet}
 
     def endpoints(node: Node) -> Iterator[Endpoint]:
         for endpoint in node.endpoints:

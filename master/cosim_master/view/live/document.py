@@ -19,7 +19,7 @@ from cosim_master.view.live.traffic import LiveTraffic
 from cosim_master.view.motion import Moving, moving
 from cosim_master.view.replay import vehicle_of, vehicles_by_name
 
-__all__ = ["live_document", "live_traffic", "shown"]
+__all__ = ["known_of", "live_document", "live_traffic", "shown"]
 
 _SIGNALS = 4000
 """Signals sent besides those of the vehicles' motion: more would make frames too large to be sent smoothly."""

@@ -61,7 +61,7 @@ class Feed:
 
     def progressed(self, progress: Progress) -> None:
         if self.traffic is not None:
-            self.traffic.counts = dict(progress.counts)
+            self.traffic.counts, self.traffic.wall = dict(progress.counts), progress.wall
         self._take(progress.time, progress.wall)
 
     def closed(self) -> None:

@@ -1,8 +1,8 @@
 """Serves the live page of a run on loopback, and passes the requests of its reader to the run.
 
-    with LivePage(document, feed, control, parameters) as page:     the address is page.address
-        ...                                                         the run
-        page.end(("done", "good", ""))                              what the pages show from then on
+    with LivePage(document, feed, control, parameters, sending) as page:    the address is page.address
+        ...                                                                 the run
+        page.end(("done", "good", ""))                                      what the pages show from then on
 
 The address contains a random token; without it, every request is answered by 404. A WebSocket is accepted only from the
 page itself (Origin). The server is a thread with an event loop of its own, so that the run never waits for a page: each
@@ -10,11 +10,12 @@ page receives the newest frame when it has drawn those before.
 
     to the page      binary   a frame of the feed; or NaN, and flights as `LiveTraffic.flights` returns them
                      text     {"paused": false, "speed": 1.0 or null, "ended": null or [words, class, more],
-                               "changes": [[time or null, name, value], ...]}
+                               "changes": [[time or null, name, value], ...], "said": [number, text]}
                      text     {"messages": [...], "sends": 812} and {"links": {...}}, see `LiveTraffic`
                      text     {"parameters": {...}}, see `Parameters.find`; {"refusal": reason or ""} of a value
     from the page    text     {"do": "drawn" | "pause" | "resume" | "step"}, {"do": "speed", "factor": 2.0 or null},
-                              {"do": "find", "text": words}, {"do": "set", "name": variable, "value": text}
+                              {"do": "find", "text": words}, {"do": "set", "name": variable, "value": text},
+                              {"do": "send", "vehicle": name, "place": [north, east, down]}, m
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from cosim_master.stepping.control import Control
 from cosim_master.view.block import Block
 from cosim_master.view.live.feed import Feed
 from cosim_master.view.live.parameters import Parameters
+from cosim_master.view.live.sending import Sending
 from cosim_master.view.page import page_text
 
 __all__ = ["LivePage"]
@@ -90,13 +92,17 @@ class LivePage:
         feed: the newest values of the run.
         control: receives the requests of the page's reader.
         parameters: the values that the reader can change.
+        sending: sends drones to places.
 
     Raises:
         CosimError: no port of loopback can be opened.
     """
 
-    def __init__(self, document: Mapping[str, Any], feed: Feed, control: Control, parameters: Parameters) -> None:
-        self._document, self._feed, self._control, self._parameters = document, feed, control, parameters
+    def __init__(
+        self, document: Mapping[str, Any], feed: Feed, control: Control, parameters: Parameters, sending: Sending
+    ) -> None:
+        self._document, self._feed, self._control = document, feed, control
+        self._parameters, self._sending = parameters, sending
         self._token = secrets.token_urlsafe(24)
         self._readers: set[_Reader] = set()
         self._ended: tuple[str, str, str] | None = None
@@ -246,7 +252,7 @@ class LivePage:
     def _state(self) -> str:
         control = self._control
         state = {"paused": control.paused, "speed": control.factor, "ended": self._ended}
-        return json.dumps({**state, "changes": self._parameters.changes()})
+        return json.dumps({**state, "changes": self._parameters.changes(), "said": self._sending.said})
 
     def _watch(self) -> None:
         if self._feed.traffic is not None:
@@ -278,6 +284,12 @@ class LivePage:
                 reader.answers.append(json.dumps({"parameters": self._parameters.find(text)}))
             case {"do": "set", "name": str() as name, "value": str() as value}:
                 reader.answers.append(json.dumps({"refusal": self._parameters.set(name, value)}))
+            case {
+                "do": "send",
+                "vehicle": str() as name,
+                "place": [float() | int() as n, float() | int() as e, float() | int() as d],
+            }:
+                self._sending.send(name, n, e, d)
             case {"do": "speed", "factor": None}:
                 control.set_speed(None)
             case {"do": "speed", "factor": bool() | str()}:
@@ -288,7 +300,7 @@ class LivePage:
                 except (ValueError, OverflowError):
                     return "speed: give a positive number"
             case _:
-                return "give drawn, pause, resume, step, speed, find or set"
+                return "give drawn, pause, resume, step, speed, find, set or send"
         self._wake()
         return None
 

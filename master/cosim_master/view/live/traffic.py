@@ -4,7 +4,7 @@ Statistics count all packets since the run began. Flights and messages are colle
 each report of progress (up to fifty times a second) only so many that neither the run nor the page has to wait:
 
     flights     250, evenly chosen; a page that draws slowly also receives at most 250 for each frame
-    messages    10, texts and rare kinds first; the newest 500 wait for pages
+    messages    100 per second, rare kinds first, and up to 20 texts in any case; the newest 500 wait for pages
     links       the 300 with the largest share of losses, once a second; one entry per sender if the system has so many
                 nodes that there could be more than 100,000 links
 """
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from cosim.messages import STATUSTEXT
-from cosim_master.network.radio.tables import BY_RADIO, OUTCOMES
+from cosim_master.network.radio.tables import BY_RADIO, MALFORMED, OUTCOMES
 from cosim_master.results.reading.message_names import message_names
 from cosim_master.results.reading.roles import Part
 from cosim_master.stepping.observation import Packets
@@ -31,7 +31,7 @@ __all__ = ["LiveTraffic"]
 
 _FLIGHTS = 250
 _BATCHES = 64
-_MESSAGES = 10
+_MESSAGES, _RATE = 20, 100.0
 _WAITING = 500
 _LINKS = 300
 _CELLS = 100_000
@@ -51,7 +51,7 @@ class LiveTraffic:
 
     Attributes:
         watched: whether a page is open.
-        counts: numbers of packets by radio, as in a progress report.
+        counts, wall: numbers of packets by radio, and wall-clock time [s], of the last progress report.
     """
 
     def __init__(self, network: Network, parts: Sequence[Part]) -> None:
@@ -61,6 +61,8 @@ class LiveTraffic:
         self._node_of = np.array([n for _, n in network.senders()], np.int64)
         vehicles = vehicle_of_nodes(self._nodes, parts)
         self._vehicle = np.array([*(vehicles.get(name, _NOBODY) for name in self._nodes), _NOBODY], np.int64)
+        self._node_of_vehicle = {parts[vehicle].name: node for node, vehicle in vehicles.items()}
+        self._systems = np.zeros(len(self._endpoints), np.int64)
         self._width = len(self._nodes) + 1  # the last column: to nobody
         self._by_sender = self._width * self._width > _CELLS
         cells = len(self._nodes) * (1 if self._by_sender else self._width)
@@ -72,8 +74,11 @@ class LiveTraffic:
         self._messages: deque[tuple[int, tuple[Any, ...]]] = deque(maxlen=_WAITING)
         self._numbers = [0, 0]  # of the newest batch of flights, and of the newest message
         self._seen = (0, 0)  # events and bytes of the present chunk that were counted already
+        message_names()  # whose import takes a fifth of a second, which the run would notice later
         self.watched = False
         self.counts: dict[str, int] = {}
+        self.wall = 0.0
+        self._room, self._logged_at = float(_MESSAGES), 0.0
 
     # -- in the thread of the run
 
@@ -84,6 +89,8 @@ class LiveTraffic:
         if not events.size:
             return
         on_air = _ON_AIR[events["outcome"]]
+        known = events["outcome"] != MALFORMED
+        self._systems[events["source"][known]] = events["system"][known]
         begins = sends(events)
         self._sends += len(begins)
         self._count(events[on_air])
@@ -116,10 +123,14 @@ class LiveTraffic:
         self._flights.append((self._numbers[0], batch[np.argsort(batch[:, 0], kind="stable")]))
 
     def _log(self, events: Array, begins: Array, log: Array) -> None:
+        self._room = min(float(_MESSAGES), self._room + _RATE * (self.wall - self._logged_at))
+        self._logged_at = self.wall
         message = events["message"][begins]
         self._kinds.update(message.tolist())
         count = np.array([self._kinds[number] for number in message.tolist()])
-        kept = np.lexsort((count, message != STATUSTEXT))[:_MESSAGES]
+        texts = min(int((message == STATUSTEXT).sum()), _MESSAGES)  # which do not wait for others
+        kept = np.lexsort((count, message != STATUSTEXT))[: max(texts, int(self._room))]
+        self._room -= len(kept)
         after = np.append(begins[1:], len(events))
         waiting = {tuple(int(events[name][begins[i]]) for name in _KEY): i for i in kept}
         payloads = _payloads(log.tobytes(), {*waiting})
@@ -136,6 +147,15 @@ class LiveTraffic:
     def newest(self) -> tuple[int, int]:
         """The numbers of the newest batch of flights and of the newest message."""
         return self._numbers[0], self._numbers[1]
+
+    def node_of(self, drone: str) -> str:
+        """Returns the node that carries a drone of the page; empty if there is none."""
+        return self._node_of_vehicle.get(drone, "")
+
+    def systems(self) -> dict[str, int]:
+        """Returns the system id of the last packet of each endpoint that has sent any."""
+        found = zip(self._endpoints, self._systems.tolist(), strict=True)
+        return {endpoint: system for endpoint, system in found if system}
 
     @property
     def sends(self) -> int:

@@ -33,6 +33,7 @@ export class LiveRun {
     this.#grown();
     this.onframe = this.onstate = this.onlinks = this.onparameters = this.onrefusal = () => {};
     this.changes = [];
+    this.said = [0, '']; // what became of the last request to send a vehicle somewhere
     this.first = new Promise((resolve, reject) => Object.assign(this, { begun: resolve, missed: reject }));
     $('empty').textContent = 'The run is starting.';
     $('empty').hidden = false;

@@ -1,5 +1,5 @@
 // The page: one moment in time that everything shows, and the keys, addresses and buttons that move it.
-import { AmbientLight, DirectionalLight, HemisphereLight, Scene, Vector3, WebGLRenderer } from 'three';
+import { AmbientLight, DirectionalLight, HemisphereLight, Plane, Raycaster, Scene, Vector2, Vector3, WebGLRenderer } from 'three';
 import 'uplot/dist/uPlot.min.css';
 import './style.css';
 import { Cameras, CAMERAS } from './cameras.js';
@@ -24,7 +24,7 @@ const SHOWN = [
 const KEYS = [
   ['space', 'play, pause'], ['.', 'one communication interval (of a run that goes on)'], ['← →', 'one picture back, forward; with shift 1 s'], ['home end', 'begin, end'], ['[ ]', 'slower, faster'],
   ['1 2 3', 'camera: free, follow, top'], ['c', 'next camera'], ['f', 'all vehicles in sight'], ['tab', 'next vehicle (shift: the one before)'], ['esc', 'no vehicle'],
-  ['n t p g h r m', 'names, trails, packets, desired positions, height lines, radio range, distances'], ['s', 'vehicles in their true size'], ['y', 'trails: short, long, all'], ['x', 'packets: to the next one sent'],
+  ['n t p g h r m', 'names, trails, packets, desired positions, height lines, radio range, distances'], ['s', 'vehicles in their true size'], ['y', 'trails: short, long, all'], ['o', 'send the vehicle to the next place clicked (of a run that goes on)'], ['x', 'packets: to the next one sent'],
   ['/', 'find a signal to plot'], ['l', 'message log, filter'], ['j k', 'finding before, after'], ['d', 'dark, light'], ['+ −', 'larger, smaller text'], ['b', 'side panel'], ['v', 'what is drawn'], ['?', 'this help'],
 ];
 
@@ -284,6 +284,7 @@ class Viewer {
   #state() {
     const going = this.isLive;
     this.values.tell(this.live.changes);
+    if (!going) this.aim(false);
     $('step').hidden = $('now').hidden = !going;
     if (going) {
       $('play').textContent = this.live.paused ? '▶' : '❚❚';
@@ -341,6 +342,7 @@ class Viewer {
   select(i) {
     if (i === undefined || i === null) return;
     this.selected = i >= 0 && i < this.vehicles.n ? i : -1;
+    if (this.aiming) this.aim(this.selected >= 0);
     if (this.cameras.kind === 'follow') this.camera(this.selected < 0 ? 'free' : 'follow');
     this.#legend();
     if (this.isLive && !this.tabs.values[1].pane.hidden) this.values.find(this.selected < 0 ? '' : this.run.vehicles[this.selected].name);
@@ -379,7 +381,9 @@ class Viewer {
     let pressed = null;
     canvas.addEventListener('pointerdown', (event) => (pressed = [event.clientX, event.clientY]));
     canvas.addEventListener('pointerup', (event) => {
-      if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4) this.select(this.#pick(event));
+      const clicked = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4;
+      if (clicked && this.aiming) this.#sendTo(event);
+      else if (clicked) this.select(this.#pick(event));
       pressed = null;
     });
     canvas.addEventListener('dblclick', (event) => {
@@ -397,6 +401,32 @@ class Viewer {
         this.touch();
       }
     });
+  }
+
+  /** Wait for a click on the ground, which is where the selected vehicle is to fly. */
+  aim(on = !this.aiming) {
+    this.aiming = on && this.isLive && this.selected >= 0;
+    this.sender.setAttribute('aria-pressed', String(Boolean(this.aiming)));
+    $('scene').style.cursor = this.aiming ? 'crosshair' : '';
+  }
+
+  /** The vehicle keeps its height. */
+  #sendTo(event) {
+    const box = $('scene').getBoundingClientRect();
+    const at = new Vector2(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2);
+    const ray = new Raycaster();
+    ray.setFromCamera(at, this.cameras.camera);
+    const place = ray.ray.intersectPlane(new Plane(new Vector3(0, 1, 0), 0), new Vector3());
+    if (!place) return;
+    const [north, east] = toNed(place);
+    this.send(this.selected, north, east);
+    this.aim(false);
+  }
+
+  send(i, north, east, down) {
+    const { position } = this.run.vehicles[i];
+    const now = this.run.motion.time.length - 1;
+    this.live.ask('send', { vehicle: this.run.vehicles[i].name, place: [north, east, down ?? position[2 * this.run.motion.stride + now]] });
   }
 
   #legend() {
@@ -440,7 +470,9 @@ class Viewer {
       const signal = this.run.signals[index];
       facts.push([signal.name.slice(signal.name.indexOf('.', vehicle.name.length) + 1 || 0), said(signal, this.run.valueAt(index, this.t))]);
     }
-    card.replaceChildren(
+    this.sender.hidden = this.said.hidden = !this.isLive;
+    this.said.textContent = visible(this.live?.said[1] ?? '');
+    this.facts.replaceChildren(
       make('h2', {}, make('i', { style: { background: this.colours[this.selected] } }), this.names[this.selected]),
       make('table', {}, ...facts.map(([term, text]) => make('tr', {}, make('td', {}, visible(term)), make('td', {}, visible(text))))),
     );
@@ -455,6 +487,10 @@ class Viewer {
       const vehicle = run.signals[index].vehicle;
       return vehicle === undefined || this.vehicles.n > 8 ? null : this.colours[vehicle];
     };
+    this.facts = make('div');
+    this.said = make('p', { class: 'said' });
+    this.sender = make('button', { id: 'send', title: 'then click on the ground (o); the vehicle keeps its height', onpointerdown: () => this.aim() }, 'Send to a place');
+    $('card').append(this.facts, this.sender, this.said);
     this.colours = run.vehicles.map((_, i) => colourOf(i, run.vehicles.length, this.theme));
     document.documentElement.dataset.theme = this.theme;
     this.plots = new Plots(run, { seek: goTo.seek, colourOfSignal });
@@ -637,7 +673,7 @@ class Viewer {
       1: () => this.camera('free'), 2: () => this.camera('follow'), 3: () => this.camera('top'),
       c: () => this.camera(CAMERAS[(CAMERAS.indexOf(this.cameras.kind) + 1) % CAMERAS.length]),
       f: () => this.fit(),
-      Tab: (event) => other(event.shiftKey ? -1 : 1), Escape: () => ($('menu').hidden ? this.select(-1) : ($('menu').hidden = true)),
+      Tab: (event) => other(event.shiftKey ? -1 : 1), Escape: () => (this.aiming ? this.aim(false) : $('menu').hidden ? this.select(-1) : ($('menu').hidden = true)), o: () => this.aim(),
       s: () => this.trueSize(!this.vehicles.trueSize),
       y: () => this.setTrail({ none: 'short', short: 'long', long: 'all', all: 'short' }[this.trail]),
       x: nextPacket,
@@ -715,9 +751,10 @@ class Viewer {
       /** The run that goes on: null for a recording. */
       get live() {
         const { live } = viewer;
-        return live && { going: viewer.isLive, paused: live.paused, speed: live.speed, ended: live.ended, following: viewer.following, frames: live.n, changes: live.changes };
+        return live && { going: viewer.isLive, paused: live.paused, speed: live.speed, ended: live.ended, following: viewer.following, frames: live.n, changes: live.changes, said: live.said[1] };
       },
       step: () => viewer.step(),
+      send: (name, north, east, down) => viewer.send(named(name), north, east, down),
       set: (name, value) => viewer.live.ask('set', { name, value: String(value) }),
       setSpeed: (factor) => viewer.setSpeed(factor),
       vehicles: viewer.run.vehicles.map((vehicle) => vehicle.name),

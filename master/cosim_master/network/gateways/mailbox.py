@@ -1,0 +1,49 @@
+"""The end of a gateway within the process of the run: packets are posted and answered by calls instead of a socket."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from threading import Lock
+
+__all__ = ["Mailbox"]
+
+
+class Mailbox:
+    """A `Socket` in memory.
+
+    Attributes:
+        refusal: the reason why this run takes no packets; empty if it does. The run sets it.
+        answered: called in the thread of the run with packets addressed to a system that has posted some.
+    """
+
+    stream = False
+    port = 0
+
+    def __init__(self) -> None:
+        self.refusal = "the run has not begun"
+        self.answered: Callable[[Sequence[bytes]], None] = lambda _: None
+        self._lock = Lock()
+        self._posted: list[bytes] = []
+
+    def __str__(self) -> str:
+        return "in this process"
+
+    def post(self, packet: bytes) -> None:
+        """Sends a packet from any thread; it enters the network before the next step."""
+        with self._lock:
+            self._posted.append(packet)
+
+    def start(self) -> None: ...
+
+    def receive(self) -> list[bytes]:
+        with self._lock:
+            posted, self._posted = self._posted, []
+        return posted
+
+    def send(self, packets: Sequence[bytes]) -> int:
+        if packets:
+            self.answered(packets)
+        return len(packets)
+
+    def close(self) -> None:
+        self.refusal = "the run has ended"
