@@ -54,12 +54,12 @@ class FoxgloveFeed:
         self._server: Any = None
         self._topics: list[_Motion | _Signals] = []
 
-    def serve(self, checked: CheckedSystem, port: int) -> None:
+    def serve(self, checked: CheckedSystem, number: int) -> None:
         """Opens the server.
 
         Args:
             checked: the system; its structure must be open.
-            port: 0 for any free port.
+            number: of the port; 0 for any free port.
 
         Raises:
             CosimError: the port cannot be opened, or instances declare different local origins.
@@ -77,13 +77,13 @@ class FoxgloveFeed:
             self._server = foxglove.start_server(
                 name=checked.structure.name,
                 host=_HOST,
-                port=port,
+                port=number,
                 capabilities=[foxglove.Capability.Time],
                 server_listener=motion,
                 context=context,
             )
         except (RuntimeError, OSError) as error:
-            raise CosimError(f"--foxglove {port}: the port of {_HOST} cannot be opened: {error}") from error
+            raise CosimError(f"--foxglove {number}: the port of {_HOST} cannot be opened: {error}") from error
 
     @property
     def port(self) -> int:

@@ -184,6 +184,7 @@ def errors(*, as_json: bool = False) -> Iterator[None]:
 
 _EXTRAS = {
     "av": "film",
+    "cyclonedds": "ros2",
     **dict.fromkeys(("foxglove", "gpxpy", "rosbags", "scipy"), "export"),
     **dict.fromkeys(("matplotlib", "PIL"), "plot"),
     "pymavlink": "build",

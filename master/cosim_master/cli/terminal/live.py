@@ -1,13 +1,13 @@
-"""Live views of a run: its page (`run --view`), with the browser that opens it, and Foxglove (`run --foxglove`)."""
+"""Live views of a run: its page (`run --view`), with the browser that opens it, Foxglove and ROS 2."""
 
 from __future__ import annotations
 
 import os
 import sys
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from cosim_master.cli.terminal.console import announce, note
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from cosim_master.network.gateways.mailbox import Mailbox
     from cosim_master.stepping.control import Control
     from cosim_master.stepping.observation import Observer, View
-    from cosim_master.view.foxglove_server import FoxgloveFeed
+    from cosim_master.system.flatten.flat import CheckedSystem
     from cosim_master.view.live.feed import Feed
     from cosim_master.view.live.server import LivePage
 
-__all__ = ["Foxglove", "Live", "Onlooker", "foxglove_live", "show_in_browser", "shown_live"]
+__all__ = ["Live", "Onlooker", "Served", "served", "show_in_browser", "shown_live"]
 
 
 class Onlooker(Protocol):
@@ -108,50 +108,72 @@ def shown_live(options: RunOptions, *, open_browser: bool) -> Iterator[Live]:
         yield Live(control, Mailbox(), open_browser=open_browser, opened=opened)
 
 
-class Foxglove:
-    """The server of one run for Foxglove.
+class _Feed(Protocol):
+    """An observer that publishes values while the run goes on."""
+
+    def serve(self, checked: CheckedSystem, number: int) -> None:
+        """Opens the port or domain with this number."""
+
+    def close(self) -> None:
+        """Closes it."""
+
+
+class Served:
+    """The server or publisher of one run for other programs.
 
     Args:
-        port: 0 for any free port.
+        make: returns the observer of the run.
+        number: of the port or domain.
+        told: returns the line that announces it.
     """
 
-    def __init__(self, port: int) -> None:
-        self._port = port
-        self._feed: FoxgloveFeed | None = None
+    def __init__(self, make: Callable[[View], Any], number: int, told: Callable[[Any], str]) -> None:
+        self._make, self._number, self._told = make, number, told
+        self._feed: _Feed | None = None
 
     def observer(self, view: View) -> Observer:
         """Returns the observer of the run."""
-        from cosim_master.view.foxglove_server import FoxgloveFeed
-
-        self._feed = FoxgloveFeed(view)
-        return self._feed
+        feed = self._feed = self._make(view)
+        return cast("Observer", feed)
 
     def begin(self, ready: Prepared) -> None:
-        """Opens the server of a run that has been checked, and announces its address.
+        """Opens the server of a run that has been checked, and announces it.
 
         Raises:
-            CosimError: the port cannot be opened.
+            CosimError: it cannot be opened.
         """
         assert self._feed is not None
-        self._feed.serve(ready.checked, self._port)
-        announce(f"Foxglove: ws://127.0.0.1:{self._feed.port}")
+        self._feed.serve(ready.checked, self._number)
+        announce(self._told(self._feed))
 
     def close(self) -> None:
-        """Closes the server."""
+        """Closes it."""
         if self._feed is not None:
             self._feed.close()
 
 
 @contextmanager
-def foxglove_live(port: int) -> Iterator[Foxglove]:
-    """Yields the server of a run, which is opened when the run has been checked; closes it in the end."""
-    import foxglove  # noqa: F401 (if it is missing, the run does not begin)
+def served(foxglove: int | None, ros2: int | None) -> Iterator[list[Served]]:
+    """Yields the servers of a run, which are opened when the run has been checked; closes them in the end.
 
-    server = Foxglove(port)
+    Args:
+        foxglove: port of the server for Foxglove; None: there is none.
+        ros2: domain of ROS 2; None: nothing is published.
+    """
+    found = []
+    if foxglove is not None:
+        from cosim_master.view.foxglove_server import FoxgloveFeed
+
+        found.append(Served(FoxgloveFeed, foxglove, lambda feed: f"Foxglove: ws://127.0.0.1:{feed.port}"))
+    if ros2 is not None:
+        from cosim_master.view.ros2_publisher import Ros2Feed
+
+        found.append(Served(Ros2Feed, ros2, lambda feed: f"ROS 2: domain {ros2}, {len(feed.topics)} topics"))
     try:
-        yield server
+        yield found
     finally:
-        server.close()
+        for one in found:
+            one.close()
 
 
 def show_in_browser(address: str) -> None:

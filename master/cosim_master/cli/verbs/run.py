@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim_master.cli.terminal.console import errors, note, notes, print_json, print_tables, report_error, say, usage
-from cosim_master.cli.terminal.live import Live, Onlooker, foxglove_live, shown_live
+from cosim_master.cli.terminal.live import Live, Onlooker, served, shown_live
 from cosim_master.cli.terminal.options import (
     Json,
     Settings,
@@ -171,6 +171,17 @@ _FoxglovePort = Annotated[
         show_default=False,
     ),
 ]
+_Ros2Domain = Annotated[
+    int | None,
+    typer.Option(
+        "--ros2",
+        metavar="DOMAIN",
+        min=0,
+        max=232,
+        help="Publish the vehicles to this domain of ROS 2, in real time unless --pace is given.",
+        show_default=False,
+    ),
+]
 _NoOpen = Annotated[
     bool,
     typer.Option("--no-open", help="With --view: print the address only; do not open a browser.", show_default=False),
@@ -183,6 +194,7 @@ _NoOpen = Annotated[
     "run master/systems/line5 --pace 1 --gcs udpout:127.0.0.1:14550",
     "run master/systems/line5 --view --pace 2",
     "run master/systems/line5 --foxglove 8765",
+    "run master/systems/line5 --ros2 0",
     "run master/systems/line5 --at 30 'drone3.vehicle.wind[2]=5'",
 )
 def run(
@@ -214,6 +226,7 @@ def run(
     view: _View = False,
     no_open: _NoOpen = False,
     foxglove: _FoxglovePort = None,
+    ros2: _Ros2Domain = None,
     as_json: Json = False,
 ) -> None:
     """Run a system, or one FMU alone."""
@@ -221,7 +234,7 @@ def run(
         raise usage(f"--threads {threads}: give a positive number")
     if no_open and not view:
         raise usage("--no-open belongs to --view, which is not given")
-    if foxglove is not None and pace is None:
+    if pace is None and (foxglove is not None or ros2 is not None):
         pace = 1.0
     by_default = Path("out") / Path(system).resolve().stem
     with errors(as_json=as_json), activity() as doing:
@@ -241,7 +254,7 @@ def run(
         )  # fmt: skip
         with ExitStack() as opened:
             live = opened.enter_context(shown_live(options, open_browser=not no_open)) if view else None
-            others = [] if foxglove is None else [opened.enter_context(foxglove_live(foxglove))]
+            others = opened.enter_context(served(foxglove, ros2))
             result = _simulate(system, options, doing, live, others)
             if live is not None:
                 live.end(result)

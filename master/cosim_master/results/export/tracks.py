@@ -213,15 +213,13 @@ def orientation(attitude: Array) -> Array:
     return turned
 
 
-def names_for_topics(vehicles: Sequence[Track]) -> list[str]:
+def names_for_topics(names: Sequence[str]) -> list[str]:
     """Returns the names of vehicles as ROS allows them in topics: letters, digits and _, all different."""
     found: list[str] = []
-    for vehicle in vehicles:
+    for given in names:
         name = "/".join(
             part if part[:1].isalpha() else f"v{part}"
-            for part in "".join(c if c.isascii() and (c.isalnum() or c in "._") else "_" for c in vehicle.name).split(
-                "."
-            )
+            for part in "".join(c if c.isascii() and (c.isalnum() or c in "._") else "_" for c in given).split(".")
         )
         unique, n = name, 2
         while unique in found:
