@@ -7,6 +7,8 @@ directly, the autopilot and the agent belong to the only vehicle in the same sys
 from __future__ import annotations
 
 import math
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from cosim.verdict import Bound, Condition, Reason, Role, Rotors
@@ -145,10 +147,18 @@ class Subjects:
             for name, verdict in instance.fmu.verdicts.items():
                 if verdict is Role.POSITION:
                     self._add_body(instance, name)
-        driven_by = {(link.source[0], link.target[0]) for link in checked.links}
+        self._of_instance: dict[str, list[int]] = defaultdict(list)
+        self._of_group: dict[str, list[int]] = defaultdict(list)
+        for b, body in enumerate(self.bodies):
+            self._of_instance[body.instance].append(b)
+            self._of_group[body.group].append(b)
+        drives: dict[str, set[str]] = defaultdict(set)
+        for link in checked.links:
+            drives[link.source[0]].add(link.target[0])
         for instance in checked.instances:
             self._add_agent(instance)
-            self._add_pilot(instance, driven_by)
+            self._add_pilot(instance, drives[instance.name])
+        self._agent_of = {one.instance.name: a for a, one in reversed([*enumerate(self.agents)])}
         for instance in checked.instances:
             self._add_limits(instance)
 
@@ -169,12 +179,12 @@ class Subjects:
             self.reasons.append(self.columns.of(instance.name, verdict.reason)[1] if verdict.reason else -1)
             self.agents.append(Agent(instance, name, verdict, self._beside(instance.name), by))
 
-    def _add_pilot(self, instance: ComponentInstance, driven_by: set[tuple[str, str]]) -> None:
+    def _add_pilot(self, instance: ComponentInstance, drives: Iterable[str]) -> None:
         named = {verdict: name for name, verdict in instance.fmu.verdicts.items() if isinstance(verdict, Role)}
         armed, desired = named.get(Role.ARMED, ""), named.get(Role.DESIRED_POSITION, "")
         if not armed and not desired:
             return
-        driven = [b for b, body in enumerate(self.bodies) if (instance.name, body.instance) in driven_by]
+        driven = [b for name in drives if name in self._of_instance for b in self._of_instance[name]]
         body = driven[0] if len(driven) == 1 else self._beside(instance.name)
         if body < 0:
             return
@@ -188,7 +198,7 @@ class Subjects:
         if not bounds:
             return
         values = instance.effective_values()
-        agent = next((a for a, one in enumerate(self.agents) if one.instance is instance), -1)
+        agent = self._agent_of.get(instance.name, -1)
         for name, bound in bounds.items():
             if bound.of and not values.get(bound.of):
                 continue
@@ -201,7 +211,7 @@ class Subjects:
 
     def _beside(self, name: str) -> int:
         """Returns the only vehicle in the system of an instance; -1 if none or several exist."""
-        found = [b for b, body in enumerate(self.bodies) if body.group == _group(name)]
+        found = self._of_group.get(_group(name), [])
         return found[0] if len(found) == 1 else -1
 
 
