@@ -30,7 +30,7 @@ pytest.importorskip("foxglove", reason="the extra `export` is not installed")
 websockets = pytest.importorskip("websockets", reason="the extra `live` is not installed")
 from websockets.sync.client import connect  # noqa: E402
 
-from cosim_master.view.foxglove_server import FoxgloveFeed  # noqa: E402
+from cosim_master.view.programs.foxglove_server import FoxgloveFeed  # noqa: E402
 
 LINE5 = Path(__file__).parents[3] / "master" / "systems" / "line5"
 LONG = 120.0

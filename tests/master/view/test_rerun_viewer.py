@@ -27,7 +27,7 @@ from tests.master.view.recordings import flying, write_run
 
 rerun_cli = pytest.importorskip("rerun_cli", reason="the extra `rerun` is not installed")
 
-from cosim_master.view.rerun_viewer import RerunViewer  # noqa: E402
+from cosim_master.view.programs.rerun_viewer import RerunViewer  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ from tests.master.results.export.conftest import rotation
 
 pytest.importorskip("cyclonedds", reason="the extra `ros2` is not installed")
 
-from cosim_master.view.ros2_publisher import Ros2Feed
+from cosim_master.view.programs.ros2_publisher import Ros2Feed
 
 LINE5 = Path(__file__).parents[3] / "master" / "systems" / "line5"
 START = 1_735_689_600 * 10**9

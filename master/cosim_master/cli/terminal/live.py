@@ -162,11 +162,11 @@ def served(foxglove: int | None, ros2: int | None) -> Iterator[list[Served]]:
     """
     found = []
     if foxglove is not None:
-        from cosim_master.view.foxglove_server import FoxgloveFeed
+        from cosim_master.view.programs.foxglove_server import FoxgloveFeed
 
         found.append(Served(FoxgloveFeed, foxglove, lambda feed: f"Foxglove: ws://127.0.0.1:{feed.port}"))
     if ros2 is not None:
-        from cosim_master.view.ros2_publisher import Ros2Feed
+        from cosim_master.view.programs.ros2_publisher import Ros2Feed
 
         found.append(Served(Ros2Feed, ros2, lambda feed: f"ROS 2: domain {ros2}, {len(feed.topics)} topics"))
     try:

@@ -159,7 +159,7 @@ def _write_rrd(run: Path, file: Path) -> Path:
 
 def _serve_rerun(file: Path) -> None:
     from cosim_master.cli.terminal.live import show_in_browser
-    from cosim_master.view.rerun_viewer import RerunViewer
+    from cosim_master.view.programs.rerun_viewer import RerunViewer
 
     with RerunViewer(file) as viewer, suppress(KeyboardInterrupt):
         announce(f"Rerun viewer: {viewer.address}")

@@ -9,9 +9,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from cosim_master.results.export.foxglove_topics import MAP
+from cosim_master.results.export.contents.foxglove_topics import MAP
+from cosim_master.results.export.contents.tracks import Tracks, read_tracks
 from cosim_master.results.export.options import Options
-from cosim_master.results.export.tracks import Tracks, read_tracks
 
 __all__ = ["export"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim_master.results.export.animation import Animation
+from cosim_master.results.export.contents.animation import Animation
 from cosim_master.results.export.options import Options
 
 __all__ = ["FRAMES", "RATE", "export"]

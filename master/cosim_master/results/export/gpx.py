@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cosim_master.results.export.contents.tracks import geodetic, read_tracks
 from cosim_master.results.export.options import Options
-from cosim_master.results.export.tracks import geodetic, read_tracks
 
 __all__ = ["RATE", "export"]
 

@@ -13,8 +13,8 @@ import numpy as np
 from lxml import etree
 
 from cosim.frames import euler_from_quaternion
+from cosim_master.results.export.contents.tracks import Array, Track, geodetic, read_tracks
 from cosim_master.results.export.options import Options
-from cosim_master.results.export.tracks import Array, Track, geodetic, read_tracks
 
 __all__ = ["RATE", "export"]
 

@@ -1,6 +1,6 @@
 """Exports a run as MCAP with the schemas of Foxglove, which Foxglove, Lichtblick and Rerun open.
 
-The topics are those of `foxglove_topics`.
+The topics are those of `contents.foxglove_topics`.
 """
 
 from __future__ import annotations
@@ -11,11 +11,17 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from cosim_master.results.export.foxglove_topics import PoseTopics, json_message, scene, signal_channel, timestamp
+from cosim_master.results.export.contents.foxglove_topics import (
+    PoseTopics,
+    json_message,
+    scene,
+    signal_channel,
+    timestamp,
+)
+from cosim_master.results.export.contents.spoken import spoken
+from cosim_master.results.export.contents.tracks import Array, Track, Tracks, enu, geodetic, orientation, read_tracks
+from cosim_master.results.export.contents.variables import Recorded, recorded_variables
 from cosim_master.results.export.options import Options
-from cosim_master.results.export.spoken import spoken
-from cosim_master.results.export.tracks import Array, Track, Tracks, enu, geodetic, orientation, read_tracks
-from cosim_master.results.export.variables import Recorded, recorded_variables
 from cosim_master.results.reading.recorded_signals import open_signals
 
 __all__ = ["export"]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim_master.results.export.animation import Animation
+from cosim_master.results.export.contents.animation import Animation
 from cosim_master.results.export.options import Options
 
 __all__ = ["MOST", "RATE", "export"]

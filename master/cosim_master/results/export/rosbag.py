@@ -13,9 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from cosim_master.results.export.contents.ros_messages import Messages, ros_vehicle
+from cosim_master.results.export.contents.tracks import Tracks, names_for_topics, read_tracks
 from cosim_master.results.export.options import Options
-from cosim_master.results.export.ros_messages import Messages, ros_vehicle
-from cosim_master.results.export.tracks import Tracks, names_for_topics, read_tracks
 
 __all__ = ["export"]
 

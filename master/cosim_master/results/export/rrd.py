@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from cosim_master.results.export.contents.spoken import spoken
+from cosim_master.results.export.contents.tracks import Tracks, enu, geodetic, orientation, read_tracks
+from cosim_master.results.export.contents.variables import Recorded, recorded_variables
 from cosim_master.results.export.options import Options
-from cosim_master.results.export.spoken import spoken
-from cosim_master.results.export.tracks import Tracks, enu, geodetic, orientation, read_tracks
-from cosim_master.results.export.variables import Recorded, recorded_variables
 from cosim_master.results.reading.recorded_signals import open_signals
 from cosim_master.results.recording.packet_log import EPOCH
 

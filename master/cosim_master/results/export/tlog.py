@@ -17,8 +17,8 @@ from pathlib import Path
 import pyarrow.compute as pc
 
 from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.export.contents.packet_log import packets_of, renumbered
 from cosim_master.results.export.options import Options
-from cosim_master.results.export.packet_log import packets_of, renumbered
 from cosim_master.results.reading.read import packets
 from cosim_master.results.recording.packet_log import EPOCH, file_name
 

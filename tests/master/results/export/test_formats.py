@@ -28,7 +28,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.io import loadmat
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.export import tracks as of_tracks
+from cosim_master.results.export.contents import tracks as of_tracks
 from cosim_master.results.export.formats import FORMATS, export_run, format_of
 from cosim_master.results.export.options import Options, origin_of_text
 from tests.master.results.export.conftest import edited, rotation

@@ -24,13 +24,13 @@ from cyclonedds.util import duration
 
 from cosim.verdict import Role
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.export.ros_messages import Messages, ros_vehicle
-from cosim_master.results.export.tracks import Track, Tracks, declared_origin, names_for_topics
+from cosim_master.results.export.contents.ros_messages import Messages, ros_vehicle
+from cosim_master.results.export.contents.tracks import Track, Tracks, declared_origin, names_for_topics
 from cosim_master.results.reading.roles import UNKNOWN, parts
 from cosim_master.stepping.observation import Column, Progress, Seen, View
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.view.live.document import known_of
-from cosim_master.view.ros2_types import TYPES
+from cosim_master.view.programs.ros2_types import TYPES
 
 __all__ = ["Ros2Feed"]
 

@@ -5,7 +5,7 @@
     ...                                     the run
     feed.close()
 
-The topics are those of `results.export.foxglove_topics`, without those of packets. The server is that of foxglove-sdk
+The topics are those of `foxglove_topics`, without those of packets. The server is that of foxglove-sdk
 (subprotocol foxglove.sdk.v1), in threads of its own, on loopback. Clients only read. Values are copied when the run
 reports its progress, twenty to fifty times a second of wall-clock time, and only for topics that a client has
 subscribed; a slow client loses the oldest messages.
@@ -23,9 +23,9 @@ from foxglove import channels
 from foxglove.websocket import ServerListener
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.results.export.foxglove_topics import PoseTopics, json_message, scene, signal_channel
-from cosim_master.results.export.tracks import declared_origin, enu, geodetic, orientation
-from cosim_master.results.export.variables import Recorded, recorded_variables
+from cosim_master.results.export.contents.foxglove_topics import PoseTopics, json_message, scene, signal_channel
+from cosim_master.results.export.contents.tracks import declared_origin, enu, geodetic, orientation
+from cosim_master.results.export.contents.variables import Recorded, recorded_variables
 from cosim_master.results.reading.roles import parts
 from cosim_master.results.recording.packet_log import EPOCH
 from cosim_master.stepping.observation import Column, Progress, Seen, View, value_of

@@ -1,4 +1,4 @@
-"""The topics of Foxglove and their messages, in a file (`mcap`) and while a run goes on (`view.foxglove_server`).
+"""The topics of Foxglove and their messages, in a file (`mcap`) and while a run goes on (`view.programs`).
 
 /tf                foxglove.FrameTransforms  all vehicles, from "map" (ENU) to the vehicle's name (FLU)
 /NAME/pose         foxglove.PoseInFrame
@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pyarrow as pa
 
-from cosim_master.results.export.variables import Recorded
+from cosim_master.results.export.contents.variables import Recorded
 
 __all__ = ["MAP", "PoseTopics", "json_message", "scene", "signal_channel", "timestamp"]
 

@@ -1,4 +1,4 @@
-"""The messages of ROS 2 about vehicles, in a bag (`rosbag`) and while a run goes on (`view.ros2_publisher`)."""
+"""The messages of ROS 2 about vehicles, in a bag (`rosbag`) and while a run goes on (`view.programs`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim_master.results.export.tracks import Array, Track, Tracks, enu, frd_to_flu, geodetic, orientation
+from cosim_master.results.export.contents.tracks import Array, Track, Tracks, enu, frd_to_flu, geodetic, orientation
 
 __all__ = ["Messages", "Vehicle", "ros_vehicle"]
 

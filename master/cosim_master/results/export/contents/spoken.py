@@ -9,7 +9,7 @@ from typing import Any
 
 from cosim.messages import STATUSTEXT, STATUSTEXT_TEXT
 from cosim.verdict import Role
-from cosim_master.results.export.packet_log import packets_of
+from cosim_master.results.export.contents.packet_log import packets_of
 from cosim_master.results.reading.roles import players, read_manifest
 from cosim_master.results.recording.packet_log import EPOCH
 

@@ -1,0 +1,1 @@
+"""A run in the viewers of others: Rerun, and live in Foxglove and ROS 2."""
