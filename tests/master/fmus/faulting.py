@@ -1,8 +1,8 @@
 """Any C FMU of the tests, with faults at any of its functions: a wrapper around each, generated from their signatures.
 
 The variable FAULT of the environment is "FAULT FUNCTION N", as the GUID of faulty.c: at call N of the function, the FMU
-crashes (segv), overflows its stack (overflow), ends its process (exit) or does not return (sleep); "once" is segv in
-one process only, which a file remembers. With "list", the functions that are called are
+crashes (segv), overflows its stack (overflow), ends its process (exit), does not return (sleep) or fills its memory
+(memory); "once" is segv in one process only, which a file remembers. With "list", the functions that are called are
 written to the file FAULT_CALLS.
 """
 
@@ -16,10 +16,10 @@ from tests.master.fmus.probe import compiled
 _FUNCTIONS = Path(__file__).parents[3] / "master" / "cosim_master" / "fmi" / "isolation" / "functions.h"
 _TYPES = {"P": "void *", "Z": "size_t ", "D": "double ", "I": "int ", "B": "bool "}
 _STRIKE = """
-static int overflow(int depth) {
+static int deepened(int depth) {
     volatile char block[4096];
     block[0] = (char)depth;
-    return overflow(depth + 1) + block[0];
+    return deepened(depth + 1) + block[0];
 }
 
 static void strike(const char *function) {
@@ -39,9 +39,11 @@ static void strike(const char *function) {
         fclose(fopen("crashed", "w"));
     }
     if (!strcmp(what, "segv") || !strcmp(what, "once")) *(volatile int *)8 = 1;
-    if (!strcmp(what, "overflow")) calls = overflow(0);
+    if (!strcmp(what, "overflow")) calls = deepened(0);
     if (!strcmp(what, "exit")) exit(3);
     while (!strcmp(what, "sleep")) sleep(1);
+    static void *volatile kept;
+    while (!strcmp(what, "memory")) memset((void *)(kept = malloc(1 << 22)), 1, 1 << 22);
 }
 """
 
