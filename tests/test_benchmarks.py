@@ -87,3 +87,11 @@ def test_engines_ours_is_right_in_every_row(tmp_path: Path, monkeypatch: pytest.
         engines.write(case, fmu, path)
         assert engines.ours(str(path)) == pytest.approx(case.expected, rel=1e-9), case.name
         assert [case.name, case.section, f"{case.expected:g}", f"**{case.expected:g}**"] in documented
+
+
+@pytest.mark.slow
+def test_the_live_page_is_served_and_its_processor_time_is_measured(tmp_path: Path, fmus: Path) -> None:
+    pytest.importorskip("websockets", reason="the extra `live` is not installed")
+    (row,) = benchmark("view", tmp_path, "line5@20", "--seconds", "20")["rows"]
+    assert row["run"] == "line5@20" and row["frames"] > 0.0 and row["rate"] > 0.0
+    assert row["observer"] > 0.0 and row["server"] > 0.0 and row["run_cpu"] > 0.0
