@@ -51,6 +51,20 @@ def _nearest(r: Radio, reals: NDArray[np.float64], n: int) -> int:
 
 
 @kernel
+def _rank(r: Radio, n: int) -> int:
+    """Returns the place of node `n` in `order`, which `sort_along` has sorted."""
+    first, last = 0, r.order.size - 1
+    while first < last:
+        middle = (first + last) // 2
+        other = r.order[middle]
+        if r.along[other] < r.along[n] or (r.along[other] == r.along[n] and other < n):
+            first = middle + 1
+        else:
+            last = middle
+    return first
+
+
+@kernel
 def find_hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
     """Writes the nodes that hear node `n` by the topology into `hearers`; returns their number."""
     topology, per_side = r.settings[0].topology, r.settings[0].per_side
@@ -62,9 +76,7 @@ def find_hearers(r: Radio, reals: NDArray[np.float64], n: int) -> int:
     elif topology == NEAREST:
         found = _nearest(r, reals, n)
     elif topology == NEAREST_ON_AXIS:
-        at = 0
-        while r.order[at] != n:
-            at += 1
+        at = _rank(r, n)
         for j in range(max(0, at - per_side), min(r.order.size, at + per_side + 1)):
             if j != at:
                 r.hearers[found] = r.order[j]
