@@ -123,7 +123,7 @@ def _code_folders(source: Path) -> tuple[Path, Path]:
     """
     digest = hashlib.sha256()
     for file in sorted({Path(__file__), *imported_sources(source)}):
-        digest.update(file.name.encode())
+        digest.update(file.relative_to(_root(file).parent).as_posix().encode())  # code names the modules of its kernels
         digest.update(file.read_bytes())
     name = digest.hexdigest()[:16]
     folder = cache_folder() / "kernels" / name

@@ -20,9 +20,9 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.swap import swap
 from tests.master.conftest import Workshop, variable
-from tests.master.execution.test_convergence import GAIN, MATRIX, START, W1, W2
+from tests.master.execution.algorithms.test_convergence import GAIN, MATRIX, START, W1, W2
 from tests.master.fmus.linear import Linears, exact, signals
-from tests.master.system.test_network import PACKETS, network
+from tests.master.system.settings.test_network import PACKETS, network
 from tests.scenarios.flights import copy_of
 
 ROOT = Path(__file__).parents[1]

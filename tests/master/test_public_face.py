@@ -13,7 +13,7 @@ import pytest
 import cosim_master
 from cosim import packets
 from cosim_master.diagnostics import errors
-from cosim_master.system.settings import nodes
+from cosim_master.system.settings.radio import nodes
 
 
 def test_these_names_and_no_others() -> None:

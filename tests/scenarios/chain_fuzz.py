@@ -27,7 +27,7 @@ from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import admit, send
 from cosim_master.network.radio.tables import MALFORMED, USED_EVENTS, USED_LOG, Radio
 from cosim_master.system.settings.network import Gateway, Network
-from cosim_master.system.settings.nodes import Endpoint, Node
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from cosim_models.agents.line_agent import LineAgent
 from cosim_models.autopilot.autopilot import Autopilot
 from tests.master.fmus.scripted import variable

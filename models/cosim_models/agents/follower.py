@@ -21,8 +21,8 @@ from typing import Any
 
 from cosim import Memory, Model, Output, Parameter
 from cosim.kernel import kernel
-from cosim_models.agents.guard import sqrt_controller
 from cosim_models.agents.kit import ERRORS, STEP_SIZE, VELOCITY, agent_kernels, agent_variables
+from cosim_models.agents.parts.guard import sqrt_controller
 
 __all__ = ["Follower", "OffsetType", "follow"]
 

@@ -47,7 +47,7 @@ from cosim.messages import (
     encode_set_position_target_global_int,
 )
 from cosim.verdict import Condition, Reason, Role
-from cosim_models.agents.conversation import (
+from cosim_models.agents.parts.conversation import (
     CONVERSATION,
     NOBODY,
     SLACK,
@@ -57,7 +57,7 @@ from cosim_models.agents.conversation import (
     reposition,
     send,
 )
-from cosim_models.agents.guard import (
+from cosim_models.agents.parts.guard import (
     ACCELERATION,
     NOTHING_NEW,
     POSITION,
@@ -66,8 +66,8 @@ from cosim_models.agents.guard import (
     guard,
     guard_variables,
 )
-from cosim_models.agents.neighbours import locate, neighbour_variables, note, select
-from cosim_models.agents.script import NEVER, SCRIPT, WHY, fail, prepare, stale, supervise
+from cosim_models.agents.parts.neighbours import locate, neighbour_variables, note, select
+from cosim_models.agents.parts.script import NEVER, SCRIPT, WHY, fail, prepare, stale, supervise
 
 __all__ = [
     "ACCELERATION",

@@ -22,8 +22,8 @@ from cosim.messages import (
     decode_global_position_int,
     encode_set_position_target_global_int,
 )
-from cosim_models.agents.conversation import NOBODY, SLACK, heartbeat, next_position, reposition, send
-from cosim_models.agents.script import NEVER, AgentState, enter_next, prepare, stale, supervise
+from cosim_models.agents.parts.conversation import NOBODY, SLACK, heartbeat, next_position, reposition, send
+from cosim_models.agents.parts.script import NEVER, AgentState, enter_next, prepare, stale, supervise
 
 __all__ = ["ERRORS", "StalePolicy", "Trigger", "act", "finish", "go", "start"]
 

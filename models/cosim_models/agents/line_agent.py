@@ -23,10 +23,10 @@ from typing import Any
 from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter
 from cosim.kernel import kernel
 from cosim.verdict import Bound, Condition, Formation, Reason, Role
-from cosim_models.agents.consensus import consensus_step, consensus_terms
-from cosim_models.agents.conversation import CONVERSATION
 from cosim_models.agents.line import ERRORS, StalePolicy, Trigger, act, finish, go, start
-from cosim_models.agents.script import NEVER, SCRIPT, WHY, AgentState, Failure
+from cosim_models.agents.parts.consensus import consensus_step, consensus_terms
+from cosim_models.agents.parts.conversation import CONVERSATION
+from cosim_models.agents.parts.script import NEVER, SCRIPT, WHY, AgentState, Failure
 
 __all__ = ["LineAgent"]
 

@@ -57,8 +57,8 @@ from tests.master.conftest import SUFFIX, Workshop
 from tests.master.fuzz import ssp_fuzz
 from tests.master.fuzz.multimodel_fuzz import _places, _value
 from tests.master.fuzz.ssp_fuzz import Finding, command, make_fmus, mutated_bytes
-from tests.master.system.test_conformance import FMUS, OF_FMI3
-from tests.master.system.test_conformance import description as described
+from tests.master.system.flatten.test_conformance import FMUS, OF_FMI3
+from tests.master.system.flatten.test_conformance import description as described
 
 SECONDS, MEMORY = 10, 1 << 30
 """Limits of one input: processor time, and memory beyond that of the process before it."""

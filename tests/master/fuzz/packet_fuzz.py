@@ -24,7 +24,7 @@ from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import admit, send
 from cosim_master.network.radio.tables import IN_FLIGHT, MALFORMED, USED_EVENTS, USED_LOG, Radio
 from cosim_master.system.settings.network import Gateway, Network
-from cosim_master.system.settings.nodes import Endpoint, Node
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from tests.master.fmus.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=65536)

@@ -36,7 +36,7 @@ from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.structure import SystemStructure
 from tests.master.conftest import SUFFIX, Workshop
-from tests.master.system.test_conformance import CORPUS, FMUS, OF_FMI3, description
+from tests.master.system.flatten.test_conformance import CORPUS, FMUS, OF_FMI3, description
 
 LIMIT = 1.0
 """Seconds of processor time that one input may take."""

@@ -15,8 +15,8 @@ from cosim.packets import GOOD, find
 from cosim_master.network.radio.build import packet_counts
 from cosim_master.network.radio.tables import BY_RADIO, DUPLICATE
 from cosim_master.system.settings.network import Channel, Jamming, Partition
-from cosim_master.system.settings.obstacles import Obstacle
-from cosim_master.system.settings.trace import Trace
+from cosim_master.system.settings.radio.obstacles import Obstacle
+from cosim_master.system.settings.radio.trace import Trace
 from tests.master.network.test_radio import SECOND, Air, each_alone, fates, packet, spread
 
 FIVE_SIGMA = 5.0

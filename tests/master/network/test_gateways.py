@@ -28,7 +28,7 @@ from cosim_master.network.radio.router import admit, send
 from cosim_master.network.radio.tables import DELIVERED, EVENT, IN_FLIGHT, OUTCOMES, USED_EVENTS, USED_LOG, Radio
 from cosim_master.network.radio.topology import copies
 from cosim_master.system.settings.network import Gateway, Network
-from cosim_master.system.settings.nodes import Endpoint, Node
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from tests.master.fmus.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)

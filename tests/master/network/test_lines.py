@@ -17,7 +17,7 @@ from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import admit
 from cosim_master.stepping.kernels.tables import DONE, FAILED, NOT_BASE64
 from cosim_master.system.settings.network import Gateway, Network, network_of, with_gateways
-from cosim_master.system.settings.nodes import Endpoint, Node
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from tests.master.fmus.scripted import Scripted, system_of, variable
 from tests.master.network.test_gateways import Air, packet
 from tests.master.stepping.test_macro_step import Loop

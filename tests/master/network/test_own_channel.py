@@ -14,11 +14,11 @@ from cosim.channel import PACKET, chance, normal
 from cosim.kernel import table
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.network.radio.build import packet_counts
-from cosim_master.network.radio.own import address_of
+from cosim_master.network.radio.link.own import address_of
 from cosim_master.network.radio.tables import BY_RADIO, LOST_OWN
 from cosim_master.system import shipped
-from cosim_master.system.settings import own_channel
-from cosim_master.system.settings.own_channel import OwnChannel, read_own_channel
+from cosim_master.system.settings.radio import own_channel
+from cosim_master.system.settings.radio.own_channel import OwnChannel, read_own_channel
 from tests.master.network.test_radio import SECOND, Air, each_alone, fates, packet, spread
 
 TEMPLATE = shipped.templates()["channel"]

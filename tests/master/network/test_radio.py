@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.fmi.description.read import Variable
 from cosim_master.network.radio.build import _hash, grown, make_radio
-from cosim_master.network.radio.chances import _mix, chance
+from cosim_master.network.radio.link.chances import _mix, chance
 from cosim_master.network.radio.queues import deliver
 from cosim_master.network.radio.router import send
 from cosim_master.network.radio.tables import (
@@ -33,7 +33,7 @@ from cosim_master.network.radio.tables import (
 )
 from cosim_master.network.radio.topology import copies, sort_along
 from cosim_master.system.settings.network import Channel, Network
-from cosim_master.system.settings.nodes import Endpoint, Node
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from tests.master.fmus.scripted import variable
 
 RX = variable("mavlink_rx", "input", "String", 8, capacity=2048)

@@ -18,7 +18,7 @@ from cosim_master.stepping.kernels.tables import DONE, FAILED, NEED_PLACES, NOT_
 from cosim_master.stepping.layout import make_layout
 from cosim_master.stepping.plan import make_plan
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.nodes import Endpoint, Node
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from cosim_master.system.settings.time_grid import time_grid
 from tests.master.fmus.scripted import Scripted, system_of, variable
 

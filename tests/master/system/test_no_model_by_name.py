@@ -81,8 +81,10 @@ ANYWHERE = {
 IN_FILES = {
     "position": {
         "execution/run/checkpoint.py": "of the recorder in its files",
+        "results/export/foxglove_layout.py": "field of PoseInFrame",
         "results/storage/checkpoint_folder.py": "of the recorder in its files",
         "system/settings/network.py": "attribute of the annotation of networks",
+        "view/programs/foxglove_server.py": "key of the columns of a vehicle",
         "view/motion.py": "key of the page's document",
     },
     "step": {
@@ -113,7 +115,9 @@ IN_FILES = {
         "system/reading/ssp/grammar.py": "attribute of SSP",
         "system/reading/ssp/ssc.py": "attribute of SSP",
         "system/reading/ssp/ssv.py": "attribute of SSP",
+        "system/settings/radio/own_channel.py": "field of the syntax tree of Python",
         "verdict/monitors/ages.py": "field of packets in flight",
+        "view/live/traffic.py": "field of packets in flight",
         "view/traffic.py": "column of packets.parquet",
     },
 }

@@ -21,7 +21,7 @@ from cosim_master.stepping.observation import Observers, Seen
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Network, network_of
-from cosim_master.system.settings.nodes import Node
+from cosim_master.system.settings.radio.nodes import Node
 from cosim_master.verdict.earshot import repeated, twice
 from cosim_master.verdict.findings import Finding, Judgement
 from cosim_master.verdict.prior import known_before

@@ -23,7 +23,7 @@ from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.reading.roles import Part, Player
 from cosim_master.stepping.observation import Packets, View
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.nodes import Endpoint, Node
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from cosim_master.view.live.sending import Sending, command_int
 from cosim_master.view.live.traffic import LiveTraffic
 from tests.master.view.watched import LINE5

@@ -14,7 +14,7 @@ from cosim_master.network.radio.tables import BY_RADIO, EVENT, LOST_CHANNEL, LOS
 from cosim_master.results.reading.roles import Part
 from cosim_master.stepping.observation import Packets
 from cosim_master.system.settings.network import Gateway, Network
-from cosim_master.system.settings.nodes import Endpoint, Node
+from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from cosim_master.view.live.traffic import LiveTraffic
 
 LATENCY = 20_000_000

@@ -18,7 +18,7 @@ from cosim import Model
 from cosim.kernel import kernel
 from cosim.model import record_layout
 from cosim_models.agents.kit import ACCELERATION, POSITION, VELOCITY, decision
-from cosim_models.agents.neighbours import row_for
+from cosim_models.agents.parts.neighbours import row_for
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim_models.agents.consensus import consensus_step, consensus_terms
+from cosim_models.agents.parts.consensus import consensus_step, consensus_terms
 
 TABLE = {
     0.50: "30 20 15 10 7.5 5 3.75 2.5 1.875 1.25 .938 .625 .469 .312 .234 .156 .117 .078",

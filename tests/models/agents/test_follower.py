@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim_models.agents.follower import Follower, OffsetType, follow
-from cosim_models.agents.guard import sqrt_controller
+from cosim_models.agents.parts.guard import sqrt_controller
 from tests.models.agents.point_masses import PointMasses
 
 P, BRAKING = 1.0, 1.25

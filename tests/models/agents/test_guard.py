@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim_models.agents.guard import ACCELERATION, NOTHING_NEW, POSITION, VELOCITY, fence_is_convex, guard
 from cosim_models.agents.kit import ERRORS
+from cosim_models.agents.parts.guard import ACCELERATION, NOTHING_NEW, POSITION, VELOCITY, fence_is_convex, guard
 from cosim_models.agents.rendezvous import Rendezvous, rendezvous
 from tests.models.agents.point_masses import Array, PointMasses
 

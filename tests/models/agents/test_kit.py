@@ -22,7 +22,7 @@ from cosim_models.agents.kit import (
     agent_variables,
     decision,
 )
-from cosim_models.agents.script import AgentState, Failure
+from cosim_models.agents.parts.script import AgentState, Failure
 
 LATITUDE, LONGITUDE, ALTITUDE = -35.363262, 149.165237, 584.0
 METRES_PER_DEGREE = 0.011131884502145034e7

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_models.agents.line import StalePolicy, Trigger
 from cosim_models.agents.line_agent import LineAgent
-from cosim_models.agents.script import AgentState, Failure
+from cosim_models.agents.parts.script import AgentState, Failure
 from tests.models.shipped_kernels import kernels
 
 H = 0.0125

@@ -37,7 +37,7 @@ from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.network.gateways.signing import Signing, read_key
 from cosim_master.network.gateways.sockets import KINDS, Socket, open_socket
 from cosim_master.system.settings.network import Gateway, Network
-from cosim_master.system.settings.nodes import SERIAL, Endpoint, Node
+from cosim_master.system.settings.radio.nodes import SERIAL, Endpoint, Node
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from cosim.kernel import kernel
 from cosim.packets import system
-from cosim_master.network.radio.chances import DUPLICATE as OF_DUPLICATE
-from cosim_master.network.radio.chances import DUPLICATE_JITTER, chance
-from cosim_master.network.radio.channel import over_radio
-from cosim_master.network.radio.effects import damage, first_error
+from cosim_master.network.radio.link.chances import DUPLICATE as OF_DUPLICATE
+from cosim_master.network.radio.link.chances import DUPLICATE_JITTER, chance
+from cosim_master.network.radio.link.channel import over_radio
+from cosim_master.network.radio.link.effects import damage, first_error
 from cosim_master.network.radio.medium import (
     collided,
     departure,

@@ -13,7 +13,7 @@ from cosim.channel import PACKET
 from cosim.kernel import table
 from cosim.packets import MAX_PACKET
 from cosim_master.network.radio import tables
-from cosim_master.network.radio.own import address_of
+from cosim_master.network.radio.link.own import address_of
 from cosim_master.network.radio.tables import (
     BY_RADIO,
     CHANNEL,
@@ -42,8 +42,8 @@ from cosim_master.network.radio.tables import (
     Radio,
 )
 from cosim_master.system.settings.network import Network
-from cosim_master.system.settings.nodes import TELEMETRY, Endpoint, Node
-from cosim_master.system.settings.obstacles import Obstacle
+from cosim_master.system.settings.radio.nodes import TELEMETRY, Endpoint, Node
+from cosim_master.system.settings.radio.obstacles import Obstacle
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
-from cosim_master.network.radio.chances import BACKOFF, SLOT, chance
-from cosim_master.network.radio.effects import distance2
+from cosim_master.network.radio.link.chances import BACKOFF, SLOT, chance
+from cosim_master.network.radio.link.effects import distance2
 from cosim_master.network.radio.queues import put, take_out
 from cosim_master.network.radio.relays import resume_trip, save_trip
 from cosim_master.network.radio.tables import CSMA, LOGGED, OWN, WAITING, Radio

@@ -40,7 +40,7 @@ from cosim.packets import (
     target,
 )
 from cosim_master.network.radio.air import addressed, by_radio
-from cosim_master.network.radio.channel import over_link
+from cosim_master.network.radio.link.channel import over_link
 from cosim_master.network.radio.queues import log_packet, put, record_event
 from cosim_master.network.radio.relays import (
     begin_trip,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
-from cosim_master.network.radio.effects import distance2
+from cosim_master.network.radio.link.effects import distance2
 from cosim_master.network.radio.tables import LISTED, NEAREST, NEAREST_ON_AXIS, Radio
 
 __all__ = ["find_hearers", "copies", "sort_along"]

@@ -61,7 +61,7 @@ from cosim_master.diagnostics.limitations import DIALECT
 from cosim_master.diagnostics.names import is_pattern, near, near_pattern
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.annotation import Attributes, root_annotation
-from cosim_master.system.settings.disturbances import (
+from cosim_master.system.settings.radio.disturbances import (
     Jamming,
     Partition,
     matched,
@@ -70,10 +70,10 @@ from cosim_master.system.settings.disturbances import (
     read_partition,
     read_relays,
 )
-from cosim_master.system.settings.nodes import BY_CONVENTION, TELEMETRY, Endpoint, Node, nodes_of
-from cosim_master.system.settings.obstacles import Obstacle, read_box, read_cylinder
-from cosim_master.system.settings.own_channel import OwnChannel, read_own_channel
-from cosim_master.system.settings.trace import Trace, read_trace
+from cosim_master.system.settings.radio.nodes import BY_CONVENTION, TELEMETRY, Endpoint, Node, nodes_of
+from cosim_master.system.settings.radio.obstacles import Obstacle, read_box, read_cylinder
+from cosim_master.system.settings.radio.own_channel import OwnChannel, read_own_channel
+from cosim_master.system.settings.radio.trace import Trace, read_trace
 
 if TYPE_CHECKING:
     from cosim.build.messages import Message

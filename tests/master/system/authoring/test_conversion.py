@@ -19,7 +19,7 @@ from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.convert import ENGINES, convert
 from cosim_master.system.reading.read import read_system
-from tests.master.system.test_osp import _LIBCOSIM, needs_libcosim
+from tests.master.system.reading.test_osp import _LIBCOSIM, needs_libcosim
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"

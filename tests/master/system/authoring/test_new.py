@@ -26,7 +26,7 @@ from cosim_master.system.authoring.swarm.new import fleet_of, new_system, number
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
-from tests.master.system.test_osp import needs_libcosim
+from tests.master.system.reading.test_osp import needs_libcosim
 
 ROOT = Path(__file__).parents[4]
 

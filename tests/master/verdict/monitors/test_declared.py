@@ -22,7 +22,7 @@ from cosim_master.verdict.monitors.declared import (
     Signal,
     monitored,
 )
-from tests.master.system.test_network import PACKETS
+from tests.master.system.settings.test_network import PACKETS
 from tests.master.verdict.test_verdict import verdict_tool
 
 

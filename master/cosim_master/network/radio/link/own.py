@@ -26,9 +26,9 @@ from cosim.channel import LONGEST_DELAY, PACKET
 from cosim.kernel import PLAIN, kernel, table
 from cosim.packets import message_id, system
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
-from cosim_master.network.radio.effects import distance2
+from cosim_master.network.radio.link.effects import distance2
 from cosim_master.network.radio.tables import Radio
-from cosim_master.system.settings.own_channel import FUNCTION, GIVEN, OwnChannel
+from cosim_master.system.settings.radio.own_channel import FUNCTION, GIVEN, OwnChannel
 
 __all__ = ["address_of", "over_own"]
 

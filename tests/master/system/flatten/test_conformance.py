@@ -32,7 +32,7 @@ from tests.master.conftest import SUFFIX, Workshop, variable
 from tests.master.fmus import clocked, strict3
 from tests.master.fmus.probe import LEVEL, compiled, probe_library
 
-CORPUS = Path(__file__).parents[2] / "data/ssp"
+CORPUS = Path(__file__).parents[3] / "data/ssp"
 CASES = sorted(path.parent.name for path in CORPUS.glob("*/case.toml"))
 SPEED = LEVEL.replace("Level", "Speed").replace('"low" value="1"', '"fast" value="1"')
 SPEED = SPEED.replace('"high" value="5"/>', '"slow" value="5"/><Item name="off" value="0"/>')
@@ -111,7 +111,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
             archive.writestr("modelDescription.xml", description(Workshop(folder), **options))
             archive.writestr(f"binaries/{platform()}/Unit{SUFFIX[platform()]}", library)
     for name, (source, text) in OF_FMI3.items():
-        library = compiled(Path(__file__).parents[1] / "fmus" / source, tmp_path_factory.getbasetemp())
+        library = compiled(Path(__file__).parents[2] / "fmus" / source, tmp_path_factory.getbasetemp())
         with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
             archive.writestr("modelDescription.xml", text)
             archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)

@@ -32,7 +32,7 @@ from cosim.build.sources import sources_of
 MODELS = models_of_package("cosim_models")
 INTERPRETED = tuple({model.__module__.split(".")[1]: model for model in MODELS}.values())
 """A model of each room; pythonfmu imports all sources anew for each."""
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="session")
@@ -379,7 +379,7 @@ def test_compiler_out_of_order(
 
 def line_of(text: str) -> int:
     """The first line of sample_models.py with `text`."""
-    lines = (Path(__file__).with_name("sample_models.py")).read_text().splitlines()
+    lines = (Path(__file__).parents[1] / "sample_models.py").read_text().splitlines()
     return next(i for i, line in enumerate(lines, start=1) if text in line)
 
 
@@ -402,7 +402,7 @@ def line_of(text: str) -> int:
 def test_kernels_that_cannot_be_compiled_are_an_error(
     model: str, at: str, reason: str, checked: bool, samples: SimpleNamespace, tmp_path: Path
 ) -> None:
-    file = Path(__file__).with_name("sample_models.py")
+    file = Path(__file__).parents[1] / "sample_models.py"
     shown = os.path.relpath(file)
     line = max(
         i
@@ -434,7 +434,7 @@ try:
 except CannotCompile as error:
     print(error)
 """
-    samples = Path(__file__).with_name("sample_models.py")
+    samples = Path(__file__).parents[1] / "sample_models.py"
     told = python(code, str(samples), str(tmp_path), NUMBA_DISABLE_JIT="1")
     assert told == "numba's compiler is switched off (NUMBA_DISABLE_JIT): unset it, or build with --interpreted\n"
 
@@ -665,8 +665,8 @@ def test_load_models_of_nothing(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"cosim.frames: it defines no subclass of cosim.Model"):
         load_models("cosim.frames")
     with pytest.raises(ValueError, match=r"sample_models.py: a module called sample_models is already loaded"):
-        load_models(str(Path(__file__).with_name("sample_models.py"))) and load_models(
-            str(Path(__file__).with_name("sample_models.py"))
+        load_models(str(Path(__file__).parents[1] / "sample_models.py")) and load_models(
+            str(Path(__file__).parents[1] / "sample_models.py")
         )
 
 

@@ -36,7 +36,7 @@ GUID = sys.argv[2].encode()
 
 
 def plant() -> Any:
-    file = Path(__file__).with_name("sample_models.py")
+    file = Path(__file__).parents[1] / "sample_models.py"
     spec = importlib.util.spec_from_file_location("sample_models", file)
     assert spec is not None
     assert spec.loader is not None

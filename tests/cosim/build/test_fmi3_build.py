@@ -29,7 +29,7 @@ TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumerati
 
 
 def _load(file: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(file, Path(__file__).with_name(f"{file}.py"))
+    spec = importlib.util.spec_from_file_location(file, (Path(__file__).parents[1] / f"{file}.py"))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

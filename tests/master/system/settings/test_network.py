@@ -14,7 +14,7 @@ from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import Jamming, Network, Partition, network_of
-from cosim_master.system.settings.obstacles import Obstacle
+from cosim_master.system.settings.radio.obstacles import Obstacle
 
 NAMESPACE = "https://uav-cosim.org/ns/1"
 TYPE = "org.uav-cosim.network"

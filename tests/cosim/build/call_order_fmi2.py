@@ -1,6 +1,6 @@
 """Any FMI 2 calls in any order: see call_order.py. The state table is that of FMI 2.0.5, section 4.2.4.
 
-Run it as ``python -m tests.cosim.call_order_fmi2 LIBRARY GUID EXAMPLES``.
+Run it as ``python -m tests.cosim.build.call_order_fmi2 LIBRARY GUID EXAMPLES``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cosim.model import flat_variables
-from tests.cosim.call_order import (
+from tests.cosim.build.call_order import (
     ERROR,
     FAILED,
     GUID,

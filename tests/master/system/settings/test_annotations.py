@@ -19,10 +19,10 @@ from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.recording import Recording
 from cosim_master.verdict.watching.limits import Limits
-from tests.master.system.test_network import PACKETS
+from tests.master.system.settings.test_network import PACKETS
 from tests.master.verdict.test_verdict import verdict_tool
 
-TEXT = (Path(__file__).parents[3] / "docs" / "annotations.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[4] / "docs" / "annotations.md").read_text(encoding="utf-8")
 ELEMENTS = {
     "network": "<network {}/>",
     "link": '<network><link from="drone1" to="*" {}/></network>',

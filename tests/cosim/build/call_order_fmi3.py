@@ -1,6 +1,6 @@
 """Any FMI 3 calls in any order: see call_order.py. The state table is that of FMI 3.0.2, sections 2.3 and 4.2.
 
-Run it as ``python -m tests.cosim.call_order_fmi3 LIBRARY TOKEN EXAMPLES``.
+Run it as ``python -m tests.cosim.build.call_order_fmi3 LIBRARY TOKEN EXAMPLES``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cosim.build.description3 import exported
-from tests.cosim.call_order import (
+from tests.cosim.build.call_order import (
     GUID,
     INITIALIZATION,
     INSTANTIATED,

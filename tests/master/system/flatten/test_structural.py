@@ -49,7 +49,7 @@ def sized(stricts3: Any) -> Path:
     path: Path = stricts3.workshop.root / "sized.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", DESCRIPTION)
-        library = compiled(Path(__file__).parents[1] / "fmus" / "sized.c", stricts3.folder)
+        library = compiled(Path(__file__).parents[2] / "fmus" / "sized.c", stricts3.folder)
         archive.writestr(f"binaries/{platform(3)}/Unit{SUFFIX[platform()]}", library)
     return path
 

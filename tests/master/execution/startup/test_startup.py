@@ -22,7 +22,7 @@ from cosim_master.system.reading.read import read_system
 from tests.master.conftest import Workshop
 from tests.master.fmus.linear import signals
 
-SHIPPED = sorted((Path(__file__).parents[3] / "fmus").glob("*.fmu"))
+SHIPPED = sorted((Path(__file__).parents[4] / "fmus").glob("*.fmu"))
 
 
 @pytest.mark.parametrize(("habit", "tool"), [("plain", ""), ("setup", ""), ("setup", "20-sim"), ("enter", "20-sim")])

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
-from cosim_master.network.radio.chances import (
+from cosim_master.network.radio.link.chances import (
     BURST,
     ERROR,
     FADING,
@@ -31,7 +31,7 @@ from cosim_master.network.radio.chances import (
     exponential,
     normal,
 )
-from cosim_master.network.radio.obstacles import loss_behind
+from cosim_master.network.radio.link.obstacles import loss_behind
 from cosim_master.network.radio.tables import (
     BY_RADIO,
     LOST_BURST,

@@ -27,7 +27,7 @@ from cosim.messages import (
     MAV_RESULT_ACCEPTED,
     PLANE_MODE_TAKEOFF,
 )
-from cosim_models.agents.conversation import (
+from cosim_models.agents.parts.conversation import (
     SLACK,
     ask,
 )

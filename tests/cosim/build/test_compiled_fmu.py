@@ -42,7 +42,7 @@ EXPORTED = {f"fmi2{name}" for name in FUNCTIONS.split()}
 
 
 def _load(file: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(file, Path(__file__).with_name(f"{file}.py"))
+    spec = importlib.util.spec_from_file_location(file, (Path(__file__).parents[1] / f"{file}.py"))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -137,7 +137,7 @@ def test_record_fmu_and_plain_python_agree(name: str, fmus: Path, tmp_path: Path
     model = MODELS[name]
     rows = driving.drive_record(model, STEPS, kernels(model))
     plain = tmp_path / "plain.npy"
-    script = [sys.executable, str(Path(__file__).with_name("driving.py")), model.__module__, name, "60", str(plain)]
+    script = [sys.executable, str(Path(__file__).parents[1] / "driving.py"), model.__module__, name, "60", str(plain)]
     subprocess.run(script, check=True, env={**os.environ, "NUMBA_DISABLE_JIT": "1"})
     interpreted = np.load(plain)
     for step in range(len(interpreted)):
@@ -186,7 +186,7 @@ def test_every_kernel_is_compiled(fmus: Path) -> None:
         assert model.kernels is not None
         reached |= callees(model.kernels)
     left = {kernel.py_func.__module__ for kernel in kernels - reached}
-    tests = "".join(file.read_text() for file in Path(__file__).parents[1].rglob("*.py"))
+    tests = "".join(file.read_text() for file in Path(__file__).parents[2].rglob("*.py"))
     assert [module for module in sorted(left) if not re.search(rf"\b{module.rpartition('.')[2]}\b", tests)] == []
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import kernel
-from cosim_master.network.radio.chances import JITTER, LOSS, chance
-from cosim_master.network.radio.effects import distance2, effect
-from cosim_master.network.radio.own import over_own
+from cosim_master.network.radio.link.chances import JITTER, LOSS, chance
+from cosim_master.network.radio.link.effects import distance2, effect
+from cosim_master.network.radio.link.own import over_own
 from cosim_master.network.radio.tables import (
     BY_RADIO,
     LOST_CHANNEL,

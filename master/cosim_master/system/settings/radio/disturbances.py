@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from cosim_master.diagnostics.names import is_pattern, matching, near, near_pattern
 from cosim_master.system.settings.annotation import Attributes
-from cosim_master.system.settings.nodes import Node
+from cosim_master.system.settings.radio.nodes import Node
 
 __all__ = ["Jamming", "Partition", "matched", "read_jamming", "read_outage", "read_partition", "read_relays"]
 

@@ -10,7 +10,7 @@ import fmpy
 import pytest
 
 SEQUENCES = 200
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.slow
