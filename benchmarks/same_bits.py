@@ -2,6 +2,7 @@
 
     python benchmarks/same_bits.py before.json                  before the change
     python benchmarks/same_bits.py after.json --than before.json    after it; exits 1 and names what differs
+    python benchmarks/same_bits.py all.json --isolate all --than before.json    each FMU in a process of its own
 
 Runs the shipped systems, one of them with other settings and a bad radio, with other masters, by steps of another size,
 and one that goes on from a checkpoint. FMUs are those of the tree, as `make fmus` leaves them.
@@ -15,12 +16,13 @@ import json
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master import RunOptions, simulate
+from cosim_master.fmi.slaves.isolated import Isolation, Scope
 
 SYSTEMS = Path(__file__).parents[1] / "master" / "systems"
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -65,17 +67,17 @@ def digests(folder: Path) -> dict[str, str]:
     return found
 
 
-def all_digests() -> dict[str, dict[str, str]]:
+def all_digests(isolation: Isolation | None) -> dict[str, dict[str, str]]:
     """Of all cases, by their names."""
     found: dict[str, dict[str, str]] = {}
     with tempfile.TemporaryDirectory(prefix="uav-cosim-bits-") as temporary:
         root = Path(temporary)
         for name, (system, options) in CASES.items():
-            result = simulate(SYSTEMS / system, RunOptions(out=root / name, **options))
+            result = simulate(SYSTEMS / system, RunOptions(out=root / name, isolation=isolation, **options))
             found[name] = {**digests(root / name), "outcome": str(result.outcome)}
             print(f"{name}: {len(found[name])} digests", flush=True)
         resumed = root / "resumed"
-        simulate(SYSTEMS / "line5", RunOptions(out=resumed, origin=f"{root / 'going on'}@10"))
+        simulate(SYSTEMS / "line5", RunOptions(out=resumed, origin=f"{root / 'going on'}@10", isolation=isolation))
         found["going on"] |= {f"resumed {key}": value for key, value in digests(resumed).items()}
     return found
 
@@ -84,8 +86,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("file", type=Path, help="where to write the digests")
     parser.add_argument("--than", type=Path, help="digests to compare them with")
+    parser.add_argument("--isolate", choices=get_args(Scope), help="as for run; default: as run chooses")
     given = parser.parse_args()
-    found = all_digests()
+    found = all_digests(None if given.isolate is None else Isolation(given.isolate))
     given.file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     if given.than is None:
         return 0

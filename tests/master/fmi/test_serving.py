@@ -314,11 +314,11 @@ def test_a_connection_that_is_lost(
 def test_restarts(run: Run, relay: Relay, tmp_path: Path) -> None:
     """A process that dies there is replaced by a new one there, and the recording is the same."""
     assert run("none none 0", out="here").outcome == "done"
-    before, killed = relay.turns, []
+    before, others, killed = relay.turns, set(processes.children(os.getpid())), []
 
     def act(turns: int) -> bool:
         if turns == 2 * before - 9 and not killed:
-            killed.extend(processes.children(os.getpid()))
+            killed.extend(pid for pid in processes.children(os.getpid()) if pid not in others)
             for pid in killed:
                 os.kill(int(pid), signal.SIGKILL)
         return True

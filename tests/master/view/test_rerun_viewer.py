@@ -22,7 +22,7 @@ from cosim_master.cli import app
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.formats import export_run, format_of
 from cosim_master.results.export.options import Options
-from tests.master.view.browser import LONG, chromium
+from tests.master.view.browser import LONG
 from tests.master.view.recordings import flying, write_run
 
 rerun_cli = pytest.importorskip("rerun_cli", reason="the extra `rerun` is not installed")
@@ -112,29 +112,28 @@ def test_the_program_listens_on_loopback_and_reports_nothing(file: Path, home: P
 
 
 @pytest.mark.slow
-def test_the_page_shows_the_recording_and_reaches_nobody_else(viewer: RerunViewer) -> None:
-    with chromium() as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
-        asked: list[str] = []
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(viewer.address, timeout=LONG)
-        place = viewer.address.partition("?")[0]
+def test_the_page_shows_the_recording_and_reaches_nobody_else(viewer: RerunViewer, browser: Any) -> None:
+    page = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(viewer.address, timeout=LONG)
+    place = viewer.address.partition("?")[0]
 
-        def blue() -> int:
-            """Pixels of the scene with the colour of the drones, or of their names."""
-            from matplotlib.image import imread
+    def blue() -> int:
+        """Pixels of the scene with the colour of the drones, or of their names."""
+        from matplotlib.image import imread
 
-            shot = imread(io.BytesIO(page.screenshot(timeout=LONG)), format="png")[60:660, :740, :3]
-            red, _, strong = shot[..., 0], shot[..., 1], shot[..., 2]
-            return int(((strong > 0.6) & (red < 0.5 * strong)).sum())
+        shot = imread(io.BytesIO(page.screenshot(timeout=LONG)), format="png")[60:660, :740, :3]
+        red, _, strong = shot[..., 0], shot[..., 1], shot[..., 2]
+        return int(((strong > 0.6) & (red < 0.5 * strong)).sum())
 
-        end = time.monotonic() + 5 * LONG / 1000
-        while f"{place}two%20drones.rrd" not in asked:
-            assert time.monotonic() < end, asked
-            page.wait_for_timeout(500)  # a sleep would keep requests from being told
-        while blue() < 40:
-            assert time.monotonic() < end
-            page.wait_for_timeout(3000)  # pictures keep the page from drawing, on a machine without graphics
+    end = time.monotonic() + 5 * LONG / 1000
+    while f"{place}two%20drones.rrd" not in asked:
+        assert time.monotonic() < end, asked
+        page.wait_for_timeout(500)  # a sleep would keep requests from being told
+    while blue() < 40:
+        assert time.monotonic() < end
+        page.wait_for_timeout(3000)  # pictures keep the page from drawing, on a machine without graphics
     assert {url for url in asked if not url.startswith((place, "data:", "blob:"))} == set()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from cosim_master.diagnostics.errors import CosimError
 from cosim_master.results.export.formats import export_run, format_of
 from cosim_master.results.export.options import Options
 from cosim_master.results.figures.style import COLOURS
-from tests.master.view.browser import LONG, chromium
+from tests.master.view.browser import LONG
 from tests.master.view.recordings import flying, write_run
 
 av = pytest.importorskip("av", reason="the extra `film` is not installed")
@@ -87,13 +88,12 @@ def test_the_drones_are_where_they_were(film: Path) -> None:
     assert rows[0] - rows[-1] > 200
 
 
-def test_a_browser_plays_it(film: Path) -> None:
-    with chromium() as browser:
-        page = browser.new_page()
-        page.goto(film.as_uri(), timeout=LONG)
-        page.wait_for_function("document.querySelector('video').readyState >= 2", timeout=LONG)
-        video = "document.querySelector('video')"
-        width, height, duration = page.evaluate(f"[{video}.videoWidth, {video}.videoHeight, {video}.duration]")
+def test_a_browser_plays_it(film: Path, browser: Any) -> None:
+    page = browser.new_page()
+    page.goto(film.as_uri(), timeout=LONG)
+    page.wait_for_function("document.querySelector('video').readyState >= 2", timeout=LONG)
+    video = "document.querySelector('video')"
+    width, height, duration = page.evaluate(f"[{video}.videoWidth, {video}.videoHeight, {video}.duration]")
     assert (width, height, duration) == (*told(film)[2], 60.0)
 
 
