@@ -48,9 +48,9 @@ _RESTRICTED_FILES, _RESTRICTED_SOCKETS = 1, 2
 _INTERPRETER = """
 import ctypes, json, os, sys
 sys.path[:] = json.loads(os.environ.pop("UAV_COSIM_PATH"))
-arguments = [os.fsencode(x) for x in sys.argv[1:]]
+library, arguments = ctypes.CDLL(sys.argv[1]), [os.fsencode(x) for x in sys.argv[1:]]
 sys.argv[1:] = []
-sys.exit(ctypes.CDLL(arguments[0]).isolated_host(len(arguments), (ctypes.c_char_p * len(arguments))(*arguments)))
+sys.exit(library.isolated_host(len(arguments), (ctypes.c_char_p * len(arguments))(*arguments)))
 """
 
 
