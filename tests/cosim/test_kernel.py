@@ -86,3 +86,15 @@ def test_the_loop_does_not_depend_on_the_command_line() -> None:
     names = {file.name for file in imported_sources(Path(cosim_master.stepping.kernels.macro_step.__file__))}
     assert {"macro_step.py", "fmi_calls.py", "router.py", "tables.py", "packets.py", "kernel.py"} <= names
     assert not names & {"console.py", "simulate.py", "figures.py", "check.py"}
+
+
+def test_code_is_kept_by_the_paths_of_modules(tmp_path: Path) -> None:
+    """The same in each checkout; another one when a module moves, since code names the modules of its kernels."""
+    names = []
+    for checkout, folder in (("a", "pkg"), ("b", "pkg"), ("a", "pkg/room")):
+        place = tmp_path / checkout / folder
+        place.mkdir(parents=True, exist_ok=True)
+        (place / "__init__.py").write_text("")
+        (place / "law.py").write_text("from cosim import kernel\n")
+        names.append(_code_folders(place / "law.py")[1].name)
+    assert names[0] == names[1] != names[2]
