@@ -159,6 +159,14 @@ BODY = f"{HEAD}def channel(packet: Packet) -> float:\n"
         ("import os\n", ":1: os cannot be imported; valid are `import math` and `from cosim.channel import ...`"),
         ("from cosim.channel import lost\n", ':1: cosim.channel has no name "lost" for channels; '),
         (BODY + "    return open('x')\n", ':4: "open" cannot be called; '),
+        (
+            "from cosim.channel import chance\n" + BODY + "    return chance(packet, 0.5)\n",
+            ":5: the second argument of chance is the number of a random number, a whole one; 0.5 is not",
+        ),
+        (
+            "from cosim.channel import normal\nHALF = 0.5\n" + BODY + "    return normal(packet, 2 * HALF)\n",
+            ":6: the second argument of normal is the number of a random number, a whole one; 2 * HALF is not",
+        ),
         (BODY + "    return packet.__class__\n", ':4: a packet has no field "__class__"; '),
         (BODY + "    return packet.distence\n", ':4: a packet has no field "distence"; did you mean "distance"?'),
         (BODY + "    return packet.sender[3]\n", ":4: sender is read by its elements: sender[0] north, [1] east, [2]"),

@@ -245,6 +245,9 @@ class _Check:
             wanted = 2 if drawn else self._functions[called]
             if len(node.args) != wanted:
                 yield node.lineno, f"{called} takes {wanted} arguments, not {len(node.args)}"
+            elif drawn and not self._is_whole(node.args[1]):
+                text = f"the second argument of {called} is the number of a random number, a whole one"
+                yield node.lineno, f"{text}; {ast.unparse(node.args[1])[:40]} is not"
         elif called.startswith("math.") and "math" in self._imported:
             if called.removeprefix("math.") not in _MATH:
                 yield node.lineno, f"{called} is not possible; {near(called, {f'math.{one}' for one in _MATH})}"
@@ -256,6 +259,15 @@ class _Check:
         for i, part in enumerate(node.args):
             if not (i == 0 and isinstance(part, ast.Name) and part.id in parameters):
                 yield from self._expression(part, known, parameters)
+
+    def _is_whole(self, node: ast.expr) -> bool:
+        """Returns whether a number is whole as far as its constants tell."""
+        return not any(
+            isinstance(one, ast.Div)
+            or (isinstance(one, ast.Constant) and not isinstance(one.value, int))
+            or (isinstance(one, ast.Name) and isinstance(self.constants.get(one.id), float))
+            for one in ast.walk(node)
+        )
 
     def _field(self, node: ast.Attribute | ast.Subscript, parameters: tuple[str, ...]) -> Iterator[tuple[int, str]]:
         whole = node.value if isinstance(node, ast.Subscript) else node
