@@ -303,7 +303,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     ]
     note = (
         "x real time, ms per drone and simulated second: the whole command, radio on, positions recorded at 10 Hz"
-        f"{', all packets recorded' if options.scenario == 'line' else ''}. us: per drone and base step (400 Hz), one thread, no files. recording: of the wall time. "
+        f"{', all packets recorded' if options.scenario == 'line' else ''}. "
+        "us: per drone and base step (400 Hz), one thread, no files. recording: of the wall time. "
         "The first start-up after a change of the sources compiles."
     )
     show(f"Drones against real time, {options.seconds:g} s", host, columns, [_cells(row, names) for row in rows], note)
