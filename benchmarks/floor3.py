@@ -6,9 +6,7 @@ import ctypes
 from typing import Any
 
 from cosim_master.execution.execution import Execution
-from cosim_master.stepping.kernels.fmi3_types import TYPED
-from cosim_master.stepping.kernels.tables import FUNCTIONS
-from cosim_master.stepping.kernels.widths import PACKED
+from cosim_master.fmi.calls import FUNCTIONS, PACKED, TYPED
 
 __all__ = ["calls_of"]
 

@@ -34,8 +34,9 @@ from report import machine, show, write
 from cosim.build import build, load_models
 from cosim_master.execution.execution import Execution
 from cosim_master.execution.run.opening import Setup
+from cosim_master.fmi.calls import KINDS
 from cosim_master.fmi.slaves.isolated import Isolation
-from cosim_master.stepping.layout import make_layout
+from cosim_master.stepping.layout import Layout, make_layout
 from cosim_master.system.flatten.check import check
 from cosim_master.system.reading.read import read_system
 from cosim_master.system.settings.network import network_of
@@ -97,7 +98,8 @@ class Ours:
         if three:
             lines = [f"{library} {fmu.guid} {library.parents[2] / 'resources'}/"]
         lines.append(f"{clock.start} {clock.base} {stop}")
-        n_in, n_out = plan.in_reference.size, plan.out_reference.size
+        inputs, outputs = _references(self.layout)
+        n_in, n_out = len(inputs), len(outputs)
         lines.append(f"{plan.instances.size} {n_in} {n_out} {plan.real_in.size} {plan.real_out.size}")
         if three:
             lines += calls_of(self.execution)
@@ -110,10 +112,17 @@ class Ours:
                 )
             )
         wires = [*plan.wires.tolist(), *[(1.0, 0.0)] * plan.int_in.size]
-        for reference, source, (factor, offset) in zip(plan.in_reference, plan.sources, wires, strict=True):
+        for reference, source, (factor, offset) in zip(inputs, plan.sources, wires, strict=True):
             lines.append(f"{'' if three else reference} {source} {factor!s} {offset!s}")
-        lines.append("" if three else " ".join(map(str, plan.out_reference)))
+        lines.append("" if three else " ".join(map(str, outputs)))
         return "\n".join(lines) + "\n"
+
+
+def _references(layout: Layout) -> tuple[list[int], list[int]]:
+    """The value references of all inputs and of all outputs, in the order of the plan."""
+    ports = [layout.ports[kind] for kind in KINDS]
+    inputs = [v.value_reference for p in ports for v in p.inputs]
+    return inputs, [v.value_reference for p in ports for _, v in p.outputs]
 
 
 class Floor:
@@ -152,7 +161,8 @@ class FmpyCalls:
         from fmpy.fmi2 import FMU2Slave
 
         plan, fmu = ours.execution.plan, ours.execution.slaves[0].library.fmu
-        self._outputs: list[Any] = [0.0] * plan.out_reference.size
+        in_references, out_references = _references(ours.layout)
+        self._outputs: list[Any] = [0.0] * len(out_references)
         self._k = 0
         self._rows: list[tuple[Any, list[int], list[tuple[int, float, float]], list[tuple[Any, list[int], slice]]]] = []
         for i, row in enumerate(plan.feeds):
@@ -170,8 +180,8 @@ class FmpyCalls:
             for kind, getter in enumerate((slave.getReal, slave.getInteger, slave.getBoolean)):
                 place = slice(int(row["first_out"][kind]), int(row["last_out"][kind]))
                 if place.stop > place.start:
-                    gets.append((getter, plan.out_reference[place].tolist(), place))
-            self._rows.append((slave, plan.in_reference[inputs].tolist(), wires, gets))
+                    gets.append((getter, out_references[place], place))
+            self._rows.append((slave, in_references[inputs], wires, gets))
         for _, _, _, gets in self._rows:
             for getter, references, place in gets:
                 self._outputs[place] = getter(references)
@@ -182,8 +192,8 @@ class FmpyCalls:
         for _ in range(steps):
             t = self._k * round(STEP * 1e9) / 1e9
             inputs = [[factor * outputs[j] + offset for j, factor, offset in wires] for _, _, wires, _ in self._rows]
-            for values, (slave, in_references, _, gets) in zip(inputs, self._rows, strict=True):
-                slave.setReal(in_references, values)
+            for values, (slave, own, _, gets) in zip(inputs, self._rows, strict=True):
+                slave.setReal(own, values)
                 slave.doStep(t, STEP)
                 for getter, references, place in gets:
                     outputs[place] = getter(references)

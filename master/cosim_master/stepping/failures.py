@@ -9,7 +9,8 @@ import numpy as np
 from cosim_master.diagnostics.errors import FmuError, RunFailed
 from cosim_master.diagnostics.limitations import DISCARDED, PENDING, WIDE_INTEGER
 from cosim_master.diagnostics.limitations import NOT_A_NUMBER as NAN
-from cosim_master.fmi.slaves.fmi2 import STATUS, set_kind
+from cosim_master.fmi.calls import FUNCTIONS, KINDS
+from cosim_master.fmi.slaves.fmi2 import STATUS
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.fmi3_types import OUT_OF_RANGE
 from cosim_master.stepping.kernels.tables import (
@@ -18,7 +19,6 @@ from cosim_master.stepping.kernels.tables import (
     EARLY,
     ENDED,
     FAILURES,
-    FUNCTIONS,
     NOT_A_NUMBER,
     NOT_BASE64,
     NOT_CALLED,
@@ -28,7 +28,7 @@ from cosim_master.stepping.kernels.tables import (
     K,
     Plan,
 )
-from cosim_master.stepping.layout import KINDS, Layout
+from cosim_master.stepping.layout import Layout
 
 __all__ = ["DISCARD", "discard_failure", "raise_failures"]
 
@@ -66,7 +66,9 @@ def raise_failures(plan: Plan, layout: Layout, instances: Sequence[Slave]) -> No
             wrong = "is longer than its declared capacity" if status == TOO_LONG else "is not base64 text"
             text, code = f"its packet output {wrong}", 0
         elif status == STATUS.index("fmi2Discard") and function in (1, 2, 3):
-            text = f"fmi2Discard: it rejected one of these values: {_inputs(plan, slave, int(i), function - 1)}"
+            shown = _inputs(plan, layout, int(i), KINDS[function - 1])
+            some = ", ".join(shown[:5]) + (" ..." if len(shown) > 5 else "")
+            text = f"fmi2Discard: it rejected one of these values: {some}"
         elif status == OUT_OF_RANGE:
             text, code = WIDE_INTEGER.text(), 0
         elif status == EARLY:
@@ -92,7 +94,7 @@ def discard_failure(plan: Plan, slave: Slave, i: int, last: float | None, reason
     time, h = reached(plan), float(plan.instances["h"][i])
     got = "" if last is None else f", only to {last:.9g} s"
     text = DISCARDED.text(slave.fmi, f"{time:.9g}", f"{time + h:.9g}", got, reason)
-    return slave.failure(f"fmi{slave.fmi}DoStep", DISCARD[1], text)
+    return slave.failure(slave.function_name("fmi2DoStep"), DISCARD[1], text)
 
 
 def _beside(plan: Plan, instances: Sequence[Slave], i: int, others: Sequence[FmuError]) -> FmuError:
@@ -111,25 +113,15 @@ def _given(plan: Plan, layout: Layout, i: int) -> str:
     """Returns the inputs of an instance as set for its last step: ``; its inputs: u = 0.5, w = 2``."""
     if plan.counters[K] < 0:  # during initialization, the loop sets no inputs
         return ""
-    shown: list[str] = []
-    for kind, values in (("Real", plan.real_in), ("Integer", plan.int_in), ("Boolean", plan.int_in)):
-        ports = layout.ports[kind]
-        begin = len(layout.ports["Integer"].in_reference) if kind == "Boolean" else 0
-        inputs = ports.inputs[ports.first_in[i] : ports.first_in[i + 1]]
-        given = values[begin + ports.first_in[i] : begin + ports.first_in[i + 1]]
-        shown += [f"{variable.name} = {value:.9g}" for variable, value in zip(inputs, given, strict=True)]
+    shown = [one for kind in KINDS for one in _inputs(plan, layout, i, kind)]
     more = f" and {len(shown) - _MOST_INPUTS} more" if len(shown) > _MOST_INPUTS else ""
     return f"; its inputs: {', '.join(shown[:_MOST_INPUTS])}{more}" if shown else ""
 
 
-def _inputs(plan: Plan, slave: Slave, i: int, kind: int) -> str:
-    """Returns the first values of an instance's inputs of one kind, as last set."""
-    first, last = (int(plan.feeds[i][side][kind]) for side in ("first_in", "last_in"))
-    values = (
-        plan.real_in[first:last] if kind == 0 else plan.int_in[first - plan.real_in.size : last - plan.real_in.size]
-    )
-    fmu = slave.fmu
-    of = {v.value_reference: v.name for v in fmu.variables.values() if set_kind(v) == KINDS[kind]}
-    pairs = zip(plan.in_reference[first:last], values, strict=True)
-    shown = [f"{of[int(reference)]} = {value:.9g}" for reference, value in pairs]
-    return ", ".join(shown[:5]) + (" ..." if len(shown) > 5 else "")
+def _inputs(plan: Plan, layout: Layout, i: int, kind: str) -> list[str]:
+    """Returns the inputs of one kind of an instance, as last set: ``u = 0.5``."""
+    ports, values = layout.ports[kind], plan.real_in if kind == "Real" else plan.int_in
+    begin = len(layout.ports["Integer"].inputs) if kind == "Boolean" else 0
+    first, last = ports.first_in[i], ports.first_in[i + 1]
+    given = values[begin + first : begin + last]
+    return [f"{variable.name} = {value:.9g}" for variable, value in zip(ports.inputs[first:last], given, strict=True)]

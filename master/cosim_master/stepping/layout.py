@@ -13,6 +13,7 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.names import matching
+from cosim_master.fmi.calls import KINDS, call_of
 from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.fmi.slaves.fmi2 import set_kind
 from cosim_master.stepping.kernels.tables import COPY, SIGN
@@ -20,9 +21,8 @@ from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, F
 from cosim_master.system.settings.master import Delay, MasterSettings
 from cosim_master.system.settings.network import Network
 
-__all__ = ["KINDS", "Delayed", "Layout", "Ports", "call_of", "halves_of", "make_layout", "shows_error"]
+__all__ = ["Delayed", "Layout", "Ports", "halves_of", "make_layout", "shows_error"]
 
-KINDS = ("Real", "Integer", "Boolean")
 _InOrder = Sequence[tuple[str, Variable]]
 
 
@@ -31,7 +31,6 @@ class Ports:
     """Inputs and outputs of one FMI type, instance by instance."""
 
     first_in: list[int] = field(default_factory=lambda: [0])
-    in_reference: list[int] = field(default_factory=list)
     inputs: list[Variable] = field(default_factory=list)
     source: list[int] = field(default_factory=list)
     factor: list[float] = field(default_factory=list)
@@ -175,11 +174,6 @@ def _by_type(fmu: FmuDescription) -> _InOrder:
     return sorted(fmu.variables.items(), key=lambda item: call_of(item[1]))
 
 
-def call_of(v: Variable) -> tuple[str, bool, bool]:
-    """Returns a grouping key: variables of an instance with equal keys are accessed in one call."""
-    return v.fmi_type, v.wide, bool(v.clocks)
-
-
 def _array(v: Variable) -> tuple[str, int] | None:
     """Returns a grouping key for the elements of one array; aliases of it count as other arrays."""
     return None if v.element is None else (v.name.rpartition("[")[0], v.value_reference)
@@ -271,13 +265,12 @@ class _Inputs:
                 sources, factor, offset = self._sources_of(link, target), link.factor, link.offset
             ports = self._ports[kind]
             for source in sources:
-                ports.in_reference.append(target.value_reference)
                 ports.inputs.append(target)
                 ports.source.append(source)
                 ports.factor.append(factor)
                 ports.offset.append(offset)
         for kind in KINDS:
-            self._ports[kind].first_in.append(len(self._ports[kind].in_reference))
+            self._ports[kind].first_in.append(len(self._ports[kind].inputs))
 
     def _hold(self, kind: str, values: Sequence[Any]) -> list[int]:
         """Adds constants; returns their places as sources."""

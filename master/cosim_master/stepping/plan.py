@@ -10,24 +10,20 @@ from typing import Any
 import numpy as np
 
 from cosim.kernel import table
-from cosim_master.fmi.description.read import Variable
+from cosim_master.fmi.calls import CALL, KINDS, CallMemory, Calls, PacketPlaces, Row
 from cosim_master.fmi.slaves.slave import Slave
-from cosim_master.stepping.kernels.fmi3_types import TYPED
 from cosim_master.stepping.kernels.tables import (
     AHEAD,
     ANSWERS,
     BASE,
     BLOCK,
     BY_PYTHON,
-    CALL,
     DELAY,
     EVENTFUL,
     EVERY,
     FEED,
     FINAL,
     FINER,
-    FUNCTIONS,
-    GET_STRING,
     IN_ORDER,
     INSTANCE,
     JACOBI,
@@ -40,15 +36,13 @@ from cosim_master.stepping.kernels.tables import (
     REALS_IN,
     REALS_OUT,
     SEND,
-    SET_STRING,
     SLOPE,
     START,
     WIRE,
     K,
     Plan,
 )
-from cosim_master.stepping.kernels.widths import PACKED, WIDE_WIDTHS, WIDTHS
-from cosim_master.stepping.layout import KINDS, TERM, Layout, Ports, call_of
+from cosim_master.stepping.layout import TERM, Layout, Ports
 from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
@@ -83,30 +77,30 @@ def make_plan(
     kinds = [layout.ports[kind] for kind in KINDS]
     real, recorded = kinds[0], _recorded_integers(kinds)
     rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(recorded) + 8), 65536))
-    wires = np.zeros(len(real.in_reference), dtype=WIRE)
+    wires = np.zeros(len(real.inputs), dtype=WIRE)
     wires["factor"], wires["offset"] = real.factor, real.offset
     feeds = _feeds(layout, wires)
-    ports, rx, capacity = _packet_ports(layout, network)
+    n_values = sum(len(one.inputs) + len(one.outputs) for one in kinds)
+    memory = CallMemory(n_values + 2 * len(slaves), n_values, ANSWERS * (len(slaves) + 1))
+    calls = [one.calls(memory) for one in slaves]
+    ports, rx, capacity = _packet_ports(layout, network, calls)
     constants = _first_constants(layout, kinds)
     values = _values(layout, kinds, constants)
     delays, delay_line = _delay_table(layout, clock, constants, len(kinds[1].outputs))
     slopes = _slope_table(layout, master)
     derivatives = np.zeros(slopes.size)
-    native = _Native(len(slaves), kinds)
-    instances = _instance_table(clock, network, slaves, native)
+    instances = _instance_table(clock, network, slaves, memory)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     confined = [*(master.sequence or sorted(set(range(len(slaves))) - set(free)))]
     return Plan(
         instances=table(instances),
-        calls=table(_calls(instances, feeds, values, ports, slaves, kinds, native, slopes, derivatives)),
+        calls=table(_calls(instances, feeds, values, ports, calls, kinds, slopes, derivatives)),
         feeds=table(feeds),
         input_runs=table(_runs(feeds, clock.periods)),
         sources=_sources(kinds, constants),
         wires=table(wires),
-        in_reference=values.in_reference,
         real_in=values.real_in,
         int_in=values.int_in,
-        out_reference=values.out_reference,
         real_out=values.real_out,
         int_out=values.int_out,
         int_to_real=np.array(layout.int_to_real, dtype=np.int64).reshape(-1, 2),
@@ -132,7 +126,7 @@ def make_plan(
         free=np.array(sorted(free), dtype=np.int64),
         ahead=table(_ahead_table(slaves, confined)),
         shared=np.zeros(40, dtype=np.int64),
-        native=native.memory,
+        native=memory.memory,
     )
 
 
@@ -144,7 +138,7 @@ def _counters(
     counters[K], counters[PHASE], counters[FINER] = -1, SEND, 1
     counters[START], counters[BASE], counters[LAST] = clock.start, clock.base, clock.steps
     counters[PER_NS], counters[EVERY], counters[BLOCK] = clock.per_ns, every, block
-    counters[REALS_IN], counters[REALS_OUT] = len(real.in_reference), len(real.outputs)
+    counters[REALS_IN], counters[REALS_OUT] = len(real.inputs), len(real.outputs)
     counters[EVENTFUL] = sum(one.event_mode for one in slaves)
     counters[ORDER] = BY_PYTHON if master.in_python else IN_ORDER if master.sequence else JACOBI
     counters[FINAL], counters[NAN_ALLOWED] = not master.variable, master.nan
@@ -186,12 +180,10 @@ def _sources(kinds: Sequence[Ports], constants: tuple[int, int]) -> np.ndarray[A
 
 
 def _values(layout: Layout, kinds: Sequence[Ports], constants: tuple[int, int]) -> _Values:
-    """Returns the arrays of values, zero except for constants, and their value references."""
+    """Returns the arrays of values, zero except for constants."""
     return _Values(
-        in_reference=np.array([x for p in kinds for x in p.in_reference], dtype=np.uint32),
-        real_in=np.zeros(len(kinds[0].in_reference)),
-        int_in=np.zeros(sum(len(p.in_reference) for p in kinds[1:]), dtype=np.int32),
-        out_reference=np.array([v.value_reference for p in kinds for _, v in p.outputs], dtype=np.uint32),
+        real_in=np.zeros(len(kinds[0].inputs)),
+        int_in=np.zeros(sum(len(p.inputs) for p in kinds[1:]), dtype=np.int32),
         real_out=np.concatenate([np.zeros(constants[0]), layout.constants[0]]),
         int_out=np.concatenate([np.zeros(constants[1], np.int32), np.array(layout.constants[1], np.int32)]),
     )
@@ -234,47 +226,13 @@ def _slope_table(layout: Layout, master: MasterSettings) -> np.ndarray[Any, Any]
     return table
 
 
-class _Native:
-    """Memory that FMI 3 calls point to, allocated piece by piece."""
-
-    def __init__(self, instances: int, kinds: Sequence[Ports]) -> None:
-        values = sum(len(ports.inputs) + len(ports.outputs) for ports in kinds)
-        calls = values + 2 * instances
-        self.memory = np.zeros(ANSWERS * (instances + 1) + 32 * values + TYPED.itemsize * calls + 256, dtype=np.uint8)
-        self._used = -self.memory.ctypes.data % 16
-        self._known: dict[tuple[int, ...], int] = {}
-
-    def take(self, size: int) -> int:
-        """Returns the address of `size` newly allocated bytes, a multiple of 8."""
-        first = self._used
-        self._used += -(-size // 8) * 8
-        assert self._used <= self.memory.size
-        return int(self.memory.ctypes.data) + first
-
-    def put(self, numbers: Sequence[int]) -> int:
-        """Returns the address of value references, which instances of the same FMU share."""
-        if (known := self._known.get(tuple(numbers))) is not None:
-            return known
-        address = self._known[tuple(numbers)] = self.take(4 * len(numbers))
-        first = address - self.memory.ctypes.data
-        self.memory[first : first + 4 * len(numbers)] = np.array(numbers, np.uint32).view(np.uint8)
-        return address
-
-    def typed(self, **fields: int) -> int:
-        """Returns the address of a TYPED record."""
-        address = self.take(TYPED.itemsize)
-        first = address - self.memory.ctypes.data
-        self.memory[first : first + TYPED.itemsize].view(TYPED)[0] = tuple(fields[name] for name in TYPED.names or ())
-        return address
-
-
 def _instance_table(
-    clock: TimeGrid, network: Network, slaves: Sequence[Slave], native: _Native
+    clock: TimeGrid, network: Network, slaves: Sequence[Slave], memory: CallMemory
 ) -> np.ndarray[Any, Any]:
     table = np.zeros(len(slaves), dtype=INSTANCE)
     table["handle"] = [one.handle for one in slaves]
     table["do_step"] = [one.step_address() for one in slaves]
-    table["answers"] = [native.take(ANSWERS) if one.has_answers else 0 for one in slaves]
+    table["answers"] = [memory.take(ANSWERS) if one.has_answers else 0 for one in slaves]
     for row, one in zip(table, slaves, strict=True):
         one.use_answers(int(row["answers"]))
     libraries = {id(one.library): i for i, one in enumerate(slaves)}
@@ -299,7 +257,7 @@ def _feeds(layout: Layout, wires: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         table["last_in"][:, kind] = np.add(ports.first_in[1:], inputs)
         table["first_out"][:, kind] = np.add(ports.first_out[:-1], outputs)
         table["last_out"][:, kind] = np.add(ports.first_out[1:], outputs)
-        inputs += len(ports.in_reference)
+        inputs += len(ports.inputs)
         outputs += len(ports.outputs)
     changed = np.concatenate([[0], np.cumsum((wires["factor"] != 1.0) | (wires["offset"] != 0.0))])
     table["plain"] = changed[table["first_in"][:, 0]] == changed[table["last_in"][:, 0]]
@@ -320,18 +278,12 @@ def _runs(feeds: np.ndarray[Any, Any], periods: Sequence[int]) -> np.ndarray[Any
 
 @dataclass(frozen=True, slots=True)
 class _Values:
-    """The arrays of values and of value references of a `Plan`."""
+    """The arrays of values of a `Plan`."""
 
-    in_reference: np.ndarray[Any, Any]
     real_in: np.ndarray[Any, Any]
     int_in: np.ndarray[Any, Any]
-    out_reference: np.ndarray[Any, Any]
     real_out: np.ndarray[Any, Any]
     int_out: np.ndarray[Any, Any]
-
-
-def _version(one: Slave) -> int:
-    return int(one.fmu.fmi_version[0])
 
 
 def _calls(
@@ -339,68 +291,48 @@ def _calls(
     feeds: np.ndarray[Any, Any],
     values: _Values,
     ports: np.ndarray[Any, Any],
-    slaves: Sequence[Slave],
+    calls: Sequence[Calls],
     kinds: Sequence[Ports],
-    native: _Native,
     slopes: np.ndarray[Any, Any],
     derivatives: np.ndarray[Any, Any],
 ) -> np.ndarray[Any, Any]:
     """Returns the CALL table, and stores in `instances` the calls that belong to each instance."""
-    rows: list[tuple[int, ...]] = []
-    v, reals = values, (len(kinds[0].inputs), len(kinds[0].outputs))
+    rows: list[Row] = []
+    v = values
+    inputs, outputs = [one for p in kinds for one in p.inputs], [one for p in kinds for _, one in p.outputs]
     sides = (
-        ("Set", "in", v.in_reference.ctypes.data, v.real_in.ctypes.data, v.int_in.ctypes.data, reals[0]),
-        ("Get", "out", v.out_reference.ctypes.data, v.real_out.ctypes.data, v.int_out.ctypes.data, reals[1]),
+        ("Set", "in", inputs, v.real_in.ctypes.data, v.int_in.ctypes.data, len(kinds[0].inputs)),
+        ("Get", "out", outputs, v.real_out.ctypes.data, v.int_out.ctypes.data, len(kinds[0].outputs)),
     )
-    variables = {"in": [one for p in kinds for one in p.inputs], "out": [one for p in kinds for _, one in p.outputs]}
-    for i, one in enumerate(slaves):
+    for i, one in enumerate(calls):
         row = instances[i]
         first_endpoint = int(row["endpoint"])
         last_endpoint = first_endpoint + 1 + int(ports[first_endpoint]["further"]) if first_endpoint >= 0 else -1
-        for verb, side, references, real_values, int_values, n_reals in sides:
+        for verb, side, variables, real_values, int_values, n_reals in sides:
             row["first_set" if verb == "Set" else "first_get"] = len(rows)
             if verb == "Set":
                 for e in range(first_endpoint, last_endpoint):
-                    rows += _packet_call(verb, one, ports, e, native)
+                    rows += _packet_call(verb, one, ports, e)
                 row["first_set_value"] = len(rows)
             for kind, name in enumerate(KINDS):
                 first, last = int(feeds[i][f"first_{side}"][kind]), int(feeds[i][f"last_{side}"][kind])
                 if last > first:
                     at = real_values + 8 * first if kind == 0 else int_values + 4 * (first - n_reals)
-                    if _version(one) == 3:
-                        rows += _typed(verb, one, variables[side][first:last], at, 8 if kind == 0 else 4, native)
-                        continue
-                    address = one.library.address(f"fmi2{verb}{name}")
-                    number = (1 if verb == "Set" else 6) + kind
-                    rows.append((address, one.handle, references + 4 * first, at, last - first, number, 0))
+                    rows += one.values(verb, name, variables[first:last], at)
             if verb == "Get":
-                rows += _packet_call(verb, one, ports, first_endpoint, native)
+                rows += _packet_call(verb, one, ports, first_endpoint)
             elif (own := np.flatnonzero(slopes["instance"] == i)).size:
-                inputs = values.in_reference[slopes["input"][own]]
-                rows.append(_slope_call(one, inputs, derivatives[own[0] :].ctypes.data, native))
+                extrapolated = [inputs[j] for j in slopes["input"][own]]
+                rows.append(one.input_derivatives(extrapolated, derivatives[own[0] :].ctypes.data))
         row["last_get"] = len(rows)
         for e in range(first_endpoint + 1, last_endpoint):
             ports[e]["get"] = len(rows)
-            rows += _packet_call("Get", one, ports, e, native)
+            rows += _packet_call("Get", one, ports, e)
     return np.array(rows, dtype=CALL)
 
 
-def _slope_call(one: Slave, references: np.ndarray[Any, Any], derivatives: int, native: _Native) -> tuple[int, ...]:
-    """Returns the call of fmi2SetRealInputDerivatives for inputs, whose derivatives are at an address.
-
-    Like FMI 3 calls, it has five arguments; the last two are orders and derivatives.
-    """
-    name = "fmi2SetRealInputDerivatives"
-    typed = native.typed(values=native.put([1] * references.size), n_values=derivatives, sizes=0, plain=0, sets=1)
-    numbers = native.put(references.tolist())
-    address, n, width = one.library.address(name), references.size, WIDTHS["Float64"]
-    return (address, one.handle, numbers, typed, n, FUNCTIONS.index(name), width)
-
-
-def _packet_call(
-    verb: str, one: Slave, ports: np.ndarray[Any, Any], endpoint: int, native: _Native
-) -> list[tuple[int, ...]]:
-    """Returns the call that sets or gets the packets of an instance, if it has such a port."""
+def _packet_call(verb: str, calls: Calls, ports: np.ndarray[Any, Any], endpoint: int) -> list[Row]:
+    """Returns the call that sets or gets the packets of an endpoint, if it has such a port."""
     has, reference, value, size = (
         ("has_rx", "rx", "given", "given_size") if verb == "Set" else ("has_tx", "tx", "got", "got_size")
     )
@@ -409,48 +341,12 @@ def _packet_call(
     fields = PORTS.fields
     assert fields is not None
     row = ports.ctypes.data + PORTS.itemsize * int(endpoint)
-    layout = [row + fields[name][1] for name in (reference, value, size)]
-    number = SET_STRING if verb == "Set" else GET_STRING
-    if _version(one) == 3:
-        address, number = one.library.address(f"fmi3{verb}Binary"), FUNCTIONS.index(f"fmi3{verb}Binary")
-        typed = native.typed(values=layout[1], n_values=1, sizes=layout[2], plain=0, sets=int(verb == "Set"))
-        return [(address, one.handle, layout[0], typed, 1, number, WIDTHS["Binary"])]
-    return [(one.library.address(f"fmi2{verb}String"), one.handle, layout[0], layout[1], 1, number, 0)]
+    return [calls.packets(verb, PacketPlaces(*(row + fields[name][1] for name in (reference, value, size))))]
 
 
-def _typed(
-    verb: str, one: Slave, variables: Sequence[Variable], plain: int, size: int, native: _Native
-) -> list[tuple[int, ...]]:
-    """Returns FMI 3 calls for variables with values at `plain`, `size` bytes each: one call per type."""
-    rows: list[tuple[int, ...]] = []
-    first = 0
-    while first < len(variables):
-        fmi_type, wide, clocked = key = call_of(variables[first])
-        last = first
-        references: list[int] = []
-        while last < len(variables) and call_of(variables[last]) == key:
-            if not variables[last].element:  # a scalar, or the first element of an array
-                references.append(variables[last].value_reference)
-            last += 1 + wide
-        if clocked:
-            first = last
-            continue
-        n, at = (last - first) // (1 + wide), plain + size * first
-        buffer = at if fmi_type in ("Float64", "Int32") else native.take(8 * n)
-        address, number = one.library.address(f"fmi3{verb}{fmi_type}"), FUNCTIONS.index(f"fmi3{verb}{fmi_type}")
-        if buffer == at and n < 1 << 16:
-            packed = len(references) | n << 16
-            rows.append((address, one.handle, native.put(references), at, packed, number, PACKED))
-            first = last
-            continue
-        typed = native.typed(values=buffer, n_values=n, sizes=0, plain=at, sets=int(verb == "Set"))
-        width = (WIDE_WIDTHS if wide else WIDTHS)[fmi_type]
-        rows.append((address, one.handle, native.put(references), typed, len(references), number, width))
-        first = last
-    return rows
-
-
-def _packet_ports(layout: Layout, network: Network) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
+def _packet_ports(
+    layout: Layout, network: Network, calls: Sequence[Calls]
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], int]:
     """Returns the PORTS table, `Plan.rx` that it points to, and the largest capacity."""
     endpoints = [endpoint for node in network.nodes for endpoint in node.endpoints]
     number = {instance.name: i for i, instance in enumerate(layout.instances)}
@@ -462,8 +358,7 @@ def _packet_ports(layout: Layout, network: Network) -> tuple[np.ndarray[Any, Any
     table["has_tx"] = [e.tx is not None for e in endpoints]
     table["rx"] = [e.rx.value_reference if e.rx else 0 for e in endpoints]
     table["tx"] = [e.tx.value_reference if e.tx else 0 for e in endpoints]
-    of_fmi3 = {i.name for i in layout.instances if i.fmu.fmi_version.startswith("3.")}
-    table["binary"] = [e.instance in of_fmi3 for e in endpoints]
+    table["binary"] = [calls[number[e.instance]].binary for e in endpoints]
     own = Counter(e.instance for e in endpoints)
     for e, endpoint in enumerate(endpoints):
         if e == 0 or endpoints[e - 1].instance != endpoint.instance:

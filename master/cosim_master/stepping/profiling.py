@@ -20,6 +20,7 @@ import numpy as np
 from numba import types
 
 from cosim.kernel import PLAIN
+from cosim_master.fmi.calls import WIDTHS
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.fmi_calls import (
     atomic_add,
@@ -32,7 +33,6 @@ from cosim_master.stepping.kernels.fmi_calls import (
     nanoseconds,
 )
 from cosim_master.stepping.kernels.tables import Plan
-from cosim_master.stepping.kernels.widths import WIDTHS
 
 __all__ = ["FmuTime", "Profile", "Profiler"]
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from cosim.channel import PACKET
 from cosim.kernel import PLAIN
+from cosim_master.fmi.calls import CALL
 from cosim_master.network.radio import queues, router
 from cosim_master.network.radio import tables as radio
 from cosim_master.network.radio.tables import Radio
@@ -34,7 +35,7 @@ EVERY_RUN = ("run", "collect_all", "places_needed", "sent_bytes")
 _STRUCTURED = {
     Plan: {
         "instances": tables.INSTANCE,
-        "calls": tables.CALL,
+        "calls": CALL,
         "feeds": tables.FEED,
         "input_runs": tables.FEED,
         "wires": tables.WIRE,

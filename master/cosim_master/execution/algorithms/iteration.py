@@ -30,10 +30,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import NotConverged
+from cosim_master.fmi.calls import KINDS
 from cosim_master.fmi.slaves.slave import Slave
 from cosim_master.stepping.kernels.instances import step_each, step_together
 from cosim_master.stepping.kernels.tables import FAILURES, Plan
-from cosim_master.stepping.layout import KINDS, Layout
+from cosim_master.stepping.layout import Layout
 from cosim_master.system.settings.master import MasterSettings
 
 __all__ = ["Iteration"]

@@ -14,13 +14,14 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.events.super_dense import EndedByEvent, Events
+from cosim_master.fmi.calls import KINDS
 from cosim_master.fmi.description.read import Variable
 from cosim_master.fmi.slaves.slave import EventSlave, Slave, has_event_mode
 from cosim_master.stepping.failures import raise_failures, reached
 from cosim_master.stepping.kernels.instances import collect_again
 from cosim_master.stepping.kernels.macro_step import end_here
 from cosim_master.stepping.kernels.tables import BASE, BEGIN, END, FINER, PER_NS, SHOW, START, K, Plan
-from cosim_master.stepping.layout import KINDS, Layout, halves_of
+from cosim_master.stepping.layout import Layout, halves_of
 from cosim_master.stepping.strings import Texts
 from cosim_master.system.flatten.flat import CheckedSystem, FlatConnection
 from cosim_master.system.settings.changes import Change

@@ -228,6 +228,12 @@ class FmuDescription:
     source_files: SourceFiles | None = None
     table: Table | None = None
 
+    def no_input_derivatives(self, name: str) -> str:
+        """Returns the reason why derivatives of inputs of the instance `name` cannot be set; empty if they can."""
+        if self.fmi_version.startswith("3."):
+            return "FMI 3 has no derivatives of inputs"
+        return "" if self.capabilities.canInterpolateInputs else f"canInterpolateInputs of {name} is false"
+
     def remedy(self, flag: str) -> str:
         """Returns the end of a message about a missing capability: the alternative, if only the solver lacks it."""
         exchange = self.model_exchange

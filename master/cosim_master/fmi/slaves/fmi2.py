@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.calls import CallMemory, Calls2
 from cosim_master.fmi.description.read import FmuDescription, Variable
 
 __all__ = [
@@ -282,6 +283,10 @@ class Instance2:
     def configure(self, _variables: Sequence[Variable], _values: Sequence[Any]) -> None:
         """Raises ValueError: FMI 2 has no structural parameters."""
         raise ValueError(f"{self.name} is of FMI {self.fmi}, which has no structural parameters")
+
+    def calls(self, memory: CallMemory) -> Calls2:
+        """Returns the calls by which the loop sets and gets its values."""
+        return Calls2(self.library.address, self.handle, memory)
 
     def step_address(self) -> int:
         """Returns the address of the function that makes a step."""

@@ -26,6 +26,7 @@ from fractions import Fraction
 from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.calls import CallMemory, Calls3
 from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.fmi.slaves.fmi2 import Library, SharedHandle, diagnosed, pending_exception, raise_end, refused
 
@@ -301,6 +302,10 @@ class Instance3:
         return whole_nanoseconds(seconds)
 
     # ---- steps and states --------------------------------------------------------------------------------------------
+
+    def calls(self, memory: CallMemory) -> Calls3:
+        """Returns the calls by which the loop sets and gets its values."""
+        return Calls3(self.library.address, self.handle, memory)
 
     def step_address(self) -> int:
         """Returns the address of the function that makes a step."""

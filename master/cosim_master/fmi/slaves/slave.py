@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import Any, Protocol, TypeGuard
 
 from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.calls import CallMemory, Calls
 from cosim_master.fmi.description.read import FmuDescription, Variable
 from cosim_master.fmi.slaves.fmi2 import Library
 
@@ -79,6 +80,9 @@ class Slave(Protocol):
 
     def set(self, variables: Sequence[Variable], values: Sequence[Any]) -> None:
         """Sets variables of any types."""
+
+    def calls(self, memory: CallMemory) -> Calls:
+        """Returns the calls by which the loop sets and gets its values."""
 
     def step_address(self) -> int:
         """Returns the address of the function that makes a step."""

@@ -1,6 +1,6 @@
 """FMI 3 get and set calls of the stepping loop: they convert between FMI 3's types and the plan's floats and integers.
 
-In a CALL row (see `tables`) of an FMI 3 instance, `width` selects the conversion of the values, and `values` is the
+In a CALL row (see `fmi.calls`) of an FMI 3 instance, `width` selects the conversion of the values, and `values` is the
 address of a TYPED record. Float64 and Int32 are the plan's own types; others are converted in a buffer of the call. An
 integer that does not fit is an error. A 64-bit integer or a UInt32 occupies two integers of the plan.
 """
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cosim.kernel import kernel
+from cosim_master.fmi.calls import WIDE_WIDTHS, WIDTHS
 from cosim_master.stepping.kernels.fmi_calls import (
     get_or_set3,
     get_or_set_binary,
@@ -31,9 +32,8 @@ from cosim_master.stepping.kernels.fmi_calls import (
     store_i4,
     store_i8,
 )
-from cosim_master.stepping.kernels.widths import WIDE_WIDTHS, WIDTHS
 
-__all__ = ["OUT_OF_RANGE", "TYPED", "call3"]
+__all__ = ["OUT_OF_RANGE", "call3"]
 
 OUT_OF_RANGE = -5
 """Replaces a status: an integer does not fit into the variable's type, or into 32 bits."""
@@ -42,17 +42,8 @@ _PLAIN, _BINARY, _FLOAT32, _BOOLEAN = (WIDTHS[name] for name in ("Int32", "Binar
 _INT8, _INT16, _UINT8, _UINT16 = (WIDTHS[name] for name in ("Int8", "Int16", "UInt8", "UInt16"))
 _UINT32, _UINT64 = WIDTHS["UInt32"], WIDTHS["UInt64"]
 _WIDE, _WIDE_UINT32 = WIDE_WIDTHS["Int64"], WIDE_WIDTHS["UInt32"]
-TYPED = np.dtype(
-    [
-        ("values", "u8"),
-        ("n_values", "u8"),
-        ("sizes", "u8"),  # of a Binary
-        ("plain", "u8"),  # place of the values in the plan, if `values` is a buffer of the call
-        ("sets", "i8"),
-    ]
-)
-"""The arguments of an FMI 3 call that FMI 2 lacks; they are stored separately, to keep FMI 2 calls small."""
 _VALUES, _N_VALUES, _SIZES, _PLAINLY, _SETS = range(5)
+"""Fields of a TYPED record."""
 
 
 @kernel

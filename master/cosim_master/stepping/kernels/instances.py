@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cosim.kernel import kernel
 from cosim.packets import decode_base64
+from cosim_master.fmi.calls import PACKED
 from cosim_master.stepping.kernels.exchange import exchange, extrapolate, feed, inlined
 from cosim_master.stepping.kernels.fmi3_types import call3
 from cosim_master.stepping.kernels.fmi_calls import (
@@ -47,7 +48,6 @@ from cosim_master.stepping.kernels.tables import (
     K,
     Plan,
 )
-from cosim_master.stepping.kernels.widths import PACKED
 
 __all__ = [
     "any_pending",

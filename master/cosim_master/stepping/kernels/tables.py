@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.network.roles import declared
-from cosim_master.stepping.kernels.widths import WIDTHS
 
 __all__ = [
     "AHEAD",
@@ -18,7 +17,6 @@ __all__ = [
     "BLOCK",
     "BLOCK_FULL",
     "BY_PYTHON",
-    "CALL",
     "COMPLETED",
     "COPY",
     "DELAY",
@@ -38,7 +36,6 @@ __all__ = [
     "FEED",
     "FINAL",
     "FINER",
-    "FUNCTIONS",
     "GET_REAL",
     "GET_STRING",
     "INSTANCE",
@@ -84,22 +81,8 @@ DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE, STEPS_DUE = 0, 1, 2
 DELIVER, STEP, SEND = 0, 1, 2
 """Phases of a macro step, in `Plan.counters[PHASE]`."""
 
-FUNCTIONS = (
-    "",
-    "fmi2SetReal",
-    "fmi2SetInteger",
-    "fmi2SetBoolean",
-    "fmi2SetString",
-    "fmi2DoStep",
-    "fmi2GetReal",
-    "fmi2GetInteger",
-    "fmi2GetBoolean",
-    "fmi2GetString",
-    *(f"fmi3{verb}{fmi_type}" for verb in ("Set", "Get") for fmi_type in WIDTHS),
-    "fmi2SetRealInputDerivatives",
-)
-"""FMI functions, indexed by `Instance.failed[0]`."""
 SET_STRING, DO_STEP, GET_REAL, GET_STRING = 4, 5, 6, 9
+"""Numbers in `fmi.calls.FUNCTIONS`."""
 NOT_A_NUMBER, TOO_LONG, NOT_BASE64, NOT_CALLED = -1, -2, -3, -4
 """Replace a status: an output is NaN (failed[2] is its index); packets that cannot be read; not stepped because another
 instance of its FMU answered fmi2Fatal.
@@ -150,19 +133,6 @@ FEED = np.dtype(
     ]
 )
 """The inputs and outputs of an instance; in `Plan.input_runs`, of adjacent instances with one period."""
-CALL = np.dtype(
-    [
-        ("function", "u8"),
-        ("handle", "u8"),
-        ("references", "u8"),
-        ("values", "u8"),  # of FMI 3: address of a TYPED record
-        ("n", "u4"),
-        ("number", "u2"),  # in FUNCTIONS
-        ("width", "u2"),  # 0 is FMI 2; of FMI 3 see `widths`
-    ]
-)
-"""A call of fmiXSetYYY or fmiXGetYYY with all its arguments: addresses into the arrays of the plan. It is small, too.
-"""
 WIRE = np.dtype([("factor", "f8"), ("offset", "f8")])
 """input = factor * output[source] + offset"""
 DELAY = np.dtype(
@@ -249,10 +219,8 @@ class Plan(NamedTuple):
     input_runs: NDArray[Any]  # FEED, of as many instances as can be fed at a time
     sources: NDArray[np.uint32]  # of each input, within real_out or int_out
     wires: NDArray[Any]  # WIRE, of each real input
-    in_reference: NDArray[np.uint32]
     real_in: NDArray[np.float64]
     int_in: NDArray[np.int32]
-    out_reference: NDArray[np.uint32]
     real_out: NDArray[np.float64]
     int_out: NDArray[np.int32]
     int_to_real: NDArray[
@@ -280,14 +248,14 @@ class Plan(NamedTuple):
     free: NDArray[np.int64]  # instances that any thread may step
     ahead: NDArray[Any]  # AHEAD, in the order of `confined`
     shared: NDArray[np.int64]
-    native: NDArray[np.uint8]  # of FMI 3: value references, buffers and answers that `calls` and `instances` point to
+    native: NDArray[np.uint8]  # value references, buffers and answers of FMI 3, to which `calls` and `instances` point
 
 
 ROLES = declared(
     CONSTANT="""
         instances.handle instances.do_step instances.answers instances.library instances.endpoint
         instances.first_set instances.first_set_value instances.first_get instances.last_get
-        calls feeds input_runs sources wires in_reference out_reference int_to_real value_maps
+        calls feeds input_runs sources wires int_to_real value_maps
         real_recorded int_recorded grids delays slopes.input slopes.instance confined free ahead
         ports.instance ports.has_rx ports.has_tx ports.given ports.rx ports.tx ports.binary ports.get ports.further
     """,

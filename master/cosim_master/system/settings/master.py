@@ -359,10 +359,8 @@ def _extrapolated(
             cannot = f"it is for jacobi and gauss-seidel, this is {algorithm}"
         elif fmu.variables[variable].type != "Real":
             cannot = f"it is a {fmu.variables[variable].type}"
-        elif fmu.fmi_version.startswith("3."):
-            cannot = "FMI 3 has no derivatives of inputs"
-        elif not fmu.capabilities.canInterpolateInputs:
-            cannot = f"canInterpolateInputs of {name} is false"
+        else:
+            cannot = fmu.no_input_derivatives(name)
         if cannot:
             problems.append(Problem(where, EXTRAPOLATION.text(name, variable, cannot)))
     return frozenset(found)
