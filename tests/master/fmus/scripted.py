@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim_master.diagnostics.errors import FmuError, Where
+from cosim_master.fmi.calls import CallMemory, Calls2
 from cosim_master.fmi.description.read import Capabilities, FmuDescription, Variable
 from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance, FlatConnection
 from cosim_master.system.structure import System, SystemStructure
@@ -118,6 +119,9 @@ class Scripted:
 
     def address(self, function: str) -> int:
         return ctypes.cast(self._functions[function], ctypes.c_void_p).value or 0
+
+    def calls(self, memory: CallMemory) -> Calls2:
+        return Calls2(self.address, self.handle, memory)
 
     def step_address(self) -> int:
         return self.address("fmi2DoStep")
