@@ -22,6 +22,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -40,8 +41,14 @@ def run_child(system: str, begin: float, steps: int, *, count: bool) -> None:
         checked = check(structure)
         network, clock = network_of(checked), time_grid(checked, begin + 10.0)
         layout = make_layout(checked, network, ("*.vehicle.position*",))
-        given = {"every": clock.steps, "keep_packets": False, "threads": 1}
-        with Execution(checked, clock, layout, network, **given) as execution:
+        given: dict[str, Any] = {"every": clock.steps, "keep_packets": False, "threads": 1}
+        try:
+            from cosim_master.execution.run.opening import Setup
+        except ModuleNotFoundError:  # checkouts from before `Setup`
+            execution = Execution(checked, clock, layout, network, **given)
+        else:
+            execution = Execution(checked, clock, layout, network, Setup(**given))
+        with execution:
             first = round(begin * 1e9 / clock.base)
             execution.advance(first)
             _switch("on", count)

@@ -95,3 +95,10 @@ def test_the_live_page_is_served_and_its_processor_time_is_measured(tmp_path: Pa
     (row,) = benchmark("view", tmp_path, "line5@20", "--seconds", "20")["rows"]
     assert row["run"] == "line5@20" and row["frames"] > 0.0 and row["rate"] > 0.0
     assert row["observer"] > 0.0 and row["server"] > 0.0 and row["run_cpu"] > 0.0
+
+
+def test_instructions_steps_what_it_counts() -> None:
+    # Without valgrind, which is not at hand everywhere.
+    command = [sys.executable, str(BENCHMARKS / "instructions.py"), "--child", "line5", "--from", "1", "--steps", "10"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
