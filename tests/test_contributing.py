@@ -283,12 +283,14 @@ def test_a_cooperative_law(tree: Path, fmus: Path, tmp_path: Path) -> None:
 # ---- command -------------------------------------------------------------------------------------------------------
 
 TERMINATE = """
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.models.copter import Copter
 copter = Copter()
 copter.tick()
 copter.m["armed"], copter.m["on_ground"] = True, False
 for param1 in (0.5, 1.0):
-    print(copter.ask(185, param1)[0], bool(copter.m["armed"]), bool(copter.m["on_ground"]))
+    answer = copter.ask(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, param1)[0]
+    print(answer, bool(copter.m["armed"]), bool(copter.m["on_ground"]))
 """
 
 

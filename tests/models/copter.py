@@ -20,8 +20,19 @@ from cosim_models.vehicles.quadrotor import Quadrotor
 from tests.models.shipped_kernels import kernels
 
 H = 0.0025
-STABILIZE, GUIDED, LOITER, RTL, LAND = 0, 4, 5, 6, 9
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+STABILIZE, GUIDED, LOITER, RTL, LAND = (
+    mavlink.COPTER_MODE_STABILIZE,
+    mavlink.COPTER_MODE_GUIDED,
+    mavlink.COPTER_MODE_LOITER,
+    mavlink.COPTER_MODE_RTL,
+    mavlink.COPTER_MODE_LAND,
+)
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
+    mavlink.MAV_RESULT_ACCEPTED,
+    mavlink.MAV_RESULT_DENIED,
+    mavlink.MAV_RESULT_UNSUPPORTED,
+    mavlink.MAV_RESULT_FAILED,
+)
 ONLY_POSITION, ONLY_VELOCITY, ONLY_ACCELERATION = 0xDF8, 0xDC7, 0xC3F
 LINES = ("telemetry", "serial")
 """Links of the autopilot besides `mavlink`."""

@@ -13,7 +13,12 @@ from tests.models.copter import Decoder, set_values
 from tests.models.shipped_kernels import kernels
 
 MOTION = ("position", "velocity", "attitude", "angular_velocity", "specific_force")
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
+    mavlink.MAV_RESULT_ACCEPTED,
+    mavlink.MAV_RESULT_DENIED,
+    mavlink.MAV_RESULT_UNSUPPORTED,
+    mavlink.MAV_RESULT_FAILED,
+)
 LATITUDE, LONGITUDE, ALTITUDE = -35.363262, 149.165237, 584.0
 """The local origin, degrees and m."""
 METRES_PER_DEGREE = 111318.845

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
@@ -19,8 +20,9 @@ from tests.scenarios.swarm import START_UP, Swarm, running
 
 pytestmark = pytest.mark.slow
 
-ARM, TAKEOFF, MODE, STREAMS = 400, 22, 176, 4
-ACCEPTED, GUIDED, ARMED = 0, 4, 128
+ARM, TAKEOFF = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_NAV_TAKEOFF
+MODE, STREAMS = mavlink.MAV_CMD_DO_SET_MODE, 4
+ACCEPTED, GUIDED, ARMED = (mavlink.MAV_RESULT_ACCEPTED, mavlink.COPTER_MODE_GUIDED, mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
 PACE = 4.0
 KEY = bytes(range(32))
 

@@ -13,7 +13,8 @@ from tests.models.autopilot.test_autopilot_missions import AUTO, HOME, item, upl
 from tests.models.autopilot.test_autopilot_sticks import heading
 from tests.models.copter import ACCEPTED, FAILED, Copter
 
-TURNS, WAIT, YAW, JUMP, SPEED = 18, 112, 115, 177, 178
+TURNS, WAIT = mavlink.MAV_CMD_NAV_LOITER_TURNS, mavlink.MAV_CMD_CONDITION_DELAY
+YAW, JUMP, SPEED = mavlink.MAV_CMD_CONDITION_YAW, mavlink.MAV_CMD_DO_JUMP, mavlink.MAV_CMD_DO_CHANGE_SPEED
 
 
 def flying(*items: Any, **autopilot: float) -> Copter:

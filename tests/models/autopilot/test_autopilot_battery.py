@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, RTL, Copter
 
-BRAKE = 17
+BRAKE = mavlink.COPTER_MODE_BRAKE
 
 
 def texts(copter: Copter) -> list[tuple[int, str]]:

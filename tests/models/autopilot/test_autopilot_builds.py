@@ -17,7 +17,7 @@ from cosim_models.sensing.estimator import Estimator
 from tests.models.copter import GUIDED, LAND, LOITER, RTL, Copter, H
 from tests.models.shipped_kernels import kernels
 
-ALT_HOLD, CIRCLE = 2, 7
+ALT_HOLD, CIRCLE = (mavlink.COPTER_MODE_ALT_HOLD, mavlink.COPTER_MODE_CIRCLE)
 
 ROOT = Path(__file__).parents[3]
 

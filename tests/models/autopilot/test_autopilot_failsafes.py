@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, ONLY_VELOCITY, RTL, Copter
 
-ALT_HOLD, BRAKE = 2, 17
+ALT_HOLD, BRAKE = (mavlink.COPTER_MODE_ALT_HOLD, mavlink.COPTER_MODE_BRAKE)
 STATION = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 
 

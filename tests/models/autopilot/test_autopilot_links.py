@@ -14,7 +14,7 @@ from cosim_models.autopilot.link.statustext import NO_SUCH_MODE, WARNING, say, s
 from tests.models.copter import ACCEPTED, GUIDED, LINES, Copter
 
 ALL = ("mavlink", *LINES)
-ATTITUDE, LOCAL_POSITION = 30, 32
+ATTITUDE, LOCAL_POSITION = mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 
 
 def heard(copter: Copter, line: str) -> list[Any]:

@@ -14,7 +14,7 @@ from tests.models.copter import ACCEPTED, FAILED, GUIDED, Copter, H
 LAT, LON = -353632620, 1491652370
 METRE = 1.0 / 0.011131884502145034
 """1e-7 degrees of latitude."""
-AUTO = 3
+AUTO = mavlink.COPTER_MODE_AUTO
 
 
 def item(sequence: int, command: int, *values: float, north: float = 0.0, z: float = 0.0, frame: int = 3) -> Any:

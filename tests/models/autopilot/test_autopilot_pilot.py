@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, LOITER, RTL, STABILIZE, Copter
 
-ALT_HOLD, CIRCLE, BRAKE = 2, 7, 17
+ALT_HOLD, CIRCLE, BRAKE = (mavlink.COPTER_MODE_ALT_HOLD, mavlink.COPTER_MODE_CIRCLE, mavlink.COPTER_MODE_BRAKE)
 IGNORE, RELEASE = 65535, 65534
 
 

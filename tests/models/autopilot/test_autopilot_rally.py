@@ -11,7 +11,7 @@ from cosim_models.autopilot.mission.rally import RALLY_CAPACITY, best_return
 from tests.models.autopilot.test_autopilot_missions import LAT, LON, METRE, replies
 from tests.models.copter import ACCEPTED, RTL, Copter
 
-RALLY = 2
+RALLY = mavlink.MAV_MISSION_TYPE_RALLY
 POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
 EAST = METRE / 0.8155  # 1e-7 degrees of longitude per metre at 35.363 degrees south
 
@@ -70,7 +70,7 @@ def test_points_are_cleared_alone(copter: Copter) -> None:
 @pytest.mark.parametrize(
     ("bad", "result"),
     [
-        (point(0, 1.0, command=16), 3),
+        (point(0, 1.0, command=mavlink.MAV_CMD_NAV_WAYPOINT), 3),
         (point(0, 1.0, frame=10), 2),
         (point(0, 1.0, z=40000.0), 12),
         (point(0, 1.0, z=float("nan")), 12),

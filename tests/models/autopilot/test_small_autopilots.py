@@ -21,8 +21,21 @@ from cosim_models.vehicles.rover import Rover
 from tests.models.pair import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Pair, degrees_of
 from tests.models.shipped_kernels import kernels
 
-SET_MODE, ARM, TAKEOFF, LAND, RTL, SPEED, INTERVAL, REQUEST = 176, 400, 22, 21, 20, 178, 511, 512
+SET_MODE, ARM, SPEED = (
+    mavlink.MAV_CMD_DO_SET_MODE,
+    mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+    mavlink.MAV_CMD_DO_CHANGE_SPEED,
+)
+TAKEOFF, LAND, RTL = (
+    mavlink.MAV_CMD_NAV_TAKEOFF,
+    mavlink.MAV_CMD_NAV_LAND,
+    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+)
+INTERVAL, REQUEST = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE
+WAYPOINT = mavlink.MAV_CMD_NAV_WAYPOINT
+POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 HOVER = 10.0
+UNKNOWN_COMMAND = 9999
 
 
 @dataclass
@@ -91,7 +104,7 @@ def test_it_speaks_as_its_firmware(name: str) -> None:
     p.one_step()
     assert (p.last("HEARTBEAT").custom_mode, p.last("HEARTBEAT").base_mode & 136) == (kind.guided, 136)
     assert p.ask(TAKEOFF, 0, 0, 0, 0, 0, 0, HOVER) == kind.takeoff
-    assert p.ask(9999) == UNSUPPORTED
+    assert p.ask(UNKNOWN_COMMAND) == UNSUPPORTED
     assert p.ask(LAND) == kind.land
     assert p.ask(RTL) == ACCEPTED
     assert p.m.mode == kind.rtl
@@ -101,10 +114,10 @@ def test_it_speaks_as_its_firmware(name: str) -> None:
 def test_streams_come_at_the_rate_that_was_asked_for(name: str) -> None:
     p = made(name, values={"position_start[1]": 30.0, "position_start[2]": -20.0})
     p.until(2.5)
-    assert p.ask(INTERVAL, 33, 2e5) == ACCEPTED
-    assert p.ask(INTERVAL, 193, 1e6) == ACCEPTED
+    assert p.ask(INTERVAL, POSITION, 2e5) == ACCEPTED
+    assert p.ask(INTERVAL, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 1e6) == ACCEPTED
     assert p.ask(INTERVAL, 11000, 1e6) == DENIED
-    assert p.ask(INTERVAL, 33, -2.0) == DENIED
+    assert p.ask(INTERVAL, POSITION, -2.0) == DENIED
     p.heard.clear()
     p.until(12.55)
     counts = {k: sum(m.get_type() == k for m in p.heard) for k in ("GLOBAL_POSITION_INT", "EKF_STATUS_REPORT")}
@@ -118,7 +131,7 @@ def test_streams_come_at_the_rate_that_was_asked_for(name: str) -> None:
     p.until(14.5)
     assert {m.get_type() for m in p.heard} >= {"ATTITUDE", "VFR_HUD", "SYS_STATUS", "GPS_RAW_INT", "LOCAL_POSITION_NED"}
     assert p.last("GPS_RAW_INT").fix_type == 6
-    assert p.ask(INTERVAL, 33, -1) == ACCEPTED
+    assert p.ask(INTERVAL, POSITION, -1) == ACCEPTED
     p.heard.clear()
     p.until(15.5)
     assert not [m for m in p.heard if m.get_type() == "GLOBAL_POSITION_INT"]
@@ -126,13 +139,17 @@ def test_streams_come_at_the_rate_that_was_asked_for(name: str) -> None:
 
 def test_messages_on_request() -> None:
     p = made("plane")
-    assert p.ask(410) == FAILED  # home is not known yet
+    assert p.ask(mavlink.MAV_CMD_GET_HOME_POSITION) == FAILED  # home is not known yet
     p.until(2.5)
-    for message, kind in ((148, "AUTOPILOT_VERSION"), (242, "HOME_POSITION"), (245, "EXTENDED_SYS_STATE")):
+    for message, kind in (
+        (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, "AUTOPILOT_VERSION"),
+        (mavlink.MAVLINK_MSG_ID_HOME_POSITION, "HOME_POSITION"),
+        (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, "EXTENDED_SYS_STATE"),
+    ):
         assert p.ask(REQUEST, message) == ACCEPTED
         assert p.heard[-2].get_type() == kind
     assert p.ask(REQUEST, 30000) == FAILED
-    assert p.ask(520, 1) == ACCEPTED
+    assert p.ask(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1) == ACCEPTED
     p.send(mavlink.MAVLink_timesync_message(0, 12345))
     p.one_step()
     assert p.last("TIMESYNC").ts1 == 12345
@@ -288,7 +305,7 @@ def upload(p: Pair, items: list[tuple[int, float, float, float, tuple[float, flo
         p.one_step()
         for m in p.heard:
             if m.get_type() == "MISSION_REQUEST_INT":
-                command, n, e, z, (p1, p2) = [(16, 0.0, 0.0, 0.0, (0.0, 0.0)), *items][m.seq]
+                command, n, e, z, (p1, p2) = [(WAYPOINT, 0.0, 0.0, 0.0, (0.0, 0.0)), *items][m.seq]
                 lat, lon = degrees_of(n, e)
                 p.send(
                     mavlink.MAVLink_mission_item_int_message(1, 1, m.seq, 6, command, 0, 1, p1, p2, 0, 0, lat, lon, z)
@@ -302,13 +319,17 @@ def upload(p: Pair, items: list[tuple[int, float, float, float, tuple[float, flo
 def test_it_drives_a_mission_and_holds_at_its_end() -> None:
     p = started("rover")
     assert p.ask(SET_MODE, 1, 10) == FAILED  # no mission
-    assert upload(p, [(21, 0.0, 0.0, 0.0, (0.0, 0.0))]) == mavlink.MAV_MISSION_UNSUPPORTED  # NAV_LAND
-    mission = [(178, 0, 0, 0, (1.0, 4.0)), (16, 20.0, 0.0, 0.0, (3.0, 0.0)), (16, 20.0, 20.0, 0.0, (0.0, 0.0))]
+    assert upload(p, [(LAND, 0.0, 0.0, 0.0, (0.0, 0.0))]) == mavlink.MAV_MISSION_UNSUPPORTED
+    mission = [
+        (SPEED, 0, 0, 0, (1.0, 4.0)),
+        (WAYPOINT, 20.0, 0.0, 0.0, (3.0, 0.0)),
+        (WAYPOINT, 20.0, 20.0, 0.0, (0.0, 0.0)),
+    ]
     assert upload(p, mission) == mavlink.MAV_MISSION_ACCEPTED
     p.send(mavlink.MAVLink_mission_request_list_message(1, 1))
     p.one_step()
     assert p.last("MISSION_COUNT").count == 4
-    assert p.ask(300) == ACCEPTED
+    assert p.ask(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
     p.heard.clear()
     p.until(40.0)
     assert [m.seq for m in p.heard if m.get_type() == "MISSION_ITEM_REACHED"] == [2, 3]

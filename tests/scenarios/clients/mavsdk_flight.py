@@ -20,6 +20,8 @@ from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.mission_raw import MissionItem
 
+NAV_WAYPOINT = 16  # MAV_CMD; this program stands alone, without pymavlink
+
 
 async def until(what: str, ask: Callable[[], Awaitable[Any]], condition: Callable[[Any], bool]) -> Any:
     seen = None
@@ -78,7 +80,7 @@ def _items(start: Any, north: float) -> list[MissionItem]:
         MissionItem(
             seq=i,
             frame=frame,
-            command=16,
+            command=NAV_WAYPOINT,
             current=int(i == 0),
             autocontinue=1,
             x=round(latitude * 1e7),
