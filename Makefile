@@ -25,7 +25,7 @@ fmus: $(VENV)/installed
 
 test: $(VENV)/tested fmus lint
 	$(BIN)/python -m pytest -m 'not alone' -n auto --dist loadfile --no-loadscope-reorder
-	$(BIN)/python -m pytest -m alone
+	$(BIN)/python -m pytest -m alone $(if $(ARDUPILOT_SITL),,-n 2 --dist load)
 
 lint: $(VENV)/tested
 	$(BIN)/ruff format --check .
