@@ -2827,6 +2827,99 @@ def decode_position_target_global_int(
     )
 
 
+# -- HIGHRES_IMU ------------------------------------------------------------------------------------------------------
+
+HIGHRES_IMU = 105
+HIGHRES_IMU_LENGTH = 63
+HIGHRES_IMU_TIME_USEC = 0  # uint64_t [us]
+HIGHRES_IMU_XACC = 8  # float [m/s/s]
+HIGHRES_IMU_YACC = 12  # float [m/s/s]
+HIGHRES_IMU_ZACC = 16  # float [m/s/s]
+HIGHRES_IMU_XGYRO = 20  # float [rad/s]
+HIGHRES_IMU_YGYRO = 24  # float [rad/s]
+HIGHRES_IMU_ZGYRO = 28  # float [rad/s]
+HIGHRES_IMU_XMAG = 32  # float [gauss]
+HIGHRES_IMU_YMAG = 36  # float [gauss]
+HIGHRES_IMU_ZMAG = 40  # float [gauss]
+HIGHRES_IMU_ABS_PRESSURE = 44  # float [hPa]
+HIGHRES_IMU_DIFF_PRESSURE = 48  # float [hPa]
+HIGHRES_IMU_PRESSURE_ALT = 52  # float
+HIGHRES_IMU_TEMPERATURE = 56  # float [degC]
+HIGHRES_IMU_FIELDS_UPDATED = 60  # uint16_t
+HIGHRES_IMU_ID = 62  # uint8_t, extension
+
+
+@kernel
+def encode_highres_imu(
+    payload: Bytes,
+    time_usec: int,
+    xacc: float,
+    yacc: float,
+    zacc: float,
+    xgyro: float,
+    ygyro: float,
+    zgyro: float,
+    xmag: float,
+    ymag: float,
+    zmag: float,
+    abs_pressure: float,
+    diff_pressure: float,
+    pressure_alt: float,
+    temperature: float,
+    fields_updated: int,
+    id_: int,
+) -> int:
+    """Fills `payload` with a HIGHRES_IMU; returns HIGHRES_IMU_LENGTH."""
+    zero = int(np.int64(0))
+    put_u64(payload, zero + HIGHRES_IMU_TIME_USEC, time_usec)
+    put_f32(payload, zero + HIGHRES_IMU_XACC, xacc)
+    put_f32(payload, zero + HIGHRES_IMU_YACC, yacc)
+    put_f32(payload, zero + HIGHRES_IMU_ZACC, zacc)
+    put_f32(payload, zero + HIGHRES_IMU_XGYRO, xgyro)
+    put_f32(payload, zero + HIGHRES_IMU_YGYRO, ygyro)
+    put_f32(payload, zero + HIGHRES_IMU_ZGYRO, zgyro)
+    put_f32(payload, zero + HIGHRES_IMU_XMAG, xmag)
+    put_f32(payload, zero + HIGHRES_IMU_YMAG, ymag)
+    put_f32(payload, zero + HIGHRES_IMU_ZMAG, zmag)
+    put_f32(payload, zero + HIGHRES_IMU_ABS_PRESSURE, abs_pressure)
+    put_f32(payload, zero + HIGHRES_IMU_DIFF_PRESSURE, diff_pressure)
+    put_f32(payload, zero + HIGHRES_IMU_PRESSURE_ALT, pressure_alt)
+    put_f32(payload, zero + HIGHRES_IMU_TEMPERATURE, temperature)
+    put_u16(payload, zero + HIGHRES_IMU_FIELDS_UPDATED, fields_updated)
+    put_u8(payload, zero + HIGHRES_IMU_ID, id_)
+    return HIGHRES_IMU_LENGTH
+
+
+@kernel
+def decode_highres_imu(
+    payload: Bytes,
+) -> tuple[int, float, float, float, float, float, float, float, float, float, float, float, float, float, int, int]:
+    """Returns the scalar fields of a HIGHRES_IMU.
+
+    time_usec, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, abs_pressure, diff_pressure, pressure_alt,
+    temperature, fields_updated, id.
+    """
+    zero = int(np.int64(0))
+    return (
+        get_u64(payload, zero + HIGHRES_IMU_TIME_USEC),
+        get_f32(payload, zero + HIGHRES_IMU_XACC),
+        get_f32(payload, zero + HIGHRES_IMU_YACC),
+        get_f32(payload, zero + HIGHRES_IMU_ZACC),
+        get_f32(payload, zero + HIGHRES_IMU_XGYRO),
+        get_f32(payload, zero + HIGHRES_IMU_YGYRO),
+        get_f32(payload, zero + HIGHRES_IMU_ZGYRO),
+        get_f32(payload, zero + HIGHRES_IMU_XMAG),
+        get_f32(payload, zero + HIGHRES_IMU_YMAG),
+        get_f32(payload, zero + HIGHRES_IMU_ZMAG),
+        get_f32(payload, zero + HIGHRES_IMU_ABS_PRESSURE),
+        get_f32(payload, zero + HIGHRES_IMU_DIFF_PRESSURE),
+        get_f32(payload, zero + HIGHRES_IMU_PRESSURE_ALT),
+        get_f32(payload, zero + HIGHRES_IMU_TEMPERATURE),
+        get_u16(payload, zero + HIGHRES_IMU_FIELDS_UPDATED),
+        get_u8(payload, zero + HIGHRES_IMU_ID),
+    )
+
+
 # -- SIM_STATE --------------------------------------------------------------------------------------------------------
 
 SIM_STATE = 108
@@ -3159,6 +3252,75 @@ def decode_scaled_imu2(payload: Bytes) -> tuple[int, int, int, int, int, int, in
     )
 
 
+# -- LOG_REQUEST_LIST -------------------------------------------------------------------------------------------------
+
+LOG_REQUEST_LIST = 117
+LOG_REQUEST_LIST_LENGTH = 6
+LOG_REQUEST_LIST_TARGET_SYSTEM = 4  # uint8_t
+LOG_REQUEST_LIST_TARGET_COMPONENT = 5  # uint8_t
+LOG_REQUEST_LIST_START = 0  # uint16_t
+LOG_REQUEST_LIST_END = 2  # uint16_t
+
+
+@kernel
+def encode_log_request_list(payload: Bytes, target_system: int, target_component: int, start: int, end: int) -> int:
+    """Fills `payload` with a LOG_REQUEST_LIST; returns LOG_REQUEST_LIST_LENGTH."""
+    zero = int(np.int64(0))
+    put_u8(payload, zero + LOG_REQUEST_LIST_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + LOG_REQUEST_LIST_TARGET_COMPONENT, target_component)
+    put_u16(payload, zero + LOG_REQUEST_LIST_START, start)
+    put_u16(payload, zero + LOG_REQUEST_LIST_END, end)
+    return LOG_REQUEST_LIST_LENGTH
+
+
+@kernel
+def decode_log_request_list(payload: Bytes) -> tuple[int, int, int, int]:
+    """Returns the scalar fields of a LOG_REQUEST_LIST: target_system, target_component, start, end."""
+    zero = int(np.int64(0))
+    return (
+        get_u8(payload, zero + LOG_REQUEST_LIST_TARGET_SYSTEM),
+        get_u8(payload, zero + LOG_REQUEST_LIST_TARGET_COMPONENT),
+        get_u16(payload, zero + LOG_REQUEST_LIST_START),
+        get_u16(payload, zero + LOG_REQUEST_LIST_END),
+    )
+
+
+# -- LOG_ENTRY --------------------------------------------------------------------------------------------------------
+
+LOG_ENTRY = 118
+LOG_ENTRY_LENGTH = 14
+LOG_ENTRY_ID = 8  # uint16_t
+LOG_ENTRY_NUM_LOGS = 10  # uint16_t
+LOG_ENTRY_LAST_LOG_NUM = 12  # uint16_t
+LOG_ENTRY_TIME_UTC = 0  # uint32_t [s]
+LOG_ENTRY_SIZE = 4  # uint32_t [bytes]
+
+
+@kernel
+def encode_log_entry(payload: Bytes, id_: int, num_logs: int, last_log_num: int, time_utc: int, size: int) -> int:
+    """Fills `payload` with a LOG_ENTRY; returns LOG_ENTRY_LENGTH."""
+    zero = int(np.int64(0))
+    put_u16(payload, zero + LOG_ENTRY_ID, id_)
+    put_u16(payload, zero + LOG_ENTRY_NUM_LOGS, num_logs)
+    put_u16(payload, zero + LOG_ENTRY_LAST_LOG_NUM, last_log_num)
+    put_u32(payload, zero + LOG_ENTRY_TIME_UTC, time_utc)
+    put_u32(payload, zero + LOG_ENTRY_SIZE, size)
+    return LOG_ENTRY_LENGTH
+
+
+@kernel
+def decode_log_entry(payload: Bytes) -> tuple[int, int, int, int, int]:
+    """Returns the scalar fields of a LOG_ENTRY: id, num_logs, last_log_num, time_utc, size."""
+    zero = int(np.int64(0))
+    return (
+        get_u16(payload, zero + LOG_ENTRY_ID),
+        get_u16(payload, zero + LOG_ENTRY_NUM_LOGS),
+        get_u16(payload, zero + LOG_ENTRY_LAST_LOG_NUM),
+        get_u32(payload, zero + LOG_ENTRY_TIME_UTC),
+        get_u32(payload, zero + LOG_ENTRY_SIZE),
+    )
+
+
 # -- POWER_STATUS -----------------------------------------------------------------------------------------------------
 
 POWER_STATUS = 125
@@ -3344,6 +3506,33 @@ def get_distance_sensor_quaternion(payload: Bytes, i: int) -> float:
     return get_f32(payload, DISTANCE_SENSOR_QUATERNION + 4 * i)
 
 
+# -- TERRAIN_CHECK ----------------------------------------------------------------------------------------------------
+
+TERRAIN_CHECK = 135
+TERRAIN_CHECK_LENGTH = 8
+TERRAIN_CHECK_LAT = 0  # int32_t [degE7]
+TERRAIN_CHECK_LON = 4  # int32_t [degE7]
+
+
+@kernel
+def encode_terrain_check(payload: Bytes, lat: int, lon: int) -> int:
+    """Fills `payload` with a TERRAIN_CHECK; returns TERRAIN_CHECK_LENGTH."""
+    zero = int(np.int64(0))
+    put_i32(payload, zero + TERRAIN_CHECK_LAT, lat)
+    put_i32(payload, zero + TERRAIN_CHECK_LON, lon)
+    return TERRAIN_CHECK_LENGTH
+
+
+@kernel
+def decode_terrain_check(payload: Bytes) -> tuple[int, int]:
+    """Returns the scalar fields of a TERRAIN_CHECK: lat, lon."""
+    zero = int(np.int64(0))
+    return (
+        get_i32(payload, zero + TERRAIN_CHECK_LAT),
+        get_i32(payload, zero + TERRAIN_CHECK_LON),
+    )
+
+
 # -- TERRAIN_REPORT ---------------------------------------------------------------------------------------------------
 
 TERRAIN_REPORT = 136
@@ -3395,6 +3584,52 @@ def decode_terrain_report(payload: Bytes) -> tuple[int, int, int, float, float, 
         get_f32(payload, zero + TERRAIN_REPORT_CURRENT_HEIGHT),
         get_u16(payload, zero + TERRAIN_REPORT_PENDING),
         get_u16(payload, zero + TERRAIN_REPORT_LOADED),
+    )
+
+
+# -- SCALED_PRESSURE2 -------------------------------------------------------------------------------------------------
+
+SCALED_PRESSURE2 = 137
+SCALED_PRESSURE2_LENGTH = 16
+SCALED_PRESSURE2_TIME_BOOT_MS = 0  # uint32_t [ms]
+SCALED_PRESSURE2_PRESS_ABS = 4  # float [hPa]
+SCALED_PRESSURE2_PRESS_DIFF = 8  # float [hPa]
+SCALED_PRESSURE2_TEMPERATURE = 12  # int16_t [cdegC]
+SCALED_PRESSURE2_TEMPERATURE_PRESS_DIFF = 14  # int16_t [cdegC], extension
+
+
+@kernel
+def encode_scaled_pressure2(
+    payload: Bytes,
+    time_boot_ms: int,
+    press_abs: float,
+    press_diff: float,
+    temperature: int,
+    temperature_press_diff: int,
+) -> int:
+    """Fills `payload` with a SCALED_PRESSURE2; returns SCALED_PRESSURE2_LENGTH."""
+    zero = int(np.int64(0))
+    put_u32(payload, zero + SCALED_PRESSURE2_TIME_BOOT_MS, time_boot_ms)
+    put_f32(payload, zero + SCALED_PRESSURE2_PRESS_ABS, press_abs)
+    put_f32(payload, zero + SCALED_PRESSURE2_PRESS_DIFF, press_diff)
+    put_i16(payload, zero + SCALED_PRESSURE2_TEMPERATURE, temperature)
+    put_i16(payload, zero + SCALED_PRESSURE2_TEMPERATURE_PRESS_DIFF, temperature_press_diff)
+    return SCALED_PRESSURE2_LENGTH
+
+
+@kernel
+def decode_scaled_pressure2(payload: Bytes) -> tuple[int, float, float, int, int]:
+    """Returns the scalar fields of a SCALED_PRESSURE2.
+
+    time_boot_ms, press_abs, press_diff, temperature, temperature_press_diff.
+    """
+    zero = int(np.int64(0))
+    return (
+        get_u32(payload, zero + SCALED_PRESSURE2_TIME_BOOT_MS),
+        get_f32(payload, zero + SCALED_PRESSURE2_PRESS_ABS),
+        get_f32(payload, zero + SCALED_PRESSURE2_PRESS_DIFF),
+        get_i16(payload, zero + SCALED_PRESSURE2_TEMPERATURE),
+        get_i16(payload, zero + SCALED_PRESSURE2_TEMPERATURE_PRESS_DIFF),
     )
 
 
@@ -3760,6 +3995,36 @@ def decode_meminfo(payload: Bytes) -> tuple[int, int, int]:
     )
 
 
+# -- FENCE_FETCH_POINT ------------------------------------------------------------------------------------------------
+
+FENCE_FETCH_POINT = 161
+FENCE_FETCH_POINT_LENGTH = 3
+FENCE_FETCH_POINT_TARGET_SYSTEM = 0  # uint8_t
+FENCE_FETCH_POINT_TARGET_COMPONENT = 1  # uint8_t
+FENCE_FETCH_POINT_IDX = 2  # uint8_t
+
+
+@kernel
+def encode_fence_fetch_point(payload: Bytes, target_system: int, target_component: int, idx: int) -> int:
+    """Fills `payload` with a FENCE_FETCH_POINT; returns FENCE_FETCH_POINT_LENGTH."""
+    zero = int(np.int64(0))
+    put_u8(payload, zero + FENCE_FETCH_POINT_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + FENCE_FETCH_POINT_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + FENCE_FETCH_POINT_IDX, idx)
+    return FENCE_FETCH_POINT_LENGTH
+
+
+@kernel
+def decode_fence_fetch_point(payload: Bytes) -> tuple[int, int, int]:
+    """Returns the scalar fields of a FENCE_FETCH_POINT: target_system, target_component, idx."""
+    zero = int(np.int64(0))
+    return (
+        get_u8(payload, zero + FENCE_FETCH_POINT_TARGET_SYSTEM),
+        get_u8(payload, zero + FENCE_FETCH_POINT_TARGET_COMPONENT),
+        get_u8(payload, zero + FENCE_FETCH_POINT_IDX),
+    )
+
+
 # -- FENCE_STATUS -----------------------------------------------------------------------------------------------------
 
 FENCE_STATUS = 162
@@ -3922,6 +4187,33 @@ def decode_simstate(payload: Bytes) -> tuple[float, float, float, float, float, 
     )
 
 
+# -- HWSTATUS ---------------------------------------------------------------------------------------------------------
+
+HWSTATUS = 165
+HWSTATUS_LENGTH = 3
+HWSTATUS_VCC = 0  # uint16_t [mV]
+HWSTATUS_I2CERR = 2  # uint8_t
+
+
+@kernel
+def encode_hwstatus(payload: Bytes, Vcc: int, I2Cerr: int) -> int:
+    """Fills `payload` with a HWSTATUS; returns HWSTATUS_LENGTH."""
+    zero = int(np.int64(0))
+    put_u16(payload, zero + HWSTATUS_VCC, Vcc)
+    put_u8(payload, zero + HWSTATUS_I2CERR, I2Cerr)
+    return HWSTATUS_LENGTH
+
+
+@kernel
+def decode_hwstatus(payload: Bytes) -> tuple[int, int]:
+    """Returns the scalar fields of a HWSTATUS: Vcc, I2Cerr."""
+    zero = int(np.int64(0))
+    return (
+        get_u16(payload, zero + HWSTATUS_VCC),
+        get_u8(payload, zero + HWSTATUS_I2CERR),
+    )
+
+
 # -- WIND -------------------------------------------------------------------------------------------------------------
 
 WIND = 168
@@ -3949,6 +4241,36 @@ def decode_wind(payload: Bytes) -> tuple[float, float, float]:
         get_f32(payload, zero + WIND_DIRECTION),
         get_f32(payload, zero + WIND_SPEED),
         get_f32(payload, zero + WIND_SPEED_Z),
+    )
+
+
+# -- RALLY_FETCH_POINT ------------------------------------------------------------------------------------------------
+
+RALLY_FETCH_POINT = 176
+RALLY_FETCH_POINT_LENGTH = 3
+RALLY_FETCH_POINT_TARGET_SYSTEM = 0  # uint8_t
+RALLY_FETCH_POINT_TARGET_COMPONENT = 1  # uint8_t
+RALLY_FETCH_POINT_IDX = 2  # uint8_t
+
+
+@kernel
+def encode_rally_fetch_point(payload: Bytes, target_system: int, target_component: int, idx: int) -> int:
+    """Fills `payload` with a RALLY_FETCH_POINT; returns RALLY_FETCH_POINT_LENGTH."""
+    zero = int(np.int64(0))
+    put_u8(payload, zero + RALLY_FETCH_POINT_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + RALLY_FETCH_POINT_TARGET_COMPONENT, target_component)
+    put_u8(payload, zero + RALLY_FETCH_POINT_IDX, idx)
+    return RALLY_FETCH_POINT_LENGTH
+
+
+@kernel
+def decode_rally_fetch_point(payload: Bytes) -> tuple[int, int, int]:
+    """Returns the scalar fields of a RALLY_FETCH_POINT: target_system, target_component, idx."""
+    zero = int(np.int64(0))
+    return (
+        get_u8(payload, zero + RALLY_FETCH_POINT_TARGET_SYSTEM),
+        get_u8(payload, zero + RALLY_FETCH_POINT_TARGET_COMPONENT),
+        get_u8(payload, zero + RALLY_FETCH_POINT_IDX),
     )
 
 
@@ -4827,6 +5149,172 @@ def decode_debug(payload: Bytes) -> tuple[int, int, float]:
     )
 
 
+# -- FLIGHT_INFORMATION -----------------------------------------------------------------------------------------------
+
+FLIGHT_INFORMATION = 264
+FLIGHT_INFORMATION_LENGTH = 32
+FLIGHT_INFORMATION_TIME_BOOT_MS = 24  # uint32_t [ms]
+FLIGHT_INFORMATION_ARMING_TIME_UTC = 0  # uint64_t [us]
+FLIGHT_INFORMATION_TAKEOFF_TIME_UTC = 8  # uint64_t [us]
+FLIGHT_INFORMATION_FLIGHT_UUID = 16  # uint64_t
+FLIGHT_INFORMATION_LANDING_TIME = 28  # uint32_t [ms], extension
+
+
+@kernel
+def encode_flight_information(
+    payload: Bytes, time_boot_ms: int, arming_time_utc: int, takeoff_time_utc: int, flight_uuid: int, landing_time: int
+) -> int:
+    """Fills `payload` with a FLIGHT_INFORMATION; returns FLIGHT_INFORMATION_LENGTH."""
+    zero = int(np.int64(0))
+    put_u32(payload, zero + FLIGHT_INFORMATION_TIME_BOOT_MS, time_boot_ms)
+    put_u64(payload, zero + FLIGHT_INFORMATION_ARMING_TIME_UTC, arming_time_utc)
+    put_u64(payload, zero + FLIGHT_INFORMATION_TAKEOFF_TIME_UTC, takeoff_time_utc)
+    put_u64(payload, zero + FLIGHT_INFORMATION_FLIGHT_UUID, flight_uuid)
+    put_u32(payload, zero + FLIGHT_INFORMATION_LANDING_TIME, landing_time)
+    return FLIGHT_INFORMATION_LENGTH
+
+
+@kernel
+def decode_flight_information(payload: Bytes) -> tuple[int, int, int, int, int]:
+    """Returns the scalar fields of a FLIGHT_INFORMATION.
+
+    time_boot_ms, arming_time_utc, takeoff_time_utc, flight_uuid, landing_time.
+    """
+    zero = int(np.int64(0))
+    return (
+        get_u32(payload, zero + FLIGHT_INFORMATION_TIME_BOOT_MS),
+        get_u64(payload, zero + FLIGHT_INFORMATION_ARMING_TIME_UTC),
+        get_u64(payload, zero + FLIGHT_INFORMATION_TAKEOFF_TIME_UTC),
+        get_u64(payload, zero + FLIGHT_INFORMATION_FLIGHT_UUID),
+        get_u32(payload, zero + FLIGHT_INFORMATION_LANDING_TIME),
+    )
+
+
+# -- AUTOPILOT_STATE_FOR_GIMBAL_DEVICE --------------------------------------------------------------------------------
+
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE = 286
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_LENGTH = 57
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TARGET_SYSTEM = 50  # uint8_t
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TARGET_COMPONENT = 51  # uint8_t
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TIME_BOOT_US = 0  # uint64_t [us]
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_Q = 8  # float[4]
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_Q_ESTIMATED_DELAY_US = 24  # uint32_t [us]
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VX = 28  # float [m/s]
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VY = 32  # float [m/s]
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VZ = 36  # float [m/s]
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_V_ESTIMATED_DELAY_US = 40  # uint32_t [us]
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_FEED_FORWARD_ANGULAR_VELOCITY_Z = 44  # float [rad/s]
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_ESTIMATOR_STATUS = 48  # uint16_t
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_LANDED_STATE = 52  # uint8_t
+AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_ANGULAR_VELOCITY_Z = 53  # float [rad/s], extension
+
+
+@kernel
+def encode_autopilot_state_for_gimbal_device(
+    payload: Bytes,
+    target_system: int,
+    target_component: int,
+    time_boot_us: int,
+    q_estimated_delay_us: int,
+    vx: float,
+    vy: float,
+    vz: float,
+    v_estimated_delay_us: int,
+    feed_forward_angular_velocity_z: float,
+    estimator_status: int,
+    landed_state: int,
+    angular_velocity_z: float,
+) -> int:
+    """Fills `payload` with an AUTOPILOT_STATE_FOR_GIMBAL_DEVICE; returns AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_LENGTH."""
+    zero = int(np.int64(0))
+    put_u8(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TARGET_SYSTEM, target_system)
+    put_u8(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TARGET_COMPONENT, target_component)
+    put_u64(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TIME_BOOT_US, time_boot_us)
+    clear(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_Q, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_Q + 16)
+    put_u32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_Q_ESTIMATED_DELAY_US, q_estimated_delay_us)
+    put_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VX, vx)
+    put_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VY, vy)
+    put_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VZ, vz)
+    put_u32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_V_ESTIMATED_DELAY_US, v_estimated_delay_us)
+    put_f32(
+        payload,
+        zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_FEED_FORWARD_ANGULAR_VELOCITY_Z,
+        feed_forward_angular_velocity_z,
+    )
+    put_u16(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_ESTIMATOR_STATUS, estimator_status)
+    put_u8(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_LANDED_STATE, landed_state)
+    put_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_ANGULAR_VELOCITY_Z, angular_velocity_z)
+    return AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_LENGTH
+
+
+@kernel
+def decode_autopilot_state_for_gimbal_device(
+    payload: Bytes,
+) -> tuple[int, int, int, int, float, float, float, int, float, int, int, float]:
+    """Returns the scalar fields of an AUTOPILOT_STATE_FOR_GIMBAL_DEVICE.
+
+    target_system, target_component, time_boot_us, q_estimated_delay_us, vx, vy, vz, v_estimated_delay_us,
+    feed_forward_angular_velocity_z, estimator_status, landed_state, angular_velocity_z.
+    """
+    zero = int(np.int64(0))
+    return (
+        get_u8(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TARGET_SYSTEM),
+        get_u8(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TARGET_COMPONENT),
+        get_u64(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_TIME_BOOT_US),
+        get_u32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_Q_ESTIMATED_DELAY_US),
+        get_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VX),
+        get_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VY),
+        get_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_VZ),
+        get_u32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_V_ESTIMATED_DELAY_US),
+        get_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_FEED_FORWARD_ANGULAR_VELOCITY_Z),
+        get_u16(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_ESTIMATOR_STATUS),
+        get_u8(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_LANDED_STATE),
+        get_f32(payload, zero + AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_ANGULAR_VELOCITY_Z),
+    )
+
+
+@kernel
+def put_autopilot_state_for_gimbal_device_q(payload: Bytes, i: int, value: float) -> None:
+    """Sets element i (0 to 3) of `q`."""
+    put_f32(payload, AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_Q + 4 * i, value)
+
+
+@kernel
+def get_autopilot_state_for_gimbal_device_q(payload: Bytes, i: int) -> float:
+    """Returns element i (0 to 3) of `q`."""
+    return get_f32(payload, AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_Q + 4 * i)
+
+
+# -- RELAY_STATUS -----------------------------------------------------------------------------------------------------
+
+RELAY_STATUS = 376
+RELAY_STATUS_LENGTH = 8
+RELAY_STATUS_TIME_BOOT_MS = 0  # uint32_t [ms]
+RELAY_STATUS_ON = 4  # uint16_t
+RELAY_STATUS_PRESENT = 6  # uint16_t
+
+
+@kernel
+def encode_relay_status(payload: Bytes, time_boot_ms: int, on: int, present: int) -> int:
+    """Fills `payload` with a RELAY_STATUS; returns RELAY_STATUS_LENGTH."""
+    zero = int(np.int64(0))
+    put_u32(payload, zero + RELAY_STATUS_TIME_BOOT_MS, time_boot_ms)
+    put_u16(payload, zero + RELAY_STATUS_ON, on)
+    put_u16(payload, zero + RELAY_STATUS_PRESENT, present)
+    return RELAY_STATUS_LENGTH
+
+
+@kernel
+def decode_relay_status(payload: Bytes) -> tuple[int, int, int]:
+    """Returns the scalar fields of a RELAY_STATUS: time_boot_ms, on, present."""
+    zero = int(np.int64(0))
+    return (
+        get_u32(payload, zero + RELAY_STATUS_TIME_BOOT_MS),
+        get_u16(payload, zero + RELAY_STATUS_ON),
+        get_u16(payload, zero + RELAY_STATUS_PRESENT),
+    )
+
+
 # -- TUNNEL -----------------------------------------------------------------------------------------------------------
 
 TUNNEL = 385
@@ -4874,6 +5362,103 @@ def put_tunnel_payload(payload: Bytes, i: int, value: int) -> None:
 def get_tunnel_payload(payload: Bytes, i: int) -> int:
     """Returns element i (0 to 127) of `payload`."""
     return get_u8(payload, TUNNEL_PAYLOAD + i)
+
+
+# -- ESC_TELEMETRY_1_TO_4 ---------------------------------------------------------------------------------------------
+
+ESC_TELEMETRY_1_TO_4 = 11030
+ESC_TELEMETRY_1_TO_4_LENGTH = 44
+ESC_TELEMETRY_1_TO_4_TEMPERATURE = 40  # uint8_t[4] [degC]
+ESC_TELEMETRY_1_TO_4_VOLTAGE = 0  # uint16_t[4] [cV]
+ESC_TELEMETRY_1_TO_4_CURRENT = 8  # uint16_t[4] [cA]
+ESC_TELEMETRY_1_TO_4_TOTALCURRENT = 16  # uint16_t[4] [mAh]
+ESC_TELEMETRY_1_TO_4_RPM = 24  # uint16_t[4] [rpm]
+ESC_TELEMETRY_1_TO_4_COUNT = 32  # uint16_t[4]
+
+
+@kernel
+def encode_esc_telemetry_1_to_4(payload: Bytes) -> int:
+    """Fills `payload` with an ESC_TELEMETRY_1_TO_4; returns ESC_TELEMETRY_1_TO_4_LENGTH."""
+    zero = int(np.int64(0))
+    clear(payload, zero + ESC_TELEMETRY_1_TO_4_TEMPERATURE, zero + ESC_TELEMETRY_1_TO_4_TEMPERATURE + 4)
+    clear(payload, zero + ESC_TELEMETRY_1_TO_4_VOLTAGE, zero + ESC_TELEMETRY_1_TO_4_VOLTAGE + 8)
+    clear(payload, zero + ESC_TELEMETRY_1_TO_4_CURRENT, zero + ESC_TELEMETRY_1_TO_4_CURRENT + 8)
+    clear(payload, zero + ESC_TELEMETRY_1_TO_4_TOTALCURRENT, zero + ESC_TELEMETRY_1_TO_4_TOTALCURRENT + 8)
+    clear(payload, zero + ESC_TELEMETRY_1_TO_4_RPM, zero + ESC_TELEMETRY_1_TO_4_RPM + 8)
+    clear(payload, zero + ESC_TELEMETRY_1_TO_4_COUNT, zero + ESC_TELEMETRY_1_TO_4_COUNT + 8)
+    return ESC_TELEMETRY_1_TO_4_LENGTH
+
+
+@kernel
+def put_esc_telemetry_1_to_4_temperature(payload: Bytes, i: int, value: int) -> None:
+    """Sets element i (0 to 3) of `temperature`."""
+    put_u8(payload, ESC_TELEMETRY_1_TO_4_TEMPERATURE + i, value)
+
+
+@kernel
+def get_esc_telemetry_1_to_4_temperature(payload: Bytes, i: int) -> int:
+    """Returns element i (0 to 3) of `temperature`."""
+    return get_u8(payload, ESC_TELEMETRY_1_TO_4_TEMPERATURE + i)
+
+
+@kernel
+def put_esc_telemetry_1_to_4_voltage(payload: Bytes, i: int, value: int) -> None:
+    """Sets element i (0 to 3) of `voltage`."""
+    put_u16(payload, ESC_TELEMETRY_1_TO_4_VOLTAGE + 2 * i, value)
+
+
+@kernel
+def get_esc_telemetry_1_to_4_voltage(payload: Bytes, i: int) -> int:
+    """Returns element i (0 to 3) of `voltage`."""
+    return get_u16(payload, ESC_TELEMETRY_1_TO_4_VOLTAGE + 2 * i)
+
+
+@kernel
+def put_esc_telemetry_1_to_4_current(payload: Bytes, i: int, value: int) -> None:
+    """Sets element i (0 to 3) of `current`."""
+    put_u16(payload, ESC_TELEMETRY_1_TO_4_CURRENT + 2 * i, value)
+
+
+@kernel
+def get_esc_telemetry_1_to_4_current(payload: Bytes, i: int) -> int:
+    """Returns element i (0 to 3) of `current`."""
+    return get_u16(payload, ESC_TELEMETRY_1_TO_4_CURRENT + 2 * i)
+
+
+@kernel
+def put_esc_telemetry_1_to_4_totalcurrent(payload: Bytes, i: int, value: int) -> None:
+    """Sets element i (0 to 3) of `totalcurrent`."""
+    put_u16(payload, ESC_TELEMETRY_1_TO_4_TOTALCURRENT + 2 * i, value)
+
+
+@kernel
+def get_esc_telemetry_1_to_4_totalcurrent(payload: Bytes, i: int) -> int:
+    """Returns element i (0 to 3) of `totalcurrent`."""
+    return get_u16(payload, ESC_TELEMETRY_1_TO_4_TOTALCURRENT + 2 * i)
+
+
+@kernel
+def put_esc_telemetry_1_to_4_rpm(payload: Bytes, i: int, value: int) -> None:
+    """Sets element i (0 to 3) of `rpm`."""
+    put_u16(payload, ESC_TELEMETRY_1_TO_4_RPM + 2 * i, value)
+
+
+@kernel
+def get_esc_telemetry_1_to_4_rpm(payload: Bytes, i: int) -> int:
+    """Returns element i (0 to 3) of `rpm`."""
+    return get_u16(payload, ESC_TELEMETRY_1_TO_4_RPM + 2 * i)
+
+
+@kernel
+def put_esc_telemetry_1_to_4_count(payload: Bytes, i: int, value: int) -> None:
+    """Sets element i (0 to 3) of `count`."""
+    put_u16(payload, ESC_TELEMETRY_1_TO_4_COUNT + 2 * i, value)
+
+
+@kernel
+def get_esc_telemetry_1_to_4_count(payload: Bytes, i: int) -> int:
+    """Returns element i (0 to 3) of `count`."""
+    return get_u16(payload, ESC_TELEMETRY_1_TO_4_COUNT + 2 * i)
 
 
 # -- enumerations -----------------------------------------------------------------------------------------------------

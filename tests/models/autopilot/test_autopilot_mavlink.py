@@ -151,7 +151,7 @@ def test_mode_commands() -> None:
     assert copter.m["mode"] == RTL
     assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
         ack(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
-        text(2, "Arm: Mode not armable"),
+        text(2, "Arm: RTL mode not armable"),
     ]
     assert copter.ask(mavlink.MAV_CMD_NAV_LAND) == [ack(mavlink.MAV_CMD_NAV_LAND, ACCEPTED)]
     assert copter.m["mode"] == LAND
@@ -341,10 +341,10 @@ def test_targets_that_mean_nothing_stop_the_vehicle(mask: int, frame: int, x: fl
     assert copter.v["position"][0] < 15.0
 
 
-def test_a_global_target_in_a_frame_without_ground_heights_stops() -> None:
+def test_a_global_target_in_an_unknown_frame_stops() -> None:
     copter = Copter().in_the_air(5.0, 10.0)
     copter.send(
-        mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 11, 0xDF8, LAT + 9000, LON, 5.0, *[0.0] * 8)
+        mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 21, 0xDF8, LAT + 9000, LON, 5.0, *[0.0] * 8)
     )
     copter.run(3.0)
     assert np.linalg.norm(copter.v["position"][:2]) < 0.1
@@ -637,7 +637,7 @@ def test_every_command_of_a_full_buffer_is_acknowledged(shortest: bool) -> None:
     copter.run(0.1)
     assert len(copter.messages("COMMAND_ACK")) == count
     if not shortest:
-        assert len(copter.messages("STATUSTEXT")) == 8
+        assert len(copter.messages("STATUSTEXT")) == 12
     assert len(copter.messages("ATTITUDE")) >= 38
 
 

@@ -151,12 +151,12 @@ def test_lost_items_are_asked_for_again_and_given_up(copter: Copter) -> None:
 
 
 def test_auto_needs_a_mission_that_begins_with_a_takeoff(copter: Copter) -> None:
+    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     assert copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, AUTO) == [
         ("ACK", mavlink.MAV_CMD_DO_SET_MODE, FAILED),
         ("TEXT", 4, "Mode change to AUTO failed: init failed"),
     ]
     upload(copter, HOME, item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=5.0, z=5.0))
-    copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     assert copter.ask(mavlink.MAV_CMD_MISSION_START) == [
         ("ACK", mavlink.MAV_CMD_MISSION_START, FAILED),
         ("TEXT", 4, "Auto: Missing Takeoff Cmd"),

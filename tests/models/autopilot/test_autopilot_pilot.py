@@ -285,7 +285,7 @@ def test_circle_needs_a_position_and_cannot_be_armed_in() -> None:
     copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, CIRCLE)
     assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
         ("ACK", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
-        ("TEXT", 2, "Arm: Mode not armable"),
+        ("TEXT", 2, "Arm: CIRCLE mode not armable"),
     ]
 
 

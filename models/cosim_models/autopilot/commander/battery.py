@@ -22,7 +22,7 @@ from cosim_models.autopilot.control.motors import GROUND_IDLE
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.link.statustext import BATTERY_CRITICAL, BATTERY_LOW, WARNING, say_with
 
-__all__ = ["CRITICAL_CHARGE", "LOW_CHARGE", "battery_remaining", "drain", "new_alarm"]
+__all__ = ["CRITICAL_CHARGE", "LOW_CHARGE", "battery_remaining", "drain", "new_alarm", "reset_battery"]
 
 LOW_CHARGE, CRITICAL_CHARGE = 1, 2
 """Battery alarms."""
@@ -87,8 +87,8 @@ def _is_below(m: Any, row: int, voltage: float, least: float, t: float) -> bool:
 
 
 @kernel
-def new_alarm(m: Any, t: float) -> int:
-    """Returns LOW_CHARGE or CRITICAL_CHARGE when that alarm has just been raised, else 0; sends a status text."""
+def _alarm(m: Any, t: float) -> int:
+    """Returns the alarm that voltage and charge raise now, 0: none."""
     voltage = m.battery_voltage
     if m.BATT_FS_VOLTSRC == 1:
         voltage += m.battery_resistance * m.battery_current if m.SIM_BATT_CAP_AH > 0.0 else 0.0
@@ -98,9 +98,30 @@ def new_alarm(m: Any, t: float) -> int:
         alarm = LOW_CHARGE
     if _is_below(m, 1, voltage, m.BATT_CRT_VOLT, t) or (m.BATT_CRT_MAH > 0.0 and left < m.BATT_CRT_MAH):
         alarm = CRITICAL_CHARGE
+    return alarm
+
+
+@kernel
+def new_alarm(m: Any, t: float) -> int:
+    """Returns LOW_CHARGE or CRITICAL_CHARGE when that alarm has just been raised, else 0; sends a status text."""
+    alarm = _alarm(m, t)
     if not m.armed or alarm <= m.battery_alarm:
         return 0
     m.battery_alarm = alarm
     text = BATTERY_CRITICAL if alarm == CRITICAL_CHARGE else BATTERY_LOW
     say_with(m, WARNING, text, int(m.battery_used + 0.5), int(100.0 * m.battery_voltage + 0.5))
     return alarm
+
+
+@kernel
+def reset_battery(m: Any, mask: float, percentage: float, t: float) -> bool:
+    """Handles BATTERY_RESET: battery 1, if it is in the mask of batteries, has this percentage left.
+
+    Its alarm is that of its new state. Returns whether the percentage is known.
+    """
+    if not 0.0 <= percentage <= 100.0 or mask != mask:
+        return False
+    if (int(clip(mask, -1.0, 65535.0)) & 1) != 0:
+        m.battery_used = m.BATT_CAPACITY * (1.0 - 0.01 * percentage)
+        m.battery_alarm = _alarm(m, t)
+    return True

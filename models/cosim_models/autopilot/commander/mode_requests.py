@@ -26,24 +26,39 @@ from cosim_models.autopilot.flight.sticks import pilot_climb_rate, pilot_throttl
 from cosim_models.autopilot.link.statustext import (
     ACCELS_INCONSISTENT,
     AHRS_TYPE,
+    ARM_BATTERY_FAILSAFE,
     ARM_CHARGE,
+    ARM_MISSION,
     ARM_NEEDS_POSITION,
     ARM_THROTTLE,
     ARM_VOLTAGE,
     ARMING,
     ATTITUDE_BAD,
+    AUTO_NOT_ARMABLE,
     AUTO_REFUSED,
+    BRAKE_NOT_ARMABLE,
     BRAKE_REFUSED,
+    CIRCLE_NOT_ARMABLE,
     CIRCLE_REFUSED,
     CRITICAL,
+    GUIDED_NOT_ARMABLE,
     GUIDED_REFUSED,
     INFO,
+    LAND_NOT_ARMABLE,
     LOITER_REFUSED,
     MISSING_TAKEOFF,
     NO_NUMBER,
     NO_SUCH_MODE,
-    NOT_ARMABLE,
+    PREARM_ACCELS,
+    PREARM_AHRS_TYPE,
+    PREARM_ATTITUDE,
+    PREARM_BATTERY_FAILSAFE,
+    PREARM_CHARGE,
+    PREARM_HOME,
+    PREARM_MISSION,
     PREARM_NEEDS_POSITION,
+    PREARM_VOLTAGE,
+    RTL_NOT_ARMABLE,
     RTL_REFUSED,
     STABILIZE_REFUSED,
     WAITING_FOR_HOME,
@@ -57,6 +72,7 @@ __all__ = [
     "arm_checked",
     "arm_or_disarm",
     "change_mode",
+    "check_arming",
     "start_mission",
 ]
 
@@ -73,12 +89,17 @@ def _is_mode(mode: int) -> bool:
 
 @kernel
 def _mission_can_begin(m: Any) -> bool:
-    """Returns whether AUTO can be entered: a mission exists and, on the ground, begins with a take-off."""
+    """Returns whether AUTO can be entered: a mission exists and, armed on the ground, begins with a take-off.
+
+    Disarmed, AUTO can always be entered.
+    """
     count = mission_count(m)
+    if not m.armed:
+        return True
     if count <= 1:
         say(m, WARNING, AUTO_REFUSED, NO_NUMBER)
         return False
-    if m.armed and m.on_ground:
+    if m.on_ground:
         row = 1
         while row < count and (
             m.mission[row, COMMAND] == MAV_CMD_CONDITION_YAW or m.mission[row, COMMAND] == MAV_CMD_DO_CHANGE_SPEED
@@ -126,41 +147,73 @@ def change_mode(m: Any, mode: int, t: float) -> int:
 
 
 @kernel
+def _refuse(m: Any, before: bool, arming: int, prearm: int) -> bool:
+    """Reports a failed check of arming, or of the time before it; returns False."""
+    say(m, CRITICAL, prearm if before else arming, NO_NUMBER)
+    return False
+
+
+@kernel
+def check_arming(m: Any, before: bool, t: float) -> bool:
+    """Returns whether those of ArduCopter's checks pass that can fail here, and reports the first failure.
+
+    `before`: the checks before arming, whose texts begin with "PreArm:".
+    """
+    checked = m.ARMING_CHECK != 0
+    if checked and not attitude_ready(m, t):
+        _refuse(m, before, ACCELS_INCONSISTENT, PREARM_ACCELS)
+        _refuse(m, before, ATTITUDE_BAD, PREARM_ATTITUDE)
+        return _refuse(m, before, AHRS_TYPE, PREARM_AHRS_TYPE)
+    if needs_position(m.mode) and not position_ready(m, t):
+        return _refuse(m, before, ARM_NEEDS_POSITION, PREARM_NEEDS_POSITION)
+    if not checked:
+        return True
+    if not prearm_ready(m, t):
+        return _refuse(m, before, WAITING_FOR_HOME, PREARM_HOME)
+    if 0.0 < m.battery_voltage < m.BATT_ARM_VOLT:
+        return _refuse(m, before, ARM_VOLTAGE, PREARM_VOLTAGE)
+    if m.BATT_ARM_MAH > 0.0 and m.BATT_CAPACITY - m.battery_used < m.BATT_ARM_MAH:
+        return _refuse(m, before, ARM_CHARGE, PREARM_CHARGE)
+    if m.battery_alarm != 0:
+        return _refuse(m, before, ARM_BATTERY_FAILSAFE, PREARM_BATTERY_FAILSAFE)
+    if m.mode == AUTO and mission_count(m) <= 1:
+        return _refuse(m, before, ARM_MISSION, PREARM_MISSION)
+    return True
+
+
+@kernel
+def _is_armable(m: Any, by_stick: bool, t: float) -> bool:
+    """Returns whether mode and throttle permit arming; reports if not."""
+    text = 0
+    if m.mode == LAND:
+        text = LAND_NOT_ARMABLE
+    elif m.mode == RTL:
+        text = RTL_NOT_ARMABLE
+    elif m.mode == BRAKE:
+        text = BRAKE_NOT_ARMABLE
+    elif m.mode == CIRCLE:
+        text = CIRCLE_NOT_ARMABLE
+    elif m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0:
+        text = AUTO_NOT_ARMABLE
+    elif m.mode == GUIDED and by_stick and (m.GUID_OPTIONS & _ARM_BY_STICK) == 0:
+        text = GUIDED_NOT_ARMABLE
+    if text != 0:
+        say(m, CRITICAL, text, NO_NUMBER)
+        return False
+    by_throttle = m.ARMING_CHECK != 0 and m.mode not in (GUIDED, AUTO)
+    if by_throttle and (pilot_climb_rate(m, t) > 0.0 or (m.mode == STABILIZE and throttle_open(m, t))):
+        say(m, CRITICAL, ARM_THROTTLE, NO_NUMBER)
+        return False
+    return True
+
+
+@kernel
 def arm_checked(m: Any, forced: bool, by_stick: bool, t: float) -> int:
-    """Arms after those of ArduCopter's checks that can fail here; returns a MAV_RESULT."""
+    """Arms after ArduCopter's checks, or without them if `forced`; returns a MAV_RESULT."""
     if m.armed:
         return MAV_RESULT_ACCEPTED
-    auto = m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0
-    guided = m.mode == GUIDED and by_stick and (m.GUID_OPTIONS & _ARM_BY_STICK) == 0
-    if m.mode in (LAND, RTL, BRAKE, CIRCLE) or auto or guided:
-        say(m, CRITICAL, NOT_ARMABLE, NO_NUMBER)
+    if not forced and not (check_arming(m, False, t) and _is_armable(m, by_stick, t)):
         return MAV_RESULT_FAILED
-    if not forced:
-        checked = m.ARMING_CHECK != 0
-        if checked and not attitude_ready(m, t):
-            say(m, CRITICAL, ACCELS_INCONSISTENT, NO_NUMBER)
-            say(m, CRITICAL, ATTITUDE_BAD, NO_NUMBER)
-            say(m, CRITICAL, AHRS_TYPE, NO_NUMBER)
-            return MAV_RESULT_FAILED
-        if needs_position(m.mode) and not position_ready(m, t):
-            say(m, CRITICAL, ARM_NEEDS_POSITION, NO_NUMBER)
-            return MAV_RESULT_FAILED
-        if checked and not prearm_ready(m, t):
-            say(m, CRITICAL, WAITING_FOR_HOME, NO_NUMBER)
-            return MAV_RESULT_FAILED
-        if (
-            checked
-            and m.mode not in (GUIDED, AUTO)
-            and (pilot_climb_rate(m, t) > 0.0 or (m.mode == STABILIZE and throttle_open(m, t)))
-        ):
-            say(m, CRITICAL, ARM_THROTTLE, NO_NUMBER)
-            return MAV_RESULT_FAILED
-        if checked and 0.0 < m.battery_voltage < m.BATT_ARM_VOLT:
-            say(m, CRITICAL, ARM_VOLTAGE, NO_NUMBER)
-            return MAV_RESULT_FAILED
-        if checked and m.BATT_ARM_MAH > 0.0 and m.BATT_CAPACITY - m.battery_used < m.BATT_ARM_MAH:
-            say(m, CRITICAL, ARM_CHARGE, NO_NUMBER)
-            return MAV_RESULT_FAILED
     arm(m, t)
     if m.mode == AUTO and (m.AUTO_OPTIONS & _FLY_AT_ONCE) != 0:
         m.auto_armed = True

@@ -26,7 +26,9 @@ from cosim_models.autopilot.control.shaping import (
 
 __all__ = [
     "attitude_from_thrust",
+    "follow_attitude",
     "follow_heading",
+    "follow_rates",
     "follow_yaw_rate",
     "forget_torques",
     "relax_yaw",
@@ -169,6 +171,55 @@ def follow_yaw_rate(m: Any, n: float, e: float, d: float, rate: float, dt: float
     if m.ATC_RATE_Y_MAX > 0.0:
         rate = clip(rate, -m.ATC_RATE_Y_MAX * _DEG, m.ATC_RATE_Y_MAX * _DEG)
     m.rate_target[2] += clip(rate - m.rate_target[2], -step, step)
+    _follow_target(m, dt)
+
+
+@kernel
+def _limited(rate: float, most: float) -> float:
+    """Returns an angular velocity within `most` [deg/s]; 0: not limited."""
+    return clip(rate, -most * _DEG, most * _DEG) if most > 0.0 else rate
+
+
+@kernel
+def follow_attitude(m: Any, wanted: Any, rates: Any, dt: float) -> None:
+    """Performs one step towards the attitude `wanted` (float64[4], unit quaternion), which it turns by `rates`.
+
+    `rates` (float64[3]) is the angular velocity of `wanted` [rad/s, body axes]. As in ArduCopter, its feed-forward is
+    rotated by the attitude.
+    """
+    _advance_target(m, dt)
+    q = (float(wanted[0]), float(wanted[1]), float(wanted[2]), float(wanted[3]))
+    x = _limited(rates[0], m.ATC_RATE_R_MAX)
+    y = _limited(rates[1], m.ATC_RATE_P_MAX)
+    z = _limited(rates[2], m.ATC_RATE_Y_MAX)
+    fx, fy, fz = rotate(q, (x, y, z))
+    ew, ex, ey, ez = multiply(conjugate(_target(m)), q)
+    if ew < 0.0:
+        ew, ex, ey, ez = -ew, -ex, -ey, -ez
+    s = math.sqrt(ex * ex + ey * ey + ez * ez)
+    scale = 2.0 if s < 1e-9 else 2.0 * math.atan2(s, ew) / s
+    w, tc = m.rate_target, m.ATC_INPUT_TC
+    w[0] = _towards_angle(ex * scale, tc, m.ATC_ACCEL_R_MAX * _CDEG, w[0], fx, m.ATC_RATE_R_MAX * _DEG, dt)
+    w[1] = _towards_angle(ey * scale, tc, m.ATC_ACCEL_P_MAX * _CDEG, w[1], fy, m.ATC_RATE_P_MAX * _DEG, dt)
+    w[2] = _towards_angle(ez * scale, tc, m.ATC_ACCEL_Y_MAX * _CDEG, w[2], fz, m.ATC_RATE_Y_MAX * _DEG, dt)
+    q = _turned(q, fx * dt, fy * dt, fz * dt)
+    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    for i in range(4):
+        wanted[i] = q[i] / length
+    _follow_target(m, dt)
+
+
+@kernel
+def follow_rates(m: Any, rates: Any, dt: float) -> None:
+    """Performs one step towards angular velocities `rates` (float64[3]) of the target [rad/s, its own axes]."""
+    _advance_target(m, dt)
+    w = m.rate_target
+    step = m.ATC_ACCEL_R_MAX * _CDEG * dt
+    w[0] += clip(_limited(rates[0], m.ATC_RATE_R_MAX) - w[0], -step, step)
+    step = m.ATC_ACCEL_P_MAX * _CDEG * dt
+    w[1] += clip(_limited(rates[1], m.ATC_RATE_P_MAX) - w[1], -step, step)
+    step = m.ATC_ACCEL_Y_MAX * _CDEG * dt
+    w[2] += clip(_limited(rates[2], m.ATC_RATE_Y_MAX) - w[2], -step, step)
     _follow_target(m, dt)
 
 

@@ -43,6 +43,7 @@ from cosim_models.autopilot.flight.guided import (
     guide_position,
     rest_on_ground,
     run_land,
+    run_paused,
     run_rtl,
     run_takeoff,
     start_land,
@@ -67,7 +68,7 @@ from cosim_models.autopilot.mission.missions import (
 )
 from cosim_models.autopilot.record.modes import AUTO, TAKEOFF
 
-__all__ = ["change_speed", "run_auto"]
+__all__ = ["change_speed", "may_pause", "run_auto"]
 
 _COMMANDS = np.array(
     (
@@ -110,6 +111,13 @@ def change_speed(m: Any, kind: int, speed: float) -> None:
         m.auto_speed[which] = speed
 
 
+@kernel
+def may_pause(m: Any) -> bool:
+    """Returns whether the mission can be paused: it flies to a point that it has not reached, and is not paused."""
+    to_point = m.auto_command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_LOITER_UNLIM, MAV_CMD_NAV_LOITER_TIME)
+    return bool(m.armed and not m.on_ground and not m.paused and to_point and not _arrived(m, False))
+
+
 # ---- positions -----------------------------------------------------------------------------------------------------
 
 
@@ -138,10 +146,11 @@ def _place(m: Any, row: int) -> tuple[float, float, float]:
 @kernel
 def _go_to(m: Any, n: float, e: float, u: float, t: float) -> None:
     """Flies to a point at the speeds that the mission has requested."""
+    nose = m.yaw_mode
     keep = keep_heading(m)
     guide_position(m, n, e, u, t)
     if keep:
-        has_turned(m)
+        m.yaw_mode = nose
     if m.auto_speed[0] > 0.0:
         m.speed_max = m.auto_speed[0]
     if m.auto_speed[1] > 0.0:
@@ -397,6 +406,9 @@ def run_auto(m: Any, t: float, dt: float) -> None:
     """Performs one step of AUTO."""
     if not m.armed or not m.auto_armed:
         rest_on_ground(m, dt)
+        return
+    if m.paused:
+        run_paused(m, dt)
         return
     _follow(m, t)
     if m.auto_command == MAV_CMD_NAV_TAKEOFF and m.submode == TAKEOFF:

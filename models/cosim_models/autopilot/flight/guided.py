@@ -39,6 +39,7 @@ from cosim_models.autopilot.control.position import (
     stopping_ne,
 )
 from cosim_models.autopilot.control.shaping import clip, sqrt_controller
+from cosim_models.autopilot.flight.angles import run_angle
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.yaw import (
     default_nose,
@@ -52,6 +53,7 @@ from cosim_models.autopilot.mission.fences import HIGHEST
 from cosim_models.autopilot.mission.rally import best_return
 from cosim_models.autopilot.record.modes import (
     ACCELERATION,
+    ANGLE,
     CLIMB,
     DESCEND,
     FINAL,
@@ -75,6 +77,7 @@ __all__ = [
     "guide_velocity",
     "rest_on_ground",
     "run_land",
+    "run_paused",
     "run_rtl",
     "run_takeoff",
     "start_land",
@@ -111,6 +114,7 @@ def _start_control(m: Any) -> None:
 def guide_stop(m: Any, t: float) -> None:
     """Stops in GUIDED and waits for targets."""
     _start_control(m)
+    m.paused = False
     m.submode = VELOCITY
     m.guided_time = t
     for i in range(3):
@@ -279,19 +283,41 @@ def run_takeoff(m: Any, dt: float) -> None:
 
 
 @kernel
+def run_paused(m: Any, dt: float) -> None:
+    """Stops, and holds position and heading while the flight is paused."""
+    if not m.armed or not m.auto_armed or m.on_ground:
+        rest_on_ground(m, dt)
+        return
+    m.spool_wanted = THROTTLE_UNLIMITED
+    seek_velocity_ne(m, 0.0, 0.0, 0.0, 0.0, dt)
+    seek_velocity_up(m, 0.0, 0.0, False, dt)
+    control_ne(m, dt)
+    control_up(m, dt)
+    follow_yaw_rate(m, m.target_acceleration_neu[0], m.target_acceleration_neu[1], -GRAVITY, 0.0, dt)
+
+
+@kernel
 def run_guided(m: Any, t: float, dt: float) -> None:
+    if m.paused:
+        run_paused(m, dt)
+        return
     if m.submode == TAKEOFF:
         run_takeoff(m, dt)
+        return
+    if m.submode == ANGLE:
+        if not run_angle(m, t, dt):
+            rest_on_ground(m, dt)
         return
     if not m.armed or not m.auto_armed or m.on_ground:
         rest_on_ground(m, dt)
         return
     m.spool_wanted = THROTTLE_UNLIMITED
-    if m.submode != POSITION and t - m.guided_time > m.GUID_TIMEOUT:
-        for i in range(3):
-            m.guided_velocity_neu[i] = 0.0
-            m.guided_acceleration_neu[i] = 0.0
+    if t - m.guided_time > m.GUID_TIMEOUT:
         stop_turning(m)
+        if m.submode != POSITION:
+            for i in range(3):
+                m.guided_velocity_neu[i] = 0.0
+                m.guided_acceleration_neu[i] = 0.0
         if m.submode == ACCELERATION:
             guide_stop(m, t)
     p, v, a = m.guided_position_neu, m.guided_velocity_neu, m.guided_acceleration_neu

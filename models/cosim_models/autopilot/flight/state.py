@@ -62,15 +62,16 @@ def needs_position(mode: int) -> bool:
 
 @kernel
 def arm(m: Any, t: float) -> None:
-    """Arms. The current position becomes home; the motors wait for two seconds."""
+    """Arms. The current position becomes home unless a command has set it; the motors wait for two seconds."""
     m.armed = True
     m.armed_at = t
     m.arming_delay = True
     m.auto_armed = False
     m.idle_since = t
     m.armed_heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
-    for i in range(3):
-        m.home_neu[i] = m.position_neu[i]
+    if not m.home_locked:
+        for i in range(3):
+            m.home_neu[i] = m.position_neu[i]
     m.land_time = 0.0
 
 

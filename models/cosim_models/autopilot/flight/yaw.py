@@ -29,16 +29,18 @@ __all__ = [
     "hold_heading",
     "keep_heading",
     "lean",
+    "look_at",
     "look_round",
     "points_there",
     "stop_turning",
     "turn_as_armed",
     "turn_at",
     "turn_by",
+    "turn_from",
     "turn_to",
 ]
 
-_HOLD, _ALONG_PATH, _FIXED, _TURN, _PILOT, _ROUND = range(6)
+_HOLD, _ALONG_PATH, _FIXED, _TURN, _PILOT, _ROUND, _FROM, _LOOK = range(8)
 _IGNORE_STICK = 4  # GUID_OPTIONS, AUTO_OPTIONS and RTL_OPTIONS
 _TURNED = math.radians(2.0)
 
@@ -84,10 +86,25 @@ def turn_at(m: Any, rate: float) -> None:
 
 
 @kernel
+def turn_from(m: Any, heading: float, rate: float) -> None:
+    """Turns to `heading` [rad], which itself turns at `rate` [rad/s]."""
+    m.yaw_mode = _FROM
+    m.yaw_fixed = heading
+    m.yaw_rate = rate
+
+
+@kernel
 def stop_turning(m: Any) -> None:
-    """Ends the rotation begun by `turn_at`."""
-    if m.yaw_mode == _TURN:
+    """Ends the rotation begun by `turn_at` or `turn_from`."""
+    if m.yaw_mode == _TURN or m.yaw_mode == _FROM:
         m.yaw_mode = _HOLD
+
+
+@kernel
+def look_at(m: Any, n: float, e: float) -> None:
+    """Points to (n, e) [m] until another heading is selected."""
+    m.yaw_mode = _LOOK
+    m.region[0], m.region[1] = n, e
 
 
 @kernel
@@ -108,7 +125,7 @@ def turn_by(m: Any, angle: float, rate: float, direction: float, relative: bool)
         m.yaw_fixed = m.path_heading
     elif m.yaw_mode == _HOLD and relative:
         m.yaw_fixed = _heading(m.q)
-    elif m.yaw_mode != _FIXED:
+    elif m.yaw_mode != _FIXED and m.yaw_mode != _FROM and m.yaw_mode != _LOOK:
         m.yaw_fixed = _heading(m.attitude_target)
     if relative:
         m.yaw_left = -angle if direction < 0.0 else angle
@@ -124,8 +141,10 @@ def turn_by(m: Any, angle: float, rate: float, direction: float, relative: bool)
 
 @kernel
 def keep_heading(m: Any) -> bool:
-    """Returns whether a commanded heading outlasts the next waypoint, i.e. WP_YAW_BEHAVIOR is 0."""
-    return bool(m.WP_YAW_BEHAVIOR == 0 and m.yaw_mode == _FIXED)
+    """Returns whether the heading outlasts the next waypoint: that to a region of interest, or a commanded one while
+    WP_YAW_BEHAVIOR is 0.
+    """
+    return bool(m.yaw_mode == _LOOK or (m.WP_YAW_BEHAVIOR == 0 and m.yaw_mode == _FIXED))
 
 
 @kernel
@@ -213,6 +232,15 @@ def lean(m: Any, dt: float) -> None:
             m.yaw_left -= step
             m.yaw_fixed = wrap_pi(m.yaw_fixed + step)
         follow_heading(m, an, ae, -GRAVITY, m.yaw_fixed, 0.0, dt)
+    elif m.yaw_mode == _FROM:
+        m.yaw_fixed = wrap_pi(m.yaw_fixed + m.yaw_rate * dt)
+        follow_heading(m, an, ae, -GRAVITY, m.yaw_fixed, m.yaw_rate, dt)
+    elif m.yaw_mode == _LOOK:
+        m.yaw_fixed = math.atan2(m.region[1] - m.position_neu[1], m.region[0] - m.position_neu[0])
+        follow_heading(m, an, ae, -GRAVITY, m.yaw_fixed, 0.0, dt)
     else:
         rate = m.yaw_rate if m.yaw_mode == _TURN else m.pilot_turn if m.yaw_mode == _PILOT else 0.0
+        if rate != 0.0:
+            slew = math.radians(0.01 * m.ATC_SLEW_YAW)
+            rate = clip(rate, -slew, slew)
         follow_yaw_rate(m, an, ae, -GRAVITY, rate, dt)

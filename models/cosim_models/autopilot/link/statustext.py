@@ -16,73 +16,125 @@ from cosim.messages import STATUSTEXT, encode_statustext, put_statustext_text
 from cosim_models.autopilot.link.links import LINKS, send
 
 __all__ = [
-    "say_with",
-    "POLYGON_BREACHED",
-    "ARM_CHARGE",
-    "ARM_VOLTAGE",
-    "BATTERY_CRITICAL",
-    "BATTERY_LOW",
-    "BATTERY_LANDING",
-    "BATTERY_DISARMING",
-    "BATTERY_LOST",
     "ACCELS_INCONSISTENT",
     "AHRS_TYPE",
     "ARMING",
+    "ARM_BATTERY_FAILSAFE",
+    "ARM_CHARGE",
+    "ARM_MISSION",
     "ARM_NEEDS_POSITION",
     "ARM_THROTTLE",
-    "STABILIZE_REFUSED",
+    "ARM_VOLTAGE",
     "ATTITUDE_BAD",
+    "AUTO_NOT_ARMABLE",
     "AUTO_REFUSED",
+    "AUX_INVALID",
+    "BANNER",
+    "BATTERY_CRITICAL",
+    "BATTERY_DISARMING",
+    "BATTERY_LANDING",
+    "BATTERY_LOST",
+    "BATTERY_LOW",
+    "BRAKE_NOT_ARMABLE",
     "BRAKE_REFUSED",
+    "CALIBRATION_ARMED",
     "CIRCLE_BREACHED",
+    "CIRCLE_NOT_ARMABLE",
     "CIRCLE_REFUSED",
+    "COMPASS_ARMED",
     "CRITICAL",
     "DISARMING",
+    "FENCE_CLEARED",
+    "FENCE_FETCH_INVALID",
+    "FENCE_FETCH_OLD",
+    "FRAMES",
     "GCS_AUTO",
     "GCS_CLEARED",
     "GCS_DISARMING",
     "GCS_LANDING",
     "GCS_LOST",
     "GCS_PILOT",
+    "GUIDED_NOT_ARMABLE",
     "GUIDED_REFUSED",
     "HIGH_BREACHED",
+    "HIGH_LATENCY_OFF",
+    "HIGH_LATENCY_ON",
     "INFO",
+    "LAND_NOT_ARMABLE",
+    "LAND_SEQUENCE_END",
+    "LAND_SEQUENCE_NONE",
+    "LAND_SEQUENCE_START",
     "LOITER_REFUSED",
     "LOW_BREACHED",
     "MISSING_TAKEOFF",
+    "MISSION_CHANGED",
     "MISSION_TEXTS",
-    "NOT_ARMABLE",
+    "MOTOR_TEST_DONE",
+    "MOTOR_TEST_FLYING",
+    "MOTOR_TEST_STARTS",
+    "NOTICE",
     "NO_NUMBER",
     "NO_SUCH_MESSAGE",
     "NO_SUCH_MODE",
+    "PARAMETERS_RESET",
+    "PAUSE_FAILED",
+    "PLACE_LEVEL",
     "PLAN_RECEIVED",
+    "PLAN_REJECTED",
+    "POLYGON_BREACHED",
+    "PREARM_ACCELS",
+    "PREARM_AHRS_TYPE",
+    "PREARM_ATTITUDE",
+    "PREARM_BATTERY_FAILSAFE",
+    "PREARM_CHARGE",
+    "PREARM_HOME",
+    "PREARM_MISSION",
     "PREARM_NEEDS_POSITION",
+    "PREARM_VOLTAGE",
     "RADIO_AUTO",
     "RADIO_CLEARED",
     "RADIO_DISARMING",
     "RADIO_GUIDED",
     "RADIO_LANDING",
     "RADIO_LOST",
+    "RALLY_FETCH_FAILED",
+    "RALLY_FETCH_OLD",
     "REACHED",
+    "RESUME_FAILED",
     "ROUND_BEGINS",
+    "RTL_NOT_ARMABLE",
     "RTL_REFUSED",
+    "SERVO_IN_USE",
+    "STABILIZE_REFUSED",
+    "USE_REQUEST_INT",
     "WAITING_FOR_HOME",
     "WARNING",
     "say",
+    "say_here",
+    "say_with",
     "send_texts",
 ]
 
-CRITICAL, WARNING, INFO = 2, 4, 6  # MAV_SEVERITY
+CRITICAL, WARNING, NOTICE, INFO = 2, 4, 5, 6  # MAV_SEVERITY
 _EVERY_LINK = 2**LINKS - 1
 NO_NUMBER = -1
 """Number argument of `say` for texts without a number."""
 
 _TEXTS: list[bytes] = []
+_CHUNKS: list[int] = []
 
 
 def _text(text: bytes) -> int:
     _TEXTS.append(text)
+    _CHUNKS.append(-1)
     return len(_TEXTS) - 1
+
+
+def _part(text: bytes, chunk: int) -> int:
+    """Registers a part of a text that is longer than one STATUSTEXT."""
+    number = _text(text)
+    _CHUNKS[number] = chunk
+    return number
 
 
 ARMING = _text(b"Arming motors")
@@ -98,7 +150,6 @@ LOITER_REFUSED = _text(b"Mode change to LOITER failed: requires position")
 RTL_REFUSED = _text(b"Mode change to RTL failed: requires position")
 NO_SUCH_MODE = _text(b"No such mode %")
 NO_SUCH_MESSAGE = _text(b"No ap_message for mavlink id (%)")
-NOT_ARMABLE = _text(b"Arm: Mode not armable")
 AUTO_REFUSED = _text(b"Mode change to AUTO failed: init failed")
 MISSING_TAKEOFF = _text(b"Auto: Missing Takeoff Cmd")
 PLAN_RECEIVED = _text(b"Flight plan received")
@@ -130,6 +181,54 @@ GCS_DISARMING = _text(b"GCS Failsafe - Disarming")
 GCS_LANDING = _text(b"GCS Failsafe - Continuing Landing")
 GCS_AUTO = _text(b"GCS Failsafe - Continuing Auto Mode")
 GCS_PILOT = _text(b"GCS Failsafe - Continuing Pilot Control")
+ARM_BATTERY_FAILSAFE = _text(b"Arm: Battery failsafe")
+ARM_MISSION = _text(b"Arm: Mode requires mission")
+AUTO_NOT_ARMABLE = _text(b"Arm: AUTO mode not armable")
+BRAKE_NOT_ARMABLE = _text(b"Arm: BRAKE mode not armable")
+CIRCLE_NOT_ARMABLE = _text(b"Arm: CIRCLE mode not armable")
+GUIDED_NOT_ARMABLE = _text(b"Arm: GUIDED mode not armable")
+LAND_NOT_ARMABLE = _text(b"Arm: LAND mode not armable")
+RTL_NOT_ARMABLE = _text(b"Arm: RTL mode not armable")
+# The same checks before arming, in the same order.
+PREARM_ACCELS = _text(b"PreArm: Accels inconsistent")
+PREARM_ATTITUDE = _text(b"PreArm: EKF attitude is bad")
+PREARM_AHRS_TYPE = _text(b"PreArm: AHRS: not using configured AHRS type")
+PREARM_HOME = _text(b"PreArm: AHRS: waiting for home")
+PREARM_VOLTAGE = _text(b"PreArm: Battery 1 below minimum arming voltage")
+PREARM_CHARGE = _text(b"PreArm: Battery 1 below minimum arming capacity")
+PREARM_BATTERY_FAILSAFE = _text(b"PreArm: Battery failsafe")
+PREARM_MISSION = _text(b"PreArm: Mode requires mission")
+PAUSE_FAILED = _text(b"Failed to pause")
+RESUME_FAILED = _text(b"Failed to resume")
+LAND_SEQUENCE_NONE = _text(b"Unable to start landing sequence")
+LAND_SEQUENCE_START = _part(b"Mode change to AUTO RTL failed: No landing sequenc", 0)
+LAND_SEQUENCE_END = _part(b"e found", 1)
+HIGH_LATENCY_ON = _text(b"High Latency enabled")
+HIGH_LATENCY_OFF = _text(b"High Latency disabled")
+PARAMETERS_RESET = _text(b"All parameters reset, reboot board")
+SERVO_IN_USE = _text(b"ServoRelayEvent: Channel % is already in use")
+MOTOR_TEST_STARTS = _text(b"starting motor test")
+MOTOR_TEST_DONE = _text(b"finished motor test")
+MOTOR_TEST_FLYING = _text(b"Motor Test: vehicle not landed")
+CALIBRATION_ARMED = _text(b"Disarm to allow calibration")
+COMPASS_ARMED = _text(b"Disarm to allow compass calibration")
+PLACE_LEVEL = _text(b"Place vehicle level and press any key.")
+AUX_INVALID = _text(b"Invalid channel option (%)")
+BANNER = _text(b"ArduCopter V4.7.0-dev (90700977)")
+# Texts of frames: quad_plus, then by airframe.
+FRAMES = _text(b"Frame: QUAD/PLUS")
+_text(b"Frame: QUAD/X")
+_text(b"Frame: HEXA/X")
+_text(b"Frame: OCTA/X")
+_text(b"Frame: Y6/Y6B")
+FENCE_CLEARED = _text(b"Fence breach cleared")
+MISSION_CHANGED = _text(b"Auto mission changed, restarted command")
+USE_REQUEST_INT = _text(b"got MISSION_REQUEST; use MISSION_REQUEST_INT!")
+PLAN_REJECTED = _text(b"Flight plan update rejected")
+FENCE_FETCH_OLD = _text(b"Received message (FENCE_FETCH_POINT) is deprecated")
+FENCE_FETCH_INVALID = _text(b"Invalid fence point, index past total(% >= &)")
+RALLY_FETCH_OLD = _text(b"Received message (RALLY_FETCH_POINT) is deprecated")
+RALLY_FETCH_FAILED = _text(b"Failed to get rally point")
 # Texts of mission commands that begin, in the order of commands.
 MISSION_TEXTS = _text(b"Mission: % WP")
 _text(b"Mission: % LoitUnlim")
@@ -148,6 +247,8 @@ _TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)
 for _i, _content in enumerate(_TEXTS):
     _TEXT_BYTES[_i, : len(_content)] = np.frombuffer(_content, dtype=np.uint8)
 _TEXT_LENGTHS = np.array([len(text) for text in _TEXTS], dtype=np.int64)
+_CHUNK_OF = np.array(_CHUNKS, dtype=np.int64)
+_CHUNK_ID = 1
 
 _PLACE, _PLACE_OF_HUNDREDTHS, _PLACE_OF_SECOND, _POINT = 37, 36, 38, 46  # % $ & .
 
@@ -169,6 +270,15 @@ def say_with(m: Any, severity: int, text: int, number: int, second: int) -> None
         m.text_queue[n, 3] = second
         m.text_queue[n, 4] = _EVERY_LINK
         m.text_count = n + 1
+
+
+@kernel
+def say_here(m: Any, severity: int, text: int, number: int) -> None:
+    """Like `say`, but only on m.link."""
+    n = m.text_count
+    say_with(m, severity, text, number, 0)
+    if m.text_count > n:
+        m.text_queue[n, 4] = 1 << m.link
 
 
 @kernel
@@ -212,7 +322,8 @@ def _put_number(m: Any, at: int, number: int, least: int) -> int:
 def _send_text(m: Any, row: int) -> bool:
     """Sends the text of a row of the queue, with its numbers."""
     text = m.text_queue[row, 1]
-    encode_statustext(m.payload, m.text_queue[row, 0], 0, 0)
+    chunk = int(_CHUNK_OF[text])
+    encode_statustext(m.payload, m.text_queue[row, 0], _CHUNK_ID if chunk >= 0 else 0, max(chunk, 0))
     at = 0
     for i in range(_TEXT_LENGTHS[text]):
         byte = _TEXT_BYTES[text, i]

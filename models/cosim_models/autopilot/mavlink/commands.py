@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.frames import euler_from_quaternion, local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
 from cosim.messages import (
     AUTOPILOT_VERSION,
@@ -27,19 +26,25 @@ from cosim.messages import (
     MAV_CMD_DO_CHANGE_SPEED,
     MAV_CMD_DO_FENCE_ENABLE,
     MAV_CMD_DO_REPOSITION,
+    MAV_CMD_DO_SET_HOME,
     MAV_CMD_DO_SET_MISSION_CURRENT,
     MAV_CMD_DO_SET_MODE,
+    MAV_CMD_DO_SET_ROI,
+    MAV_CMD_DO_SET_ROI_LOCATION,
     MAV_CMD_GET_HOME_POSITION,
     MAV_CMD_GET_MESSAGE_INTERVAL,
     MAV_CMD_MISSION_START,
     MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
     MAV_CMD_NAV_TAKEOFF,
+    MAV_CMD_NAV_VTOL_LAND,
+    MAV_CMD_NAV_VTOL_TAKEOFF,
     MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
     MAV_CMD_REQUEST_MESSAGE,
     MAV_CMD_SET_MESSAGE_INTERVAL,
     MAV_COMP_ID_AUTOPILOT1,
-    MAV_DO_REPOSITION_FLAGS_CHANGE_MODE,
+    MAV_FRAME_GLOBAL,
+    MAV_FRAME_GLOBAL_RELATIVE_ALT,
     MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
     MAV_RESULT_ACCEPTED,
     MAV_RESULT_DENIED,
@@ -57,11 +62,9 @@ from cosim.messages import (
     PARAM_REQUEST_LIST,
     PARAM_REQUEST_READ,
     PARAM_SET,
-    POSITION_TARGET_TYPEMASK_FORCE_SET,
-    POSITION_TARGET_TYPEMASK_YAW_IGNORE,
-    POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE,
     RC_CHANNELS_OVERRIDE,
     REQUEST_DATA_STREAM,
+    SET_ATTITUDE_TARGET,
     SET_MODE,
     SET_POSITION_TARGET_GLOBAL_INT,
     SET_POSITION_TARGET_LOCAL_NED,
@@ -77,8 +80,6 @@ from cosim.messages import (
     decode_mission_set_current,
     decode_request_data_stream,
     decode_set_mode,
-    decode_set_position_target_global_int,
-    decode_set_position_target_local_ned,
     decode_timesync,
 )
 from cosim.packets import (
@@ -101,18 +102,10 @@ from cosim_models.autopilot.commander.mode_requests import (
     start_mission,
 )
 from cosim_models.autopilot.commander.readiness import home_ready
-from cosim_models.autopilot.control.shaping import wrap_pi
 from cosim_models.autopilot.flight.auto import change_speed
-from cosim_models.autopilot.flight.guided import (
-    guide_acceleration,
-    guide_position,
-    guide_position_velocity,
-    guide_stop,
-    guide_velocity,
-    take_off,
-)
+from cosim_models.autopilot.flight.guided import take_off
 from cosim_models.autopilot.flight.sticks import hear_manual_control, hear_override
-from cosim_models.autopilot.flight.yaw import turn_at, turn_by, turn_to
+from cosim_models.autopilot.flight.yaw import turn_by
 from cosim_models.autopilot.link.links import can_answer
 from cosim_models.autopilot.link.statustext import (
     INFO,
@@ -124,29 +117,36 @@ from cosim_models.autopilot.link.statustext import (
 from cosim_models.autopilot.mavlink.file_transfer import answer_file_transfer
 from cosim_models.autopilot.mavlink.messages import acknowledge, answer_timesync, send_message, tell_interval
 from cosim_models.autopilot.mavlink.parameters import list_parameters, read_parameter, set_parameter
+from cosim_models.autopilot.mavlink.requests import obey, send_banner, take_off_by_pilot
+from cosim_models.autopilot.mavlink.targets import (
+    hear_attitude_target,
+    hear_global_target,
+    hear_guided_item,
+    hear_local_target,
+    reposition,
+)
 from cosim_models.autopilot.mavlink.telemetry import default_interval, set_interval
 from cosim_models.autopilot.mission.missions import (
     RALLY,
     ack_mission,
     begin_upload,
     clear_mission,
+    forget_jumps,
     is_uploading,
+    mission_count,
     receive_item,
     send_count,
     send_item,
     send_mission_current,
     set_current,
 )
-from cosim_models.autopilot.record.modes import AUTO, GUIDED, LAND, POSITION, RTL
+from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, GUIDED, LAND, LOITER, RTL
 from cosim_models.autopilot.record.streams import STREAM_COUNT, stream_group, stream_of
 
 __all__ = ["receive"]
 
 
 _SHORTEST, _ACK = 13, 22  # bytes of a COMMAND_LONG that contains only zeros, and of its COMMAND_ACK
-# Sums of POSITION_TARGET_TYPEMASK_X_IGNORE and the like.
-_NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0
-_ABSOLUTE, _RELATIVE = 0, 1
 
 
 # ---- other commands ------------------------------------------------------------------------------------------------
@@ -213,26 +213,72 @@ def _request_message(m: Any, message: float, argument: float, t: float) -> int:
 
 
 @kernel
-def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, height: float, t: float) -> int:
-    """Handles commands shared by COMMAND_LONG and COMMAND_INT; `height` is param7 or z. Returns a MAV_RESULT."""
+def _take_off(m: Any, frame: int, by_pilot: bool, height: float) -> int:
+    """Handles NAV_TAKEOFF to a height above home; `by_pilot`: a mode in which the pilot moves the vehicle will do."""
+    if frame != MAV_FRAME_GLOBAL_RELATIVE_ALT:
+        return MAV_RESULT_DENIED
+    if m.mode == LOITER or (m.mode == ALT_HOLD and by_pilot):
+        return MAV_RESULT_ACCEPTED if take_off_by_pilot(m, height) else MAV_RESULT_FAILED
+    return MAV_RESULT_ACCEPTED if height > 0.0 and take_off(m, height) else MAV_RESULT_FAILED
+
+
+@kernel
+def _set_current(m: Any, sequence: float, reset: bool) -> int:
+    """Handles DO_SET_MISSION_CURRENT."""
+    if not 0.0 <= sequence < 65536.0:
+        return MAV_RESULT_DENIED
+    if reset:
+        forget_jumps(m)
+    if mission_count(m) <= 1:
+        return MAV_RESULT_FAILED
+    return MAV_RESULT_ACCEPTED if set_current(m, int(sequence)) else MAV_RESULT_DENIED
+
+
+@kernel
+def _enable_fence(m: Any, what: float) -> int:
+    """Handles DO_FENCE_ENABLE: 0 off, 1 on; ArduCopter accepts any number."""
+    if not math.isfinite(what):
+        return MAV_RESULT_FAILED
+    if what == 0.0 or what == 1.0:
+        m.FENCE_ENABLE = int(what)
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
+def _fly(m: Any, command: int, frame: int, p1: float, p2: float, p3: float, p4: float, height: float, t: float) -> int:
+    """Handles commands that fly, arm or change the mode; MAV_RESULT_UNSUPPORTED: none of these."""
     if command == MAV_CMD_COMPONENT_ARM_DISARM:
         return arm_or_disarm(m, p1, p2, t)
-    if command == MAV_CMD_NAV_TAKEOFF:
-        return MAV_RESULT_ACCEPTED if height > 0.0 and take_off(m, height) else MAV_RESULT_FAILED
+    if command in (MAV_CMD_NAV_TAKEOFF, MAV_CMD_NAV_VTOL_TAKEOFF):
+        return _take_off(m, frame, p3 != 0.0, height)
     if command == MAV_CMD_DO_SET_MODE:
         if not 0.0 <= p1 <= 255.0 or (int(p1) & MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) == 0 or not 0.0 <= p2 < 16777216.0:
             return MAV_RESULT_DENIED
         return change_mode(m, int(p2), t)
-    if command == MAV_CMD_NAV_LAND:
+    if command in (MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND):
         return change_mode(m, LAND, t)
     if command == MAV_CMD_NAV_RETURN_TO_LAUNCH:
         return change_mode(m, RTL, t)
+    if command == MAV_CMD_MISSION_START:
+        return start_mission(m, t) if p1 == 0.0 and p2 == 0.0 else MAV_RESULT_DENIED
+    if command == MAV_CMD_DO_SET_MISSION_CURRENT:
+        return _set_current(m, p1, p2 == 1.0)
+    if command == MAV_CMD_DO_CHANGE_SPEED:
+        return _change_speed(m, p1, p2)
+    if command == MAV_CMD_DO_FENCE_ENABLE:
+        return _enable_fence(m, p1)
+    if command == MAV_CMD_CONDITION_YAW:
+        return _turn(m, p1, p2, p3, p4)
+    return MAV_RESULT_UNSUPPORTED
+
+
+@kernel
+def _command(
+    m: Any, command: int, frame: int, p1: float, p2: float, p3: float, p4: float, x: int, y: int, z: float, t: float
+) -> int:
+    """Handles a command with the fields of COMMAND_INT; returns a MAV_RESULT."""
     if command == MAV_CMD_SET_MESSAGE_INTERVAL:
         return _set_message_interval(m, p1, p2, t)
-    if command == MAV_CMD_MISSION_START:
-        return start_mission(m, t)
-    if command == MAV_CMD_DO_SET_MISSION_CURRENT:
-        return MAV_RESULT_ACCEPTED if 0.0 <= p1 < 65536.0 and set_current(m, int(p1)) else MAV_RESULT_FAILED
     if command == MAV_CMD_GET_MESSAGE_INTERVAL:
         return _tell_interval(m, p1)
     if command == MAV_CMD_REQUEST_MESSAGE:
@@ -243,183 +289,39 @@ def _command(m: Any, command: int, p1: float, p2: float, p3: float, p4: float, h
         if p1 != 1.0:
             return MAV_RESULT_FAILED
         return _request_message(m, float(AUTOPILOT_VERSION), 0.0, t)
-    if command == MAV_CMD_DO_CHANGE_SPEED:
-        return _change_speed(m, p1, p2)
-    if command == MAV_CMD_DO_FENCE_ENABLE:
-        if p1 != 0.0 and p1 != 1.0:
-            return MAV_RESULT_FAILED
-        m.FENCE_ENABLE = int(p1)
-        return MAV_RESULT_ACCEPTED
-    if command == MAV_CMD_CONDITION_YAW:
-        return _turn(m, p1, p2, p3, p4)
-    return MAV_RESULT_UNSUPPORTED
-
-
-# ---- targets -------------------------------------------------------------------------------------------------------
+    result = _fly(m, command, frame, p1, p2, p3, p4, z, t)
+    return obey(m, command, frame, p1, p2, p3, p4, x, y, z, t) if result == MAV_RESULT_UNSUPPORTED else result
 
 
 @kernel
-def _altitude_reference(frame: int) -> int:
-    """Returns the reference of altitudes in a MAV_FRAME: _ABSOLUTE (sea), _RELATIVE (home), -1 if not supported."""
-    if frame == 0 or frame == 5:
-        return _ABSOLUTE
-    if frame == 3 or frame == 6:
-        return _RELATIVE
-    return -1
+def _whole(value: float, scale: float) -> int:
+    """Returns a parameter of COMMAND_LONG as the integer of COMMAND_INT; NaN gives 0."""
+    return int(min(max(value * scale, -2147483648.0), 2147483647.0)) if value == value else 0
 
 
 @kernel
-def _locate(m: Any, lat: int, lon: int, altitude: float, reference: int) -> tuple[float, float, float]:
-    """Returns north, east and up of a position in degE7 and m."""
-    n, e, d = local_from_geodetic(
-        radians_from_deg_e7(lat), radians_from_deg_e7(lon), altitude, m.origin_latitude, m.origin_longitude, 0.0
-    )
-    if reference == _ABSOLUTE:
-        return n, e, -d - m.origin_altitude
-    return n, e, m.home_neu[2] - d
+def _long_command(m: Any, t: float) -> tuple[int, int]:
+    """Handles COMMAND_LONG: places in degrees, heights above the sea for home, else above home.
+
+    Returns the command and a MAV_RESULT.
+    """
+    _, _, command, _, p1, p2, p3, p4, p5, p6, p7 = decode_command_long(m.received)
+    place = command in (MAV_CMD_DO_SET_HOME, MAV_CMD_DO_SET_ROI, MAV_CMD_DO_SET_ROI_LOCATION)
+    scale = 1e7 if place else 1.0
+    frame = MAV_FRAME_GLOBAL if command == MAV_CMD_DO_SET_HOME else MAV_FRAME_GLOBAL_RELATIVE_ALT
+    return command, _command(m, command, frame, p1, p2, p3, p4, _whole(p5, scale), _whole(p6, scale), p7, t)
 
 
 @kernel
-def _is_place(lat: int, lon: int) -> bool:
-    return abs(lat) <= 900000000 and abs(lon) <= 1800000000
-
-
-@kernel
-def _reposition(m: Any, frame: int, flags: float, lat: int, lon: int, altitude: float, t: float) -> int:
-    change = 0.0 <= flags < 16777216.0 and (int(flags) & MAV_DO_REPOSITION_FLAGS_CHANGE_MODE) != 0
-    if m.mode != GUIDED and not change:
-        return MAV_RESULT_DENIED
-    reference = _altitude_reference(frame)
-    if reference < 0 or not _is_place(lat, lon) or (lat == 0 and lon == 0) or not math.isfinite(altitude):
-        return MAV_RESULT_DENIED
-    if m.mode != GUIDED and change_mode(m, GUIDED, t) != MAV_RESULT_ACCEPTED:
-        return MAV_RESULT_FAILED
-    n, e, u = _locate(m, lat, lon, altitude, reference)
-    guide_position(m, n, e, u, t)
-    return MAV_RESULT_ACCEPTED
-
-
-@kernel
-def _set_nose(m: Any, mask: int, yaw: float, yaw_rate: float, relative: bool) -> None:
-    if (mask & POSITION_TARGET_TYPEMASK_YAW_IGNORE) == 0 and math.isfinite(yaw):
-        offset = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2] if relative else 0.0
-        turn_to(m, wrap_pi(yaw + offset))
-    elif (mask & POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE) == 0 and math.isfinite(yaw_rate):
-        turn_at(m, yaw_rate)
-
-
-@kernel
-def _guide(
-    m: Any,
-    mask: int,
-    n: float,
-    e: float,
-    u: float,
-    vn: float,
-    ve: float,
-    vu: float,
-    an: float,
-    ae: float,
-    au: float,
-    yaw: float,
-    yaw_rate: float,
-    relative: bool,
-    t: float,
-) -> None:
-    """Applies a target of SET_POSITION_TARGET_*, in local axes; unsupported combinations stop the vehicle."""
-    position = (mask & _NO_POSITION) == 0
-    velocity = (mask & _NO_VELOCITY) == 0
-    acceleration = (mask & _NO_ACCELERATION) == 0
-    total = 0.0
-    if position:
-        total += n + e + u
-    if velocity:
-        total += vn + ve + vu
-    if acceleration:
-        total += an + ae + au
-    if not math.isfinite(total) or (acceleration and (mask & POSITION_TARGET_TYPEMASK_FORCE_SET) != 0):
-        guide_stop(m, t)
-        return
-    if not acceleration:
-        an, ae, au = 0.0, 0.0, 0.0
-    if position and velocity:
-        guide_position_velocity(m, t)
-        m.guided_position_neu[0], m.guided_position_neu[1], m.guided_position_neu[2] = n, e, u
-    elif velocity:
-        guide_velocity(m, vn, ve, vu, t)
-    elif acceleration and not position:
-        guide_acceleration(m, an, ae, au, t)
-    elif position and not acceleration:
-        guide_position(m, n, e, u, t)
-    else:
-        guide_stop(m, t)
-        return
-    if velocity:
-        m.guided_velocity_neu[0], m.guided_velocity_neu[1], m.guided_velocity_neu[2] = vn, ve, vu
-        m.guided_acceleration_neu[0], m.guided_acceleration_neu[1], m.guided_acceleration_neu[2] = an, ae, au
-    _set_nose(m, mask, yaw, yaw_rate, relative)
-
-
-@kernel
-def _local_target(m: Any, t: float) -> None:
-    _, _, _, frame, mask, x, y, z, vx, vy, vz, ax, ay, az, yaw, yaw_rate = decode_set_position_target_local_ned(
-        m.received
-    )
-    if m.mode != GUIDED:
-        return
-    if not (frame == 1 or 7 <= frame <= 9):
-        guide_stop(m, t)
-        return
-    body = frame >= 8
-    if body:
-        heading = euler_from_quaternion((m.q[0], m.q[1], m.q[2], m.q[3]))[2]
-        c, s = math.cos(heading), math.sin(heading)
-        x, y = x * c - y * s, x * s + y * c
-        vx, vy = vx * c - vy * s, vx * s + vy * c
-        ax, ay = ax * c - ay * s, ax * s + ay * c
-    up = -z
-    if frame != 1:
-        x, y, up = x + m.position_neu[0], y + m.position_neu[1], up + m.position_neu[2]
-    _guide(m, mask, x, y, up, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, body, t)
-
-
-@kernel
-def _global_target(m: Any, t: float) -> None:
-    _, _, _, frame, mask, lat, lon, alt, vx, vy, vz, ax, ay, az, yaw, yaw_rate = decode_set_position_target_global_int(
-        m.received
-    )
-    if m.mode != GUIDED:
-        return
-    n, e, u = 0.0, 0.0, 0.0
-    if (mask & _NO_POSITION) == 0:
-        reference = _altitude_reference(frame)
-        if reference < 0 or not _is_place(lat, lon):
-            guide_stop(m, t)
-            return
-        n, e, u = _locate(m, lat, lon, alt, reference)
-    _guide(m, mask, n, e, u, vx, vy, -vz, ax, ay, -az, yaw, yaw_rate, False, t)
+def _int_command(m: Any, t: float) -> tuple[int, int]:
+    """Handles COMMAND_INT; returns the command and a MAV_RESULT."""
+    _, _, frame, command, _, _, p1, p2, p3, p4, x, y, z = decode_command_int(m.received)
+    if command == MAV_CMD_DO_REPOSITION:
+        return command, reposition(m, frame, p2, x, y, z, t)
+    return command, _command(m, command, frame, p1, p2, p3, p4, x, y, z, t)
 
 
 # ---- missions -----------------------------------------------------------------------------------------------------
-
-
-@kernel
-def _guided_item(m: Any, current: int, frame: int, lat: float, lon: float, z: float, t: float) -> bool:
-    """Handles MISSION_ITEM with current 2, a GUIDED target, or 3, a height; positions in 1e-7 degrees."""
-    reference = _altitude_reference(frame)
-    if m.mode != GUIDED or reference < 0 or not math.isfinite(z):
-        return False
-    if current == 3:
-        n, e = m.desired_position_neu[0], m.desired_position_neu[1]
-        if m.submode == POSITION:
-            n, e = m.guided_position_neu[0], m.guided_position_neu[1]
-        u = z - m.origin_altitude if reference == _ABSOLUTE else z + m.home_neu[2]
-    else:
-        if not (abs(lat) <= 9e8 and abs(lon) <= 1.8e9):
-            return False
-        n, e, u = _locate(m, int(lat), int(lon), z, reference)
-    guide_position(m, n, e, u, t)
-    return True
 
 
 @kernel
@@ -438,7 +340,7 @@ def _mission_item(m: Any, whole: bool, sender: int, part: int, t: float) -> None
     if kind > RALLY:
         ack_mission(m, 3, kind, sender, part)
     elif kind == 0 and (current == 2 or current == 3):
-        ack_mission(m, 0 if _guided_item(m, current, frame, lat, lon, z, t) else 1, 0, sender, part)
+        ack_mission(m, 0 if hear_guided_item(m, current, frame, lat, lon, z, t) else 1, 0, sender, part)
     elif m.uploading and kind == m.upload_kind and not is_uploading(m, sender, part):
         ack_mission(m, 14, kind, sender, part)
     elif m.uploading and kind == m.upload_kind:
@@ -488,24 +390,21 @@ def _request_stream(m: Any, t: float) -> None:
 @kernel
 def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
     if message == COMMAND_LONG:
-        _, _, command, _, p1, p2, p3, p4, _, _, p7 = decode_command_long(m.received)
-        result = _command(m, command, p1, p2, p3, p4, p7, t)
+        command, result = _long_command(m, t)
         acknowledge(m, command, result, sender, part)
     elif message == COMMAND_INT:
-        _, _, frame, command, _, _, p1, p2, p3, p4, x, y, z = decode_command_int(m.received)
-        if command == MAV_CMD_DO_REPOSITION:
-            result = _reposition(m, frame, p2, x, y, z, t)
-        else:
-            result = _command(m, command, p1, p2, p3, p4, z, t)
+        command, result = _int_command(m, t)
         acknowledge(m, command, result, sender, part)
     elif message == SET_MODE:
         _, base_mode, mode = decode_set_mode(m.received)
         if (base_mode & MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) != 0:
             change_mode(m, mode, t)
     elif message == SET_POSITION_TARGET_LOCAL_NED:
-        _local_target(m, t)
+        hear_local_target(m, t)
     elif message == SET_POSITION_TARGET_GLOBAL_INT:
-        _global_target(m, t)
+        hear_global_target(m, t)
+    elif message == SET_ATTITUDE_TARGET:
+        hear_attitude_target(m, t)
     elif message == REQUEST_DATA_STREAM:
         _request_stream(m, t)
     elif message == RC_CHANNELS_OVERRIDE:
@@ -526,6 +425,7 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         set_parameter(m)
     elif message == PARAM_REQUEST_LIST:
         list_parameters(m, t)
+        send_banner(m)
     elif MISSION_ITEM <= message <= MISSION_REQUEST_INT or message == MISSION_ITEM_INT:
         _mission(m, message, sender, part, t)
 

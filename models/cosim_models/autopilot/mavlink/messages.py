@@ -37,6 +37,7 @@ from cosim.messages import (
     HOME_POSITION,
     LOCAL_POSITION_NED,
     MAV_PROTOCOL_CAPABILITY_COMMAND_INT,
+    MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION,
     MAV_PROTOCOL_CAPABILITY_FTP,
     MAV_PROTOCOL_CAPABILITY_MAVLINK2,
     MAV_PROTOCOL_CAPABILITY_MISSION_FENCE,
@@ -44,6 +45,7 @@ from cosim.messages import (
     MAV_PROTOCOL_CAPABILITY_MISSION_INT,
     MAV_PROTOCOL_CAPABILITY_MISSION_RALLY,
     MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT,
+    MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET,
     MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT,
     MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED,
     MAV_SYS_STATUS_AHRS,
@@ -63,6 +65,7 @@ from cosim.messages import (
     SCALED_PRESSURE,
     SERVO_OUTPUT_RAW,
     SERVO_OUTPUT_RAW_SERVO1_RAW,
+    SERVO_OUTPUT_RAW_SERVO9_RAW,
     SERVO_OUTPUT_RAW_TIME_USEC,
     SIMSTATE,
     SYS_STATUS,
@@ -138,6 +141,7 @@ __all__ = [
 ]
 
 _MULTICOPTER = 3  # MAV_VTOL_STATE_MC
+_RAW_SERVOS = 16  # outputs in a SERVO_OUTPUT_RAW
 
 _EKF_UNINITIALISED, _EKF_CONSTANT, _EKF_GOOD = 1024, 167, 831  # EKF_STATUS_FLAGS, as ArduCopter sets them
 _PRESENT, _SENSORS, _HEALTHY = 0x5371FC0F, 0x52419C0F, 0x47519C0F  # as ArduCopter sets them, without GPS and AHRS
@@ -154,6 +158,8 @@ _CAPABILITIES = (
     + MAV_PROTOCOL_CAPABILITY_FTP
     + MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     + MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+    + MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+    + MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
 )
 _SOFTWARE = 0x04070000  # the emulated ArduCopter: 4.7-dev
 
@@ -195,7 +201,7 @@ def send_heartbeat(m: Any, t: float) -> bool:
     base_mode = 1 + 16 + 64
     if mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE):
         base_mode += 8
-    if m.armed:
+    if m.armed or m.test_motor > 0:
         base_mode += 128
     state = (
         5
@@ -390,6 +396,9 @@ def _send_servos(m: Any, t: float) -> bool:
     least, most = clip(m.MOT_PWM_MIN, 0.0, 65535.0), clip(m.MOT_PWM_MAX, 0.0, 65535.0)
     for i in range(m.motor_count):
         put_u16(m.payload, SERVO_OUTPUT_RAW_SERVO1_RAW + 2 * i, int(least + m.motor[i] * (most - least) + 0.5))
+    for i in range(m.motor_count, _RAW_SERVOS):
+        more = 2 * (i - 8) + SERVO_OUTPUT_RAW_SERVO9_RAW if i >= 8 else 2 * i + SERVO_OUTPUT_RAW_SERVO1_RAW
+        put_u16(m.payload, more, m.servo[i])
     return send(m, SERVO_OUTPUT_RAW)
 
 

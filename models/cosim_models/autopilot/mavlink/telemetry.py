@@ -102,7 +102,7 @@ def _stream(m: Any, t: float) -> None:
 @kernel
 def _tell_home(m: Any, t: float) -> None:
     """Sends home and origin on every link when they become known and at arming."""
-    if not m.armed:
+    if not m.armed and not m.home_locked:
         for i in range(3):
             m.home_neu[i] = m.position_neu[i]
     told = True

@@ -9,6 +9,7 @@ Sources: the MAVLink guide, "Mission Protocol" (geofences); ArduPilot, AC_PolyFe
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from cosim.frames import local_from_geodetic, radians_from_deg_e7
@@ -42,6 +43,7 @@ __all__ = [
     "check_fence_item",
     "fence_is_whole",
     "keep_fence_item",
+    "permits",
     "place_fence",
     "send_fence_item",
     "within_polygons",
@@ -184,3 +186,18 @@ def within_polygons(m: Any, n: float, e: float) -> bool:
             return False
         i += 1
     return found or not wanted
+
+
+@kernel
+def permits(m: Any, n: float, e: float, height: float) -> bool:
+    """Returns whether the enabled fences permit (n, e) [m] at a height [m above home]."""
+    if m.FENCE_ENABLE == 0:
+        return True
+    if (m.FENCE_TYPE & HIGHEST) != 0 and height > m.FENCE_ALT_MAX:
+        return False
+    if (m.FENCE_TYPE & LOWEST) != 0 and height < m.FENCE_ALT_MIN:
+        return False
+    hn, he = n - m.home_neu[0], e - m.home_neu[1]
+    if (m.FENCE_TYPE & CIRCLE) != 0 and math.sqrt(hn * hn + he * he) > m.FENCE_RADIUS:
+        return False
+    return (m.FENCE_TYPE & POLYGON) == 0 or m.fence_count == 0 or within_polygons(m, n, e)

@@ -258,7 +258,8 @@ def _send_item(
 def send_mission_current(m: Any) -> bool:
     """Sends MISSION_CURRENT: the current item and the mission state."""
     total = mission_count(m) - 1
-    state = 1 if total == 0 else 5 if m.mission_complete else 3 if m.mode == 3 else 2
+    active = 4 if m.paused else 3
+    state = 1 if total == 0 else 5 if m.mission_complete else active if m.mode == 3 else 2
     encode_mission_current(m.payload, m.mission_current, total, state, 1 if m.mode == 3 else 0)
     return send(m, MISSION_CURRENT)
 

@@ -23,7 +23,7 @@ from cosim.messages import (
     MAV_MISSION_UNSUPPORTED,
     MAV_MISSION_UNSUPPORTED_FRAME,
 )
-from cosim_models.autopilot.mission.fences import CIRCLE, HIGHEST, LOWEST, POLYGON, within_polygons
+from cosim_models.autopilot.mission.fences import permits
 
 __all__ = [
     "RALLY_CAPACITY",
@@ -76,21 +76,6 @@ def keep_rally_item(m: Any, sequence: int, frame: int, latitude: float, longitud
 
 
 @kernel
-def _is_allowed(m: Any, n: float, e: float, height: float) -> bool:
-    """Returns whether a point at a height [m above home] is within the enabled fences."""
-    if m.FENCE_ENABLE == 0:
-        return True
-    if (m.FENCE_TYPE & HIGHEST) != 0 and height > m.FENCE_ALT_MAX:
-        return False
-    if (m.FENCE_TYPE & LOWEST) != 0 and height < m.FENCE_ALT_MIN:
-        return False
-    hn, he = n - m.home_neu[0], e - m.home_neu[1]
-    if (m.FENCE_TYPE & CIRCLE) != 0 and math.sqrt(hn * hn + he * he) > m.FENCE_RADIUS:
-        return False
-    return (m.FENCE_TYPE & POLYGON) == 0 or m.fence_count == 0 or within_polygons(m, n, e)
-
-
-@kernel
 def best_return(m: Any) -> tuple[float, float, float]:
     """Returns north and east of RTL's destination, and its height [m] above home, which is 0 for home."""
     best, nearest = -1, math.inf
@@ -100,7 +85,7 @@ def best_return(m: Any) -> tuple[float, float, float]:
             continue
         dn, de = r[_NORTH] - m.position_neu[0], r[_EAST] - m.position_neu[1]
         distance = math.sqrt(dn * dn + de * de)
-        if distance < nearest and _is_allowed(m, r[_NORTH], r[_EAST], _height(m, i)):
+        if distance < nearest and permits(m, r[_NORTH], r[_EAST], _height(m, i)):
             best, nearest = i, distance
     hn, he = m.home_neu[0] - m.position_neu[0], m.home_neu[1] - m.position_neu[1]
     beyond = m.RALLY_LIMIT_KM > 0.0 and nearest > 1000.0 * m.RALLY_LIMIT_KM

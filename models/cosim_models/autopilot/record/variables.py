@@ -17,10 +17,13 @@ from cosim_models.autopilot.record.modes import Mode
 from cosim_models.autopilot.record.parameters import PARAMETERS
 from cosim_models.autopilot.record.streams import STREAM_COUNT
 
-__all__ = ["CHANNELS", "VARIABLES"]
+__all__ = ["CHANNELS", "SERVOS", "VARIABLES"]
 
 CHANNELS = 16
 """Channels of the remote control."""
+
+SERVOS = 32
+"""Servo outputs, those of the motors first."""
 
 MEMORY = (
     # sensed motion: north, east, up (NEU; the inputs are NED), and FRD
@@ -85,6 +88,7 @@ MEMORY = (
     Memory("limit_throttle_upper", dtype="?"),
     # modes
     Memory("home_neu", shape=3),
+    Memory("home_locked", dtype="?", rare=True),  # set by a command, not by arming
     Memory("armed_at"),
     Memory("armed_heading", rare=True),
     Memory("idle_since"),
@@ -98,6 +102,12 @@ MEMORY = (
     Memory("guided_velocity_neu", shape=3),
     Memory("guided_acceleration_neu", shape=3),
     Memory("guided_time"),
+    Memory("paused", dtype="?"),
+    Memory("angle_q", shape=4, rare=True),  # attitude demanded by SET_ATTITUDE_TARGET
+    Memory("angle_free", dtype="?", rare=True),  # it demands only angular velocities
+    Memory("angle_rates", shape=3, rare=True),
+    Memory("angle_climb", rare=True),  # climb rate, or throttle
+    Memory("angle_thrust", dtype="?", rare=True),
     Memory("takeoff_from"),
     Memory("takeoff_to"),
     Memory("takeoff_done", dtype="?"),
@@ -106,6 +116,7 @@ MEMORY = (
     Memory("yaw_rate"),
     Memory("yaw_left", rare=True),  # remaining angle to turn to yaw_fixed, and the rate
     Memory("yaw_slew", rare=True),
+    Memory("region", shape=2, rare=True),  # north and east of the region of interest
     Memory("loiter_brake"),
     Memory("loiter_since"),
     Memory("rtl_stage", dtype="i4"),
@@ -115,7 +126,7 @@ MEMORY = (
     Memory("received", dtype="u1", shape=255),
     Memory("link", dtype="i4"),  # link being served
     Memory("sequence", dtype="i4", shape=LINKS, rare=True),
-    Memory("text_queue", dtype="i8", shape=(8, 5), rare=True),  # severity, text, number, hundredths, bits of links
+    Memory("text_queue", dtype="i8", shape=(12, 5), rare=True),  # severity, text, number, hundredths, bits of links
     Memory("text_count", dtype="i4"),
     Memory("ack_room", dtype="i4"),  # bytes reserved for acknowledgements of received commands
     Memory("link_version", dtype="i4", shape=LINKS, rare=True),
@@ -165,6 +176,22 @@ MEMORY = (
     Memory("file_system", dtype="i4", rare=True),
     Memory("file_component", dtype="i4", rare=True),
     Memory("file_due", rare=True),
+    # outputs
+    Memory("outputs_busy", dtype="?"),  # a repetition or a motor test is in progress
+    Memory("servo", dtype="i4", shape=SERVOS, rare=True),  # us
+    Memory("relay_on", dtype="?", rare=True),
+    Memory("repeat_kind", dtype="i4", rare=True),
+    Memory("repeat_number", dtype="i4", rare=True),
+    Memory("repeat_pulse", dtype="i4", rare=True),
+    Memory("repeat_left", dtype="i4", rare=True),
+    Memory("repeat_every", rare=True),
+    Memory("repeat_at", rare=True),
+    Memory("test_motor", dtype="i4", rare=True),  # in the order of the test, from 1; 0: no test
+    Memory("test_kind", dtype="i4", rare=True),
+    Memory("test_throttle", rare=True),
+    Memory("test_time", rare=True),
+    Memory("test_count", dtype="i4", rare=True),
+    Memory("test_since", rare=True),
     # fail-safes
     Memory("next_watch"),
     Memory("station_heard", rare=True),
