@@ -13,7 +13,7 @@ from typing import Any
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import array, float64, int8, int32, sequence, uint8, uint16, uint32
+from cyclonedds.idl.types import array, float64, int8, int32, sequence, uint8, uint16, uint32, uint64
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
@@ -49,12 +49,26 @@ FIX = struct(
 TRANSFORM = struct("geometry_msgs/Transform", translation=VECTOR, rotation=QUATERNION)
 TRANSFORMED = struct("geometry_msgs/TransformStamped", header=HEADER, child_frame_id=str, transform=TRANSFORM)
 FRAMES = struct("tf2_msgs/TFMessage", transforms=sequence[TRANSFORMED])
+CLOCK = struct("rosgraph_msgs/Clock", clock=TIME)
+TWISTED = struct("geometry_msgs/TwistStamped", header=HEADER, twist=TWIST)
+MAVLINK = struct(
+    "mavros_msgs/Mavlink",
+    header=HEADER,
+    **dict.fromkeys(
+        ("framing_status", "magic", "len", "incompat_flags", "compat_flags", "seq", "sysid", "compid"), uint8
+    ),
+    msgid=uint32,
+    checksum=uint16,
+    payload64=sequence[uint64],
+    signature=sequence[uint8],
+)
 
 LOOPBACK = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>
 </Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>100</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain>
 </CycloneDDS>"""
 KINDS = {"tf": FRAMES, "drone2/pose": POSED, "drone2/odom": ODOMETRY, "drone2/fix": FIX}
+KINDS |= {"clock": CLOCK, "drone2/mavlink_source": MAVLINK}
 
 
 def main(number: int) -> None:

@@ -24,7 +24,8 @@ from cosim_master.results.reading.roles import Part, Player
 from cosim_master.stepping.observation import Packets, View
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.radio.nodes import Endpoint, Node
-from cosim_master.view.live.sending import Sending, command_int
+from cosim_master.view.live.ground_station import mavlink2
+from cosim_master.view.live.sending import Sending, reposition
 from cosim_master.view.live.traffic import LiveTraffic
 from tests.master.view.watched import LINE5
 
@@ -39,7 +40,7 @@ ORIGIN = {
 
 @pytest.mark.parametrize("altitude", [594.25, 0.0])
 def test_the_packet_is_what_pymavlink_reads(altitude: float) -> None:
-    packet = command_int(7, 42, -353632620, 1491652370, altitude)
+    packet = mavlink2(7, 255, 190, 75, reposition(42, -353632620, 1491652370, altitude))
     (message,) = ardupilotmega.MAVLink(None).parse_buffer(packet)
     assert message.get_type() == "COMMAND_INT" and message.get_seq() == 7
     assert (message.get_srcSystem(), message.get_srcComponent()) == (255, 190)
@@ -86,7 +87,7 @@ def test_places_are_those_of_the_page() -> None:
         (lambda box: ready(box), "drone9", "it has no autopilot with packet ports"),
         (lambda box: ready(box, systems=(3, 3)), "drone2", "its system id, 3, is also that of drone1.autopilot"),
         (lambda box: ready(box, known={}), "drone2", "no FMU of the run declares the local origin"),
-        (lambda box: Sending(Network(), {}, None, ready(box)._mailbox), "drone2", "this run records no packets"),
+        (lambda box: Sending(Network(), {}, None, ready(box) and box), "drone2", "this run records no packets"),
         (lambda box: Sending(Network(), {}, None, box), "drone2", "the run has not begun"),
     ],
 )
@@ -135,7 +136,7 @@ class Clicking:
         self.refusal = self.mailbox.refusal
         if self._at is not None and seen.time >= self._at:
             self._at = None
-            self.mailbox.post(command_int(1, 3, -353632620 + 900, 1491654582, 594.0))
+            self.mailbox.post(mavlink2(1, 255, 190, 75, reposition(3, -353632620 + 900, 1491654582, 594.0)))
 
 
 def flown(out: Path, at: float | None, **options: Any) -> Clicking:

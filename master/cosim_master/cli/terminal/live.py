@@ -1,4 +1,4 @@
-"""Live views of a run: its page (`run --view`), with the browser that opens it, Foxglove and ROS 2."""
+"""Live views of a run: its page (`run --view`), with the browser that opens it, Foxglove and ROS."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from cosim_master.network.gateways.mailbox import Mailbox
     from cosim_master.stepping.control import Control
     from cosim_master.stepping.observation import Observer, View
-    from cosim_master.system.flatten.flat import CheckedSystem
     from cosim_master.view.live.feed import Feed
     from cosim_master.view.live.server import LivePage
+    from cosim_master.view.programs.ros.feed import Transport
 
 __all__ = ["Live", "Onlooker", "Served", "served", "show_in_browser", "shown_live"]
 
@@ -96,45 +96,39 @@ class Live:
 
 
 @contextmanager
-def shown_live(options: RunOptions, *, open_browser: bool) -> Iterator[Live]:
-    """Yields the live page of a run, which is made when the run has been checked; closes it in the end."""
+def shown_live(options: RunOptions, mailbox: Mailbox, *, open_browser: bool) -> Iterator[Live]:
+    """Yields the live page of a run, which is made when the run has been checked; closes it in the end.
+
+    `mailbox` takes the packets that its clicks send.
+    """
     import websockets.asyncio.server  # noqa: F401 (if it is missing, the run does not begin)
 
-    from cosim_master.network.gateways.mailbox import Mailbox
     from cosim_master.stepping.control import Control
 
     with ExitStack() as opened:
         control = Control(1.0 if options.pace is None else options.pace)
-        yield Live(control, Mailbox(), open_browser=open_browser, opened=opened)
-
-
-class _Feed(Protocol):
-    """An observer that publishes values while the run goes on."""
-
-    def serve(self, checked: CheckedSystem, number: int) -> None:
-        """Opens the port or domain with this number."""
-
-    def close(self) -> None:
-        """Closes it."""
+        yield Live(control, mailbox, open_browser=open_browser, opened=opened)
 
 
 class Served:
     """The server or publisher of one run for other programs.
 
     Args:
-        make: returns the observer of the run.
-        number: of the port or domain.
+        make: returns the observer of the run, which has a method `close`.
+        serve: opens its port or topics, for a run that has been checked.
         told: returns the line that announces it.
     """
 
-    def __init__(self, make: Callable[[View], Any], number: int, told: Callable[[Any], str]) -> None:
-        self._make, self._number, self._told = make, number, told
-        self._feed: _Feed | None = None
+    def __init__(
+        self, make: Callable[[View], Any], serve: Callable[[Any, Prepared], None], told: Callable[[Any], str]
+    ) -> None:
+        self._make, self._serve, self._told = make, serve, told
+        self._feed: Any = None
 
     def observer(self, view: View) -> Observer:
         """Returns the observer of the run."""
-        feed = self._feed = self._make(view)
-        return cast("Observer", feed)
+        self._feed = self._make(view)
+        return cast("Observer", self._feed)
 
     def begin(self, ready: Prepared) -> None:
         """Opens the server of a run that has been checked, and announces it.
@@ -142,8 +136,7 @@ class Served:
         Raises:
             CosimError: it cannot be opened.
         """
-        assert self._feed is not None
-        self._feed.serve(ready.checked, self._number)
+        self._serve(self._feed, ready)
         announce(self._told(self._feed))
 
     def close(self) -> None:
@@ -153,27 +146,53 @@ class Served:
 
 
 @contextmanager
-def served(foxglove: int | None, ros2: int | None) -> Iterator[list[Served]]:
+def served(foxglove: int | None, ros1: str | None, ros2: int | None, mailbox: Mailbox) -> Iterator[list[Served]]:
     """Yields the servers of a run, which are opened when the run has been checked; closes them in the end.
 
     Args:
         foxglove: port of the server for Foxglove; None: there is none.
-        ros2: domain of ROS 2; None: nothing is published.
+        ros1: address of the master of ROS 1; None: nothing is published there.
+        ros2: domain of ROS 2; None: nothing is published there.
+        mailbox: takes the packets made from set-points from ROS.
     """
     found = []
     if foxglove is not None:
         from cosim_master.view.programs.foxglove_server import FoxgloveFeed
 
-        found.append(Served(FoxgloveFeed, foxglove, lambda feed: f"Foxglove: ws://127.0.0.1:{feed.port}"))
+        found.append(
+            Served(
+                FoxgloveFeed,
+                lambda feed, ready: feed.serve(ready.checked, foxglove),
+                lambda feed: f"Foxglove: ws://127.0.0.1:{feed.port}",
+            )
+        )
     if ros2 is not None:
-        from cosim_master.view.programs.ros2_publisher import Ros2Feed
+        from cosim_master.view.programs.ros.ros2 import Ros2
 
-        found.append(Served(Ros2Feed, ros2, lambda feed: f"ROS 2: domain {ros2}, {len(feed.topics)} topics"))
+        found.append(_ros(Ros2(ros2), f"ROS 2: domain {ros2}", mailbox))
+    if ros1 is not None:
+        from cosim_master.view.programs.ros.ros1 import Ros1
+
+        found.append(_ros(Ros1(ros1), f"ROS 1: {ros1}", mailbox))
     try:
         yield found
     finally:
         for one in found:
             one.close()
+
+
+def _ros(transport: Transport, where: str, mailbox: Mailbox) -> Served:
+    from cosim_master.view.programs.ros.feed import RosFeed
+
+    def told(feed: Any) -> str:
+        published, heard = feed.topics
+        return f"{where}, publishes {len(published)} topics, hears {len(heard)}"
+
+    return Served(
+        lambda view: RosFeed(view, transport, note),
+        lambda feed, ready: feed.serve(ready.checked, ready.network, mailbox, packets=ready.recording.packets),
+        told,
+    )
 
 
 def show_in_browser(address: str) -> None:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from cosim_master.execution.options import RunOptions
     from cosim_master.execution.outcome.result import RunResult
     from cosim_master.execution.preparation.prepare import Prepared
+    from cosim_master.network.gateways.mailbox import Mailbox
 
 
 _Out = Annotated[
@@ -178,7 +179,17 @@ _Ros2Domain = Annotated[
         metavar="DOMAIN",
         min=0,
         max=232,
-        help="Publish the vehicles to this domain of ROS 2, in real time unless --pace is given.",
+        help="Publish the vehicles to this domain of ROS 2, and take set-points, in real time unless --pace is given.",
+        show_default=False,
+    ),
+]
+_Ros1Master = Annotated[
+    str | None,
+    typer.Option(
+        "--ros1",
+        metavar="URI",
+        help="Publish the vehicles to the ROS 1 of this master (http://127.0.0.1:11311), and take set-points, in real "
+        "time unless --pace is given.",
         show_default=False,
     ),
 ]
@@ -226,6 +237,7 @@ def run(
     view: _View = False,
     no_open: _NoOpen = False,
     foxglove: _FoxglovePort = None,
+    ros1: _Ros1Master = None,
     ros2: _Ros2Domain = None,
     as_json: Json = False,
 ) -> None:
@@ -234,13 +246,14 @@ def run(
         raise usage(f"--threads {threads}: give a positive number")
     if no_open and not view:
         raise usage("--no-open belongs to --view, which is not given")
-    if pace is None and (foxglove is not None or ros2 is not None):
+    if pace is None and any(one is not None for one in (foxglove, ros1, ros2)):
         pace = 1.0
     by_default = Path("out") / Path(system).resolve().stem
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
         from cosim_master.execution.options import RunOptions
         from cosim_master.execution.preparation.isolating import chosen_isolation
+        from cosim_master.network.gateways.mailbox import Mailbox
         from cosim_master.results.storage.run_folder import RunFolder
 
         options = RunOptions(
@@ -253,9 +266,11 @@ def run(
             gcs=gcs or (), ports=ports,
         )  # fmt: skip
         with ExitStack() as opened:
-            live = opened.enter_context(shown_live(options, open_browser=not no_open)) if view else None
-            others = opened.enter_context(served(foxglove, ros2))
-            result = _simulate(system, options, doing, live, others)
+            mailbox = Mailbox()
+            live = opened.enter_context(shown_live(options, mailbox, open_browser=not no_open)) if view else None
+            others = opened.enter_context(served(foxglove, ros1, ros2, mailbox))
+            sent = mailbox if view or ros1 is not None or ros2 is not None else None
+            result = _simulate(system, options, doing, live, others, sent)
             if live is not None:
                 live.end(result)
     if as_json:
@@ -269,7 +284,12 @@ def run(
 
 
 def _simulate(
-    system: str, options: RunOptions, doing: Activity, live: Live | None, others: Sequence[Onlooker]
+    system: str,
+    options: RunOptions,
+    doing: Activity,
+    live: Live | None,
+    others: Sequence[Onlooker],
+    mailbox: Mailbox | None,
 ) -> RunResult:
     from cosim.kernel import PLAIN
     from cosim_master.execution.options import Listener
@@ -289,7 +309,7 @@ def _simulate(
     listener = Listener(prepared=prepared, stage=doing.stage, progress=doing.run, gateway=note)
     with compiling(doing):
         observers = [one.observer for one in onlookers]
-        control, mailbox = (None, None) if live is None else (live.control, live.mailbox)
+        control = None if live is None else live.control
         return simulate(system, options, listener=listener, observers=observers, control=control, mailbox=mailbox)
 
 

@@ -70,6 +70,7 @@ FORMATS = (
     Format("foxglove_layout", "Layout of Foxglove for --mcap and `run --foxglove`.", ".layout.json"),
     Format("rrd", "Scene, poses, signals and messages for Rerun.", ".rrd"),
     Format("rosbag", "ROS 2 bag: poses, odometry, NavSatFix, path, tf."),
+    Format("rosbag1", "ROS 1 bag with the same topics.", ".bag"),
     Format("tlog", "MAVLink packets of each node, with the sequence numbers of its link."),
     Format("kml", "Tracks for Google Earth.", ".kml"),
     Format("gpx", "Tracks for maps and GPS tools.", ".gpx"),

@@ -1,20 +1,11 @@
-"""Exports the motion of all vehicles as a ROS 2 bag (MCAP storage), in the frames of REP 103 and REP 105.
-
-/NAME/pose   geometry_msgs/PoseStamped    in the frame "map": ENU from the local origin
-/NAME/odom   nav_msgs/Odometry            with the velocities in the frame NAME (FLU)
-/NAME/fix    sensor_msgs/NavSatFix        if the local origin is known
-/NAME/path   nav_msgs/Path                once, at the start: the whole path, at most 1000 poses
-/tf          tf2_msgs/TFMessage           all vehicles at each instant
-"""
+"""Exports the motion of all vehicles as a ROS 2 bag (MCAP storage); `contents.bag` has its topics."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from cosim_master.results.export.contents.ros_messages import Messages, ros_vehicle
-from cosim_master.results.export.contents.tracks import Tracks, names_for_topics, read_tracks
+from cosim_master.results.export.contents.bag import bag_notes, fill_bag
+from cosim_master.results.export.contents.tracks import read_tracks
 from cosim_master.results.export.options import Options
 
 __all__ = ["export"]
@@ -26,41 +17,9 @@ def export(run: Path, file: Path, options: Options) -> list[str]:
     from rosbags.typesys import Stores, get_typestore
 
     tracks = read_tracks(run, options)
-    names = names_for_topics([one.name for one in tracks.vehicles])
-    vehicles = [ros_vehicle(one, name, tracks) for one, name in zip(tracks.vehicles, names, strict=True)]
     store = get_typestore(Stores.ROS2_JAZZY)
-    make, stamps = Messages(store.types), tracks.stamps
     if file.is_dir():
         file.rmdir()  # empty; the writer creates it
     with Writer(file, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as bag:
-
-        def channel(topic: str, kind: str, message: Callable[[int], Any]) -> tuple[Any, str, Callable[[int], Any]]:
-            return bag.add_connection(topic, kind, typestore=store), kind, message
-
-        channels = [channel("/tf", "tf2_msgs/msg/TFMessage", lambda k: make.transforms(vehicles, k, stamps[k]))]
-        for one in vehicles:
-            connection = bag.add_connection(f"/{one.name}/path", "nav_msgs/msg/Path", typestore=store)
-            bag.write(connection, stamps[0], store.serialize_cdr(make.path(one, stamps), "nav_msgs/msg/Path"))
-            pose = lambda k, one=one: make.pose_stamped(one, k, stamps[k])  # noqa: E731
-            channels.append(channel(f"/{one.name}/pose", "geometry_msgs/msg/PoseStamped", pose))
-            if one.linear is not None and one.angular is not None:
-                odometry = lambda k, one=one: make.odometry(one, k, stamps[k])  # noqa: E731
-                channels.append(channel(f"/{one.name}/odom", "nav_msgs/msg/Odometry", odometry))
-            if one.fixes is not None:
-                fix = lambda k, one=one: make.fix(one, k, stamps[k])  # noqa: E731
-                channels.append(channel(f"/{one.name}/fix", "sensor_msgs/msg/NavSatFix", fix))
-        for k, stamp in enumerate(stamps):
-            for connection, kind, message in channels:
-                bag.write(connection, stamp, store.serialize_cdr(message(k), kind))
-    return _notes(tracks)
-
-
-def _notes(tracks: Tracks) -> list[str]:
-    notes = []
-    if tracks.origin is None:
-        notes.append("no NavSatFix: no FMU declares the local origin; --origin LATITUDE,LONGITUDE,ALTITUDE gives one")
-    if level := [one.name for one in tracks.vehicles if one.attitude is None]:
-        notes.append(f"no attitude was recorded, so orientations are level, nose north: {', '.join(level[:3])}")
-    if still := [one.name for one in tracks.vehicles if one.velocity is None or one.body_rates is None]:
-        notes.append(f"no odometry, velocities were not recorded: {', '.join(still[:3])}{', ...' * (len(still) > 3)}")
-    return notes
+        fill_bag(tracks, bag, store, store.serialize_cdr)
+    return bag_notes(tracks)

@@ -32,6 +32,7 @@ from cosim_master.results.export.contents import tracks as of_tracks
 from cosim_master.results.export.formats import FORMATS, export_run, format_of
 from cosim_master.results.export.options import Options, origin_of_text
 from tests.master.results.export.conftest import edited, rotation
+from tests.master.view import ros1
 
 START = 1_735_689_600  # 2025-01-01T00:00:00Z
 DRONES = [f"drone{i}" for i in range(1, 6)]
@@ -128,9 +129,10 @@ def check_orientation(orientations: list[Any], attitude: np.ndarray) -> None:
         np.testing.assert_allclose(found, to_enu @ rotation(a) @ from_flu, atol=1e-12)
 
 
-def test_ros_bag(exported: dict[str, Path], table: pa.Table) -> None:
+@pytest.mark.parametrize(("name", "types"), [("rosbag", Stores.ROS2_JAZZY), ("rosbag1", Stores.ROS1_NOETIC)])
+def test_ros_bag(exported: dict[str, Path], table: pa.Table, name: str, types: Stores) -> None:
     found: dict[str, list[Any]] = defaultdict(list)
-    with AnyReader([exported["rosbag"]], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
+    with AnyReader([exported[name]], default_typestore=get_typestore(types)) as bag:
         for connection, stamp, data in bag.messages():
             message = bag.deserialize(data, connection.msgtype)
             found[connection.topic].append(message)
@@ -159,6 +161,32 @@ def test_ros_bag(exported: dict[str, Path], table: pa.Table) -> None:
     fix = found["/drone5/fix"][0]
     assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx((-35.363262, EAST, 584.0), abs=1e-9)
     assert [t.child_frame_id for t in found["/tf"][0].transforms] == DRONES
+
+
+@pytest.mark.skipif(bool(reason := ros1.lacking()), reason=f"ROS 1: {reason}")
+def test_a_bag_of_ros_1_is_read_by_ros(exported: dict[str, Path], table: pa.Table) -> None:
+    """The types are those of Debian's messages, by their MD5 sums, and the values those of the recording."""
+    code = (
+        "import json, rosbag, sys\n"
+        "from roslib.message import get_message_class\n"
+        "bag = rosbag.Bag(sys.argv[1])\n"
+        "info = bag.get_type_and_topic_info()\n"
+        "same = {name: get_message_class(name)._md5sum == md5 for name, md5 in info.msg_types.items()}\n"
+        "poses = [(m.header.stamp.to_nsec(), t.to_nsec(), m.pose.position.x, m.pose.position.y, m.pose.position.z)\n"
+        "         for _, m, t in bag.read_messages(['/drone4/pose'])]\n"
+        "print(json.dumps([same, {n: t.message_count for n, t in info.topics.items()}, poses]))\n"
+    )
+    command = [ros1.PYTHON, "-s", "-c", code, str(exported["rosbag1"])]
+    done = subprocess.run(command, env=ros1.environment(0), capture_output=True, text=True, check=True)
+    same, topics, poses = json.loads(done.stdout)
+    assert same and all(same.values())
+    assert topics["/tf"] == 161 and topics["/drone5/odom"] == 161 and topics["/drone1/path"] == 1
+    time, position = table["time"].to_numpy(), array(table, "drone4.vehicle.position", 3)
+    expected = [
+        [START * 10**9 + round(t * 1e9)] * 2 + [east, north, -down]
+        for t, (north, east, down) in zip(time.tolist(), position.tolist(), strict=True)
+    ]
+    assert poses == expected
 
 
 def losses(log: Path) -> tuple[int, Counter[tuple[int, int]]]:
@@ -325,8 +353,8 @@ def test_formats_by_the_end_of_a_name() -> None:
         one for one in FORMATS if one.suffix
     ]
     assert format_of(Path("-")).name == "csv" and format_of(Path("A.KML")).name == "kml"
-    with pytest.raises(CosimError, match=r"x\.bag: the end of the name must be one of \.csv, .* --rosbag FOLDER"):
-        format_of(Path("x.bag"))
+    with pytest.raises(CosimError, match=r"x\.txt: the end of the name must be one of \.csv, .* --rosbag FOLDER"):
+        format_of(Path("x.txt"))
 
 
 def test_a_folder_with_something_in_it_is_left_alone(flown: Path, tmp_path: Path) -> None:

@@ -1,9 +1,10 @@
-"""The messages of ROS 2 about vehicles, in a bag (`rosbag`) and while a run goes on (`view.programs`)."""
+"""The messages of ROS about vehicles, in a bag (`rosbag`) and while a run goes on (`view.programs`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,15 @@ class Messages:
 
     def __init__(self, types: Mapping[str, Any]) -> None:
         self._of = types
+        header = types["std_msgs/msg/Header"]
+        numbered = "seq" in header.__dataclass_fields__  # ROS 1
+        self._header = partial(header, seq=0) if numbered else header
+
+    def time(self, stamp: int) -> Any:
+        return self._of["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
 
     def header(self, stamp: int, frame: str) -> Any:
-        time = self._of["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-        return self._of["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+        return self._header(stamp=self.time(stamp), frame_id=frame)
 
     def pose(self, vehicle: Vehicle, k: int) -> Any:
         return self._of["geometry_msgs/msg/Pose"](

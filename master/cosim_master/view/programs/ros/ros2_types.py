@@ -1,6 +1,6 @@
 """The types of messages of ROS 2 as DDS knows them.
 
-Source: the .msg files of ROS 2 Jazzy (common_interfaces, geometry2).
+Source: the .msg files of ROS 2 Jazzy (common_interfaces, geometry2, rcl_interfaces) and of MAVROS.
 
 The annotations are read when the classes are made, so this module does not postpone them.
 """
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import array, float64, int8, int32, sequence, uint8, uint16, uint32
+from cyclonedds.idl.types import array, float64, int8, int32, sequence, uint8, uint16, uint32, uint64
 
 __all__ = ["TYPES"]
 
@@ -73,6 +73,12 @@ class Twist(IdlStruct, typename="geometry_msgs::msg::dds_::Twist_"):
 
 
 @dataclass
+class TwistStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TwistStamped_"):
+    header: Header
+    twist: Twist
+
+
+@dataclass
 class TwistWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::TwistWithCovariance_"):
     twist: Twist
     covariance: array[float64, 36]  # type: ignore[type-arg,valid-type]
@@ -121,6 +127,33 @@ class TFMessage(IdlStruct, typename="tf2_msgs::msg::dds_::TFMessage_"):
     transforms: sequence[TransformStamped]  # type: ignore[type-arg]
 
 
+@dataclass
+class Clock(IdlStruct, typename="rosgraph_msgs::msg::dds_::Clock_"):
+    clock: Time
+
+
+@dataclass
+class Mavlink(IdlStruct, typename="mavros_msgs::msg::dds_::Mavlink_"):
+    header: Header
+    framing_status: uint8
+    magic: uint8
+    len: uint8
+    incompat_flags: uint8
+    compat_flags: uint8
+    seq: uint8
+    sysid: uint8
+    compid: uint8
+    msgid: uint32
+    checksum: uint16
+    payload64: sequence[uint64]  # type: ignore[type-arg]
+    signature: sequence[uint8]  # type: ignore[type-arg]
+
+    def __post_init__(self) -> None:
+        # DDS writes lists only
+        self.payload64 = list(self.payload64)  # type: ignore[call-overload]
+        self.signature = list(self.signature)  # type: ignore[call-overload]
+
+
 TYPES: dict[str, Any] = {
     "builtin_interfaces/msg/Time": Time,
     "std_msgs/msg/Header": Header,
@@ -131,6 +164,7 @@ TYPES: dict[str, Any] = {
     "geometry_msgs/msg/PoseStamped": PoseStamped,
     "geometry_msgs/msg/PoseWithCovariance": PoseWithCovariance,
     "geometry_msgs/msg/Twist": Twist,
+    "geometry_msgs/msg/TwistStamped": TwistStamped,
     "geometry_msgs/msg/TwistWithCovariance": TwistWithCovariance,
     "nav_msgs/msg/Odometry": Odometry,
     "sensor_msgs/msg/NavSatStatus": NavSatStatus,
@@ -138,5 +172,7 @@ TYPES: dict[str, Any] = {
     "geometry_msgs/msg/Transform": Transform,
     "geometry_msgs/msg/TransformStamped": TransformStamped,
     "tf2_msgs/msg/TFMessage": TFMessage,
+    "rosgraph_msgs/msg/Clock": Clock,
+    "mavros_msgs/msg/Mavlink": Mavlink,
 }
 """The types, by their names in ROS."""
