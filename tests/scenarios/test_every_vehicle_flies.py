@@ -100,6 +100,10 @@ def bound(name: str) -> dict[str, str]:
         ("Hexarotor", "ardupilot_sitl_hexa", PLACES["Hexarotor"]),
         ("Y6", "ardupilot_sitl_y6", PLACES["Y6"]),
         ("Rover", "ardupilot_rover_skid", PLACES["Rover"]),
+        ("Octorotor", "mrs_naki_octa", PLACES["Octorotor"]),
+        ("Boat", "vrx_wamv", PLACES["Boat"]),
+        ("PointMass", "px4_iris_point", PLACES["PointMass"]),
+        ("PointMass", "crazyflie_point", PLACES["PointMass"]),
     ],
 )
 def test_its_presets_fly_too(vehicle: str, name: str, place: Place, fmus: Path, tmp_path: Path) -> None:
@@ -148,6 +152,24 @@ def test_presets_that_need_other_gains_fly_with_them(name: str, fmus: Path, tmp_
     for axis in (1, 2, 3):
         assert np.abs(flight[f"drone3.vehicle.angular_velocity[{axis}]"][late]).max() < 1.0
     assert not [one for one in flight.result.verdict.findings if "drone3" in " ".join(one.who)]
+
+
+def test_the_preset_of_a_slower_plane_flies_with_its_speeds(fmus: Path, tmp_path: Path) -> None:
+    """ArduPilot's plane, with the speeds of its table in docs/vehicles.md, circles its place in the line."""
+    speeds = {"AIRSPEED_CRUISE": 16, "AIRSPEED_MIN": 12, "AIRSPEED_MAX": 20}
+    throttles = {"TRIM_THROTTLE": 70, "THR_MAX": 100, "TKOFF_THR_MAX": 100}
+    overrides = bound("ardupilot_plane") | {f"drone3.autopilot.{k}": str(v) for k, v in (speeds | throttles).items()}
+    swapped = swap(SYSTEMS / "line5", "drone3.vehicle", fmus / "FixedWing.fmu", tmp_path / "system")
+    flight = fly(swapped, tmp_path / "out", overrides=overrides)
+    late = flight["time"] > 60.0
+    velocity = [flight[f"drone3.vehicle.velocity[{i}]"][late] for i in (1, 2, 3)]
+    assert np.sqrt(sum(v * v for v in velocity)) == pytest.approx(16.0, abs=0.5)
+    assert flight.up(3)[late] == pytest.approx(10.0, abs=0.5)
+    target = flight["drone3.agent.target"][late]
+    radius = np.hypot(flight.east(3)[late] - target, flight["drone3.vehicle.position[1]"][late])
+    assert radius[-1] == pytest.approx(80.0, abs=10.0)
+    ends = [float(flight.east(drone)[-1]) for drone in (1, 2, 4, 5)]
+    assert ends == pytest.approx([0.0, 25.0, 75.0, 100.0], abs=PLACES["FixedWing"].tolerance)
 
 
 def test_a_mixed_fleet_of_five_classes_flies(fmus: Path, tmp_path: Path) -> None:

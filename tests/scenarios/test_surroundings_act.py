@@ -16,7 +16,7 @@ from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.fmi.description.read import describe
 from cosim_master.stepping.observation import Progress
-from cosim_master.system.authoring.swarm.surroundings import shared_ports
+from cosim_master.system.authoring.swarm.surroundings import SharedPorts
 from tests.scenarios.flights import Flight, fly
 
 Places = list[tuple[float, float]]
@@ -118,8 +118,10 @@ def test_what_cannot_be_an_environment_is_said(fmus: Path) -> None:
     with pytest.raises(SystemDescriptionError, match="environment: has no port in common with rover"):
         swarm.environment("Flocking")
     swarm.environment("Airspace", name="air")
-    assert "Rover.fmu has no force, thrust_factor: Airspace.fmu does not act on it by these" in swarm.notes
+    assert "Rover.fmu has no thrust_factor: Airspace.fmu does not act on it by these" in swarm.notes
     airspace, body = (describe(fmus / f"{name}.fmu") for name in ("Airspace", "Quadrotor"))
-    assert [one[0][-1] for one in shared_ports(airspace, body, 255)][:2] == ["position[768]", "velocity[768]"]
-    with pytest.raises(ValueError, match="has 768 elements of position, for at most 256 drones"):
-        list(shared_ports(airspace, body, 256))
+    shared = SharedPorts(airspace)
+    assert [one[0][-1] for one in shared.of(body, 255)][:2] == ["position[768]", "velocity[768]"]
+    too_many = "has 768 elements of position, for at most 256 drones; take an FMU with more elements"
+    with pytest.raises(ValueError, match=too_many):
+        list(shared.of(body, 256))

@@ -34,16 +34,17 @@ from cosim_models.environment.contact import (
     pair_force,
     surface_below,
 )
-from cosim_models.environment.grid import LISTS, fill, first_in, next_in
+from cosim_models.environment.grid import fill, first_in, next_in
 from cosim_models.environment.gust import gust_share
 from cosim_models.environment.rotors import GRAVITY, ground_effect, wake_velocity, wake_width
 from cosim_models.environment.turbulence import WAVES, raise_field, turbulence_at
 
-__all__ = ["CAPACITY", "Airspace"]
+__all__ = ["CAPACITY", "LARGE", "Airspace", "LargeAirspace"]
 
-CAPACITY = 256
-"""Vehicles that one airspace can have."""
+CAPACITY, LARGE = 256, 4096
+"""Vehicles that one `Airspace` and one `LargeAirspace` can have."""
 
+_ERRORS = {1: "a position or a velocity is not a finite number"}
 _OPEN = Role.OPTIONAL  # those beyond `count`
 KINDS = len(Airframe)
 _SLACK = 1e-9  # s
@@ -242,28 +243,26 @@ _OBSTACLES = (
 )
 
 
-class Airspace(Model):
-    """Wind, gusts, turbulence, downwash, ground effect, contact and obstacles for up to 256 vehicles."""
-
-    step_size = 0.005
-    variables = (
-        Input("position", shape=3 * CAPACITY, unit="m", verdict=_OPEN, description="three elements each, NED"),
-        Input("velocity", shape=3 * CAPACITY, unit="m/s", verdict=_OPEN, description="three elements each, NED"),
-        Input("airframe", type=Airframe, shape=CAPACITY, verdict=_OPEN, description="of each vehicle"),
-        Parameter("count", type=int, start=1, minimum=1, maximum=CAPACITY, description="number of vehicles"),
+def _variables(capacity: int) -> tuple[Variable, ...]:
+    """Returns the variables of an airspace for up to `capacity` vehicles."""
+    return (
+        Input("position", shape=3 * capacity, unit="m", verdict=_OPEN, description="three elements each, NED"),
+        Input("velocity", shape=3 * capacity, unit="m/s", verdict=_OPEN, description="three elements each, NED"),
+        Input("airframe", type=Airframe, shape=capacity, verdict=_OPEN, description="of each vehicle"),
+        Parameter("count", type=int, start=1, minimum=1, maximum=capacity, description="number of vehicles"),
         *_KINDS,
         *_WIND,
         *_EFFECTS,
         *_OBSTACLES,
-        Output("wind", shape=3 * CAPACITY, unit="m/s", start=0.0, description="velocity of the air at each, NED"),
-        Output("force", shape=3 * CAPACITY, unit="N", start=0.0, description="on each vehicle, NED"),
-        Output("thrust_factor", shape=CAPACITY, unit="1", start=1.0, description="thrust of each over that far away"),
-        Memory("head", dtype="i4", shape=LISTS),
-        Memory("next", dtype="i4", shape=CAPACITY),
-        Memory("cell_north", dtype="i4", shape=CAPACITY),
-        Memory("cell_east", dtype="i4", shape=CAPACITY),
+        Output("wind", shape=3 * capacity, unit="m/s", start=0.0, description="velocity of the air at each, NED"),
+        Output("force", shape=3 * capacity, unit="N", start=0.0, description="on each vehicle, NED"),
+        Output("thrust_factor", shape=capacity, unit="1", start=1.0, description="thrust of each over that far away"),
+        Memory("head", dtype="i4", shape=max(2 * capacity, 2048)),
+        Memory("next", dtype="i4", shape=capacity),
+        Memory("cell_north", dtype="i4", shape=capacity),
+        Memory("cell_east", dtype="i4", shape=capacity),
         Memory("cell"),  # m
-        Memory("turbulent", shape=(CAPACITY, 3)),  # m/s, NED
+        Memory("turbulent", shape=(capacity, 3)),  # m/s, NED
         Memory("renewal"),  # s
         Memory("drift", shape=3),  # displacement of the air since the start, m, NED
         Memory("axis", shape=2),  # direction of the mean wind at the start, north and east
@@ -271,5 +270,21 @@ class Airspace(Model):
         Memory("waves", shape=(3, WAVES, 3)),  # rad/m, NED
         Memory("phase", shape=(3, WAVES)),  # rad
     )
+
+
+class Airspace(Model):
+    """Wind, gusts, turbulence, downwash, ground effect, contact and obstacles for up to 256 vehicles."""
+
+    step_size = 0.005
+    variables = _variables(CAPACITY)
     kernels = (start, advance)
-    errors: ClassVar = {1: "a position or a velocity is not a finite number"}
+    errors: ClassVar = _ERRORS
+
+
+class LargeAirspace(Model):
+    """An airspace for up to 4096 vehicles."""
+
+    step_size = Airspace.step_size
+    variables = _variables(LARGE)
+    kernels = (start, advance)
+    errors: ClassVar = _ERRORS

@@ -20,20 +20,22 @@ Additions, for the ports of all vehicles: rotors turn at speeds that are linear 
 less the hover speed sqrt(m g / (4 Kf)); motors are numbered as in ArduPilot's quad plus; level ground, on which it
 stands upright until the lift exceeds the weight. Differences: quadcopter.mo has a constant heading psi in x'' and y'',
 here it is the current one, because autopilots turn the nose; the angles are Euler angles in the output `attitude`.
-Outside small angles it is wrong, as a linear model is: no lift is lost by leaning. No lag, drag or wind.
+Outside small angles it is wrong, as a linear model is: no lift is lost by leaning. No lag. Its surroundings act by
+`force`, `thrust_factor` and, if `linear_drag` is not 0, `wind`; the drag of four rotors of the Iris at hover is 0.56 N
+s/m.
 
-The equations are solved exactly for commands that are constant during a step, the heading taken at the middle of it.
+The equations are solved exactly for inputs that are constant during a step, the heading taken at the middle of it.
 """
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin, sqrt
+from math import cos, expm1, isfinite, sin, sqrt
 from typing import Any, ClassVar
 
 from cosim import Memory, Model, Output, Parameter
 from cosim.frames import quaternion_from_euler, rotate_inverse
 from cosim.kernel import kernel
-from cosim.vehicle import VEHICLE_INPUTS, Airframe, outputs_of
+from cosim.vehicle import FORCE, THRUST_FACTOR, VEHICLE_INPUTS, Airframe, outputs_of
 from cosim.verdict import Role
 from cosim_models.vehicles.multirotor import STEP_SIZE
 
@@ -73,7 +75,12 @@ def _thrust_slope(m: Any) -> float:
 def _fall(m: Any) -> float:
     """Returns the acceleration down [m/s2]."""
     total = _deviation(m, _FRONT) + _deviation(m, _LEFT) + _deviation(m, _REAR) + _deviation(m, _RIGHT)
-    return float(-m.lift_factor * _thrust_slope(m) / m.mass * total)
+    down = float(-m.lift_factor * _thrust_slope(m) / m.mass * total)
+    if m.thrust_factor != 1.0:
+        down = float(m.gravity - m.thrust_factor * (m.gravity - down))
+    if m.force[2] != 0.0:
+        down += float(m.force[2] / m.mass)
+    return down
 
 
 @kernel
@@ -128,6 +135,33 @@ def _pull(m: Any, h: float, moment: float, axis: int) -> tuple[float, float, flo
 
 
 @kernel
+def _integrals(tau: float, h: float) -> tuple[float, float, float]:
+    """Returns the integrals of exp((s - h) / tau), times s, and times s^2, over s from 0 to `h` [s, s2, s3]."""
+    i0 = -tau * expm1(-h / tau)
+    i1 = tau * (h - i0)
+    return i0, i1, tau * (h * h - 2.0 * i1)
+
+
+@kernel
+def _drift(m: Any, axis: int, start: float, slope: float, bend: float, h: float) -> None:
+    """Moves along an axis against the air, under the acceleration start + slope s + bend s^2 [m/s2] at s seconds."""
+    tau, wind, v = m.mass / m.linear_drag, float(m.wind[axis]), float(m.velocity[axis])
+    i0, i1, i2 = _integrals(tau, h)
+    gone = i0 / tau
+    after = v + gone * (wind - v) + start * i0 + slope * i1 + bend * i2
+    push = (start + (slope / 2.0 + bend / 3.0 * h) * h) * h
+    m.position[axis] += wind * h + tau * (push - (after - v))
+    m.velocity[axis] = after
+
+
+@kernel
+def _move(m: Any, axis: int, pull: float, velocity: float, place: float, h: float) -> None:
+    """Moves along an axis: acceleration whose mean is `velocity` for velocity and `place` for position, and `pull`."""
+    m.position[axis] += (m.velocity[axis] + 0.5 * (place + pull) * h) * h
+    m.velocity[axis] += (velocity + pull) * h
+
+
+@kernel
 def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     """Makes one step of `h` seconds."""
     right, left, front, rear = _deviation(m, _RIGHT), _deviation(m, _LEFT), _deviation(m, _FRONT), _deviation(m, _REAR)
@@ -135,25 +169,35 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     if m.on_ground and down >= 0.0:
         _stand(m)
         return 0
-    roll = _pull(m, h, m.arm * slope / m.inertia[0] * (left - right), _ROLL)
-    pitch = _pull(m, h, m.arm * slope / m.inertia[1] * (front - rear), _PITCH)
+    rolling, pitching = m.arm * slope / m.inertia[0] * (left - right), m.arm * slope / m.inertia[1] * (front - rear)
+    before = float(m.angle[_ROLL]), float(m.rate[_ROLL]), float(m.angle[_PITCH]), float(m.rate[_PITCH])
+    roll = _pull(m, h, rolling, _ROLL)
+    pitch = _pull(m, h, pitching, _PITCH)
     heading = float(m.angle[_YAW]) + 0.5 * h * m.rate[_YAW]
     _pull(m, h, m.moment_constant * slope / m.inertia[2] * (left + right - front - rear), _YAW)
     c, s = m.gravity * cos(heading), m.gravity * sin(heading)
-    north, east = -c * pitch[2] - s * roll[2], c * roll[2] - s * pitch[2]
-    m.position[0] += (m.velocity[0] + 0.5 * north * h) * h
-    m.position[1] += (m.velocity[1] + 0.5 * east * h) * h
-    m.position[2] += (m.velocity[2] + 0.5 * down * h) * h
-    m.velocity[0] += (-c * pitch[1] - s * roll[1]) * h
-    m.velocity[1] += (c * roll[1] - s * pitch[1]) * h
-    m.velocity[2] += down * h
+    north, east = float(m.force[0] / m.mass), float(m.force[1] / m.mass)
+    an, ae, ad = north - c * pitch[0] - s * roll[0], east + c * roll[0] - s * pitch[0], down
+    if m.linear_drag > 0.0:
+        x, y = 0.5 * rolling, 0.5 * pitching
+        _drift(m, 0, north - c * before[2] - s * before[0], -c * before[3] - s * before[1], -c * y - s * x, h)
+        _drift(m, 1, east + c * before[0] - s * before[2], c * before[1] - s * before[3], c * x - s * y, h)
+        _drift(m, 2, down, 0.0, 0.0, h)
+        over = m.linear_drag / m.mass
+        an += over * (m.wind[0] - m.velocity[0])
+        ae += over * (m.wind[1] - m.velocity[1])
+        ad += over * (m.wind[2] - m.velocity[2])
+    else:
+        _move(m, 0, north, -c * pitch[1] - s * roll[1], -c * pitch[2] - s * roll[2], h)
+        _move(m, 1, east, c * roll[1] - s * pitch[1], c * roll[2] - s * pitch[2], h)
+        _move(m, 2, 0.0, down, down, h)
     if not isfinite(m.position[0] + m.position[1] + m.position[2] + m.angle[_ROLL] + m.angle[_PITCH] + m.angle[_YAW]):
         return 5
     m.on_ground = m.position[2] >= m.ground_height
     if m.on_ground:
         _stand(m)
     else:
-        _publish(m, -c * pitch[0] - s * roll[0], c * roll[0] - s * pitch[0], down)
+        _publish(m, an, ae, ad)
     return 0
 
 
@@ -163,6 +207,8 @@ class LinearQuadrotor(Model):
     step_size = STEP_SIZE
     variables = (
         *VEHICLE_INPUTS,
+        FORCE,
+        THRUST_FACTOR,
         Parameter("mass", unit="kg", start=1.545, minimum=1e-3, description="total mass, m"),
         Parameter(
             "inertia",
@@ -176,6 +222,9 @@ class LinearQuadrotor(Model):
         Parameter("thrust_constant", unit="N.s2/rad2", start=5.84e-6, description="thrust over speed squared, Kf"),
         Parameter("moment_constant", unit="m", start=0.06, minimum=0.0, description="drag torque over thrust, Km"),
         Parameter("lift_factor", unit="1", start=1.0, minimum=0.0, description="of the lift; the source has 2"),
+        Parameter(
+            "linear_drag", unit="N.s/m", start=0.0, minimum=0.0, description="force of the air over its speed; 0: none"
+        ),
         Parameter("gravity", unit="m/s2", start=9.80665, description="g"),
         Parameter("speed_min", unit="rad/s", start=100.0, minimum=0.0, description="rotor speed just above command 0"),
         Parameter("speed_max", unit="rad/s", start=1100.0, description="rotor speed at full command"),

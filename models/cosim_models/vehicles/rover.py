@@ -5,7 +5,9 @@ full throttle the speed approaches `speed_max` with the time constant speed_max 
 steering, the radius of the turn at a wheel angle d is turning_radius sin(wheel_angle_max) / sin(d); with skid steering,
 the rate of turn is proportional to the command. The equations are solved exactly for a constant command.
 
-It is a kinematic model, as the source is: no slip, no slopes, no inertia against turning. Wind has no effect.
+It is a kinematic model, as the source is: no slopes, no inertia against turning. Forces of the surroundings (and of the
+wind if `windage` is not 0) act on its `mass`: along it against the lag of the drive, across it against the friction of
+its wheels, beyond which it slides.
 """
 
 from __future__ import annotations
@@ -17,9 +19,20 @@ from typing import Any, ClassVar
 from cosim import Model, Parameter
 from cosim.kernel import kernel
 from cosim.vehicle import Airframe
-from cosim_models.vehicles.surface import STEP_SIZE, place, steering_of, surface_variables, throttle_of, travel
+from cosim_models.vehicles.surface import (
+    GRAVITY,
+    STEP_SIZE,
+    is_pushed,
+    place,
+    push_of,
+    slide,
+    steering_of,
+    surface_variables,
+    throttle_of,
+    travel,
+)
 
-__all__ = ["Rover", "Steering"]
+__all__ = ["Rover", "Steering", "slid"]
 
 _RATE_MAX = 2.0 * pi  # rad/s, MAX_YAW_RATE of the source
 
@@ -44,10 +57,35 @@ def start(m: Any) -> int:
 
 
 @kernel
+def slid(slip: float, pull: float, grip: float, h: float) -> tuple[float, float]:
+    """Returns speed [m/s] and distance [m] after `h` seconds of sliding with Coulomb friction, exactly.
+
+    Args:
+        slip: speed before [m/s].
+        pull, grip: acceleration by the force, and the greatest one by friction [m/s2].
+        h: duration [s].
+    """
+    distance = 0.0
+    if slip != 0.0:
+        rate = pull - grip if slip > 0.0 else pull + grip
+        if slip * (slip + rate * h) > 0.0:
+            return slip + rate * h, (slip + 0.5 * rate * h) * h
+        stop = -slip / rate  # it comes to rest within the step
+        distance, h = 0.5 * slip * stop, h - stop
+    if abs(pull) <= grip:
+        return 0.0, distance
+    rate = pull - grip if pull > 0.0 else pull + grip
+    return rate * h, distance + 0.5 * rate * h * h
+
+
+@kernel
 def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     """Makes one step of `h` seconds."""
     lag = m.speed_max / m.acceleration_max
-    wanted = throttle_of(m) * m.speed_max
+    wanted, across, pushed = throttle_of(m) * m.speed_max, 0.0, is_pushed(m)
+    if pushed:
+        ahead, across = push_of(m)
+        wanted += lag * ahead / m.mass
     gone = exp(-h / lag)
     after = wanted + (m.speed - wanted) * gone
     distance = wanted * h + (m.speed - wanted) * lag * (1.0 - gone)
@@ -57,7 +95,11 @@ def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
     else:
         turn = distance * sin(steering * m.wheel_angle_max) / (m.turning_radius * sin(m.wheel_angle_max))
     turn = min(max(turn, -_RATE_MAX * h), _RATE_MAX * h)
-    return 0 if travel(m, after, distance, turn, 0.0, 0.0, h) else 2
+    is_finite = travel(m, after, distance, turn, 0.0, 0.0, h)
+    if pushed:
+        slip, aside = slid(float(m.slip), across / m.mass, m.grip * GRAVITY, h)
+        is_finite = slide(m, slip, aside, h)
+    return 0 if is_finite else 2
 
 
 class Rover(Model):
@@ -66,6 +108,7 @@ class Rover(Model):
     step_size = STEP_SIZE
     variables = surface_variables(
         Airframe.rover,
+        2.0,
         (
             Parameter("steering", type=Steering, start=Steering.ackermann, description="how it turns"),
             Parameter("speed_max", unit="m/s", start=20.0, minimum=1e-3, description="at full throttle"),
@@ -77,6 +120,7 @@ class Rover(Model):
                 "wheel_angle_max", unit="rad", start=radians(35.0), minimum=1e-3, maximum=1.5, description="of it"
             ),
             Parameter("skid_turn_rate", unit="rad/s", start=radians(140.0), minimum=0.0, description="skid steering"),
+            Parameter("grip", unit="1", start=0.8, minimum=0.0, description="friction coefficient across the wheels"),
         ),
     )
     kernels = (start, advance)

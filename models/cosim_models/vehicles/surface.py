@@ -2,29 +2,46 @@
 
 The heading changes with the distance travelled through the surface (steering) or with time (skid steering). Position is
 integrated exactly for a constant curvature during a step.
+
+Forces of the surroundings (`cosim_models.environment`) and of the wind act at the centre of mass: they do not turn the
+vehicle. The part along it changes its speed, the part across makes it slide; turning does not couple the two.
 """
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin
+from math import cos, isfinite, sin, sqrt
 from typing import Any
 
 from cosim import Memory, Output, Parameter, Variable
 from cosim.kernel import kernel
-from cosim.vehicle import VEHICLE_INPUTS, Airframe, outputs_of
+from cosim.vehicle import FORCE, VEHICLE_INPUTS, Airframe, outputs_of
 from cosim.verdict import Role
 
-__all__ = ["STEP_SIZE", "place", "steering_of", "surface_variables", "throttle_of", "travel"]
+__all__ = [
+    "GRAVITY",
+    "STEP_SIZE",
+    "is_pushed",
+    "place",
+    "push_of",
+    "slide",
+    "steering_of",
+    "surface_variables",
+    "throttle_of",
+    "travel",
+]
 
 STEP_SIZE = 0.0125
-_GRAVITY = 9.80665
+GRAVITY = 9.80665
+"""Standard gravity [m/s2]."""
+
 _STEERING, _THROTTLE = 0, 1  # elements of `motor`
 
 
-def surface_variables(airframe: Airframe, parameters: tuple[Variable, ...]) -> tuple[Variable, ...]:
-    """Returns the variables of a vehicle on a surface, with its own parameters."""
+def surface_variables(airframe: Airframe, mass: float, parameters: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """Returns the variables of a vehicle on a surface, with its mass [kg] and its own parameters."""
     return (
         *VEHICLE_INPUTS,
+        FORCE,
         Parameter(
             "position_start",
             shape=3,
@@ -34,11 +51,20 @@ def surface_variables(airframe: Airframe, parameters: tuple[Variable, ...]) -> t
             description="initial position, NED; it stays at its down coordinate",
         ),
         Parameter("yaw_start", unit="rad", start=0.0, description="initial heading, clockwise from north"),
+        Parameter("mass", unit="kg", start=mass, minimum=1e-3, description="total mass"),
+        Parameter(
+            "windage",
+            unit="N.s2/m2",
+            start=0.0,
+            minimum=0.0,
+            description="force of the wind over the square of the air's relative speed; 0: none",
+        ),
         *parameters,
         *outputs_of(airframe),
         Output("speed", unit="m/s", start=0.0, description="ahead, through the surface"),
         Output("on_ground", type=bool, start=True, verdict=Role.ON_GROUND, description="always true: it cannot fly"),
         Memory("heading"),  # rad
+        Memory("slip"),  # m/s, to the right
     )
 
 
@@ -68,8 +94,8 @@ def place(m: Any) -> None:
         m.velocity[i] = 0.0
         m.angular_velocity[i] = 0.0
         m.specific_force[i] = 0.0
-    m.specific_force[2] = -_GRAVITY
-    m.speed = 0.0
+    m.specific_force[2] = -GRAVITY
+    m.speed = m.slip = 0.0
     m.on_ground = True
     _turn_to(m, float(m.yaw_start))
 
@@ -95,4 +121,41 @@ def travel(m: Any, after: float, distance: float, turn: float, north: float, eas
     m.speed = after
     m.velocity[0] = after * cos(m.heading) + north
     m.velocity[1] = after * sin(m.heading) + east
+    return isfinite(m.position[0] + m.position[1])
+
+
+@kernel
+def is_pushed(m: Any) -> bool:
+    """Returns whether forces act on the vehicle, or it still slides from those that did."""
+    return bool(m.force[0] != 0.0 or m.force[1] != 0.0 or m.windage > 0.0 or m.slip != 0.0)
+
+
+@kernel
+def push_of(m: Any) -> tuple[float, float]:
+    """Returns the force of surroundings and wind on the vehicle: ahead and to the right [N]."""
+    north, east = float(m.force[0]), float(m.force[1])
+    if m.windage > 0.0:
+        n, e = m.wind[0] - m.velocity[0], m.wind[1] - m.velocity[1]
+        over = m.windage * sqrt(n * n + e * e)
+        north, east = north + over * n, east + over * e
+    c, s = cos(m.heading), sin(m.heading)
+    return c * north + s * east, c * east - s * north
+
+
+@kernel
+def slide(m: Any, after: float, distance: float, h: float) -> bool:
+    """Moves the vehicle sideways after `travel`; returns whether it still is at a finite place.
+
+    Args:
+        after: speed to the right at the end of the step [m/s].
+        distance: distance to the right [m].
+        h: duration of the step [s].
+    """
+    north, east = -sin(m.heading), cos(m.heading)
+    m.position[0] += distance * north
+    m.position[1] += distance * east
+    m.velocity[0] += after * north
+    m.velocity[1] += after * east
+    m.specific_force[1] += (after - m.slip) / h
+    m.slip = after
     return isfinite(m.position[0] + m.position[1])

@@ -13,6 +13,7 @@ from cosim import Model
 from cosim.model import flat_variables
 from cosim_models.vehicles.dynamics.rotor import MotorCurve
 from cosim_models.vehicles.hexarotor import Hexarotor
+from cosim_models.vehicles.octorotor import Octorotor
 from cosim_models.vehicles.quadrotor import Quadrotor
 from cosim_models.vehicles.y6 import Y6
 from tests.models.shipped_kernels import kernels
@@ -21,10 +22,10 @@ G = 9.80665
 PRESETS = {
     file.name.removesuffix(".ssv"): file
     for file in (resources.files("cosim_models.vehicles") / "presets").iterdir()
-    if file.name.endswith(".ssv") and not file.name.startswith(("authors_", "ardupilot_rover"))
+    if file.name.endswith(".ssv") and b"rotor_count" in file.read_bytes()
 }
-"""Those of multirotors; the tests of LinearQuadrotor and Rover have the others."""
-MODELS: dict[str, type[Model]] = {"ardupilot_sitl_hexa": Hexarotor, "ardupilot_sitl_y6": Y6}
+"""Those of multirotors; test_presets_of_others has the others."""
+MODELS: dict[str, type[Model]] = {"ardupilot_sitl_hexa": Hexarotor, "ardupilot_sitl_y6": Y6, "mrs_naki_octa": Octorotor}
 """The model of a preset that is none of `Quadrotor`."""
 NOT_OF_THE_VEHICLE = ("position_start", "yaw_start", "ground_", "foot_", "substep")
 SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
@@ -77,10 +78,11 @@ def test_a_preset_sets_every_parameter_of_the_vehicle(name: str) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_arms_and_turns_are_those_of_the_model(name: str) -> None:
-    """The rotors of the preset stand in the directions of the model's, 0.35 m from the centre, and turn alike."""
+    """The rotors of the preset stand in the directions of the model's, on arms of one length, and turn alike."""
     ours, default = with_preset(name), model_of(name).record()
-    for i in range(6):
-        assert math.hypot(ours.rotor_x[i], ours.rotor_y[i]) == pytest.approx(0.35, abs=1e-6)
+    arm = {"mrs_naki_octa": 0.4}.get(name, 0.35)
+    for i in range(ours.rotor_count):
+        assert math.hypot(ours.rotor_x[i], ours.rotor_y[i]) == pytest.approx(arm, abs=1e-6)
         angles = [math.atan2(one.rotor_y[i], one.rotor_x[i]) for one in (ours, default)]
         assert math.cos(angles[0] - angles[1]) == pytest.approx(1.0)
     assert ours.rotor_direction.tolist() == default.rotor_direction.tolist()
@@ -102,6 +104,8 @@ def test_the_px4_iris_is_the_default() -> None:
         ("ardupilot_json", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
         ("ardupilot_sitl_hexa", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
         ("ardupilot_sitl_y6", 1000.0 * math.sqrt(0.39), 1.0 / 0.39),
+        # 7.5 kg on eight propellers of 5.7658e-7 N / rpm^2 with at most 6376 rpm
+        ("mrs_naki_octa", 3993.2 * math.pi / 30.0, (6376.0 / 3993.2) ** 2),
     ],
 )
 def test_hover(name: str, hover: float, thrust_over_weight: float) -> None:

@@ -13,7 +13,7 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import FMU_TYPE
 from cosim_master.system.structure import Component, System, Value
 
-__all__ = ["COUNT", "Shared", "Surroundings", "body_of", "missing", "shared_ports", "surroundings_of"]
+__all__ = ["COUNT", "Shared", "SharedPorts", "Surroundings", "body_of", "surroundings_of"]
 
 COUNT = "count"
 """Parameter of an FMU that all drones share: the number of drones."""
@@ -42,30 +42,39 @@ def _ports(fmu: FmuDescription) -> dict[str, str]:
     return {v.name.partition("[")[0]: v.causality for v in fmu.variables.values() if v.causality in _OPPOSITE}
 
 
-def missing(shared: FmuDescription, body: FmuDescription) -> list[str]:
-    """Returns the ports of the shared FMU for which a body has no port of this name and the opposite causality."""
-    known = _ports(body)
-    return [name for name, causality in _ports(shared).items() if known.get(name) != _OPPOSITE[causality]]
+class SharedPorts:
+    """The ports of an FMU that all drones share, found once: it has elements for each of thousands of drones."""
 
+    def __init__(self, shared: FmuDescription) -> None:
+        self._ports = _ports(shared)
+        self._elements = {name: elements_of(name, shared.variables) for name in self._ports}
 
-def shared_ports(shared: FmuDescription, body: FmuDescription, number: int) -> Iterator[Shared]:
-    """Yields the ports that the shared FMU and the body of drone `number` (from 0) have in common.
+    def missing(self, body: FmuDescription) -> list[str]:
+        """Returns the ports of the shared FMU for which a body has no port of this name and the opposite causality."""
+        known = _ports(body)
+        return [name for name, causality in self._ports.items() if known.get(name) != _OPPOSITE[causality]]
 
-    A port of the body with n elements belongs to n elements of the port with the same name: those of the first drone
-    come first.
+    def of(self, body: FmuDescription, number: int) -> Iterator[Shared]:
+        """Yields the ports that the shared FMU and the body of drone `number` (from 0) have in common.
 
-    Raises:
-        ValueError: the shared FMU has no elements for this drone; the text tells how many drones it can have.
-    """
-    without = missing(shared, body)
-    for name, causality in _ports(shared).items():
-        if name in without:
-            continue
-        every, own = elements_of(name, shared.variables), elements_of(name, body.variables)
-        theirs = every[len(own) * number : len(own) * (number + 1)]
-        if len(theirs) < len(own):
-            raise ValueError(f"has {len(every)} elements of {name}, for at most {len(every) // len(own)} drones")
-        yield theirs, causality, own, _OPPOSITE[causality]
+        A port of the body with n elements belongs to n elements of the port with the same name: those of the first
+        drone come first.
+
+        Raises:
+            ValueError: the shared FMU has no elements for this drone; the text tells how many drones it can have.
+        """
+        without = self.missing(body)
+        for name, causality in self._ports.items():
+            if name in without:
+                continue
+            every, own = self._elements[name], elements_of(name, body.variables)
+            theirs = every[len(own) * number : len(own) * (number + 1)]
+            if len(theirs) < len(own):
+                most = len(every) // len(own)
+                raise ValueError(
+                    f"has {len(every)} elements of {name}, for at most {most} drones; take an FMU with more elements"
+                )
+            yield theirs, causality, own, _OPPOSITE[causality]
 
 
 def surroundings_of(system: System, checked: CheckedSystem, drones: Sequence[str]) -> tuple[Surroundings, ...]:
@@ -86,6 +95,7 @@ def surroundings_of(system: System, checked: CheckedSystem, drones: Sequence[str
         if not isinstance(one, Component) or one.type != FMU_TYPE:
             raise ValueError(one.name)
         shared = instances[one.name].fmu
+        common = SharedPorts(shared)
         for number, drone in enumerate(drones):
             parts = {
                 name.removeprefix(f"{drone}."): instance.fmu
@@ -93,7 +103,7 @@ def surroundings_of(system: System, checked: CheckedSystem, drones: Sequence[str
                 if name.startswith(f"{drone}.")
             }
             part = body_of(parts)
-            ports = [*shared_ports(shared, parts[part], number)] if part is not None else []
+            ports = [*common.of(parts[part], number)] if part is not None else []
             if not ports:
                 raise ValueError(one.name)
             wanted |= {

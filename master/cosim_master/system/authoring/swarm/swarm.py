@@ -50,7 +50,7 @@ from cosim_master.system.authoring.swarm.drone import (
     parameters_of,
 )
 from cosim_master.system.authoring.swarm.scenario import Scenario, scenario_of
-from cosim_master.system.authoring.swarm.surroundings import COUNT, body_of, missing, shared_ports
+from cosim_master.system.authoring.swarm.surroundings import COUNT, SharedPorts, body_of
 from cosim_master.system.authoring.text.difference import difference
 from cosim_master.system.authoring.text.documents import parameter_document, system_document
 from cosim_master.system.flatten.check import check
@@ -113,7 +113,7 @@ class Swarm:
         self._links: dict[tuple[str, str], None] = {}
         self._connections: dict[tuple[str, str], Connection] = {}  # by the end of each
         self._monitors: list[etree._Element] = []
-        self._environments: list[Member] = []
+        self._environments: list[tuple[Member, SharedPorts]] = []
         self._known: dict[Path, FmuDescription] = {}
         self._kinds: dict[tuple[tuple[str, Path], ...], Drone] = {(): self._drone}
         self._folder: Path | None = None
@@ -182,8 +182,8 @@ class Swarm:
         self._check_member(member)
         self._members[given] = member
         self._drones += drone is not None
-        for one in self._environments if drone is not None else ():
-            self._surround(one, member, self._drones - 1)
+        for environment, ports in self._environments if drone is not None else ():
+            self._surround(environment, ports, member, self._drones - 1)
         self._systems += bool(member.declared.system_ids)
         self._folder = None
         return given
@@ -232,16 +232,17 @@ class Swarm:
         """
         given = self.add(name, fmu=fmu, values=values)
         member = self._members[given]
+        ports = SharedPorts(member.parts[""])
         try:
             for number, drone in enumerate([one for one in self._members.values() if one.drone is not None]):
-                self._surround(member, drone, number)
+                self._surround(member, ports, drone, number)
         except SystemDescriptionError:
             del self._members[given]
             self._connections = {
                 end: one for end, one in self._connections.items() if given not in (one.start_element, one.end_element)
             }
             raise
-        self._environments.append(member)
+        self._environments.append((member, ports))
         return given
 
     def monitor(
@@ -431,19 +432,19 @@ class Swarm:
                 raise wrong(f"{second.name}.{end}", "is driven already: an input has one connection")
             self._connections[second.name, end] = Connection(first.name, start, second.name, end, HERE)
 
-    def _surround(self, environment: Member, drone: Member, number: int) -> None:
+    def _surround(self, environment: Member, ports: SharedPorts, drone: Member, number: int) -> None:
         """Connects an environment with the drone of this number, from 0."""
         part, fmu = body_of(drone.parts), environment.parts[""]
-        if part is None or not [*shared_ports(fmu, drone.parts[part], 0)]:
+        if part is None or not [*ports.of(drone.parts[part], 0)]:
             raise wrong(environment.name, f"has no port in common with {drone.name}")
         try:
-            pairs = [*shared_ports(fmu, drone.parts[part], number)]
+            pairs = [*ports.of(drone.parts[part], number)]
         except ValueError as error:
             raise wrong(environment.name, str(error)) from None
         for elements, causality, own, opposite in pairs:
             self._wire((environment, "", elements, causality), (drone, part, own, opposite))
         body = drone.parts[part].path.name
-        if lacking := missing(fmu, drone.parts[part]):
+        if lacking := ports.missing(drone.parts[part]):
             note = f"{body} has no {', '.join(lacking)}: {fmu.path.name} does not act on it by these"
             self.notes = tuple(dict.fromkeys((*self.notes, note)))
         if COUNT in fmu.variables:
