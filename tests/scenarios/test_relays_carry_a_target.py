@@ -5,6 +5,7 @@ The radio is a line, drone1 - drone2 - drone3 - drone4 - drone5, and drone5 is t
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 from pymavlink import mavutil
 
+from cosim_master.diagnostics.errors import SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from tests.scenarios.flights import copy_of
@@ -92,6 +94,57 @@ def test_the_same_bits_with_two_threads_and_when_it_is_resumed(system: Path, tmp
         expected = (tmp_path / "whole" / name).read_bytes()
         assert (tmp_path / "threads" / name).read_bytes() == expected
         assert (tmp_path / "rest" / name).read_bytes() == expected
+
+
+def test_the_age_of_a_relayed_packet_counts_from_its_origin(fmus: Path, tmp_path: Path) -> None:
+    """A packet every 0.2 s at least, 20 ms for a hop: its greatest age is 0.22 s after one hop, 0.28 s after four."""
+    ages = "".join(
+        f'<age name="{name}" from="drone5" to="drone{to}" most="{most}" start="20" severity="warning"/>'
+        for name, to, most in (
+            ("one", 4, 0.2225),
+            ("less than one", 4, 0.2175),
+            ("four", 1, 0.2825),
+            ("less than four", 1, 0.2775),
+        )
+    )
+    monitors = f'<monitors xmlns="https://uav-cosim.org/ns/1">{ages}</monitors>'
+    note = f'<ssc:Annotation type="org.uav-cosim.monitors">{monitors}</ssc:Annotation>'
+
+    def line(text: str) -> str:
+        new = f'<network xmlns="https://uav-cosim.org/ns/1" topology="listed" latency="0.02">{LINKS}</network>'
+        return re.sub(r"<network [^>]*/>", new, text).replace("</ssd:Annotations>", f"{note}</ssd:Annotations>", 1)
+
+    system = copy_of("tracking", tmp_path, fmus, line)
+    result = simulate(system, RunOptions(out=tmp_path / "out", until=24.0, overrides={"network.relays": "*"}))
+    assert result.outcome == "done"
+    found = json.loads((tmp_path / "out/manifest.json").read_text())["verdict"]["monitors"]
+    counts = {one["name"]: one["count"] for one in found}
+    assert counts["one"] == counts["four"] == 0
+    assert counts["less than one"] > 5 and counts["less than four"] > 5
+    worst = {one["name"]: max(of["worst"] for of in one["violations"]) for one in found if one["violations"]}
+    assert worst == {"less than one": pytest.approx(0.22), "less than four": pytest.approx(0.28)}
+
+
+def test_an_age_that_relays_do_not_reach_is_refused(fmus: Path, tmp_path: Path) -> None:
+    """Three relays lead from drone5 to drone1; without them, or with two, drone1 cannot hear it."""
+    note = (
+        '<ssc:Annotation type="org.uav-cosim.monitors"><monitors xmlns="https://uav-cosim.org/ns/1">'
+        '<age from="drone5" to="drone1" most="1"/></monitors></ssc:Annotation></ssd:Annotations>'
+    )
+
+    def line(text: str) -> str:
+        new = f'<network xmlns="https://uav-cosim.org/ns/1" topology="listed">{LINKS}</network>'
+        return re.sub(r"<network [^>]*/>", new, text).replace("</ssd:Annotations>", note, 1)
+
+    system = copy_of("tracking", tmp_path, fmus, line)
+    for overrides, text in (
+        ({}, "drone1 cannot hear drone5: the network has no <link> between them\n"),
+        ({"network.relays": "*", "network.hops": "2"}, "the network has no <link> between them, nor relays"),
+    ):
+        with pytest.raises(SystemDescriptionError, match=text):
+            simulate(system, RunOptions(out=tmp_path / "out", until=1.0, overrides=overrides))
+    options = RunOptions(out=tmp_path / "out", until=1.0, overrides={"network.relays": "*", "network.hops": "3"})
+    assert simulate(system, options).outcome == "done"
 
 
 @pytest.mark.parametrize("medium", [{"medium": "csma", "rate": "57600", "backoff": "0.02"}, {"medium": "own"}])

@@ -13,7 +13,7 @@ from cosim.verdict import Role
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.network import Network
 
-__all__ = ["Twice", "depends_on_places", "repeated", "system_ids", "twice"]
+__all__ = ["Twice", "depends_on_places", "heard_by_relays", "repeated", "system_ids", "twice"]
 
 Array: TypeAlias = np.ndarray[Any, Any]
 
@@ -66,7 +66,7 @@ def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None 
     groups = repeated(ids)
     if not groups:
         return []
-    heard = _relayed(network, _heard(network, places)) | np.eye(len(network.nodes), dtype=bool)
+    heard = heard_by_relays(network, places) | np.eye(len(network.nodes), dtype=bool)
     found = []
     for value, nodes in groups.items():
         hears = heard[nodes].sum(axis=0)
@@ -77,11 +77,16 @@ def twice(network: Network, ids: Sequence[dict[str, int]], places: Array | None 
     return found
 
 
-def _relayed(network: Network, heard: Array) -> Array:
-    """Returns the same matrix with the nodes that relays reach."""
+def heard_by_relays(network: Network, places: Array | None = None) -> Array:
+    """Returns a matrix: row a, column b is True if node b hears node a, directly or by relays.
+
+    Args:
+        places: (nodes, 3), positions of the nodes [m]; without them, only listed links limit who hears whom.
+    """
+    direct = heard = _heard(network, places)
     relays = np.isin([node.name for node in network.nodes], network.relays)
     for _ in range(network.hops if relays.any() else 0):
-        farther = heard | (heard[:, relays].astype(np.float32) @ heard[relays].astype(np.float32) > 0.0)
+        farther = heard | (heard[:, relays].astype(np.float32) @ direct[relays].astype(np.float32) > 0.0)
         if (farther == heard).all():
             break
         heard = farther

@@ -32,6 +32,7 @@ from cosim_master.network.radio.relays import (
     next_hop,
     resume_trip,
     save_trip,
+    trace_back,
 )
 from cosim_master.network.radio.tables import (
     AIRBORNE,
@@ -177,6 +178,8 @@ def _transmit(
             if wrong:
                 arrival, outcome = -1, LOST_ERRORS
         record_event(r, sent, arrival, e, other, buf, start, stop, outcome)
+        if r.trip.size > 0:
+            trace_back(r)
         if outcome == BY_RADIO and s.duplicates > 0.0:
             _duplicate(r, sent, arrival, e, other, number, to_system, buf, start, stop)
     return taken
@@ -228,6 +231,8 @@ def _duplicate(
             put(r, j, again, buf, start, stop, logged, -1)
             logged = 0
     record_event(r, sent, again, e, other, buf, start, stop, DUPLICATE)
+    if r.trip.size > 0:
+        trace_back(r)
 
 
 @kernel

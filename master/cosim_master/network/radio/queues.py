@@ -112,6 +112,8 @@ def record_event(
     row["sequence"] = 0 if outcome == MALFORMED else sequence(buf, start)
     row["length"] = stop - start
     row["outcome"] = outcome
+    row["origin"] = e
+    row["born"] = t
     r.counters[USED_EVENTS] += 1
 
 

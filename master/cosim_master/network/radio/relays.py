@@ -16,9 +16,19 @@ the packet that is being sent. All of these arrays are empty if no node relays.
 from __future__ import annotations
 
 from cosim.kernel import kernel
-from cosim_master.network.radio.tables import Radio
+from cosim_master.network.radio.tables import USED_EVENTS, Radio
 
-__all__ = ["begin_trip", "continue_trip", "first_time", "is_relay", "learn", "next_hop", "resume_trip", "save_trip"]
+__all__ = [
+    "begin_trip",
+    "continue_trip",
+    "first_time",
+    "is_relay",
+    "learn",
+    "next_hop",
+    "resume_trip",
+    "save_trip",
+    "trace_back",
+]
 
 _KEPT = 62
 """Packets of a sender before the latest one that a node remembers; older ones count as repeated."""
@@ -30,9 +40,10 @@ def is_relay(r: Radio, n: int) -> bool:
 
 
 @kernel
-def begin_trip(r: Radio, e: int) -> None:
-    """Begins the journey of the next packet that endpoint `e` sends by radio."""
+def begin_trip(r: Radio, e: int, t: int) -> None:
+    """Begins the journey of the next packet that endpoint `e` sends by radio, at t [ns]."""
     r.trip[0].origin = e
+    r.trip[0].born = t
     r.trip[0].number = r.endpoints[e].number
     r.trip[0].via = -1
     r.trip[0].hops = 0
@@ -43,6 +54,7 @@ def begin_trip(r: Radio, e: int) -> None:
 def continue_trip(r: Radio, place: int) -> None:
     """Continues the journey of the packet in flight in `place`, which a relay sends on."""
     r.trip[0].origin = r.relayed[place].origin
+    r.trip[0].born = r.relayed[place].born
     r.trip[0].number = r.relayed[place].number
     r.trip[0].via = r.endpoints[r.places[place].sender].node
     r.trip[0].hops = r.relayed[place].hops + 1
@@ -52,6 +64,7 @@ def continue_trip(r: Radio, place: int) -> None:
 def save_trip(r: Radio, place: int, n: int) -> None:
     """Notes the present journey for the packet in flight in `place`, which goes to node `n`; -1: to the medium."""
     r.relayed[place].origin = r.trip[0].origin
+    r.relayed[place].born = r.trip[0].born
     r.relayed[place].number = r.trip[0].number
     r.relayed[place].via = r.trip[0].via
     r.relayed[place].hops = r.trip[0].hops
@@ -62,9 +75,19 @@ def save_trip(r: Radio, place: int, n: int) -> None:
 def resume_trip(r: Radio, place: int) -> None:
     """Resumes the journey that was noted for the packet in `place`, which has left the medium."""
     r.trip[0].origin = r.relayed[place].origin
+    r.trip[0].born = r.relayed[place].born
     r.trip[0].number = r.relayed[place].number
     r.trip[0].via = r.relayed[place].via
     r.trip[0].hops = r.relayed[place].hops
+
+
+@kernel
+def trace_back(r: Radio) -> None:
+    """Notes in the latest event who sent its packet first, and when."""
+    if r.settings[0].keep != 0:
+        row = r.events[r.counters[USED_EVENTS] - 1]
+        row["origin"] = r.trip[0].origin
+        row["born"] = r.trip[0].born
 
 
 @kernel

@@ -197,7 +197,7 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
             taken = _on_board(r, t, e, to_system, buf, start, stop)
         if common and (to_system == 0 or to_system != r.endpoints[e].heard):
             if r.trip.size > 0:
-                begin_trip(r, e)
+                begin_trip(r, e, t)
             taken = by_radio(r, reals, t, e, to_system, buf, start, stop) or taken
         if r.gateways.size > 0:
             taken = _to_gateways(r, t, e, to_system, buf, start, stop) or taken

@@ -114,9 +114,14 @@ EVENT = np.dtype(
         ("sequence", "i4"),
         ("length", "i4"),
         ("outcome", "i4"),
+        ("origin", "i8"),
+        ("born", "i8"),
     ]
 )
-"""One packet on its way to one node: times in ns (arrival -1 if it is lost), endpoint, node, header, outcome."""
+"""One packet on its way to one node: times in ns (arrival -1 if it is lost), endpoint, node, header, outcome.
+
+`origin` and `born` are the endpoint that sent it first, and when: not `source` and `sent` if a relay sends it on.
+"""
 
 
 ENDPOINT = np.dtype(
@@ -227,6 +232,7 @@ for relays only.
 RELAYED = np.dtype(
     [
         ("origin", "i8"),  # the endpoint that sent it first
+        ("born", "i8"),  # when, ns
         ("number", "i8"),  # of the packet there
         ("via", "i8"),  # the node from which its sender received it, -1: none
         ("hops", "i8"),  # relays that it has passed

@@ -1,8 +1,11 @@
-"""The age of the last packet that a node heard from another, from the events of the radio.
+"""The age of the newest packet that a node has heard from another, from the events of the radio.
 
-The radio reports the arrival of a packet when it is sent. A packet is heard at its arrival; before the first one, the
-age counts from the start of the monitor. Violations begin and end at the times of packets, between the instants that
-other monitors see.
+The radio reports the arrival of a packet when it is sent. A packet is heard at its arrival; its age counts from the
+time at which its origin sent it, whether relays have carried it or not. Before the first one, the age counts from the
+start of the monitor. Violations begin and end between the instants that other monitors see.
+
+Source: S. Kaul, R. Yates, M. Gruteser, Real-time status: How often should one update?, IEEE INFOCOM 2012 (age of
+information).
 """
 
 from __future__ import annotations
@@ -39,7 +42,7 @@ class AgeRule:
         for n, (sender, receiver) in enumerate(monitor.pairs):
             self._number[sender, receiver] = n
         self._last = np.full(len(monitor.pairs), max(begin, monitor.start))
-        self._arrivals, self._pairs = np.zeros(0), np.zeros(0, np.int64)  # not heard yet
+        self._arrivals, self._born, self._pairs = np.zeros(0), np.zeros(0), np.zeros(0, np.int64)  # not heard yet
 
     def packets(self, events: Array) -> None:
         """Adds events of the radio (`network.radio.tables.EVENT`)."""
@@ -47,11 +50,12 @@ class AgeRule:
         if not len(heard):
             return
         count = len(self.monitor.nodes)
-        senders = self._nodes[heard["source"]]
+        senders = self._nodes[heard["origin"]]
         receivers = np.minimum(heard["target"], count)
         pairs = self._number[np.minimum(senders, count), receivers]
         some = pairs >= 0
         self._arrivals = np.concatenate([self._arrivals, heard["arrival"][some] / 1e9])
+        self._born = np.concatenate([self._born, heard["born"][some] / 1e9])
         self._pairs = np.concatenate([self._pairs, pairs[some]])
 
     def look(self, samples: Samples) -> None:
@@ -60,27 +64,31 @@ class AgeRule:
         arrived = self._arrivals <= now + NEAR
         if arrived.any():
             order = np.lexsort((self._pairs[arrived], self._arrivals[arrived]))
-            self._hear(self._arrivals[arrived][order], self._pairs[arrived][order])
-            self._arrivals, self._pairs = self._arrivals[~arrived], self._pairs[~arrived]
+            self._hear(*(one[arrived][order] for one in (self._arrivals, self._born, self._pairs)))
+            self._arrivals, self._born = self._arrivals[~arrived], self._born[~arrived]
+            self._pairs = self._pairs[~arrived]
         for pair in map(int, np.flatnonzero(now - self._last > self.monitor.most + NEAR)):
             self._extend(pair, now)
         if float(samples.times[-1]) > self.monitor.stop + NEAR:
             self.violations.close(self.monitor.stop, range(len(self.monitor.pairs)))
 
-    def _hear(self, times: Array, pairs: Array) -> None:
+    def _hear(self, times: Array, born: Array, pairs: Array) -> None:
         """Notes packets in the order of their arrival."""
         most = self.monitor.most
         while len(pairs):
             _, firsts = np.unique(pairs, return_index=True)
             at, of = times[firsts], pairs[firsts]
+            newest = np.maximum(self._last[of], born[firsts])
             late = at - self._last[of] > most + NEAR
-            for pair, time in zip(map(int, of[late]), map(float, at[late]), strict=True):
+            fresh = at - newest <= most + NEAR
+            for pair, time, ends in zip(map(int, of[late]), map(float, at[late]), fresh[late], strict=True):
                 self._extend(pair, time)
-                self.violations.end(pair, time)
-            self._last[of] = np.maximum(self._last[of], at)
+                if ends:
+                    self.violations.end(pair, time)
+            self._last[of] = newest
             rest = np.ones(len(pairs), bool)
             rest[firsts] = False
-            times, pairs = times[rest], pairs[rest]
+            times, born, pairs = times[rest], born[rest], pairs[rest]
 
     def _extend(self, pair: int, now: float) -> None:
         """Begins the violation of a pair, or lets it go on until `now`."""
@@ -93,11 +101,11 @@ class AgeRule:
 
     def told(self, subject: int, worst: float) -> str:
         receiver, sender = self.who(subject)
-        return f"{receiver} heard nothing from {sender} for {worst:.4g} s, more than {self.monitor.most:g} s"
+        return f"{receiver} heard nothing newer than {worst:.4g} s from {sender}; the limit is {self.monitor.most:g} s"
 
     def memory(self) -> Any:
-        return [self._last.tolist(), self._arrivals.tolist(), self._pairs.tolist()]
+        return [one.tolist() for one in (self._last, self._arrivals, self._born, self._pairs)]
 
     def recall(self, memory: Any) -> None:
-        self._last, self._arrivals = np.array(memory[0]), np.array(memory[1])
-        self._pairs = np.array(memory[2], np.int64)
+        self._last, self._arrivals, self._born = (np.array(one, float) for one in memory[:3])
+        self._pairs = np.array(memory[3], np.int64)

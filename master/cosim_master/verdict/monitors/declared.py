@@ -35,6 +35,7 @@ from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.settings.annotation import Attributes, root_annotation
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
+from cosim_master.verdict.earshot import heard_by_relays
 from cosim_master.verdict.monitors.formula import TIME, Formula, FormulaError, parse
 from cosim_master.verdict.monitors.temporal import Evaluation
 
@@ -355,11 +356,12 @@ class _Reader:
         exact = not is_pattern(one.text("from", "*") + one.text("to", "*"))
         pairs = [(a, b) for a in senders for b in receivers if a != b]
         if self._network is not None and self._network.topology == "listed":
-            linked = self._network.links
-            heard = [(a, b) for a, b in pairs if (names[a], names[b]) in linked]
+            reached = heard_by_relays(self._network)
+            heard = [(a, b) for a, b in pairs if reached[a, b]]
             if exact and len(heard) < len(pairs):
                 a, b = next(pair for pair in pairs if pair not in heard)
-                one.problem(f"{names[b]} cannot hear {names[a]}: the network has no <link> between them")
+                lacking = "the network has no <link> between them" + ", nor relays" * bool(self._network.relays)
+                one.problem(f"{names[b]} cannot hear {names[a]}: {lacking}")
             pairs = heard
         if self._network is not None and senders and receivers and not pairs:
             one.problem("no node of `from` reaches another node of `to`")

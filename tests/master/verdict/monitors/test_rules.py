@@ -324,12 +324,14 @@ def test_a_formula_of_time_alone() -> None:
 # ---- ages ----------------------------------------------------------------------------------------------------------
 
 
-def events(*rows: tuple[float, int, int, int]) -> Any:
-    """Arrival [s], endpoint of the sender, node of the receiver, outcome."""
+def events(*rows: tuple[float, int, int, int], way: float = 0.0, relay: int | None = None) -> Any:
+    """Arrival [s], endpoint of the origin, node of the receiver, outcome; `way`: s from the origin, by a relay."""
     made = np.zeros(len(rows), EVENT)
-    for row, (arrival, source, target, outcome) in zip(made, rows, strict=True):
+    for row, (arrival, origin, target, outcome) in zip(made, rows, strict=True):
         row["arrival"] = -1 if outcome != BY_RADIO else round(arrival * 1e9)
-        row["source"], row["target"], row["outcome"] = source, target, outcome
+        row["source"], row["target"], row["outcome"] = origin if relay is None else relay, target, outcome
+        row["origin"], row["born"] = origin, round((arrival - way) * 1e9)
+        row["sent"] = round(arrival * 1e9)
     return made
 
 
@@ -354,7 +356,22 @@ def test_age_of_the_last_packet() -> None:
     assert until(rule, 1.9) == [(1, 1.7, None, pytest.approx(1.2), 1.9)]
     assert until(rule, 2.5)[1:] == []  # exactly 1 s after that of a
     assert until(rule, 3.0) == [(1, 1.7, 2.9, pytest.approx(2.2), 2.9), (0, 2.5, None, pytest.approx(1.5), 3.0)]
-    assert (rule.who(1), rule.told(1, 2.2)) == (("b", "c"), "b heard nothing from c for 2.2 s, more than 1 s")
+    assert (rule.who(1), rule.told(1, 2.2)) == (("b", "c"), "b heard nothing newer than 2.2 s from c; the limit is 1 s")
+
+
+def test_age_counts_from_the_origin_of_a_relayed_packet() -> None:
+    """a's packets reach b by c's relay, endpoint 3, 0.75 s after they were sent: an old one ends no violation."""
+    rule = age()
+    rule.packets(events((0.5, 0, 1, BY_RADIO), (3.0, 3, 1, BY_RADIO)))
+    rule.packets(events((1.0, 0, 1, BY_RADIO), (2.0, 0, 1, BY_RADIO), way=0.75, relay=3))
+    assert until(rule, 1.5) == [(1, 1.0, None, pytest.approx(0.5 + 1.0), 1.5)]  # c itself has not been heard
+    assert [one for one in until(rule, 2.5) if one[0] == 0] == [
+        (0, 1.5, 2.0, pytest.approx(1.5), 2.0),  # that of 0.25 s is older than the one of 0.5 s
+        (0, 2.25, None, pytest.approx(1.25), 2.5),  # that of 1.25 s arrived at 2 s
+    ]
+    late = age()
+    late.packets(events((1.6, 0, 1, BY_RADIO), way=1.4, relay=3))  # heard when it is 1.4 s old: no end
+    assert [one for one in until(late, 2.0) if one[0] == 0] == [(0, 1.0, None, pytest.approx(1.8), 2.0)]
 
 
 def test_packets_in_flight_are_not_heard_yet_and_are_remembered() -> None:
