@@ -60,8 +60,15 @@ def test_an_fmu_without_a_step_gets_one(dynamics: Any) -> None:
     result, got = alone(dynamics.fmu("DAHLQUIST", 2, "CS", stop=2.0))
     assert len(got["time"]) == 1001
     assert "the FMU names no step size: 0.002 s are taken" in result.notes
-    with pytest.raises(SystemDescriptionError, match="no stop time: give one with --until"):
-        alone(dynamics.fmu("DAHLQUIST", 2, "CS", stop=None, step=0.5, name="endless.fmu"))
+
+
+def test_an_fmu_without_a_stop_time_runs_for_a_second(dynamics: Any) -> None:
+    result, got = alone(dynamics.fmu("DAHLQUIST", 2, "CS", start=2.0, stop=None, step=0.5, name="endless.fmu"))
+    assert got["time"] == [2.0, 2.5, 3.0]
+    assert "nothing names a stop time: the run ends at 3 s; --until gives another" in result.notes
+    result, got = alone(dynamics.fmu("DAHLQUIST", 2, "CS", stop=None, name="nothing.fmu"))
+    assert len(got["time"]) == 501
+    assert "the FMU names no step size: 0.002 s are taken" in result.notes
 
 
 @pytest.mark.parametrize(

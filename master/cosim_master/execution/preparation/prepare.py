@@ -21,7 +21,7 @@ from cosim_master.system.settings.changes import Change, changes
 from cosim_master.system.settings.master import MasterSettings, connected, master_settings_of
 from cosim_master.system.settings.network import Network, network_of
 from cosim_master.system.settings.recording import Recording, recording_of
-from cosim_master.system.settings.time_grid import TimeGrid, exact, time_grid
+from cosim_master.system.settings.time_grid import DEFAULT_DURATION, TimeGrid, exact, time_grid
 from cosim_master.verdict.findings import Judgement
 from cosim_master.verdict.monitors.declared import Monitors, monitors_of
 from cosim_master.verdict.prior import known_before
@@ -129,9 +129,10 @@ def prepare(
 
 
 def _default_step(checked: CheckedSystem, until: float | None) -> float | None:
-    """Returns a step size for an FMU alone that proposes none, if the duration of the run is known."""
+    """Returns a step size for an FMU alone that proposes none."""
     stop = until if until is not None else checked.stop_time
+    stop = checked.start_time + DEFAULT_DURATION if stop is None else stop
     is_alone = checked.structure.path.suffix.lower() == ".fmu"
-    if not is_alone or stop is None or stop <= checked.start_time or checked.instances[0].step_size is not None:
+    if not is_alone or stop <= checked.start_time or checked.instances[0].step_size is not None:
         return None
     return output_interval(stop - checked.start_time)

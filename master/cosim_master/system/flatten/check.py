@@ -18,6 +18,7 @@ from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.system.flatten.component_settings import ISOLATION, SOLVER, STEPPING, ComponentSettings
 from cosim_master.system.flatten.descriptions import Descriptions
 from cosim_master.system.flatten.flat import (
+    DEFAULT_STEP,
     Alias,
     CheckedSystem,
     ComponentInstance,
@@ -228,12 +229,15 @@ class _Check:
 
     def _instances(self, parts: list[Part], bindings: Bindings) -> tuple[ComponentInstance, ...]:
         instances: list[ComponentInstance] = []
+        alone = self.structure.path.suffix.lower() == ".fmu"
         for part in sorted(parts, key=lambda item: natural(item.name)):
             step = self._set.step_size(part)
             if part.fmu is None:
                 continue
             values = bindings.values.get(part.name, {})
             size, source = (step, "system") if step else (part.fmu.step_size, "FMU" if part.fmu.step_size else "")
+            if not size and part.fmu.table is None and not alone:
+                size, source = DEFAULT_STEP, "default"
             solver = self._set.solver(part)
             process, restarts = self._set.process(part)
             instance = ComponentInstance(

@@ -14,7 +14,7 @@ from cosim_master.fmi.slaves.solvers import NAMES as SOLVERS
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.system.flatten.flat import PROCESSES
 from cosim_master.system.flatten.topology.components import Part
-from cosim_master.system.reading.others.omsimulator import DEFAULT_STEP, OMSIMULATOR, Named
+from cosim_master.system.reading.others.omsimulator import OMSIMULATOR, Named
 from cosim_master.system.reading.others.omsimulator import settings as settings_of_omsimulator
 from cosim_master.system.structure import Annotation, SystemStructure
 
@@ -42,13 +42,6 @@ class ComponentSettings:
         annotation = self._nearest(part, OMSIMULATOR, lambda one: settings_of_omsimulator(one).step is not None)
         if annotation is not None:
             return settings_of_omsimulator(annotation).step
-        theirs = (
-            self._structure.generation_tool.startswith("OMSimulator") or self._nearest(part, OMSIMULATOR) is not None
-        )
-        if theirs and part.fmu is not None and part.fmu.step_size is None:
-            text = f"neither system nor FMU names a step size: {DEFAULT_STEP:g} s are taken, as in OMSimulator"
-            self._notes.append(f"{part.element.where}: {part.name}: {text}")
-            return DEFAULT_STEP
         return None
 
     def named_by_omsimulator(self, part: Part) -> Named | None:

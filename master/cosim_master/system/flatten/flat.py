@@ -19,9 +19,20 @@ from cosim_master.system.flatten.init_order import Stage
 from cosim_master.system.flatten.parameters import Assignment, Unmatched
 from cosim_master.system.structure import Annotation, SystemStructure, Value
 
-__all__ = ["PROCESSES", "Alias", "CheckedSystem", "ComponentInstance", "FlatConnection", "OwnedAnnotation", "natural"]
+__all__ = [
+    "DEFAULT_STEP",
+    "PROCESSES",
+    "Alias",
+    "CheckedSystem",
+    "ComponentInstance",
+    "FlatConnection",
+    "OwnedAnnotation",
+    "natural",
+]
 
 
+DEFAULT_STEP = 1e-3
+"""Communication step of FMUs for which neither system nor FMU names one, s: that of OMSimulator."""
 PROCESSES = ("here", "file", "instance")
 """The process of an instance: that of the run, one with the other instances of its FMU file, or its own."""
 
@@ -35,7 +46,8 @@ class ComponentInstance:
         start_values: the values set by the system, in the FMU's units and types (enumerations as integers).
         step_size: communication step in s: the system's, or the FMU's own, or None.
         solver: solver of an FMU for Model Exchange, None for all others.
-        step_source: the origin of the step size, "system" or "FMU"; empty without a step size.
+        step_source: the origin of the step size: "system", "FMU", or "default" where neither of them names one; empty
+            without a step size.
         restarts: how often the system lets this process be started anew after a crash.
         process: the process in which the system has it run, a key of `PROCESSES`; empty if it leaves that to the run.
     """

@@ -12,17 +12,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError
 from cosim_master.diagnostics.limitations import BASE_STEP, FINE_STEPS, OVERRUN, TIED_STEPS, WHOLE_TIMES
 from cosim_master.system.flatten.clock_groups import lockstep
-from cosim_master.system.flatten.flat import CheckedSystem, ComponentInstance
+from cosim_master.system.flatten.flat import DEFAULT_STEP, CheckedSystem, ComponentInstance
 
-__all__ = ["TimeGrid", "exact", "time_grid"]
+__all__ = ["DEFAULT_DURATION", "TimeGrid", "exact", "time_grid"]
 
 _NANO = 1_000_000_000
+DEFAULT_DURATION = 1.0
+"""Duration of a run for which nothing names a stop time, s: that of OMSimulator, FMPy and libcosim's program."""
 _LARGEST_DENOMINATOR = 100_000
 """Largest denominator of a fraction of a second that is recognised in a decimal number."""
 _LARGEST_TICK = 1 << 62
@@ -34,7 +36,7 @@ class TimeGrid:
 
     Attributes:
         per_ns: ticks per nanosecond.
-        sources: for each instance, the origin of its step size: "--step", "system" or "FMU".
+        sources: for each instance, the origin of its step size: "--step", "system", "FMU" or "default".
     """
 
     start: int
@@ -95,25 +97,25 @@ def time_grid(
     """Chooses the clock.
 
     Args:
-        until: stop time in s; None uses the system's DefaultExperiment.
+        until: stop time in s; None uses the system's DefaultExperiment, or else 1 s after its start, with a note.
         step: step size in s of all instances, which overrides system and FMUs.
         gridless: the master chooses the sizes of steps, which do not end on a grid: the base step is a nanosecond, and
             the step sizes are those of the first steps.
 
     Raises:
-        SystemDescriptionError: no stop time, no step size, start or stop within a nanosecond, or a run whose end an
-            FMU with a fixed step size would overrun.
+        SystemDescriptionError: no step size, start or stop within a nanosecond, or a run whose end an FMU with a
+            fixed step size would overrun.
     """
     problems: list[Problem] = []
     where = checked.structure.where
     stop = until if until is not None else checked.stop_time
+    if default := stop is None:
+        stop = checked.start_time + DEFAULT_DURATION
     start_ticks = _ticks(checked.start_time)
-    stop_ticks = None if stop is None else _ticks(stop)
-    if stop is None:
-        problems.append(Problem(where, "no stop time: give one with --until, or a DefaultExperiment in the system"))
-    elif stop <= checked.start_time:
+    stop_ticks = _ticks(stop)
+    if stop <= checked.start_time:
         problems.append(Problem(where, f"stop time {stop:g} s is not after start time {checked.start_time:g} s"))
-    if start_ticks is None or (stop is not None and stop_ticks is None):
+    if start_ticks is None or stop_ticks is None:
         problems.append(Problem(where, WHOLE_TIMES.text()))
     sizes: list[Fraction] = []
     tables = [one for one in checked.instances if one.fmu.table is not None]
@@ -137,9 +139,11 @@ def time_grid(
         return TimeGrid(start_ticks, stop_ticks - start_ticks, 1, ())
     if len(sizes) < len(checked.instances):
         sizes = _with_tables(checked.instances, sizes)
-    if gridless:
-        return _gridless(checked, start_ticks, stop_ticks - start_ticks, sizes, step)
-    return _clock(checked, start_ticks, stop_ticks - start_ticks, sizes, step)
+    clock = (_gridless if gridless else _clock)(checked, start_ticks, stop_ticks - start_ticks, sizes, step)
+    if not default:
+        return clock
+    text = f"nothing names a stop time: the run ends at {stop:g} s; --until gives another"
+    return replace(clock, notes=(text, *clock.notes))
 
 
 def _gridless(
@@ -203,10 +207,15 @@ def _step_notes(instances: Sequence[ComponentInstance], sources: Sequence[str], 
         for one, source in zip(instances, sources, strict=True)
         if source == "FMU" and one.fmu.generation_tool != "uav-cosim"
     }
-    return [
+    notes = [
         f"{name}: it steps by {size:g} s, which the FMU proposes (DefaultExperiment); --step gives another"
         for name, size in proposed.items()
     ]
+    if unnamed := [one.name for one, source in zip(instances, sources, strict=True) if source == "default"]:
+        listed = ", ".join(unnamed[:3]) + (f" and {len(unnamed) - 3} more" if len(unnamed) > 3 else "")
+        text = f"neither system nor FMU names a step size: {DEFAULT_STEP:g} s are taken, as in OMSimulator"
+        notes.append(f"{listed}: {text}; --step gives another")
+    return notes
 
 
 def _fractions(instances: Sequence[ComponentInstance], sizes: Sequence[Fraction], step: float | None) -> list[str]:

@@ -12,6 +12,7 @@ from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.system.flatten.check import check
 from cosim_master.system.flatten.flat import CheckedSystem
 from cosim_master.system.reading.read import read_system
+from cosim_master.system.settings.time_grid import time_grid
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 MASTER = '<oms:FixedStepMaster description="oms-ma" stepSize="0.02" absoluteTolerance="0.0001"/>'
@@ -124,16 +125,32 @@ def test_an_fmu_that_has_no_model_exchange_cannot_have_its_solver(ball: Any) -> 
         ball(named("it", "cvode"), "it", kinds="CS")
 
 
-@pytest.mark.parametrize(("defined", "tool"), [(named("it", "oms_ma"), ""), ("", "OMSimulator v3.0.0")])
-def test_a_system_of_omsimulator_without_a_step_has_its_default(ball: Any, defined: str, tool: str) -> None:
+@pytest.mark.parametrize(
+    ("defined", "tool"), [(named("it", "oms_ma"), ""), ("", "OMSimulator v3.0.0"), ("", "Another")]
+)
+def test_a_system_without_a_step_has_the_default_of_omsimulator(ball: Any, defined: str, tool: str) -> None:
     checked = ball(defined, tool=tool)
     assert steps(checked) == [0.001]
-    text = "inner.ball: neither system nor FMU names a step size: 0.001 s are taken, as in OMSimulator"
-    assert any(note.endswith(text) for note in checked.notes)
+    assert [one.step_source for one in checked.instances] == ["default"]
+    clock = time_grid(checked, until=0.01)
+    assert (clock.base, clock.steps) == (1_000_000, 10)
+    text = "inner.ball: neither system nor FMU names a step size: 0.001 s are taken, as in OMSimulator; --step gives"
+    assert any(note.startswith(text) for note in clock.notes)
+    assert not any("names a step size" in note for note in time_grid(checked, until=1.0, step=0.5).notes)
 
 
-def test_other_systems_without_a_step_have_none(ball: Any) -> None:
-    assert steps(ball("", tool="Another")) == [None]
+def test_types_with_a_name_as_omsimulator_writes_them(dynamics: Any, workshop: Any) -> None:
+    """It writes the declared type of the FMU's variable; by the schema only an Enumeration has a name."""
+    dynamics.fmu("BALL", 2, "CS", name="ball.fmu")
+    path: Path = workshop.ssd("s.ssd", workshop.system(workshop.component("ball", "ball.fmu", "h:output:Real:m")))
+    path.write_text(path.read_text().replace('<ssc:Real unit="m"/>', '<ssc:Real name="Position"/>'))
+    assert 'name="Position"' in path.read_text()
+    checked = check(read_system(path))
+    (finding,) = [note for note in checked.notes if isinstance(note, Finding)]
+    assert finding.endswith('name="Position" of <Real> is ignored: only an Enumeration has a name')
+    path.write_text(path.read_text().replace('name="Position"', 'label="Position"'))
+    with pytest.raises(SystemDescriptionError, match='<Real> has no attribute "label"'):
+        check(read_system(path))
 
 
 def mapped(workshop: Any, target: str, version: str = "") -> str:

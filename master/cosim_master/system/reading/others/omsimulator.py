@@ -28,11 +28,9 @@ from cosim_master.diagnostics.limitations import OMS_IGNORED, OMS_MASTER
 from cosim_master.files.xml import local_name
 from cosim_master.system.structure import Annotation
 
-__all__ = ["DEFAULT_STEP", "OMSIMULATOR", "Named", "Settings", "settings"]
+__all__ = ["OMSIMULATOR", "Named", "Settings", "settings"]
 
 OMSIMULATOR = "org.openmodelica"
-DEFAULT_STEP = 1e-3
-"""The default step of its master, s."""
 
 _MASTERS = ("FixedStepMaster", "VariableStepMaster")
 _SOLVERS = ("FixedStepSolver", "VariableStepSolver")

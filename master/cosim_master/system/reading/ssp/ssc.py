@@ -12,6 +12,7 @@ from typing import cast
 
 from lxml import etree
 
+from cosim_master.diagnostics.errors import Finding
 from cosim_master.diagnostics.limitations import ANNOTATION, CLOCK, LONG_ARRAY, META_DATA
 from cosim_master.files.xml import Reader, double, local_name, whole
 from cosim_master.fmi.description.units import BASE_UNITS, BaseUnit, Unit
@@ -36,6 +37,7 @@ __all__ = [
     "read_transformation",
     "read_version",
     "typed_value",
+    "without_names",
 ]
 
 _MAX_ELEMENTS = 1 << 16
@@ -128,6 +130,17 @@ class Definitions:
                         reader.problem(item, f'item "{label}" of enumeration "{name}" is already defined')
                     items[label] = reader.integer(item, "value", low=low, high=high)
                 self.enumerations[name] = Enumeration(name, items, reader.where(element))
+
+
+def without_names(reader: Reader, children: Sequence[etree._Element]) -> list[Finding]:
+    """Removes names of types other than Enumeration, where OMSimulator writes the FMU's type; returns findings."""
+    found = []
+    for child in children:
+        if child.tag in ANY_TYPE and child.tag != SSC + "Enumeration" and "name" in child.attrib:
+            text = f'name="{child.get("name")}" of <{local_name(child)}> is ignored: only an Enumeration has a name'
+            found.append(Finding(reader.where(child), text, "types with a name"))
+            del child.attrib["name"]
+    return found
 
 
 def read_connector(

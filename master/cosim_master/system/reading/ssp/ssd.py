@@ -27,6 +27,7 @@ from cosim_master.system.reading.ssp.ssc import (
     read_connector,
     read_transformation,
     read_version,
+    without_names,
 )
 from cosim_master.system.reading.ssp.ssv import read_parameter_mapping, read_parameter_set, read_signal_dictionary
 from cosim_master.system.structure import (
@@ -339,7 +340,9 @@ class Document:
             kind = element.get("kind", "")
         else:
             kind = self.reader.choice(element, "kind", kinds, "input")
-        return read_connector(self.reader, element, self._held(element), kind, self.defined)
+        children = self._held(element)
+        self.files.notes += without_names(self.reader, children)
+        return read_connector(self.reader, element, children, kind, self.defined)
 
     def _connection(self, element: etree._Element) -> Connection:
         children = self._held(element)
