@@ -171,6 +171,9 @@ class Execution:
         self.blocks.packets()
         return self.state
 
+    def conclude(self) -> None:
+        """Prepares for the end of the run at the present communication point, when the user ends it."""
+
     def packet_counts(self) -> dict[str, int]:
         """Returns the numbers of packets by radio, as the radio's `packet_counts` does."""
         return packet_counts(self.state.radio)

@@ -46,6 +46,7 @@ class RunOptions:
         profile: measure the time profile.
         gcs: addresses of ground stations, each within radio reach of all vehicles: see `gateways`.
         ports: address of the first vehicle's serial port, and the difference between consecutive ports.
+        assignment: a file that says which part of a run in parts runs what: see `partitions.cut.read_assignment`.
     """
 
     variant: str | None = None
@@ -67,6 +68,7 @@ class RunOptions:
     profile: bool = False
     gcs: Sequence[str] = ()
     ports: str | None = None
+    assignment: Path | None = None
 
 
 def _ignore(_: Any) -> None:

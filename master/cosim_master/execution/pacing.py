@@ -285,6 +285,7 @@ def run(
             held.wait(execution.time - start, interrupted, telling.keep)
             if interrupted():
                 outcome = Outcome.INTERRUPTED
+                execution.conclude()
                 break
             for change in control.take_changes():
                 control.made.append((execution.agenda.request(change, execution.k, clock), change))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -24,6 +24,12 @@ from cosim_master.execution.options import Listener, Reporting, RunOptions, goin
 from cosim_master.execution.outcome.manifest import digest_of_system, manifest
 from cosim_master.execution.outcome.result import Outcome, RunResult, failing, unrecorded
 from cosim_master.execution.pacing import Checkpoints, interrupts, run
+from cosim_master.execution.partitions.cut import Cut, cut, read_assignment
+from cosim_master.execution.partitions.opening import periods_of, refuse_options, started, told_others, told_parts
+from cosim_master.execution.partitions.part import PartExecution
+from cosim_master.execution.partitions.starting import agree_to_run, who
+from cosim_master.execution.partitions.transport import Transport
+from cosim_master.execution.partitions.whole import WholeExecution
 from cosim_master.execution.preparation.fingerprint import digest_of_changes, fingerprint_of
 from cosim_master.execution.preparation.isolating import isolation_for
 from cosim_master.execution.preparation.prepare import Prepared, prepare
@@ -58,7 +64,7 @@ from cosim_master.verdict.watching.memory import recall
 from cosim_master.verdict.watching.subjects import watched
 from cosim_master.verdict.watching.watch import Watch
 
-__all__ = ["simulate"]
+__all__ = ["simulate", "take_part"]
 
 _MAILBOX = "@page"
 """The node of packets from the mailbox."""
@@ -73,6 +79,7 @@ def simulate(
     listener: Listener | None = None,
     control: Control | None = None,
     mailbox: Mailbox | None = None,
+    transport: Transport | None = None,
 ) -> RunResult:
     """Runs the system in a file and records its results.
 
@@ -84,6 +91,7 @@ def simulate(
         control: pauses, steps and paces the run, and sets values, from another thread, instead of `RunOptions.pace`.
         mailbox: takes packets that enter the network as those of a ground station; the recording is the same without
             it until it receives one. Its `refusal` says whether this run takes any.
+        transport: of part 0 of a run in several processes, whose other parts call `take_part`; None: one process.
 
     Returns:
         The outcome. The failure of an FMU is also an outcome, and the recording up to it is kept.
@@ -99,7 +107,9 @@ def simulate(
     with read_system(system, options.variant) as structure:
         if checkpoint is not None:
             options = going_on(options, checkpoint, structure)
-        one = _planned(structure, options, checkpoint, listener, control or Control(options.pace), mailbox)
+        with told_others(transport):
+            one = _planned(structure, options, checkpoint, listener, control or Control(options.pace), mailbox)
+            one = one.in_parts(transport)
         looking = [make(one.view()) for make in observers]
         listener.prepared(one.ready)
         if one.out is not None:
@@ -134,6 +144,28 @@ class _Run:
     saving: Checkpoints
     layout: Layout
     profiler: Profiler | None
+    transport: Transport | None = None
+    cut: Cut | None = None
+    parts: tuple[Mapping[str, Any], ...] = ()
+    packets: bool = False
+
+    def in_parts(self, transport: Transport | None) -> _Run:
+        """Returns the run as one part of several, which all have agreed on it; without a transport, the same run.
+
+        Raises:
+            SystemDescriptionError: the system cannot be cut, or the parts do not agree.
+        """
+        if transport is None:
+            return self
+        refuse_options(self.options, self.mailbox is not None)
+        found = self.options.assignment
+        assignment = None if found is None else read_assignment(found, transport.parts)
+        chosen = cut(self.ready, transport.parts, assignment)
+        fmus = {instance.fmu.path.name: instance.fmu.digest for instance in self.ready.checked.instances}
+        own = who(transport, self.fingerprint, fmus, chosen)
+        parts, packets = agree_to_run(transport, own, packets=self.packets)
+        told = tuple(told_parts(parts, self.ready, chosen))
+        return replace(self, transport=transport, cut=chosen, parts=told, packets=packets)
 
     def view(self) -> View:
         return View(self.layout, self.ready.every, self.ready.clock.seconds(1))
@@ -145,7 +177,7 @@ class _Run:
             master=ready.master,
             every=ready.every,
             grid=ready.recording.interval is not None and ready.every == 1,
-            keep_packets=(self.out is not None and ready.recording.packets) or hears_packets(ready.monitors),
+            keep_packets=self.packets,
             threads=options.threads,
             changes=ready.changes,
             stimuli=ready.stimuli,
@@ -155,7 +187,10 @@ class _Run:
             on_stage=self.listener.stage,
             on_library=calls.watch,
         )
-        return Execution(ready.checked, ready.clock, self.layout, ready.network, setup)
+        if self.transport is None or self.cut is None:
+            return Execution(ready.checked, ready.clock, self.layout, ready.network, setup)
+        kind = WholeExecution if self.transport.part == 0 else PartExecution
+        return started(kind, self.transport, self.cut, ready, self.layout, setup)
 
     def recording(self, execution: Execution, start_up: float) -> Recording | None:
         """Opens the recording of the run; `start_up` is the wall-clock time for which FMUs were loaded, s."""
@@ -168,7 +203,7 @@ class _Run:
             self.layout,
             self.ready.network,
             packets=self.ready.recording.packets,
-            manifest=manifest(self.ready, beginning, start_up, execution.parameters, self.fingerprint),
+            manifest=self._manifest(self.ready, beginning, start_up, execution, self.fingerprint),
             checkpoint=self.checkpoint,
             in_segments=self.options.checkpoint_every is not None,
         )
@@ -186,7 +221,7 @@ class _Run:
 
         def document(result: RunResult) -> dict[str, Any]:
             changed, fingerprint = self._changed(execution, result)
-            return manifest(changed, result, start_up, execution.parameters, fingerprint)
+            return self._manifest(changed, result, start_up, execution, fingerprint)
 
         def rescue(error: FmuError) -> None:
             if complete.is_set():
@@ -210,6 +245,8 @@ class _Run:
             looking.append(changes)
             observed = Observers(execution, looking, ready.clock.steps, execution.blocks)
             opened.enter_context(observed)
+            if isinstance(execution, PartExecution):
+                execution.agree(periods_of(looking))
             opened.enter_context(reported(execution.slaves, lambda: execution.time, rescue))
             interrupted = opened.enter_context(interrupts())
             seconds = (self.options.isolation or Isolation()).limits.seconds
@@ -229,6 +266,17 @@ class _Run:
                 with suppress(RecordingFailed):  # the manifest written by `finish` remains
                     recording.write_manifest(document(failing(result, failures)))
         return failing(result, failures)
+
+    def _manifest(
+        self,
+        ready: Prepared,
+        result: RunResult,
+        start_up: float,
+        execution: Execution,
+        fingerprint: Mapping[str, str],
+    ) -> dict[str, Any]:
+        found = manifest(ready, result, start_up, execution.parameters, fingerprint)
+        return {**found, "parts": [dict(one) for one in self.parts]} if self.parts else found
 
     def _changed(self, execution: Execution, result: RunResult) -> tuple[Prepared, dict[str, str]]:
         """Returns the run and its fingerprint as if the values set by request had been known from the beginning.
@@ -304,6 +352,27 @@ class _Run:
         return result
 
 
+def take_part(system: str | PathLike[str], options: RunOptions, transport: Transport) -> None:
+    """Runs a part of a system other than part 0, whose `simulate` has the same system and options.
+
+    Raises:
+        Refused: the run does not begin; part 0 says why.
+        PartLost: another part has ended, or does not answer.
+    """
+    options = replace(options, out=None, checkpoint_every=None, pace=None)
+    with suppress(OSError):
+        private_cache()
+    with ExitStack() as opened:
+        with told_others(transport):
+            structure = opened.enter_context(read_system(system, options.variant))
+            one = _planned(structure, options, None, Listener(), Control(), None).in_parts(transport)
+        execution = one.opened(WatchedCalls())
+        assert isinstance(execution, PartExecution)
+        with execution:
+            execution.agree(())
+            execution.serve()
+
+
 def _planned(
     structure: SystemStructure,
     options: RunOptions,
@@ -352,6 +421,7 @@ def _planned(
         saving=saving,
         layout=layout,
         profiler=Profiler() if options.profile else None,
+        packets=(out is not None and ready.recording.packets) or hears_packets(ready.monitors),
     )
 
 

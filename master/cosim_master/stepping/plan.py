@@ -47,7 +47,7 @@ from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["make_plan"]
+__all__ = ["make_plan", "rows_of_block"]
 
 _BLOCK_BYTES = 8 << 20
 
@@ -76,7 +76,7 @@ def make_plan(
     master = master or MasterSettings()
     kinds = [layout.ports[kind] for kind in KINDS]
     real, recorded = kinds[0], _recorded_integers(kinds)
-    rows = max(16, min(_BLOCK_BYTES // (8 * len(real.recorded) + 4 * len(recorded) + 8), 65536))
+    rows = rows_of_block(layout)
     wires = np.zeros(len(real.inputs), dtype=WIRE)
     wires["factor"], wires["offset"] = real.factor, real.offset
     feeds = _feeds(layout, wires)
@@ -128,6 +128,12 @@ def make_plan(
         shared=np.zeros(40, dtype=np.int64),
         native=memory.memory,
     )
+
+
+def rows_of_block(layout: Layout) -> int:
+    """Returns the number of rows of a full block."""
+    kinds = [layout.ports[kind] for kind in KINDS]
+    return max(16, min(_BLOCK_BYTES // (8 * len(kinds[0].recorded) + 4 * len(_recorded_integers(kinds)) + 8), 65536))
 
 
 def _counters(

@@ -57,6 +57,7 @@ _STRUCTURED = {
         "gateways": radio.GATEWAY,
         "dialect": radio.DEFINITION,
         "events": radio.EVENT,
+        "outbox": radio.POST,
     },
 }
 _OF_ROWS = {
@@ -72,6 +73,7 @@ _OF_ROWS = {
     "jamming",
     "obstacles",
     "data",
+    "posted",
     "routes",
     "seen",
 }

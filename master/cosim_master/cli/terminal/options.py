@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cosim_master.cli.terminal.console import usage
 
-__all__ = ["Json", "Settings", "Step", "Strict", "System", "Until", "Variant", "changes", "overrides", "positive"]
+__all__ = [
+    "Json",
+    "PartitionFile",
+    "Partitions",
+    "Settings",
+    "Step",
+    "Strict",
+    "System",
+    "Until",
+    "Variant",
+    "changes",
+    "overrides",
+    "positive",
+]
 
 
 def positive(option: str, meaning: str) -> Callable[[float | None], float | None]:
@@ -76,6 +90,24 @@ Strict = Annotated[
         "--strict",
         help="What breaks a rule of a standard is an error; findings about the swarm make the exit code 1.",
         show_default=False,
+    ),
+]
+Partitions = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        min=1,
+        help="Parts that run in processes of their own, on this machine or several.",
+        show_default="one process",
+    ),
+]
+PartitionFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--partition-file",
+        metavar="FILE.json",
+        help="The part and the machine of each unit.",
+        show_default="as few radio links between parts as possible",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead.", show_default=False)]

@@ -8,11 +8,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim_master.cli.terminal.console import errors, notes, out, print_json, say, usage
-from cosim_master.cli.terminal.options import Json, Settings, Step, Strict, System, Until, Variant, overrides
+from cosim_master.cli.terminal.console import errors, notes, out, print_json, print_tables, say, usage
+from cosim_master.cli.terminal.options import (
+    Json,
+    PartitionFile,
+    Partitions,
+    Settings,
+    Step,
+    Strict,
+    System,
+    Until,
+    Variant,
+    overrides,
+)
 from cosim_master.cli.terminal.progress import activity
 from cosim_master.cli.terminal.registry import verb
 from cosim_master.cli.terminal.verdict import show_findings, summary
+from cosim_master.cli.views.partitioning import partition_document, partition_tables
 
 BROUGHT_ALONG = "brought along"
 """The value of --reference without a file."""
@@ -40,7 +52,11 @@ _Tolerance = Annotated[
 ]
 
 
-@verb("check master/systems/line5", "check master/systems/line5 --init --set drone3.vehicle.mass=2")
+@verb(
+    "check master/systems/line5",
+    "check master/systems/line5 --init --set drone3.vehicle.mass=2",
+    "check master/systems/line5 --partitions 2",
+)
 def check(
     system: System,
     variant: Variant = None,
@@ -51,6 +67,8 @@ def check(
     strict: Strict = False,
     reference: _Reference = None,
     tolerance: _Tolerance = 1e-3,
+    partitions: Partitions = None,
+    partition_file: PartitionFile = None,
     as_json: Json = False,
 ) -> None:
     """Read a system and its FMUs and report every problem, without running anything."""
@@ -67,6 +85,8 @@ def check(
             _check_fmu(Path(system))
         elif reference is not None:
             raise usage(f"--reference: {system} is not an FMU")
+        if partition_file is not None and partitions is None:
+            raise usage("--partition-file belongs to --partitions, which is not given")
         if reference is not None:
             from cosim_master.execution.reference_results import against_reference
 
@@ -84,16 +104,28 @@ def check(
             make_layout(ready.checked, ready.network, ready.recording.signals, ready.master)
             notes(ready.notes)
             known = ready.verdict()
+            parts = None if partitions is None else _partitioned(ready, partitions, partition_file)
             loops = None
             if init:
                 doing.stage(f"initializing {len(ready.checked.instances)} FMU instances")
                 loops = _try_out(ready.checked, ready.clock)
             doing.end()
             if as_json:
-                print_json(_document(ready, known, loops))
+                print_json({**_document(ready, known, loops), **({} if parts is None else {"partitions": parts})})
             else:
                 _report(ready, known, loops)
+                if parts is not None:
+                    print_tables(partition_tables(parts))
             _exit_if(strict and not known.good)
+
+
+def _partitioned(ready: Prepared, parts: int, file: Path | None) -> dict[str, Any]:
+    """Returns the description of a cut. Raises SystemDescriptionError if the system cannot be cut."""
+    from cosim_master.execution.partitions.cut import cut as cut_into
+    from cosim_master.execution.partitions.cut import read_assignment
+
+    found = cut_into(ready, parts, None if file is None else read_assignment(file, parts))
+    return partition_document(found, ready)
 
 
 def _document(ready: Prepared, known: Judgement, loops: list[dict[str, Any]] | None) -> dict[str, Any]:

@@ -36,6 +36,8 @@ _FORGETFUL = "(a Python FMU says this when do_step forgets to return True)"
 
 def cannot_be_repeated(state: RunState) -> str:
     """Returns the reason why discarded steps of a run cannot be repeated; empty if they can."""
+    if state.frames is not None:
+        return "a run in parts cannot go back: the other parts have its packets already"
     return _incapable(state.slaves) or (
         "what has passed a gateway cannot be taken back"
         if any(not gateway.quiet for gateway in state.network.gateways)

@@ -9,8 +9,10 @@ from cosim_master.diagnostics.errors import FmuError, RunFailed, RunTerminated
 from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.state import RunState
 from cosim_master.network.radio.build import grown
+from cosim_master.network.radio.confining import roomier
 from cosim_master.stepping.failures import raise_failures
-from cosim_master.stepping.kernels.macro_step import next_point, places_needed, run
+from cosim_master.stepping.kernels.frames import run_framed
+from cosim_master.stepping.kernels.macro_step import next_point, outbox_needed, places_needed, run
 from cosim_master.stepping.kernels.tables import (
     BLOCK_FULL,
     DONE,
@@ -18,6 +20,7 @@ from cosim_master.stepping.kernels.tables import (
     FAILED,
     FAILURES,
     NEED_LOG,
+    NEED_OUTBOX,
     NEED_PLACES,
     PHASE,
     ROWS,
@@ -60,6 +63,7 @@ class Driver:
         self._served = {
             BLOCK_FULL: self._block_full,
             NEED_PLACES: self._need_places,
+            NEED_OUTBOX: self._need_outbox,
             NEED_LOG: blocks.make_room_for_a_step,
             FAILED: self._failed,
         }
@@ -83,7 +87,7 @@ class Driver:
         state = self._state
         counters = state.plan.counters
         rows = int(counters[ROWS])
-        while (reason := run(state.plan, state.radio, stop)) != DONE:
+        while (reason := self._loop(stop)) != DONE:
             if reason == EVENTS_DUE:
                 self._handle_events()
             elif reason == STEPS_DUE:
@@ -94,6 +98,15 @@ class Driver:
                 rows = int(counters[ROWS])
         if state.texts:
             self._blocks.read_texts(recorded=int(counters[ROWS]) != rows)
+
+    def _loop(self, stop: int) -> int:
+        state = self._state
+        if state.frames is None:
+            return int(run(state.plan, state.radio, stop))
+        return int(run_framed(state.plan, state.radio, state.frames, stop))
+
+    def _need_outbox(self) -> None:
+        self._state.radio = roomier(self._state.radio, int(outbox_needed(self._state.plan)))
 
     def _block_full(self) -> None:
         if self._state.texts:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from cosim_master.diagnostics.errors import FmuError
 from cosim_master.execution.startup.initialize import instantiate
@@ -31,17 +31,18 @@ class Instances:
         self._isolation = isolation
         self._libraries = Libraries(isolation, opened)
 
-    def make(self, checked: CheckedSystem) -> None:
-        """Instantiates all instances of a system.
+    def make(self, checked: CheckedSystem, elsewhere: Collection[int] = ()) -> None:
+        """Instantiates all instances of a system, except those with the numbers `elsewhere`.
 
         Raises:
             SystemDescriptionError: interpreted FMUs are incompatible with each other.
             FmuError: an FMU refuses; `end` frees the others.
         """
         isolation = self._isolation
-        here = [i for i in checked.instances if isolation is None or not isolation.isolates(i.fmu, i.name)]
+        own = [one for i, one in enumerate(checked.instances) if i not in elsewhere]
+        here = [i for i in own if isolation is None or not isolation.isolates(i.fmu, i.name)]
         check_sources({i.fmu.path: i.fmu for i in here}.values())
-        instantiate(checked, self._libraries, self.slaves)
+        instantiate(checked, self._libraries, self.slaves, elsewhere)
 
     @property
     def restarts(self) -> tuple[str, ...]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cosim_master.execution.events.event_mode import EventMode
@@ -16,7 +16,10 @@ from cosim_master.execution.startup.initialize import initialize
 from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.network.radio.build import make_radio
+from cosim_master.network.radio.confining import confined_radio
 from cosim_master.results.storage.checkpoint_folder import Checkpoint
+from cosim_master.stepping.confining import confined
+from cosim_master.stepping.kernels.frames import frames_of
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.plan import make_plan
 from cosim_master.stepping.profiling import Profiler
@@ -27,11 +30,29 @@ from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["Setup", "open_run"]
+__all__ = ["Setup", "Share", "open_run"]
 
 
 def _nothing(_: str) -> None:
     """Ignores a description of a stage."""
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """The part of a system that one process of several runs.
+
+    Attributes:
+        elsewhere: numbers of the instances that other processes run.
+        nodes: numbers of the radio nodes of the other processes.
+        reals, ints: places of the values that it passes on, in `Plan.real_out` and `Plan.int_out`.
+        window: the largest number of base steps between two exchanges.
+    """
+
+    elsewhere: frozenset[int]
+    nodes: frozenset[int]
+    reals: tuple[int, ...]
+    ints: tuple[int, ...]
+    window: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +85,9 @@ class Setup:
     on_library: Callable[[Library], None] | None = None
     """Called with each library that is loaded."""
 
+    share: Share | None = None
+    """The part of the system that this process runs; None: all of it."""
+
     def phase(self, name: str) -> AbstractContextManager[Any]:
         """Measures the time of a phase of this name."""
         return self.profiler.phase(name) if self.profiler is not None else nullcontext()
@@ -89,14 +113,18 @@ def open_run(
     """
     tell, phase, master = setup.on_stage, setup.phase, setup.master
     radio = make_radio(network, layout.ports["Real"].index, keep=setup.keep_packets)
-    tell(f"loading {len(checked.instances)} FMU instances")
+    share = setup.share
+    elsewhere: frozenset[int] = frozenset() if share is None else share.elsewhere
+    here = len(checked.instances) - len(elsewhere)
+    tell(f"loading {here} FMU instances")
     with phase("load and instantiate"):
-        instances.make(checked)
+        instances.make(checked, elsewhere)
     slaves = instances.slaves
-    tell(f"initializing {len(checked.instances)} FMU instances")
+    tell(f"initializing {here} FMU instances")
     with phase("initialize"):
         event_mode = EventMode(checked, layout, slaves, clock.start_ns, master.delays)
-        initialize(checked, slaves, clock.time(0), clock.time(clock.steps), event_mode.events)
+        begun = checked if share is None else _without(checked, elsewhere)
+        initialize(begun, slaves, clock.time(0), clock.time(clock.steps), event_mode.events)
     free = [i for i, one in enumerate(slaves) if one.library.thread_safe and not master.sequence]
     used = threads_for(len(free), setup.threads)
     plan = make_plan(
@@ -110,4 +138,18 @@ def open_run(
         master=master,
         grid=setup.grid or master.variable,
     )
-    return RunState(checked, clock, layout, network, slaves, plan, radio, event_mode, Texts(layout, slaves)), used
+    frames = None
+    if share is not None:
+        plan = confined(plan, layout, clock.periods, elsewhere)
+        radio = confined_radio(radio, share.nodes)
+        frames = frames_of(share.reals, share.ints, share.window + 1)
+    texts = Texts(layout, slaves)
+    return RunState(checked, clock, layout, network, slaves, plan, radio, event_mode, texts, frames), used
+
+
+def _without(checked: CheckedSystem, elsewhere: Collection[int]) -> CheckedSystem:
+    """Returns the system for initialization without the links of instances that are elsewhere."""
+    away = {checked.instances[i].name for i in elsewhere}
+    ends = [{link.source[0], link.target[0]} for link in checked.links]
+    stages = (replace(stage, links=tuple(i for i in stage.links if not ends[i] & away)) for stage in checked.init_order)
+    return replace(checked, init_order=tuple(stage for stage in stages if stage.links))

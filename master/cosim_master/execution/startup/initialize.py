@@ -12,7 +12,7 @@ initialize their parameters in fmi2SetupExperiment, so values set earlier would 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -23,6 +23,7 @@ from cosim_master.diagnostics.errors import FmuError
 from cosim_master.execution.events.super_dense import EndedByEvent, Events
 from cosim_master.execution.startup.loops import settle
 from cosim_master.fmi.description.read import Start, Variable
+from cosim_master.fmi.slaves.elsewhere import Elsewhere
 from cosim_master.fmi.slaves.fmi2 import set_kind
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.libraries import Libraries, check_sources
@@ -48,14 +49,19 @@ _Terms = dict[tuple[str, str], dict[int, Any]]
 """Values of the terms of sums, by input and number."""
 
 
-def instantiate(checked: CheckedSystem, libraries: Libraries, slaves: list[Slave]) -> None:
-    """Appends an instance to `slaves` for each instance of the system.
+def instantiate(
+    checked: CheckedSystem, libraries: Libraries, slaves: list[Slave], elsewhere: Collection[int] = ()
+) -> None:
+    """Appends an instance to `slaves` for each instance of the system; those `elsewhere` (numbers) are not loaded.
 
     Raises:
         FmuError: an FMU refused; the caller must free the instances in `slaves`.
     """
     tied = {i for members in lockstep(checked) for i in members}
     for i, instance in enumerate(checked.instances):
+        if i in elsewhere:
+            slaves.append(Elsewhere(instance.name, instance.fmu))
+            continue
         # After an early return, an instance is behind those whose Clocks drive it, or ahead of those whose Clocks it
         # drives.
         make_one = partial(make, fmu=instance.fmu, early_return=i not in tied, solver=instance.solver)

@@ -53,13 +53,14 @@ from cosim_master.network.radio.tables import (
     SENT_ON,
     SHARED,
     SWARM,
+    TURN,
     USED_EVENTS,
     WAITING,
     Radio,
 )
 from cosim_master.network.radio.topology import copies, find_hearers
 
-__all__ = ["addressed", "by_radio", "serve_medium"]
+__all__ = ["addressed", "by_radio", "serve_medium", "transmit"]
 
 
 @kernel
@@ -113,7 +114,7 @@ def by_radio(
     number = r.endpoints[e].number
     r.endpoints[e].number = number + 1
     if r.settings[0].medium < ALOHA:
-        return _transmit(r, reals, t, t, e, number, -1, to_system, buf, start, stop)
+        return transmit(r, reals, t, t, e, number, -1, to_system, buf, start, stop)
     taken = False
     waits = True
     for i in range(find_hearers(r, reals, n)):
@@ -127,7 +128,7 @@ def by_radio(
 
 
 @kernel
-def _transmit(
+def transmit(
     r: Radio,
     reals: NDArray[np.float64],
     sent: int,
@@ -154,6 +155,9 @@ def _transmit(
         if not taken and s.medium in (OWN, SHARED):
             t = departure(r, t, n, stop - start)
         taken = True
+        r.counters[TURN] += 1
+        if r.nodes[other].elsewhere != 0:
+            continue
         if t < 0:
             record_event(r, sent, -1, e, other, buf, start, stop, LOST_QUEUE)
             continue
@@ -326,7 +330,7 @@ def _route_first(r: Radio, reals: NDArray[np.float64], t: int) -> None:
     row = r.places[place]
     if r.trip.size > 0:
         resume_trip(r, place)
-    _transmit(r, reals, row.sent, t, row.sender, row.number, place, row.addressee, r.data[place], 0, row.length)
+    transmit(r, reals, row.sent, t, row.sender, row.number, place, row.addressee, r.data[place], 0, row.length)
     take_out(r, medium)
     r.counters[WAITING] -= 1
 

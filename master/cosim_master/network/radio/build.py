@@ -34,6 +34,7 @@ from cosim_master.network.radio.tables import (
     ON_BOARD,
     OUTCOMES,
     PLACE,
+    POST,
     RELAYED,
     REPEATED,
     SENT_ON,
@@ -235,7 +236,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         place = [reals[instance, variable.name] for instance, variable in node.position] or [-1, -1, -1]
         own = np.searchsorted(channels["sender"], (senders[n], senders[n] + 1))
         spans = (members[n], members[n + 1], listed[n], listed[n + 1])
-        node_table[n] = (place, _hash(node.name), *spans, kinds[n], *own, -1)
+        node_table[n] = (place, _hash(node.name), *spans, kinds[n], *own, -1, 0)
     waits = network.medium in ("aloha", "csma")
     relays, behind = network.relays, int(members[-1]) + len(network.gateways)
     endpoints = np.zeros(behind + len(relays) + bool(relays) + waits, dtype=ENDPOINT)
@@ -251,7 +252,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         endpoints[i] = (n, _hash(e.name), 0, capacity, 0, -1, -1, _reach(e, nodes[n]))
     for g, gateway in enumerate(network.gateways):
         behind = int(members[-1]) + g
-        node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0, 0, 0, 0, -1)
+        node_table[len(nodes) + g] = ([-1, -1, -1], _hash(gateway.name), behind, behind + 1, 0, 0, 0, 0, 0, -1, 0)
         endpoints[behind] = (len(nodes) + g, _hash(gateway.name), 0, GATEWAY_BYTES, 0, -1, -1, tables.ON_AIR)
     outages = [(names[n], _nanoseconds(a), _nanoseconds(b)) for n, a, b in network.outages]
     empty = Radio(
@@ -279,6 +280,8 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         counters=np.zeros(COUNTERS, dtype=np.int64),
         events=table(np.zeros(4096, dtype=EVENT)),
         log=np.zeros(1 << 20, dtype=np.uint8),
+        outbox=table(np.zeros(0, dtype=POST)),
+        posted=np.zeros((0, MAX_PACKET), dtype=np.uint8),
         gateways=table(_gateways(network)),
         dialect=table(np.array([_definition(message) for message in network.dialect], dtype=DEFINITION)),
     )

@@ -53,11 +53,16 @@ from cosim_master.network.radio.tables import (
     NO_ROUTE,
     ON_AIR,
     ON_BOARD,
+    POSTED,
     SWARM,
+    TURN,
     Radio,
 )
 
 __all__ = ["admit", "send"]
+
+_HEARERS = 20
+"""Bits of TURN that count the nodes to which one packet goes."""
 
 
 @kernel
@@ -172,10 +177,39 @@ def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
 
 
 @kernel
+def _post(
+    r: Radio,
+    t: int,
+    e: int,
+    to_system: int,
+    taken: bool,
+    by_radio_too: bool,
+    buf: NDArray[np.uint8],
+    start: int,
+    stop: int,
+) -> bool:
+    """Puts a packet into the outbox; returns whether it goes by radio, so that `replay` decides who takes it."""
+    n = r.counters[POSTED]
+    r.counters[POSTED] = n + 1
+    row = r.outbox[n]
+    row.time, row.endpoint, row.turn, row.number = t, e, r.counters[TURN], -1
+    row.addressee, row.system, row.taken, row.length = to_system, r.endpoints[e].heard, int(taken), stop - start
+    if by_radio_too:
+        row.number = r.endpoints[e].number
+        r.endpoints[e].number += 1
+    for i in range(start, stop):
+        r.posted[n, i - start] = buf[i]
+    return by_radio_too
+
+
+@kernel
 def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.uint8], n: int) -> None:
     """Routes the packets in buf[:n] that endpoint `e` has sent at time t [ns]."""
     p = 0
+    turn = 0
     while p < n:
+        r.counters[TURN] = turn << _HEARERS
+        turn += 1
         start, stop, status = find(buf, p, n)
         if start > p and status != NOTHING:
             record_event(r, t, -1, e, r.endpoints[e].node, buf, p, start, MALFORMED)
@@ -195,7 +229,10 @@ def send(r: Radio, reals: NDArray[np.float64], t: int, e: int, buf: NDArray[np.u
         log_packet(r, t, r.endpoints[e].node if common else r.nodes.size, 1, buf, start, stop)
         if common:
             taken = _on_board(r, t, e, to_system, buf, start, stop)
-        if common and (to_system == 0 or to_system != r.endpoints[e].heard):
+        radio = common and (to_system == 0 or to_system != r.endpoints[e].heard)
+        if r.outbox.size > 0:
+            taken = _post(r, t, e, to_system, taken, radio, buf, start, stop) or taken
+        elif radio:
             if r.trip.size > 0:
                 begin_trip(r, e, t)
             taken = by_radio(r, reals, t, e, to_system, buf, start, stop) or taken

@@ -54,6 +54,8 @@ __all__ = [
     "OUTCOMES",
     "OWN",
     "PLACE",
+    "POST",
+    "POSTED",
     "RELAYED",
     "REPEATED",
     "ROLES",
@@ -63,6 +65,7 @@ __all__ = [
     "SHARED",
     "SWARM",
     "TRACED",
+    "TURN",
     "USED_EVENTS",
     "USED_LOG",
     "WAITING",
@@ -114,6 +117,7 @@ EVENT = np.dtype(
         ("sequence", "i4"),
         ("length", "i4"),
         ("outcome", "i4"),
+<<<<<<< HEAD
         ("origin", "i8"),
         ("born", "i8"),
     ]
@@ -121,6 +125,13 @@ EVENT = np.dtype(
 """One packet on its way to one node: times in ns (arrival -1 if it is lost), endpoint, node, header, outcome.
 
 `origin` and `born` are the endpoint that sent it first, and when: not `source` and `sent` if a relay sends it on.
+=======
+        ("order", "i8"),
+    ]
+)
+"""One packet on its way to one node: times in ns (arrival -1 if it is lost), endpoint, node, header, outcome; not
+recorded: its order among the events of one endpoint at one time, see TURN.
+>>>>>>> af8aab9 (A system runs in parts with the same bits; check --partitions shows the cut)
 """
 
 
@@ -156,6 +167,7 @@ NODE = np.dtype(
         ("channel", "i8"),  # it sends by channels[channel:unchannelled], and by SETTINGS to hearers of other kinds
         ("unchannelled", "i8"),
         ("relay", "i8"),  # the endpoint by which it sends packets on, -1: it does not relay
+        ("elsewhere", "i8"),  # 1: its instances are in another part of the run
     ]
 )
 
@@ -242,6 +254,21 @@ RELAYED = np.dtype(
 """The journey of a packet in flight, if there are relays: see `relays`."""
 
 
+POST = np.dtype(
+    [
+        ("time", "i8"),
+        ("endpoint", "i8"),
+        ("number", "i8"),  # at its sender, -1: it does not go by radio
+        ("turn", "i8"),  # see TURN
+        ("addressee", "i8"),
+        ("system", "i8"),  # that sent it
+        ("taken", "i8"),  # 1: another endpoint of the same node has taken it
+        ("length", "i8"),
+    ]
+)
+"""A packet that a part of a run has sent, for all parts; its bytes are the same row of `Radio.posted`."""
+
+
 COUNTED, LOGGED = 1, 2
 """Values of PLACE.logged other than 0: a packet by radio counts as delivered, a packet by wire is only logged. With
 CSMA, LOGGED marks a packet at the medium that is on the air.
@@ -301,25 +328,27 @@ class Radio(NamedTuple):
     counters: NDArray[np.int64]  # per outcome, then as named below
     events: NDArray[Any]  # EVENT
     log: NDArray[np.uint8]
+    outbox: NDArray[Any]  # POST, only in a part of a run: packets wait there for `replay`
+    posted: NDArray[np.uint8]  # (outbox, MAX_PACKET)
 
 
 ROLES = declared(
     CONSTANT="settings nodes links channels outages partitions jamming obstacles trace dialect",
     STATE="endpoints places data relayed routes seen order along counters media",
     PASSING="gateways",  # a run with gateways has no checkpoints
-    BUFFER="hearers packet trip events log",
+    BUFFER="hearers packet trip events log outbox posted",
 )
 """The role of each array of `Radio`; tables have a single role."""
 
 
 _FIRST = len(OUTCOMES)
 DELIVERED, DEFERRED, FREE_PLACE, FREE_PLACES, IN_FLIGHT, USED_EVENTS, USED_LOG, WAITING = range(_FIRST, _FIRST + 8)
-AIRBORNE, SENT_ON, REPEATED = range(_FIRST + 8, _FIRST + 11)
+AIRBORNE, SENT_ON, REPEATED, TURN, POSTED = range(_FIRST + 8, _FIRST + 13)
 """Places in `Radio.counters`: packets delivered; packets deferred because a port was full; first free place and number
 of free places; places in use; rows of events and bytes of log in use; packets that wait for the medium or
 are in the air; those in the air (if there are relays); packets that relays have sent on; copies of packets that their
-receiver had taken before.
+receiver had taken before; the order of the present event among those of its sender at this time; packets in the outbox.
 """
 
 
-COUNTERS = _FIRST + 11
+COUNTERS = _FIRST + 13

@@ -105,8 +105,14 @@ def delay(p: Plan, k: int) -> None:
     step = k // p.counters[FINER]
     for j in range(p.delays.size):
         d = p.delays[j]
-        value = d.factor * p.real_out[d.source] + d.offset if d.whole == 0 else float(p.int_out[d.source])
-        if d.length > 0:
+        value = 0.0
+        if d.source < 0:  # of another part of the run, whose values are put into the line between two windows
+            value = p.delay_line[d.first + step % d.length]
+        elif d.whole == 0:
+            value = d.factor * p.real_out[d.source] + d.offset
+        else:
+            value = float(p.int_out[d.source])
+        if d.length > 0 and d.source >= 0:
             at = d.first + step % d.length
             new, value = value, p.delay_line[at]
             p.delay_line[at] = new

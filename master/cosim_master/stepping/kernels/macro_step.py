@@ -38,6 +38,7 @@ from cosim_master.network.radio.tables import (
     FREE_PLACES,
     IN_FLIGHT,
     NEAREST_ON_AXIS,
+    POSTED,
     USED_EVENTS,
     USED_LOG,
     WAITING,
@@ -63,6 +64,7 @@ from cosim_master.stepping.kernels.tables import (
     JACOBI,
     LAST,
     NEED_LOG,
+    NEED_OUTBOX,
     NEED_PLACES,
     ORDER,
     PHASE,
@@ -76,7 +78,7 @@ from cosim_master.stepping.kernels.tables import (
 )
 from cosim_master.stepping.kernels.threads import hand_out, join_in
 
-__all__ = ["end_here", "next_point", "places_needed", "record", "run", "sent_bytes"]
+__all__ = ["end_here", "next_point", "outbox_needed", "places_needed", "record", "run", "sent_bytes"]
 
 
 _TOGETHER = 1 << 20
@@ -188,11 +190,22 @@ def _room(r: Radio, packets: int, each: int) -> int:
 
 
 @kernel
+def outbox_needed(p: Plan) -> int:
+    """Returns an upper bound of the packets that are collected and not yet routed."""
+    packets = 0
+    for e in range(p.ports.size):
+        packets += _at_most(p.ports[e].sent)
+    return packets
+
+
+@kernel
 def _send_all(p: Plan, r: Radio, k: int) -> int:
     """Sends all collected packets; returns DONE, or the reason for which arrays must grow first."""
     total = sent_bytes(p)
     if total == 0:
         return DONE
+    if r.outbox.size > 0 and r.counters[POSTED] + outbox_needed(p) > r.outbox.size:
+        return NEED_OUTBOX
     each = copies(r)
     packets, together = _collected(p, each)
     need = _room(r, packets, each)
@@ -201,7 +214,7 @@ def _send_all(p: Plan, r: Radio, k: int) -> int:
     events, used = r.counters[USED_EVENTS] + need, r.counters[USED_LOG] + 3 * total
     if r.settings[0].keep != 0 and (events > r.events.size or used > r.log.size):
         return NEED_LOG
-    if r.settings[0].topology == NEAREST_ON_AXIS:
+    if r.settings[0].topology == NEAREST_ON_AXIS and r.outbox.size == 0:
         sort_along(r, p.real_out)
     t = point_in_time(p.counters, k + 1)
     for e in range(p.ports.size):

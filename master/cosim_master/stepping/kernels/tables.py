@@ -46,6 +46,7 @@ __all__ = [
     "LEFT",
     "LIMIT",
     "NEED_LOG",
+    "NEED_OUTBOX",
     "NEED_PLACES",
     "NAN_ALLOWED",
     "NOT_A_NUMBER",
@@ -75,7 +76,7 @@ __all__ = [
     "WIRE",
 ]
 
-DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE, STEPS_DUE = 0, 1, 2, 3, 4, 5, 6
+DONE, FAILED, NEED_PLACES, NEED_LOG, BLOCK_FULL, EVENTS_DUE, STEPS_DUE, NEED_OUTBOX = 0, 1, 2, 3, 4, 5, 6, 7
 """Reasons for which `run` returns."""
 
 DELIVER, STEP, SEND = 0, 1, 2
@@ -138,7 +139,7 @@ WIRE = np.dtype([("factor", "f8"), ("offset", "f8")])
 DELAY = np.dtype(
     [
         ("whole", "i8"),  # 1: an integer or boolean
-        ("source", "i8"),  # in real_out or int_out
+        ("source", "i8"),  # in real_out or int_out; -1: in another part of the run
         ("place", "i8"),  # there, too: the value for the input
         ("factor", "f8"),
         ("offset", "f8"),

@@ -1,0 +1,310 @@
+"""The execution of one part of a run: it steps window by window, and exchanges with the other parts between them.
+
+    part = PartExecution(transport, cut, ...)    as an `Execution` of the part's own instances, up to the first row
+    part.agree(...)                              part 0 tells all parts at which instants somebody looks at the run
+    part.serve()                                 every other part: windows until part 0 ends the run
+
+A window ends after `Cut.window` base steps, and at every *instant*: where an observer of the run looks at values, at
+the end of the run, and one window after part 0 has asked for it. At an instant everything that was sent has been
+replayed, and part 0 has the outputs of all instances, so that its state is that of a run in one process.
+
+A part that fails goes on exchanging empty windows until part 0, which has its error, ends the run.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cosim_master.diagnostics.errors import CosimError, FmuError, RunFailed, RunTerminated
+from cosim_master.execution.execution import Execution
+from cosim_master.execution.partitions.cut import Cut
+from cosim_master.execution.partitions.exchange import Exchange, Given
+from cosim_master.execution.partitions.starting import all_ready
+from cosim_master.execution.partitions.transport import Transport
+from cosim_master.execution.run.blocks import Blocks
+from cosim_master.execution.run.opening import Setup
+from cosim_master.network.radio.build import packet_counts
+from cosim_master.stepping.confining import outputs_of_part
+from cosim_master.stepping.layout import Layout
+from cosim_master.stepping.observation import Packets, Rows, Seen
+from cosim_master.system.flatten.flat import CheckedSystem
+from cosim_master.system.settings.network import Network
+from cosim_master.system.settings.time_grid import TimeGrid
+
+__all__ = ["Collected", "Message", "PartExecution", "Report", "failure_data"]
+
+
+@dataclass(slots=True)
+class Collected:
+    """What a part records: rows of its own columns, and packets of its own nodes; chunks in the order of time."""
+
+    every = 0
+    ticks: list[np.ndarray[Any, Any]] = field(default_factory=list)
+    reals: list[np.ndarray[Any, Any]] = field(default_factory=list)
+    ints: list[np.ndarray[Any, Any]] = field(default_factory=list)
+    texts: list[list[str]] = field(default_factory=list)
+    events: list[np.ndarray[Any, Any]] = field(default_factory=list)
+    log: list[bytes] = field(default_factory=list)
+
+    def initialised(self, seen: Seen) -> None: ...
+    def stepped(self, seen: Seen) -> None: ...
+    def closed(self) -> None: ...
+
+    def rows(self, rows: Rows, *, complete: bool) -> None:
+        """Keeps complete chunks of rows."""
+        if complete:
+            self.ticks.append(rows.time.copy())
+            self.reals.append(rows.reals.copy())
+            self.ints.append(rows.integers.copy())
+            self.texts += [list(row) for row in rows.texts]
+
+    def packets(self, packets: Packets, *, complete: bool) -> None:
+        """Keeps complete chunks of packets."""
+        if complete:
+            self.events.append(packets.events.copy())
+            self.log.append(packets.log.tobytes())
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a part tells part 0 at the end of a window, or at an instant.
+
+    Attributes:
+        k: the boundary, in base steps.
+        replayed: the boundary up to which packets have been replayed.
+        collected: rows and packets since the last report.
+        counters: of the radio.
+        failed: the base step at which the part has failed, and its errors as (instance, function, status, time, log);
+            None if it has not.
+        outputs: at an instant, the values of all its outputs (reals, integers).
+    """
+
+    k: int
+    replayed: int
+    collected: Collected
+    counters: np.ndarray[Any, Any]
+    failed: tuple[int, tuple[tuple[Any, ...], ...]] | None
+    outputs: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message to another part at the end of a window; `ending` and `over` come from part 0 only.
+
+    Attributes:
+        ending: the window after this one is the last; its end is an instant.
+        over: the run is over: there is no such window.
+    """
+
+    given: Given | None
+    report: Report | None = None
+    ending: bool = False
+    over: bool = False
+
+
+class PartExecution(Execution):
+    """One part of a run.
+
+    Args:
+        transport: its messages.
+        cut: the parts of the system.
+        checked, clock, layout, network: the whole system, as of a run in one process.
+        setup: how it runs; its share is that of the part.
+
+    Raises:
+        PartLost: another part has ended, or does not answer.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        cut: Cut,
+        checked: CheckedSystem,
+        clock: TimeGrid,
+        layout: Layout,
+        network: Network,
+        setup: Setup,
+    ) -> None:
+        self.transport, self.cut = transport, cut
+        self.part, self._others = transport.part, [p for p in range(cut.parts) if p != transport.part]
+        self._collected = Collected()
+        self._at, self._replayed = -1, -1
+        self._open: list[tuple[int, list[Given | None]]] = []
+        self._periods: tuple[int, ...] = ()
+        self._ending = self._last_window = self._dismissed = self._begun = self.over = False
+        self._failure: tuple[int, tuple[tuple[Any, ...], ...]] | None = None
+        self._exchange: Exchange | None = None
+        self._own_reals, self._own_ints = outputs_of_part(layout, cut.elsewhere(self.part))
+        super().__init__(checked, clock, layout, network, setup)
+
+    @property
+    def _mine(self) -> Blocks:
+        """The blocks of the part's own rows and packets."""
+        return self.blocks
+
+    # ---- windows -----------------------------------------------------------------------------------------------------
+
+    def agree(self, periods: Sequence[int]) -> None:
+        """Tells all parts the instants of the run: the multiples of `periods`, in base steps; only part 0 is told."""
+        if self.part == 0:
+            self._periods = tuple(periods)
+            for other in self._others:
+                self.transport.send(other, pickle.dumps(self._periods))
+        else:
+            told = pickle.loads(self.transport.receive(0, patient=True))
+            if isinstance(told, Message):
+                self.over = self._dismissed = True
+            else:
+                self._periods = tuple(int(one) for one in told)
+
+    def advance(self, k_stop: int) -> None:
+        """Makes windows until base step `k_stop`, or slightly further: a window is not divided.
+
+        Raises:
+            RunFailed: instances failed, in any part; the recording ends at the start of the macro step.
+            PartLost: another part has ended, or does not answer.
+        """
+        stop = min(k_stop, self.clock.steps)
+        if self._at < 0:
+            self._window(0)
+        while self._at < stop and not self.over:
+            self._window(self._boundary())
+
+    def _boundary(self) -> int:
+        """Returns the end of the next window."""
+        k = self._at
+        instants = [(k // period + 1) * period for period in self._periods]
+        return min([k + self.cut.window, self.clock.steps, *instants])
+
+    def is_instant(self, k: int) -> bool:
+        """Returns whether somebody looks at the run at base step k."""
+        return k in (0, self.clock.steps) or any(k % period == 0 for period in self._periods)
+
+    def _window(self, end: int) -> None:
+        """Steps a window and exchanges; the end of the exchange of a hidden window is that of the next one."""
+        if self._failure is None:
+            try:
+                super().advance(end)
+            except (RunFailed, RunTerminated, FmuError) as error:
+                self._failure = (max(self._algorithm_k, 0), failure_data(error))
+        if self._exchange is None:
+            self._mine.attach([self._collected], [self._collected])
+            self._exchange = Exchange(self.state, self._mine, self.cut, self.part)
+            all_ready(self.transport, ())
+            self._begun = True
+        self._at = end
+        last = self._last_window
+        self._post()
+        instant = last or self.is_instant(end)
+        while len(self._open) > (0 if instant or not self.cut.hidden else 1):
+            self._take()
+        if self._last_window and not last and len(self._open) and not self.over:
+            # part 0 has asked for the end in the window before this one: this one is the last
+            last = instant = True
+            while self._open:
+                self._take()
+        if instant and not self.over:
+            self._meet(last=last)
+
+    @property
+    def _algorithm_k(self) -> int:
+        assert self._algorithm is not None
+        return self._algorithm.k
+
+    def _post(self) -> None:
+        assert self._exchange is not None
+        given: list[Given | None] = [*self._exchange.outgoing()]
+        report = self._report()
+        for other in self._others:
+            message = Message(given[other], report if other == 0 else None, self._ending)
+            self.transport.send(other, pickle.dumps(message, protocol=5))
+        own = [given[self.part] if p == self.part else None for p in range(self.cut.parts)]
+        self._open.append((self._at, own))
+        if self.part == 0:
+            self.reported(0, report)
+
+    def _report(self) -> Report:
+        self._mine.rows()
+        self._mine.packets()
+        collected = self._collected
+        kept = Collected(
+            collected.ticks, collected.reals, collected.ints, collected.texts, collected.events, collected.log
+        )
+        for name in ("ticks", "reals", "ints", "texts", "events", "log"):
+            setattr(collected, name, [])
+        return Report(self._at, self._replayed, kept, np.array(self.state.radio.counters), self._failure)
+
+    def _take(self) -> None:
+        """Takes the messages of the oldest window that is open, and replays its packets."""
+        assert self._exchange is not None
+        end, given = self._open[0]
+        for other in self._others:
+            message: Message = pickle.loads(self.transport.receive(other))
+            if message.over:
+                self.over = self._dismissed = True
+                self._open.clear()
+                return
+            given[other] = message.given
+            self._last_window = self._last_window or message.ending
+            if message.report is not None:
+                self.reported(other, message.report)
+        self._open.pop(0)
+        self._exchange.take([one for one in given if one is not None])
+        self._replayed = end
+
+    def _meet(self, *, last: bool) -> None:
+        """Reports the values of an instant to part 0, where the packets sent until then have been replayed."""
+        self._replayed = self._at
+        report = self._report()
+        plan = self.plan
+        outputs = (plan.real_out[self._own_reals], plan.int_out[self._own_ints])
+        whole = replace(report, outputs=outputs)
+        if self.part != 0:
+            self.transport.send(0, pickle.dumps(Message(None, whole), protocol=5))
+        else:
+            self.reported(0, whole)
+            for other in self._others:
+                message: Message = pickle.loads(self.transport.receive(other))
+                assert message.report is not None
+                self.reported(other, message.report)
+        if last or self._at >= self.clock.steps:
+            self.over = self.part != 0
+
+    def reported(self, part: int, report: Report) -> None:
+        """Receives what a part reports; only part 0 is told."""
+
+    # ---- parts other than 0 ------------------------------------------------------------------------------------------
+
+    def serve(self) -> None:
+        """Steps until part 0 ends the run, and tells it how the instances ended.
+
+        Raises:
+            PartLost: another part has ended, or does not answer.
+        """
+        while not self.over:
+            self._window(self._boundary())
+        while not self._dismissed:
+            self._dismissed = pickle.loads(self.transport.receive(0, patient=True)).over
+        told = {"notes": self._notes, "restarts": self.restarts, "failures": [_data_of(one) for one in self.end()]}
+        self.transport.send(0, pickle.dumps(told))
+
+    def packet_counts(self) -> dict[str, int]:
+        """Returns the numbers of packets by radio of this part."""
+        return packet_counts(self.state.radio)
+
+
+def failure_data(error: CosimError) -> tuple[tuple[Any, ...], ...]:
+    if isinstance(error, RunTerminated):
+        text = f"{error}; a run in parts cannot end early: run it in one process"
+        return ((error.instance, "the end of the run", text, error.time, ()),)
+    failures = error.failures if isinstance(error, RunFailed) else [error]
+    return tuple(_data_of(one) for one in failures if isinstance(one, FmuError))
+
+
+def _data_of(one: FmuError) -> tuple[Any, ...]:
+    return (one.instance, one.function, one.status, one.time, one.log)

@@ -1,0 +1,71 @@
+"""Values that a part of a run passes on to other parts: copies of some outputs at the end of every base step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.kernel import kernel
+from cosim_master.network.radio.tables import Radio
+from cosim_master.stepping.kernels.exchange import feed
+from cosim_master.stepping.kernels.macro_step import next_point, run
+from cosim_master.stepping.kernels.tables import DONE, K, Plan
+
+__all__ = ["Frames", "frames_of", "run_framed"]
+
+USED, TARGET = 0, 1
+"""Places in `Frames.counters`: frames in use; the base step to which the loop was on its way, -1: none."""
+
+
+class Frames(NamedTuple):
+    """The frames since the last exchange."""
+
+    reals_of: NDArray[np.int64]  # in Plan.real_out
+    ints_of: NDArray[np.int64]  # in Plan.int_out
+    steps: NDArray[np.int64]  # base step of each frame
+    reals: NDArray[np.float64]  # (frames, values)
+    ints: NDArray[np.int32]
+    counters: NDArray[np.int64]
+
+
+def frames_of(reals: Sequence[int], ints: Sequence[int], rows: int) -> Frames:
+    """Returns empty frames.
+
+    Args:
+        reals, ints: the places in `Plan.real_out` and `Plan.int_out` that they copy.
+        rows: the largest number of base steps between two exchanges.
+    """
+    return Frames(
+        np.array(reals, dtype=np.int64),
+        np.array(ints, dtype=np.int64),
+        np.zeros(rows, dtype=np.int64),
+        np.zeros((rows, len(reals))),
+        np.zeros((rows, len(ints)), dtype=np.int32),
+        np.array([0, -1], dtype=np.int64),
+    )
+
+
+@kernel
+def run_framed(p: Plan, r: Radio, f: Frames, k_stop: int) -> int:
+    """Makes macro steps as `run` does, with a frame at the end of each."""
+    while True:
+        if f.counters[TARGET] < 0:
+            if p.counters[K] >= k_stop:
+                return DONE
+            f.counters[TARGET] = next_point(p, k_stop)
+        reason = run(p, r, f.counters[TARGET])
+        if reason != DONE:
+            return int(reason)
+        f.counters[TARGET] = -1
+        if p.delays.size > 0:
+            feed(p, p.counters[K], p.feeds[:0])  # values that connections convert are computed, too
+        row = f.counters[USED]
+        f.steps[row] = p.counters[K]
+        for j in range(f.reals_of.size):
+            f.reals[row, j] = p.real_out[f.reals_of[j]]
+        for j in range(f.ints_of.size):
+            f.ints[row, j] = p.int_out[f.ints_of[j]]
+        f.counters[USED] = row + 1
