@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.kernel import table
+from cosim_master.fmi.calls import KINDS
 from cosim_master.stepping.kernels.tables import Plan
-from cosim_master.stepping.layout import KINDS, Layout
+from cosim_master.stepping.layout import Layout
 
 _Places = NDArray[np.int64]
 

@@ -15,11 +15,12 @@ from cosim_master.execution.partitions.part import Message, PartExecution, Repor
 from cosim_master.execution.partitions.transport import PartLost, Transport
 from cosim_master.execution.run.blocks import Blocks
 from cosim_master.execution.run.opening import Setup
+from cosim_master.fmi.calls import KINDS
 from cosim_master.network.radio.build import packet_counts
 from cosim_master.network.radio.queues import LOG_HEAD
 from cosim_master.network.radio.tables import EVENT
 from cosim_master.stepping.confining import columns_of_part, outputs_of_part
-from cosim_master.stepping.layout import KINDS, Layout
+from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.observation import PacketObserver, Packets, RowObserver, Rows
 from cosim_master.stepping.plan import rows_of_block
 from cosim_master.system.flatten.flat import CheckedSystem
