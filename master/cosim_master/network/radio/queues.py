@@ -113,12 +113,9 @@ def record_event(
     row["sequence"] = 0 if outcome == MALFORMED else sequence(buf, start)
     row["length"] = stop - start
     row["outcome"] = outcome
-<<<<<<< HEAD
     row["origin"] = e
     row["born"] = t
-=======
     row["order"] = r.counters[TURN]
->>>>>>> af8aab9 (A system runs in parts with the same bits; check --partitions shows the cut)
     r.counters[USED_EVENTS] += 1
 
 

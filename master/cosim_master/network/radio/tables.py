@@ -117,21 +117,15 @@ EVENT = np.dtype(
         ("sequence", "i4"),
         ("length", "i4"),
         ("outcome", "i4"),
-<<<<<<< HEAD
         ("origin", "i8"),
         ("born", "i8"),
+        ("order", "i8"),
     ]
 )
 """One packet on its way to one node: times in ns (arrival -1 if it is lost), endpoint, node, header, outcome.
 
 `origin` and `born` are the endpoint that sent it first, and when: not `source` and `sent` if a relay sends it on.
-=======
-        ("order", "i8"),
-    ]
-)
-"""One packet on its way to one node: times in ns (arrival -1 if it is lost), endpoint, node, header, outcome; not
-recorded: its order among the events of one endpoint at one time, see TURN.
->>>>>>> af8aab9 (A system runs in parts with the same bits; check --partitions shows the cut)
+`order`: among the events of one endpoint at one time, see TURN.
 """
 
 
