@@ -16,6 +16,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cosim_master.campaigns.campaign import Campaign as Campaign
+    from cosim_master.campaigns.campaign import sweep as sweep
+    from cosim_master.campaigns.dataset.folder import read_runs as read_runs
+    from cosim_master.campaigns.metrics.metric import Metric as Metric
+    from cosim_master.campaigns.study.designs import Design as Design
+    from cosim_master.campaigns.study.factors import Factor as Factor
+    from cosim_master.campaigns.study.study import Study as Study
     from cosim_master.diagnostics.errors import CosimError as CosimError
     from cosim_master.diagnostics.errors import FmuError as FmuError
     from cosim_master.diagnostics.errors import LoopError as LoopError
@@ -49,11 +56,15 @@ if TYPE_CHECKING:
     from cosim_master.system.reading.read import read_system as read_system
 
 _WHERE = {
+    "Campaign": "campaigns.campaign",
     "CheckedSystem": "system.flatten.flat",
     "CosimError": "diagnostics.errors",
+    "Design": "campaigns.study.designs",
+    "Factor": "campaigns.study.factors",
     "FmuError": "diagnostics.errors",
     "Listener": "execution.options",
     "LoopError": "diagnostics.errors",
+    "Metric": "campaigns.metrics.metric",
     "NotConverged": "diagnostics.errors",
     "Observer": "stepping.observation",
     "Outcome": "execution.outcome.result",
@@ -66,6 +77,7 @@ _WHERE = {
     "RunTerminated": "diagnostics.errors",
     "Seen": "stepping.observation",
     "StepTooSmall": "diagnostics.errors",
+    "Study": "campaigns.study.study",
     "Swarm": "system.authoring.swarm.swarm",
     "SystemDescriptionError": "diagnostics.errors",
     "View": "stepping.observation",
@@ -75,11 +87,13 @@ _WHERE = {
     "new_system": "system.authoring.swarm.new",
     "pack": "system.authoring.pack",
     "packets": "results.reading.read",
+    "read_runs": "campaigns.dataset.folder",
     "read_system": "system.reading.read",
     "save": "system.authoring.save",
     "signals": "results.reading.read",
     "simulate": "execution.simulate",
     "swap": "system.authoring.swap",
+    "sweep": "campaigns.campaign",
 }
 
 __all__ = [*_WHERE]

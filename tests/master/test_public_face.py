@@ -18,11 +18,15 @@ from cosim_master.system.settings.radio import nodes
 
 def test_these_names_and_no_others() -> None:
     assert sorted(cosim_master.__all__) == [
+        "Campaign",
         "CheckedSystem",
         "CosimError",
+        "Design",
+        "Factor",
         "FmuError",
         "Listener",
         "LoopError",
+        "Metric",
         "NotConverged",
         "Observer",
         "Outcome",
@@ -35,6 +39,7 @@ def test_these_names_and_no_others() -> None:
         "RunTerminated",
         "Seen",
         "StepTooSmall",
+        "Study",
         "Swarm",
         "SystemDescriptionError",
         "View",
@@ -44,11 +49,13 @@ def test_these_names_and_no_others() -> None:
         "new_system",
         "pack",
         "packets",
+        "read_runs",
         "read_system",
         "save",
         "signals",
         "simulate",
         "swap",
+        "sweep",
     ]
 
 

@@ -15,7 +15,7 @@ import sys
 
 from cosim_master.cli.terminal.console import err, out
 from cosim_master.cli.terminal.registry import app
-from cosim_master.cli.verbs import build, compare, editing, pack, results, run, serve, systems  # noqa: F401
+from cosim_master.cli.verbs import build, compare, editing, pack, results, run, serve, sweep, systems  # noqa: F401
 
 __all__ = ["app", "err", "main", "out"]
 

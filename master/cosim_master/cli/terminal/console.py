@@ -189,6 +189,7 @@ _EXTRAS = {
     **dict.fromkeys(("matplotlib", "PIL"), "plot"),
     "pymavlink": "build",
     **dict.fromkeys(("rerun", "rerun_cli"), "rerun"),
+    **dict.fromkeys(("SALib", "cryptography", "dask", "distributed", "optuna"), "sweep"),
     "websockets": "live",
 }
 """Packages that an extra of this project installs."""

@@ -24,10 +24,12 @@ from cosim_master.cli.terminal.console import err, is_live, is_quiet
 if TYPE_CHECKING:
     from cosim_master.stepping.observation import Progress
 
-__all__ = ["Activity", "activity"]
+__all__ = ["Activity", "activity", "clock"]
 
 LONG = 1.0
 """Seconds after which a stage gets a line of its own where lines cannot be redrawn."""
+OFTEN = 30.0
+"""Seconds between two lines about work that is partly done, where lines cannot be redrawn."""
 
 
 class Activity:
@@ -47,6 +49,9 @@ class Activity:
     def run(self, progress: Progress) -> None:
         """Shows the progress of a run."""
 
+    def share(self, done: float, whole: float, words: str) -> None:
+        """Shows a bar of work that is partly done; where lines cannot be redrawn, a line now and then."""
+
     def end(self) -> None:
         """Ends the stage, because the verb is about to print."""
 
@@ -62,6 +67,7 @@ class _Lines(Activity):
     def __init__(self) -> None:
         self._timer: threading.Timer | None = None
         self._said = ""
+        self._told = time.perf_counter()
 
     def stage(self, text: str, *, long: bool = False) -> None:
         self.end()
@@ -76,6 +82,12 @@ class _Lines(Activity):
 
     def run(self, progress: Progress) -> None:  # noqa: ARG002 (a bar is for terminals)
         self.end()
+
+    def share(self, done: float, whole: float, words: str) -> None:  # noqa: ARG002
+        self.end()
+        if time.perf_counter() - self._told >= OFTEN:
+            self._told = time.perf_counter()
+            err.print(Text(words, "dim"))
 
     def end(self) -> None:
         if self._timer is not None:
@@ -92,13 +104,14 @@ class _Drawn(Activity):
         self._lock = threading.RLock()  # any thread may begin a stage
         self._text: str | None = None
         self._progress: Progress | None = None
+        self._share: tuple[float, float, str] | None = None
         self._since = 0.0
 
     def stage(self, text: str, *, long: bool = False) -> None:  # noqa: ARG002 (it is drawn at once)
         with self._lock:
             if text != self._text:
                 self._since = time.perf_counter()
-            self._text, self._progress = text, None
+            self._text, self._progress, self._share = text, None, None
             self._live.start()
             self._live.refresh()
 
@@ -110,10 +123,15 @@ class _Drawn(Activity):
             self._live.start()
         self._progress = progress
 
+    def share(self, done: float, whole: float, words: str) -> None:
+        if self._share is None:
+            self._live.start()
+        self._share = done, whole, words
+
     def end(self) -> None:
         with self._lock:
             self._live.stop()
-            self._text = self._progress = None
+            self._text = self._progress = self._share = None
 
     @contextmanager
     def interrupted(self) -> Iterator[None]:
@@ -126,13 +144,15 @@ class _Drawn(Activity):
     def __rich__(self) -> Any:
         if self._progress is not None:
             return _bar(self._progress)
+        if self._share is not None:
+            return _drawn_bar(*self._share)
         if self._text is None:
             return Text()
         grid = Table.grid(padding=(0, 1))
         grid.add_column()
         grid.add_column(no_wrap=True, overflow="ellipsis")
         grid.add_column(no_wrap=True)
-        grid.add_row(self._spinner, Text(self._text), _clock(time.perf_counter() - self._since))
+        grid.add_row(self._spinner, Text(self._text), clock(time.perf_counter() - self._since))
         return grid
 
 
@@ -140,16 +160,22 @@ def _bar(progress: Progress) -> Table:
     """Returns a bar with the simulated time, the speed, the remaining time, and the number of packets sent."""
     done, whole = progress.time - progress.start, progress.stop - progress.start
     speed = done / progress.wall if progress.wall > 0.0 else 0.0
-    left = _clock((whole - done) / speed) if speed > 0.0 else "-:--"
+    left = clock((whole - done) / speed) if speed > 0.0 else "-:--"
+    words = f"{done:.1f}/{whole:.1f} s  {speed:.1f} x real time  {left} left  {progress.packets} packets"
+    return _drawn_bar(done, whole, words)
+
+
+def _drawn_bar(done: float, whole: float, words: str) -> Table:
+    """Returns a bar with words behind it."""
     grid = Table.grid(padding=(0, 2))
     grid.add_column(min_width=4)
     grid.add_column(no_wrap=True, overflow="ellipsis")
-    words = f"{done:.1f}/{whole:.1f} s  {speed:.1f} x real time  {left} left  {progress.packets} packets"
     grid.add_row(ProgressBar(total=whole, completed=done, width=max(4, min(40, err.width - len(words) - 3))), words)
     return grid
 
 
-def _clock(seconds: float) -> str:
+def clock(seconds: float) -> str:
+    """Returns a duration [s] as minutes and seconds, with hours if there are any."""
     minutes, rest = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -1,0 +1,141 @@
+"""A study: a system, the factors varied in it, the design, seeds, and the metrics of each run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cosim_master.campaigns.metrics.metric import Metric
+from cosim_master.campaigns.refusal import refusal
+from cosim_master.campaigns.study.designs import Design, Point, points
+from cosim_master.campaigns.study.factors import Factor
+
+__all__ = ["FIXED", "Planned", "Study"]
+
+FIXED = ("run", "point", "seed", "outcome", "reason", "good", "failures", "warnings", "findings", "simulated_s")
+"""The columns that every dataset has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """A run of a study: its number, the number of its point, the values of the factors, and its seed."""
+
+    run: int
+    point: int
+    values: Point
+    seed: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """A study. Everything that it consists of is plain data: `as_json` writes it, `of_json` reads it.
+
+    Attributes:
+        system: an .ssd, .ssp, .fmu or folder, or the name of a shipped system, as of `simulate`.
+        factors: the values that are varied.
+        design: the points at which they are varied.
+        seeds: each point is run with each of these seeds of the radio; if empty, with that of the system.
+        metrics: the numbers computed for each run.
+        keep: patterns of signals that are kept of every run.
+        overrides, at, until, step, variant, solver: of all runs, as in `RunOptions`.
+    """
+
+    system: str
+    factors: tuple[Factor, ...] = ()
+    design: Design = field(default_factory=Design)
+    seeds: tuple[int, ...] = ()
+    metrics: tuple[Metric, ...] = ()
+    keep: tuple[str, ...] = ()
+    overrides: Mapping[str, str] = field(default_factory=dict)
+    at: tuple[tuple[float, str, str], ...] = ()
+    until: float | None = None
+    step: float | None = None
+    variant: str | None = None
+    solver: str | None = None
+
+    def __post_init__(self) -> None:
+        labels = [*FIXED, *(one.label for one in self.factors), *(one.name for one in self.metrics)]
+        if twice := [name for n, name in enumerate(labels) if name in labels[:n]]:
+            text = "the dataset has a column of this name already; give another name (--metric NAME=...)"
+            raise refusal(f'"{twice[0]}"', text)
+        if len({*self.seeds}) < len(self.seeds):
+            raise refusal("--seeds", "a seed is given twice; give each once")
+        if both := [one.name for one in self.factors if one.name == "network.seed"]:
+            raise refusal(f"factor {both[0]}", "seeds are varied by --seeds; leave out the factor")
+
+    def runs(self) -> list[Planned]:
+        """Returns all runs: point by point, and seed by seed within a point.
+
+        Raises:
+            SystemDescriptionError: the design does not fit the factors.
+        """
+        seeds: Sequence[int | None] = self.seeds or (None,)
+        return [
+            Planned(p * len(seeds) + s, p, values, seed)
+            for p, values in enumerate(points(self.design, self.factors))
+            for s, seed in enumerate(seeds)
+        ]
+
+    def split(self, values: Mapping[str, str]) -> tuple[dict[str, str], dict[float, dict[str, str]]]:
+        """Returns the overrides of a run from its start, and those from later times on, by time [s]."""
+        start = dict(self.overrides)
+        later: dict[float, dict[str, str]] = {}
+        for one in self.factors:
+            if one.time is None:
+                start.pop(one.name, None)  # so that it also takes precedence over patterns after it
+                start[one.name] = values[one.label]
+            else:
+                later.setdefault(one.time, {})[one.name] = values[one.label]
+        return start, later
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns the study as a JSON document."""
+        return {
+            "system": self.system,
+            "factors": [one.as_json() for one in self.factors],
+            "design": {"kind": self.design.kind, "size": self.design.size, "seed": self.design.seed},
+            "seeds": list(self.seeds),
+            "metrics": [one.as_json() for one in self.metrics],
+            "keep": list(self.keep),
+            "overrides": dict(self.overrides),
+            "at": [list(one) for one in self.at],
+            "until": self.until,
+            "step": self.step,
+            "variant": self.variant,
+            "solver": self.solver,
+        }
+
+    @classmethod
+    def of_json(cls, told: Mapping[str, Any]) -> Study:
+        """Returns the study of a JSON document.
+
+        Raises:
+            SystemDescriptionError: it is no study.
+        """
+        try:
+            design = told.get("design") or {}
+            return cls(
+                system=str(told["system"]),
+                factors=tuple(map(Factor.of_json, told.get("factors", ()))),
+                design=Design(design.get("kind", "grid"), int(design.get("size", 0)), int(design.get("seed", 1))),
+                seeds=tuple(map(int, told.get("seeds", ()))),
+                metrics=tuple(map(Metric.of_json, told.get("metrics", ()))),
+                keep=tuple(map(str, told.get("keep", ()))),
+                overrides={str(name): str(text) for name, text in (told.get("overrides") or {}).items()},
+                at=tuple((float(time), str(name), str(text)) for time, name, text in told.get("at", ())),
+                until=told.get("until"),
+                step=told.get("step"),
+                variant=told.get("variant"),
+                solver=told.get("solver"),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise refusal("the study", f"is not one: {error!r}") from None
+
+    def digest(self) -> str:
+        """Returns the digest of everything that the study says, without the place of its system."""
+        told = {**self.as_json(), "system": Path(self.system).name}
+        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
