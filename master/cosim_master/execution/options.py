@@ -14,6 +14,7 @@ from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.observation import Progress, Seen
 from cosim_master.system.reading.overrides import apart
 from cosim_master.system.structure import SystemStructure
+from cosim_master.verdict.findings import Judgement
 
 __all__ = ["Listener", "Reporting", "RunOptions", "going_on"]
 
@@ -84,12 +85,15 @@ class Listener:
         stage: called with a description of each stage ("loading 15 FMU instances"), until the first step.
         progress: called about twenty times a second of wall-clock time, with gateways fifty times.
         gateway: called with messages about sockets.
+        judged: called with the judgement so far when it has changed, at most once a second of wall-clock time; None:
+            a run is judged at its end only.
     """
 
     prepared: Callable[[Prepared], None] = _ignore
     stage: Callable[[str], None] = _ignore
     progress: Callable[[Progress], None] = _ignore
     gateway: Callable[[str], None] = _ignore
+    judged: Callable[[Judgement], None] | None = None
 
 
 class Reporting:

@@ -57,7 +57,7 @@ from cosim_master.system.reading.read import read_system
 from cosim_master.system.reading.single_fmu import as_model_exchange, full_names
 from cosim_master.system.settings.network import Gateway, with_gateways
 from cosim_master.system.structure import SystemStructure
-from cosim_master.verdict.judging import judgement
+from cosim_master.verdict.judging import Interim, judgement
 from cosim_master.verdict.monitors.declared import monitored
 from cosim_master.verdict.monitors.monitoring import Monitoring, hears_packets
 from cosim_master.verdict.watching.memory import recall
@@ -243,6 +243,9 @@ class _Run:
             changes = WatchedSteps(execution.slaves)
             looking = [watch, *observers, Reporting(self.listener), *recorders, *([monitoring] if monitoring else [])]
             looking.append(changes)
+            if self.listener.judged is not None:
+                judged = self.listener.judged
+                looking.append(Interim(ready.verdict(), watch, ready.network, monitoring, judged))
             observed = Observers(execution, looking, ready.clock.steps, execution.blocks)
             opened.enter_context(observed)
             if isinstance(execution, PartExecution):

@@ -1,9 +1,10 @@
-"""The judgement of a run, from predictions, observations, and the counters of radio and gateways."""
+"""The judgement of a run, at its end or meanwhile, from predictions, observations, and counters of the network."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from cosim_master.stepping.observation import Progress, Seen
 from cosim_master.system.settings.network import Network
 from cosim_master.verdict.findings import Finding, Judgement
 from cosim_master.verdict.monitors import reporting as of_monitors
@@ -12,7 +13,55 @@ from cosim_master.verdict.prior import DOUBLE_ID
 from cosim_master.verdict.reporting import findings, nearest
 from cosim_master.verdict.watching.watch import Watch
 
-__all__ = ["judgement"]
+__all__ = ["Interim", "judgement"]
+
+_INTERVAL = 1.0
+"""Wall-clock time between two judgements of a run that goes on, s."""
+
+
+class Interim:
+    """A `ProgressObserver` that judges a run while it goes on.
+
+    It evaluates the looks so far earlier than the watch would; the verdict at the end is the same.
+
+    Args:
+        before: the findings known before the run.
+        watch, monitoring: the observers of the run.
+        network: nodes and gateways of the run.
+        tell: called with each judgement that differs from the last one. It has only findings with a time.
+    """
+
+    every = 0
+
+    def __init__(
+        self,
+        before: Judgement,
+        watch: Watch,
+        network: Network,
+        monitoring: Monitoring | None,
+        tell: Callable[[Judgement], None],
+    ) -> None:
+        self._before, self._watch, self._network = before, watch, network
+        self._monitoring, self._tell = monitoring, tell
+        self._judged_at = 0.0
+        self._told: tuple[Finding, ...] | None = None
+
+    def initialised(self, seen: Seen) -> None: ...
+    def stepped(self, seen: Seen) -> None: ...
+    def closed(self) -> None: ...
+
+    def progressed(self, progress: Progress) -> None:
+        if progress.wall - self._judged_at < _INTERVAL:
+            return
+        self._judged_at = progress.wall
+        self._watch.settle()
+        if self._monitoring is not None:
+            self._monitoring.settle()
+        found = judgement(self._before, self._watch, self._network, progress.counts, {}, self._monitoring)
+        told = tuple(one for one in found.findings if one.time is not None)
+        if told != self._told:
+            self._told = told
+            self._tell(Judgement.of(told, found.begin, found.end, found.nearest))
 
 
 def judgement(
@@ -23,14 +72,14 @@ def judgement(
     crossed: Mapping[str, Mapping[str, int | str]],
     monitoring: Monitoring | None = None,
 ) -> Judgement:
-    """Returns the judgement of a run that has ended.
+    """Returns the judgement of a run.
 
     Args:
         before: the findings known before the run.
-        watch: the observer, already closed.
+        watch: the observer, already closed or settled.
         packets: see `Execution.packet_counts`.
         crossed: see `Gateways.counts`.
-        monitoring: the observer of the system's monitors, already closed; None: it has none.
+        monitoring: the observer of the system's monitors, already closed or settled; None: it has none.
     """
     quiet = {gateway.name for gateway in network.gateways if gateway.quiet}
     crossed = {name: counts for name, counts in crossed.items() if name not in quiet}

@@ -21,7 +21,7 @@ from cosim_master.view.curves import Curves
 from cosim_master.view.motion import Motion
 from cosim_master.view.traffic import traffic
 
-__all__ = ["replay", "vehicle_of", "vehicles_by_name"]
+__all__ = ["replay", "told_verdict", "vehicle_of", "vehicles_by_name"]
 
 _AT_ONCE = 256
 """Columns read at once: all columns of a thousand drones would not fit into memory."""
@@ -78,7 +78,7 @@ def replay(run: Path) -> tuple[dict[str, Any], Block]:
         "traffic": packets,
         "network": _network(manifest),
         "packets": {name: manifest.get("packets", {}).get(name, 0) for name in ("sent", "delivered", "lost")},
-        "verdict": _verdict(manifest, drones),
+        "verdict": told_verdict(manifest.get("verdict"), drones),
         "outcome": _outcome(manifest),
         "facts": _facts(run, manifest, curves, motion, packets, len(time)),
     }
@@ -159,8 +159,8 @@ def _first_plots(
     return [[i] for i in changing[:4]]
 
 
-def _verdict(manifest: Mapping[str, Any], drones: Sequence[Part]) -> dict[str, Any] | None:
-    verdict = manifest.get("verdict")
+def told_verdict(verdict: Any, drones: Sequence[Part]) -> dict[str, Any] | None:
+    """Returns a verdict as the page shows it, from that of a manifest; None if there is none."""
     if not isinstance(verdict, Mapping):
         return None
     of = vehicles_by_name(drones)

@@ -92,6 +92,30 @@ def test_packets_are_seen_while_they_fly(browser: Any, fmus: Path, tmp_path: Pat
     assert {one["message"] for one in log} >= {"HEARTBEAT", "GLOBAL_POSITION_INT", "STATUSTEXT"}
 
 
+def test_findings_appear_when_they_are_found(browser: Any, fmus: Path, tmp_path: Path) -> None:
+    heavy = {"drone4.vehicle.mass": "30"}
+    with flown(browser, tmp_path / "run", 60.0, overrides=heavy) as (watched, tab):
+        button = tab.page.locator("#tabs button[data-name=findings]")
+        button.click()
+        assert tab.page.locator("#pane-findings").inner_text().startswith("Nothing so far.")
+        watched.control.set_speed(10.0)
+        tab.page.keyboard.press("Space")
+        tab.wait("cosim.live.going && cosim.findings().length")
+        (found,) = tab.ask("cosim.findings()")
+        assert (found["severity"], found["kind"], found["vehicle"]) == ("failure", "never flew", 3)
+        assert found["text"].startswith("drone4.vehicle has never left the ground")
+        assert tab.ask("cosim.time") < 59.0
+        assert button.get_attribute("class") == "failure" and button.locator("sup").inner_text() == "1"
+        assert tab.page.locator("#pane-findings .finding.failure").inner_text().startswith("failurenever flew")
+        assert tab.page.locator("#marks .finding.failure").count() == 1
+        watched.control.set_speed(None)
+        tab.wait("!cosim.live.going")
+        verdict = json.loads((tmp_path / "run" / "manifest.json").read_text())["verdict"]
+        told = tab.ask("cosim.findings()")
+        assert [{name: one[name] for name in one if name != "vehicle"} for one in told] == verdict["findings"]
+        assert tab.complaints == []
+
+
 def test_sliders_set_values(browser: Any, fmus: Path, tmp_path: Path) -> None:
     with flown(browser, tmp_path / "run", 5.0) as (_, tab):
         tab.page.locator("#tabs button[data-name=values]").click()

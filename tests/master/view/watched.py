@@ -15,11 +15,13 @@ from cosim_master.execution.simulate import simulate
 from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.observation import View
-from cosim_master.view.live.document import known_of, live_document, live_traffic, shown
+from cosim_master.verdict.findings import Judgement
+from cosim_master.view.live.document import drones_of, known_of, live_document, live_traffic, shown
 from cosim_master.view.live.feed import Feed
 from cosim_master.view.live.parameters import Parameters, unchangeable
 from cosim_master.view.live.sending import Sending
 from cosim_master.view.live.server import LivePage
+from cosim_master.view.replay import told_verdict
 
 LINE5 = Path(__file__).parents[3] / "master" / "systems" / "line5"
 
@@ -52,10 +54,12 @@ class Watched:
             LINE5,
             RunOptions(out=out, until=until, **options),
             observers=[self._observer],
-            listener=Listener(prepared=self._prepared),
+            listener=Listener(prepared=self._prepared, judged=self._judged),
             control=self.control,
             mailbox=self.mailbox,
         )
+        assert result.verdict is not None
+        self._judged(result.verdict)
         self.page.end((f"ended: {result.outcome}", "good", ""))
         return result
 
@@ -70,9 +74,13 @@ class Watched:
         self.feed = Feed(view)
         return self.feed
 
+    def _judged(self, verdict: Judgement) -> None:
+        self.feed.verdict = told_verdict(verdict.as_json(), self.drones)
+
     def _prepared(self, ready: Prepared) -> None:
         columns = shown(self.feed.columns, ready.checked)
         self.feed.show(columns)
+        self.drones = drones_of(columns, ready.checked)
         self.feed.traffic = live_traffic(columns, ready.checked, ready.network)
         self.document = live_document(columns, len(self.feed.columns), ready.checked, ready.network, ready.clock)
         parameters = Parameters(ready.checked, self.control, unchangeable(ready.master))

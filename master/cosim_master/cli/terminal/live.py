@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from cosim_master.execution.outcome.result import RunResult
     from cosim_master.execution.preparation.prepare import Prepared
     from cosim_master.network.gateways.mailbox import Mailbox
+    from cosim_master.results.reading.roles import Part
     from cosim_master.stepping.control import Control
     from cosim_master.stepping.observation import Observer, View
+    from cosim_master.verdict.findings import Judgement
     from cosim_master.view.live.feed import Feed
     from cosim_master.view.live.server import LivePage
     from cosim_master.view.programs.ros.feed import Transport
@@ -50,6 +52,7 @@ class Live:
         self._open_browser, self._opened = open_browser, opened
         self._feed: Feed | None = None
         self._page: LivePage | None = None
+        self._drones: list[Part] = []
 
     def observer(self, view: View) -> Observer:
         """Returns the observer of the run."""
@@ -64,7 +67,7 @@ class Live:
         Raises:
             CosimError: no port of loopback can be opened.
         """
-        from cosim_master.view.live.document import known_of, live_document, live_traffic, shown
+        from cosim_master.view.live.document import drones_of, known_of, live_document, live_traffic, shown
         from cosim_master.view.live.parameters import Parameters, unchangeable
         from cosim_master.view.live.sending import Sending
         from cosim_master.view.live.server import LivePage
@@ -73,6 +76,7 @@ class Live:
         recorded = self._feed.columns
         columns = shown(recorded, ready.checked)
         self._feed.show(columns)
+        self._drones = drones_of(columns, ready.checked)
         hears = ready.recording.packets
         if hears:
             self._feed.traffic = live_traffic(columns, ready.checked, ready.network)
@@ -84,11 +88,20 @@ class Live:
         if self._open_browser:
             show_in_browser(self._page.address)
 
+    def judged(self, verdict: Judgement) -> None:
+        """Tells the page what has been found so far."""
+        from cosim_master.view.replay import told_verdict
+
+        if self._feed is not None:
+            self._feed.verdict = told_verdict(verdict.as_json(), self._drones)
+
     def end(self, result: RunResult) -> None:
         """Tells the page how the run has ended."""
         if self._page is None:
             return
         verdict = result.verdict
+        if verdict is not None:
+            self.judged(verdict)
         good = result.outcome == "done" and (verdict is None or verdict.good)
         kind = "good" if good else "failure" if result.outcome == "failed" else "warning"
         more = "" if result.folder is None else f"uav-cosim view {result.folder}"

@@ -306,7 +306,8 @@ def _simulate(
         for one in onlookers:
             one.begin(ready)
 
-    listener = Listener(prepared=prepared, stage=doing.stage, progress=doing.run, gateway=note)
+    judged = None if live is None else live.judged
+    listener = Listener(prepared=prepared, stage=doing.stage, progress=doing.run, gateway=note, judged=judged)
     with compiling(doing):
         observers = [one.observer for one in onlookers]
         control = None if live is None else live.control

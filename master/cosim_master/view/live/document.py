@@ -19,7 +19,7 @@ from cosim_master.view.live.traffic import LiveTraffic
 from cosim_master.view.motion import Moving, moving
 from cosim_master.view.replay import vehicle_of, vehicles_by_name
 
-__all__ = ["known_of", "live_document", "live_traffic", "shown"]
+__all__ = ["drones_of", "known_of", "live_document", "live_traffic", "shown"]
 
 _SIGNALS = 4000
 """Signals sent besides those of the vehicles' motion: more would make frames too large to be sent smoothly."""
@@ -49,8 +49,13 @@ def shown(columns: Sequence[Column], checked: CheckedSystem) -> list[Column]:
 
 def live_traffic(columns: Sequence[Column], checked: CheckedSystem, network: Network) -> LiveTraffic:
     """Returns the packets of a run that begins, for the page with these signals."""
+    return LiveTraffic(network, drones_of(columns, checked))
+
+
+def drones_of(columns: Sequence[Column], checked: CheckedSystem) -> list[Part]:
+    """Returns the drones of the page with these signals, in its order."""
     known, units = known_of(checked), _units(columns)
-    return LiveTraffic(network, [vehicle.part for vehicle in moving(parts(units, known), known, units)])
+    return [vehicle.part for vehicle in moving(parts(units, known), known, units)]
 
 
 def live_document(

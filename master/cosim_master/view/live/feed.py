@@ -7,6 +7,7 @@ the stepping loop return or wait. A value that nobody has fetched is replaced by
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ class Feed:
     Attributes:
         columns: the recorded signals.
         traffic: takes the packets of the run; None: nobody does.
+        verdict: the findings so far, for the page; None: there are none yet.
         newest: number and bytes (little-endian) of the newest frame; number 0: there is none yet.
         changed: called in the thread of the run when there is a new frame.
     """
@@ -38,6 +40,7 @@ class Feed:
         self.changed: Callable[[], None] = lambda: None
         self.columns = view.columns
         self.traffic: LiveTraffic | None = None
+        self.verdict: dict[str, Any] | None = None
         self._seen: Seen | None = None
         self.show(view.columns)
 

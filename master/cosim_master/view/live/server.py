@@ -80,6 +80,7 @@ class _Reader:
         self.frame = 0
         self.undrawn = 0
         self.told: str | None = None
+        self.judged: Any = None
         self.heard = (0, 0)
         self.counted, self.counted_at = -1, -math.inf
 
@@ -224,6 +225,9 @@ class LivePage:
                 if (state := self._state()) != reader.told:
                     reader.told = state
                     await connection.send(state)
+                if (verdict := self._feed.verdict) is not reader.judged:
+                    reader.judged = verdict
+                    await connection.send(json.dumps({"verdict": verdict}))
                 number, frame = self._feed.newest
                 if number != reader.frame and (reader.undrawn < _AHEAD or self._ended):
                     for packets in self._packets(reader):
@@ -307,8 +311,8 @@ class LivePage:
     async def _last_words(self) -> None:
         self._wake()
         for _ in range(int(_LAST / 0.02)):
-            newest, state = self._feed.newest[0], self._state()
-            if all(one.told == state and one.frame == newest for one in self._readers):
+            newest, state, verdict = self._feed.newest[0], self._state(), self._feed.verdict
+            if all((one.told, one.frame) == (state, newest) and one.judged is verdict for one in self._readers):
                 return
             await asyncio.sleep(0.02)
 

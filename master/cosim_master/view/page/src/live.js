@@ -31,7 +31,7 @@ export class LiveRun {
     }
     run.curve = (index) => ({ x: run.rows, y: this.columns[index].subarray(0, this.n) });
     this.#grown();
-    this.onframe = this.onstate = this.onlinks = this.onparameters = this.onrefusal = () => {};
+    this.onframe = this.onstate = this.onlinks = this.onparameters = this.onrefusal = this.onverdict = () => {};
     this.changes = [];
     this.said = [0, '']; // what became of the last request to send a vehicle somewhere
     this.first = new Promise((resolve, reject) => Object.assign(this, { begun: resolve, missed: reject }));
@@ -62,6 +62,10 @@ export class LiveRun {
     if (news.links) {
       this.radio.count(news.links);
       return this.onlinks();
+    }
+    if (news.verdict) {
+      this.run.verdict = news.verdict;
+      return this.onverdict();
     }
     if (news.parameters) return this.onparameters(news.parameters);
     if (news.refusal !== undefined) return this.onrefusal(news.refusal);

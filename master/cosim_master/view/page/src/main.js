@@ -231,6 +231,7 @@ class Viewer {
     live.onframe = () => this.#grown();
     live.onstate = () => this.#state();
     live.onlinks = () => this.links.refresh();
+    live.onverdict = () => this.#judged();
     live.onparameters = (found) => this.values.show(found);
     live.onrefusal = (reason) => this.values.refuse(reason);
     $('step').addEventListener('click', () => this.step());
@@ -252,6 +253,7 @@ class Viewer {
     this.traces.extend();
     const refresh = () => {
       this.plotted = performance.now();
+      if (this.marked !== end && $('marks').children.length) this.#marks();
       this.plots.refresh();
       this.log.grow();
       this.touch();
@@ -302,6 +304,13 @@ class Viewer {
     }
     this.#outcome();
     this.touch();
+  }
+
+  /** There are other findings than before. */
+  #judged() {
+    this.tabs.findings[1].refresh();
+    this.#count();
+    this.#marks();
   }
 
   #outcome() {
@@ -500,25 +509,31 @@ class Viewer {
       plots: ['Plots', this.plots],
       log: ['Messages', this.log],
       links: ['Links', this.links],
-      ...(run.live ? { values: ['Values', (this.values = new ParametersPane(run.live))] } : { findings: ['Findings', findingsPane(run, goTo)] }),
+      ...(run.live ? { values: ['Values', (this.values = new ParametersPane(run.live))] } : {}),
+      findings: ['Findings', findingsPane(run, goTo)],
       run: ['Run', runPane(run)],
     };
     for (const [name, [title, { pane }]] of Object.entries(this.tabs)) {
       const button = make('button', { onclick: () => this.tab(name), role: 'tab', data: { name } }, title);
-      const { verdict } = run;
-      if (name === 'findings' && verdict?.findings.length) {
-        button.append(make('sup', {}, String(verdict.findings.length)));
-        button.className = verdict.failures ? 'failure' : verdict.warnings ? 'warning' : '';
-      }
       $('tabs').append(button);
       $('panes').append(pane);
     }
+    this.#count();
     this.plots.sets = run.plots.map((set) => set.slice());
     this.tab('plots');
     $('system').textContent = visible(run.name);
     const [outcome, kind] = run.outcome;
     $('outcome').textContent = visible(outcome);
     $('outcome').className = kind;
+  }
+
+  /** The number of findings, on their tab. */
+  #count() {
+    const { verdict } = this.run;
+    const button = [...$('tabs').children].find((one) => one.dataset.name === 'findings');
+    button.querySelector('sup')?.remove();
+    if (verdict?.findings.length) button.append(make('sup', {}, String(verdict.findings.length)));
+    button.className = !verdict ? '' : verdict.failures ? 'failure' : verdict.warnings ? 'warning' : '';
   }
 
   tab(name) {
@@ -592,6 +607,8 @@ class Viewer {
   #marks() {
     const { run, start, end } = this;
     const left = (t) => `${(100 * (t - start)) / Math.max(end - start, 1e-9)}%`;
+    this.marked = end;
+    $('marks').replaceChildren();
     const steps = run.steps.length <= 40 ? run.steps : [];
     const numbered = steps.length <= 20;
     for (const [n, t] of steps) $('marks').append(make('i', { class: 'step', style: { left: left(t) }, title: `step #${n} begins at ${number(t)} s`, data: numbered ? { n: String(n) } : {}, onclick: () => this.seek(t) }));

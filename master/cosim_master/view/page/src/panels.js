@@ -129,9 +129,18 @@ function linksOf(run, select) {
 
 export function findingsPane(run, { seek, select }) {
   const pane = make('section', { class: 'pane', id: 'pane-findings', hidden: true });
+  const refresh = () => pane.replaceChildren(...findingsOf(run, seek, select));
+  refresh();
+  return { pane, refresh };
+}
+
+function findingsOf(run, seek, select) {
   const { verdict } = run;
-  if (!verdict) pane.append(make('p', { class: 'dim' }, 'The run was not judged.'));
-  else if (!verdict.findings.length) pane.append(make('p', { class: 'dim' }, 'Nothing to say: the swarm did what it was to do.'));
+  const found = [];
+  const say = (text) => found.push(make('p', { class: 'dim' }, text));
+  const going = run.live && !run.live.ended;
+  if (!verdict && !going) say('The run was not judged.');
+  else if (!verdict?.findings.length) say(going ? 'Nothing so far.' : 'Nothing to say: the swarm did what it was to do.');
   for (const finding of verdict?.findings.slice(0, 1000) ?? []) {
     const at = finding.time === null ? 'before the run' : `${seconds(finding.time)} s`;
     const entry = make('div', { class: `finding ${finding.severity}` }, make('b', {}, finding.severity), make('b', {}, visible(finding.kind)), make('time', {}, at), make('div', {}, visible(finding.text)));
@@ -139,14 +148,13 @@ export function findingsPane(run, { seek, select }) {
       if (finding.time !== null) seek(finding.time);
       select(finding.vehicle);
     });
-    pane.append(entry);
+    found.push(entry);
   }
-  if (verdict?.nearest) {
+  if (verdict?.nearest?.who) {
     const { who, distance, time } = verdict.nearest;
-    const nearest = make('p', { class: 'dim' }, `Nearest: ${visible(who.join(' and '))}, ${number(distance, 4)} m at ${number(time)} s`);
-    pane.append(nearest);
+    say(`Nearest: ${visible(who.join(' and '))}, ${number(distance, 4)} m at ${number(time)} s`);
   }
-  return { pane };
+  return found;
 }
 
 export function runPane(run) {
