@@ -5,20 +5,18 @@
 FMUs of FMI 2 and of FMI 3 (with Clocks, events, Strings and Binaries) crash, overflow their stack, end their process,
 do not return, or fill their memory, at the first call of each function that a run with checkpoints makes. Each time,
 
-- named: the error names instance and function (isolated), or the manifest does (in the process of the run);
+- named: the error names instance and function, and the exit code is 1;
 - readable: the recording can be read, and its rows are the first ones of a run without faults; if the FMU is isolated,
   none is missing of the steps that all instances have made;
 - clean: no process, descriptor or temporary folder remains.
 
-Faults in the process of the run happen in a process of their own; not those that hang or fill the memory. "clean" does
-not apply to them.
+Faults in the process of the run happen in a process of their own; not those that hang or fill the memory.
 """
 
 from __future__ import annotations
 
 import argparse
 import io
-import json
 import os
 import re
 import tempfile
@@ -121,23 +119,22 @@ def try_isolated(system: Path, out: Path, fault: str, function: str, whole: Any)
 
 def try_here(system: Path, out: Path, fault: str, function: str, whole: Any) -> list[bool]:
     """The same for a fault in the process of the run, which is a process of its own."""
+    before, said = leftovers(), out.with_suffix(".said")
     child = os.fork()
     if child == 0:
         with environment(FAULT=f"{fault} {function} 1"):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+            os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT, 0o600), 2)
             simulate(system, RunOptions(out=out, isolation=Isolation("none"), checkpoint_every=1.0))
         os._exit(0)
-    os.waitpid(child, 0)
-    named = False
-    if (out / "manifest.json").is_file():
-        manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
-        named = function in str(manifest.get("error"))
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    named = code == 1 and f"error: bad: {function} failed" in said.read_text(encoding="utf-8")
+    clean = leftovers() <= before
     try:
         rows = signals(out)
     except Exception:
-        return [named, not (out / "manifest.json").is_file()]
+        return [named, not (out / "manifest.json").is_file(), clean]
     times = rows["time"].to_pylist()
-    return [named, times == whole["time"].to_pylist()[: len(times)]]
+    return [named, times == whole["time"].to_pylist()[: len(times)], clean]
 
 
 def main() -> None:
@@ -167,8 +164,9 @@ def main() -> None:
                         found = attempt(system, folder / f"out{n}", fault, function, whole)
                         for name, good in zip(COLUMNS, [True, *found], strict=False):
                             counts[where, fault, name] += int(good)
-                        if where == "isolated" and not all(found):
-                            failures.append(f"{fault} in {function}: {dict(zip(COLUMNS[1:], found, strict=True))}")
+                        if not all(found):
+                            lacking = dict(zip(COLUMNS[1:], found, strict=True))
+                            failures.append(f"{where}: {fault} in {function}: {lacking}")
     cells = [
         [f"{where}: {fault}", *(str(counts.get((where, fault, name), "-")) for name in COLUMNS)]
         for where, faults in (("isolated", ISOLATED), ("in the process of the run", HERE))

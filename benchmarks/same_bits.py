@@ -3,9 +3,11 @@
     python benchmarks/same_bits.py before.json                  before the change
     python benchmarks/same_bits.py after.json --than before.json    after it; exits 1 and names what differs
     python benchmarks/same_bits.py all.json --isolate all --than before.json    each FMU in a process of its own
+    python benchmarks/same_bits.py none.json --isolate none --also fmus reference-fmus     other files, too
 
 Runs the shipped systems, one of them with other settings and a bad radio, with other masters, by steps of another size,
-and one that goes on from a checkpoint. FMUs are those of the tree, as `make fmus` leaves them.
+and one that goes on from a checkpoint. FMUs are those of the tree, as `make fmus` leaves them. `--also` names further
+systems and FMUs, or folders with them; an FMU runs alone. If a file is refused, its error stands for its digests.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import hashlib
 import json
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -22,6 +25,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim_master import RunOptions, simulate
+from cosim_master.diagnostics.errors import CosimError
 from cosim_master.fmi.slaves.isolated import Isolation, Scope
 
 SYSTEMS = Path(__file__).parents[1] / "master" / "systems"
@@ -51,10 +55,17 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
+_SUFFIXES = (".fmu", ".ssp", ".ssd")
+_SECONDS = 5.0
+"""Simulated time of a file of `--also`, unless it begins later."""
+
+
 def digests(folder: Path) -> dict[str, str]:
     """Of each column of the recorded tables and each log, by name."""
     found: dict[str, str] = {}
     for file in ("signals", "packets"):
+        if not (folder / f"{file}.parquet").is_file():
+            continue
         table = pq.read_table(folder / f"{file}.parquet")
         for name in table.column_names:
             column: pa.Array = table.column(name).combine_chunks()
@@ -67,8 +78,30 @@ def digests(folder: Path) -> dict[str, str]:
     return found
 
 
-def all_digests(isolation: Isolation | None) -> dict[str, dict[str, str]]:
-    """Of all cases, by their names."""
+def files_in(places: Sequence[Path]) -> list[Path]:
+    """The systems and FMUs among files and folders; not the FMUs of a folder that has a system."""
+    found: list[Path] = []
+    for place in places:
+        within = sorted(file for file in place.rglob("*") if file.suffix in _SUFFIXES) if place.is_dir() else [place]
+        of_systems = {file.parent for file in within if file.suffix == ".ssd"}
+        found += [file for file in within if file.suffix != ".fmu" or file.parent not in of_systems]
+    return found
+
+
+def digests_of_file(file: Path, out: Path, isolation: Isolation | None) -> dict[str, str]:
+    """Of the run of a file; the error, if it is refused."""
+    for options in ({"until": _SECONDS}, {}):
+        try:
+            result = simulate(file, RunOptions(out=out, isolation=isolation, **options))
+        except CosimError as error:
+            found = {"refused": str(error)}
+            continue
+        return {**digests(out), "outcome": str(result.outcome), "error": str(result.error)}
+    return found
+
+
+def all_digests(isolation: Isolation | None, also: Sequence[Path] = ()) -> dict[str, dict[str, str]]:
+    """Of all cases and further files, by their names."""
     found: dict[str, dict[str, str]] = {}
     with tempfile.TemporaryDirectory(prefix="uav-cosim-bits-") as temporary:
         root = Path(temporary)
@@ -79,6 +112,9 @@ def all_digests(isolation: Isolation | None) -> dict[str, dict[str, str]]:
         resumed = root / "resumed"
         simulate(SYSTEMS / "line5", RunOptions(out=resumed, origin=f"{root / 'going on'}@10", isolation=isolation))
         found["going on"] |= {f"resumed {key}": value for key, value in digests(resumed).items()}
+        for n, file in enumerate(files_in(also)):
+            found[str(file)] = digests_of_file(file, root / f"also{n}", isolation)
+            print(f"{file}: {found[str(file)].get('refused') or len(found[str(file)])}", flush=True)
     return found
 
 
@@ -87,8 +123,9 @@ def main() -> int:
     parser.add_argument("file", type=Path, help="where to write the digests")
     parser.add_argument("--than", type=Path, help="digests to compare them with")
     parser.add_argument("--isolate", choices=get_args(Scope), help="as for run; default: as run chooses")
+    parser.add_argument("--also", type=Path, nargs="*", default=[], metavar="FILE", help="systems, FMUs, folders")
     given = parser.parse_args()
-    found = all_digests(None if given.isolate is None else Isolation(given.isolate))
+    found = all_digests(None if given.isolate is None else Isolation(given.isolate), given.also)
     given.file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     if given.than is None:
         return 0

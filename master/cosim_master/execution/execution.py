@@ -31,6 +31,7 @@ from cosim_master.network.radio.build import packet_counts
 from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.stepping.failures import raise_failures
 from cosim_master.stepping.kernels.instances import collect_all
+from cosim_master.stepping.kernels.tables import RUNNING
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.strings import failing
 from cosim_master.system.flatten.flat import CheckedSystem
@@ -86,6 +87,7 @@ class Execution:
             )
             with setup.phase("initialize"):
                 collect_all(self.plan)
+                self.plan.shared[RUNNING] = 0
             raise_failures(self.plan, layout, self.slaves)
             self.state.event_mode.attach(self.plan, self.state.texts)
             self._begin(setup.checkpoint)

@@ -38,8 +38,10 @@ from cosim_master.execution.run.checkpoint import refuse_checkpoints
 from cosim_master.execution.run.faults.crashes import reported
 from cosim_master.execution.run.faults.hangs import reported_hangs
 from cosim_master.execution.run.faults.process_state import ProcessState, WatchedCalls, WatchedSteps, told
+from cosim_master.execution.run.faults.scene import Scene
 from cosim_master.execution.run.opening import Setup
 from cosim_master.files.kept import private_cache
+from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
@@ -114,10 +116,11 @@ def simulate(
         listener.prepared(one.ready)
         if one.out is not None:
             _make_folder(one.out)
-        with Gateways(one.asked, listener.gateway, one.ready.network.dialect) as gateways:
+        scene = Scene()
+        with Gateways(one.asked, listener.gateway, one.ready.network.dialect) as gateways, reported(scene):
             began, before, calls = time.perf_counter(), ProcessState.present(), WatchedCalls()
             try:
-                execution = one.opened(calls)
+                execution = one.opened(calls, scene)
             except SystemDescriptionError:
                 raise
             except CosimError as error:
@@ -125,7 +128,8 @@ def simulate(
             started = time.perf_counter() - began
             noted = calls.end()
             noted += told(calls.after or before, execution.slaves, "functions of its start, up to initialization")
-            return one.driven(execution, gateways, looking, started, noted)
+            scene.begin(execution.slaves, execution.plan, lambda: execution.time)
+            return one.driven(execution, gateways, looking, started, noted, scene)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +174,14 @@ class _Run:
     def view(self) -> View:
         return View(self.layout, self.ready.every, self.ready.clock.seconds(1))
 
-    def opened(self, calls: WatchedCalls) -> Execution:
+    def opened(self, calls: WatchedCalls, scene: Scene) -> Execution:
         """Returns the run at its start, with initialized FMUs; `calls` watches their functions."""
         ready, options = self.ready, self.options
+
+        def loaded(library: Library) -> None:
+            scene.libraries.append(library)
+            calls.watch(library)
+
         setup = Setup(
             master=ready.master,
             every=ready.every,
@@ -185,7 +194,7 @@ class _Run:
             checkpoint=self.checkpoint,
             isolation=isolation_for(options.isolation, ready.checked),
             on_stage=self.listener.stage,
-            on_library=calls.watch,
+            on_library=loaded,
         )
         if self.transport is None or self.cut is None:
             return Execution(ready.checked, ready.clock, self.layout, ready.network, setup)
@@ -215,6 +224,7 @@ class _Run:
         observers: Sequence[Observer],
         start_up: float,
         noted: tuple[str, ...],
+        scene: Scene,
     ) -> RunResult:
         """Steps the run to its end and completes its results; `noted` are notes on its start."""
         ready, complete = self.ready, threading.Event()
@@ -250,10 +260,11 @@ class _Run:
             opened.enter_context(observed)
             if isinstance(execution, PartExecution):
                 execution.agree(periods_of(looking))
-            opened.enter_context(reported(execution.slaves, lambda: execution.time, rescue))
+            scene.rescue = rescue
+            scene.on_recording()
             interrupted = opened.enter_context(interrupts())
             seconds = (self.options.isolation or Isolation()).limits.seconds
-            opened.enter_context(reported_hangs(execution.slaves, lambda: execution.time, rescue, seconds))
+            opened.enter_context(reported_hangs(scene, seconds))
             result = self._stepped(execution, gateways, observed, interrupted, changes)
             result = replace(result, notes=(*result.notes, *noted, *changes.notes))
             result = self._judged(result, execution, watch, monitoring)

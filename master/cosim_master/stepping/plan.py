@@ -35,6 +35,7 @@ from cosim_master.stepping.kernels.tables import (
     PORTS,
     REALS_IN,
     REALS_OUT,
+    RUNNING,
     SEND,
     SLOPE,
     START,
@@ -125,7 +126,7 @@ def make_plan(
         confined=np.array(confined, dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
         ahead=table(_ahead_table(slaves, confined)),
-        shared=np.zeros(40, dtype=np.int64),
+        shared=np.zeros(RUNNING + 8, dtype=np.int64),
         native=memory.memory,
     )
 

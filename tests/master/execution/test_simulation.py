@@ -293,7 +293,9 @@ def test_an_fmu_that_aborts_when_freed(probes: Any, tmp_path: Path) -> None:
     ]
     environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == -signal.SIGABRT
+    assert done.returncode == 1
+    assert "error: a: fmi2FreeInstance failed at t = 2 s: " in done.stderr
+    assert "crashed (SIGABRT)" in done.stderr
     assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "done"
 
@@ -308,7 +310,7 @@ def test_an_fmu_that_crashes_in_a_step(probes: Any, tmp_path: Path, mode: int, n
     command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(probes.ssd(parts))]
     environment = {key: value for key, value in os.environ.items() if key != "XDG_CACHE_HOME"}
     done = subprocess.run([*command, "-o", "out", *HERE], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert done.returncode == -number
+    assert done.returncode == 1
     text = f"b: fmi2DoStep failed at t = 1 s: other.fmu crashed ({number.name}) and takes the process with it"
     assert f"error: {text}" in done.stderr
     assert signals(tmp_path / "out")["time"] == [0.0, 0.5, 1.0]

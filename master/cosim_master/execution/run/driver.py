@@ -24,6 +24,7 @@ from cosim_master.stepping.kernels.tables import (
     NEED_PLACES,
     PHASE,
     ROWS,
+    RUNNING,
     SEND,
     STEPS_DUE,
     K,
@@ -88,6 +89,7 @@ class Driver:
         counters = state.plan.counters
         rows = int(counters[ROWS])
         while (reason := self._loop(stop)) != DONE:
+            state.plan.shared[RUNNING] = 0
             if reason == EVENTS_DUE:
                 self._handle_events()
             elif reason == STEPS_DUE:
@@ -96,6 +98,7 @@ class Driver:
                 self._served[reason]()
                 self.on_room()
                 rows = int(counters[ROWS])
+        state.plan.shared[RUNNING] = 0
         if state.texts:
             self._blocks.read_texts(recorded=int(counters[ROWS]) != rows)
 
@@ -138,6 +141,7 @@ class Driver:
             self._steps.step(state.time)
         except FmuError as error:
             raise RunFailed([error]) from None
+        state.plan.shared[RUNNING] = 0
         if counters[FAILURES] > 0:
             self._failed()
         counters[PHASE] = SEND

@@ -85,9 +85,9 @@ def _compile(folder: Path) -> None:
     else:
         text = "their C part is not compiled: install uav-cosim[build], which brings a C compiler, or set CC"
         raise CannotIsolate(text)
-    proxy, host, stack = (str(_SOURCES / file) for file in ("proxy.c", "host.c", "stack.c"))
+    proxy, host, stack, crash = (str(_SOURCES / f"{name}.c") for name in ("proxy", "host", "stack", "crash"))
     for command in (
-        ["-fPIC", "-shared", proxy, host, stack, "-o", str(folder / LIBRARY), "-ldl"],
+        ["-fPIC", "-shared", proxy, host, stack, crash, "-o", str(folder / LIBRARY), "-ldl"],
         ["-DPROGRAM", host, "-o", str(folder / HOST), *_LIBRARIES],
     ):
         try:

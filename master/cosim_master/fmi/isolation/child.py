@@ -12,11 +12,9 @@ import math
 import os
 import re
 import select
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -24,6 +22,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from cosim_master.files import temporary
 from cosim_master.fmi.isolation.building import HOST, LIBRARY, binaries
 
 __all__ = ["FIRST_BYTES", "TOKEN", "Child", "End", "Limits", "Process", "Restart"]
@@ -338,9 +337,9 @@ class Child(Process):
         self, library: Path, folder: Path, limits: Limits, *, python: bool = False, writable: Sequence[Path] = ()
     ) -> None:
         super().__init__(limits, Path(library).stem)
-        self._temporary = tempfile.mkdtemp(prefix="uav-cosim-")
+        self._temporary = temporary.made()
         self._program: list[str] = [str(binaries() / HOST)]
-        self._environment: dict[str, str] = {**os.environ, "TMPDIR": self._temporary}
+        self._environment: dict[str, str] = {**os.environ, "TMPDIR": str(self._temporary)}
         self._environment.pop(TOKEN, None)  # which is not for FMUs
         if python:
             self._program = [sys.executable, "-u", "-c", _INTERPRETER, str(binaries() / LIBRARY)]
@@ -350,7 +349,7 @@ class Child(Process):
         try:
             self._start()
         except BaseException:
-            shutil.rmtree(self._temporary, ignore_errors=True)
+            temporary.remove(self._temporary)
             raise
         self._open(
             self.functions.isolated_open(self._memory, self._handle, self._process.pid, self._output, *limits.of_calls)
@@ -406,7 +405,7 @@ class Child(Process):
 
     def _stop(self) -> None:
         _discard(self._process, (self._memory, self._output, self._handle))
-        shutil.rmtree(self._temporary, ignore_errors=True)
+        temporary.remove(self._temporary)
 
 
 def _discard(process: subprocess.Popen[bytes], descriptors: Sequence[int]) -> None:

@@ -91,7 +91,7 @@ class Instance1(Instance2):
     def _instantiate(self, allocate: Any, free: Any) -> int:
         library, fmu = self.library, self.fmu
         self._callbacks1 = _Callbacks(self._logger, allocate, free, None)
-        instantiate = library.function("fmi2InstantiateSlave")
+        instantiate = library.function("fmi2InstantiateSlave", self.name)
         instantiate.restype = ctypes.c_void_p
         handle = instantiate(
             ctypes.c_char_p(self.name.encode()),
@@ -111,7 +111,7 @@ class Instance1(Instance2):
         if kind.endswith("Boolean"):
             references, n, values = arguments
             status = int(
-                self.library.function(function)(
+                self.library.function(function, self.name)(
                     self.handle, ctypes.addressof(references), n.value, ctypes.addressof(values)
                 )
             )

@@ -141,6 +141,8 @@ class Library:
         self.own = fmu.generation_tool == "uav-cosim" and not fmu.capabilities.needsExecutionTool
         self.thread_safe = self.own
         self.isolated = False
+        self.calling = ("", "")
+        """Instance and FMI function that Python has called last."""
         self.watch: Callable[[str, Any], Any] | None = None
         """Replaces functions that Python calls, by name; None: they are called as they are."""
         self.resources_path: bytes | None = f"{resources}/".encode() if resources.is_dir() else None
@@ -195,8 +197,9 @@ class Library:
         """
         return ctypes.cast(self._function(function), ctypes.c_void_p).value or 0
 
-    def function(self, name: str) -> Any:
-        """Returns the FMI function `name`, which returns a status."""
+    def function(self, name: str, instance: str) -> Any:
+        """Returns the FMI function `name`, which returns a status, for a call of an instance that follows at once."""
+        self.calling = instance, name
         return self._function(name) if self.watch is None else self.watch(name, self._function(name))
 
     def _function(self, name: str) -> Any:
@@ -262,7 +265,7 @@ class Instance2:
     def _instantiate(self, allocate: Any, free: Any) -> int:
         """Returns the handle of a new instance; 0 if the FMU refuses."""
         self._callbacks = _Callbacks(self._logger, allocate, free, None, None)
-        instantiate = self.library.function("fmi2Instantiate")
+        instantiate = self.library.function("fmi2Instantiate", self.name)
         instantiate.restype = ctypes.c_void_p
         handle = instantiate(
             ctypes.c_char_p(self.name.encode()),
@@ -323,7 +326,7 @@ class Instance2:
         Raises:
             FmuError: the status is worse than fmi2Warning.
         """
-        status = int(self.library.function(function)(ctypes.c_void_p(self.handle), *arguments))
+        status = int(self.library.function(function, self.name)(ctypes.c_void_p(self.handle), *arguments))
         if status > 1:
             raise self.failure(function, status)
 
@@ -377,7 +380,7 @@ class Instance2:
         if not self.library.has(_LONGEST_STEP):
             return None
         size = ctypes.c_double(math.nan)
-        status = int(self.library.function(_LONGEST_STEP)(ctypes.c_void_p(self.handle), ctypes.byref(size)))
+        status = int(self.library.function(_LONGEST_STEP, self.name)(ctypes.c_void_p(self.handle), ctypes.byref(size)))
         return None if status > 1 or math.isnan(size.value) else size.value
 
     def _answers(self, function: str, kind: int, answer: Any) -> bool:
@@ -445,7 +448,7 @@ class Instance2:
         """Calls fmi2FreeInstance if it is legal, that is, unless fmi2Fatal was returned."""
         if self.alive and not self.library.corrupted:
             self.alive = False
-            free = self.library.function("fmi2FreeInstance")
+            free = self.library.function("fmi2FreeInstance", self.name)
             free.restype = None
             del self.library.handles[self.handle]
             free(ctypes.c_void_p(self.handle))

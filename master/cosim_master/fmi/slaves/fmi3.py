@@ -116,7 +116,7 @@ class Instance3:
         self.alive = True
 
     def _instantiate(self) -> int | None:
-        instantiate = self.library.function("fmi3InstantiateCoSimulation")
+        instantiate = self.library.function("fmi3InstantiateCoSimulation", self.name)
         instantiate.restype = ctypes.c_void_p
         fmu = self.fmu
         no, yes = ctypes.c_bool(False), ctypes.c_bool(True)
@@ -151,7 +151,7 @@ class Instance3:
         Raises:
             FmuError: the status is worse than fmi3Warning.
         """
-        status = int(self.library.function(function)(ctypes.c_void_p(self.handle), *arguments))
+        status = int(self.library.function(function, self.name)(ctypes.c_void_p(self.handle), *arguments))
         if status > 1:
             raise self.failure(function, status)
 
@@ -459,7 +459,7 @@ class Instance3:
         """Calls fmi3FreeInstance if it is legal, that is, unless fmi3Fatal was returned."""
         if self.alive and not self.library.corrupted:
             self.alive = False
-            free = self.library.function("fmi3FreeInstance")
+            free = self.library.function("fmi3FreeInstance", self.name)
             free.restype = None
             with contextlib.suppress(KeyError):
                 del self.library.handles[self.handle]

@@ -22,6 +22,7 @@ from typing import Self, TypeVar
 from cosim.kernel import cache_folder
 from cosim_master.diagnostics.errors import Problem, SystemDescriptionError, Where
 from cosim_master.diagnostics.limitations import PYTHON_SOURCES
+from cosim_master.files import temporary
 from cosim_master.files.kept import intact_copy, private_cache
 from cosim_master.fmi.description.read import SOURCES, FmuDescription, extract
 from cosim_master.fmi.isolation.remote import Address
@@ -110,7 +111,7 @@ class Libraries:
     def __init__(self, isolation: Isolation | None = None, opened: Callable[[Library], None] | None = None) -> None:
         self._isolation = isolation or Isolation("none")
         self._on_opened = opened or (lambda _: None)
-        self._folder = Path(tempfile.mkdtemp(prefix="uav-cosim-"))
+        self._folder = temporary.made()
         self._unpacked_in: dict[tuple[Path, str], Path] = {}
         self._loaded: dict[tuple[Path, str, bool], Library] = {}
         self._opened: list[Library] = []
@@ -243,4 +244,4 @@ class Libraries:
         for library in self._opened:
             library.close()
         self._opened.clear()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        temporary.remove(self._folder)

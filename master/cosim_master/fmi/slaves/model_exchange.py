@@ -393,7 +393,7 @@ class Exchanged3(_Exchanged, Instance3):
         super().__init__(library, name, fmu, early_return=False)
 
     def _instantiate(self) -> int | None:
-        instantiate = self.library.function("fmi3InstantiateModelExchange")
+        instantiate = self.library.function("fmi3InstantiateModelExchange", self.name)
         instantiate.restype = ctypes.c_void_p
         handle: int | None = instantiate(
             ctypes.c_char_p(self.name.encode()),

@@ -82,7 +82,7 @@ class TableLibrary(Library):
     def begin(self, handle: int, time: float) -> None:
         self.times[handle] = self._on_row(time)
 
-    def function(self, name: str) -> Any:
+    def function(self, name: str, instance: str) -> Any:  # noqa: ARG002
         return self._functions[name]
 
     def address(self, function: str) -> int:

@@ -38,6 +38,7 @@ __all__ = [
     "load_u2",
     "load_u4",
     "nanoseconds",
+    "note",
     "rest",
     "store_f4",
     "store_f8",
@@ -129,6 +130,18 @@ def _store_number(stored: ir.Type) -> Any:
         return types.void(types.uintp, types.double if floating else types.int64), codegen
 
     return store
+
+
+def _note(typing: Any, address: Any, record: Any) -> Any:
+    silent = isinstance(address, types.Boolean)
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if not silent:
+            number = builder.ptrtoint(arguments[1], _I64)  # which the call that follows needs in any case
+            builder.store(number, builder.inttoptr(arguments[0], _I64.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(address if silent else types.uintp, record), codegen
 
 
 def _byte_at(typing: Any, address: Any) -> Any:
@@ -228,6 +241,11 @@ def _plain_store(kind: Any) -> Any:
     return store
 
 
+def _plain_note(address: int, record: Any) -> None:
+    if address is not False:
+        ctypes.c_int64.from_address(int(address)).value = record.__array_interface__["data"][0]
+
+
 def _plain_byte_at(address: int) -> int:
     return ctypes.c_ubyte.from_address(int(address)).value
 
@@ -262,6 +280,8 @@ store_i1: Any = _plain_store(ctypes.c_int8) if PLAIN else intrinsic(_store_numbe
 store_i2: Any = _plain_store(ctypes.c_int16) if PLAIN else intrinsic(_store_number(ir.IntType(16)))
 store_i4: Any = _plain_store(ctypes.c_int32) if PLAIN else intrinsic(_store_number(_I32))
 store_i8: Any = _plain_store(ctypes.c_int64) if PLAIN else intrinsic(_store_number(_I64))
+note: Any = _plain_note if PLAIN else intrinsic(_note)
+"""note(address, row) stores the address of a row of a table at an address; nothing, and free, if that is False."""
 byte_at: Any = _plain_byte_at if PLAIN else intrinsic(_byte_at)
 """The byte at an address."""
 atomic_load: Any = _no_threads if PLAIN else intrinsic(_load)

@@ -21,6 +21,7 @@ from cosim_master.stepping.kernels.fmi_calls import (
     load_f8,
     load_i4,
     load_u1,
+    note,
     store_i1,
 )
 from cosim_master.stepping.kernels.tables import (
@@ -43,6 +44,7 @@ from cosim_master.stepping.kernels.tables import (
     NOT_BASE64,
     NOT_CALLED,
     PER_NS,
+    RUNNING,
     START,
     TOO_LONG,
     K,
@@ -58,6 +60,7 @@ __all__ = [
     "step_some",
     "collect_again",
     "collect_all",
+    "running",
     "step_each",
     "step_together",
 ]
@@ -73,10 +76,17 @@ def fail(instances: NDArray[Any], i: int, function: int, status: int, detail: in
 
 
 @inlined
-def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int) -> bool:
-    """Makes calls of instance `i` until one fails; returns whether all succeeded."""
+def running(p: Plan) -> Any:
+    """Returns the address where the main thread says which FMI function it calls: see RUNNING."""
+    return np.uintp(p.shared.ctypes.data + 8 * RUNNING)
+
+
+@inlined
+def _call(instances: NDArray[Any], calls: NDArray[Any], i: int, first: int, last: int, at: Any) -> bool:
+    """Makes calls of instance `i` until one fails; returns whether all succeeded; `at`: of `running`, or False."""
     for c in range(np.uintp(first), np.uintp(last)):
         call = calls[c]
+        note(at, call)
         if call.width == 0:
             status = get_or_set(call.function, call.handle, call.references, np.uintp(call.n), call.values)
         elif call.width == PACKED:
@@ -123,12 +133,13 @@ def _collect_packets(
     i: int,
     encoded: NDArray[np.uint8],
     tx: NDArray[np.uint8],
+    at: Any,
 ) -> None:
     """Collects the packets sent by all endpoints of instance `i`; those of the first endpoint are already fetched."""
     first = instances[i].endpoint
     collect(instances, ports, i, first, encoded, tx)
     for e in range(first + 1, first + 1 + np.int64(ports[first].further)):
-        if _call(instances, calls, i, ports[e].get, ports[e].get + np.uint32(1)):
+        if _call(instances, calls, i, ports[e].get, ports[e].get + np.uint32(1), at):
             collect(instances, ports, i, e, encoded, tx)
 
 
@@ -211,6 +222,7 @@ def begin_ahead(
     ports: NDArray[Any],
     counters: NDArray[np.int64],
     ahead: NDArray[Any],
+    at: Any,
 ) -> None:
     """Begins the steps of isolated instances, which their processes then make while others step; see proxy.c.
 
@@ -226,7 +238,7 @@ def begin_ahead(
         if one.begin == np.uintp(0) or (m.period != 1 and k % m.period != 0):
             continue
         packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
-        if not _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get):
+        if not _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get, at):
             continue
         h = min(m.period, left) * base / per_second
         if m.answers == np.uintp(0):
@@ -247,6 +259,7 @@ def step_some(
     tx: NDArray[np.uint8],
     counters: NDArray[np.int64],
     chosen: NDArray[np.int64],
+    at: Any,
 ) -> int:
     """Makes the current base step of the instances `chosen`: each begins a step, ends one, does both, or does neither.
 
@@ -268,11 +281,12 @@ def step_some(
             well = False
         elif since == 0:
             packets = m.endpoint >= 0 and ports[m.endpoint].filled > 0
-            well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get)
+            well = _call(instances, calls, i, m.first_set if packets else m.first_set_value, m.first_get, at)
             if well:
                 if m.length != min(m.period, left):
                     m.length = min(m.period, left)
                     m.h = m.length * base / per_second
+                note(at, m)
                 if m.answers == np.uintp(0):
                     status = do_step2(m.do_step, m.handle, t, m.h, final)
                 else:
@@ -283,9 +297,9 @@ def step_some(
                     fail(instances, i, DO_STEP, status, 0)
                     well = False
         if since + 1 == m.length and well and not later:
-            well = _call(instances, calls, i, m.first_get, m.last_get)
+            well = _call(instances, calls, i, m.first_get, m.last_get, at)
             if m.endpoint >= 0 and well:
-                _collect_packets(instances, calls, ports, i, encoded, tx)
+                _collect_packets(instances, calls, ports, i, encoded, tx, at)
                 well = m.failed[0] == 0
         if not well:
             failed += 1
@@ -294,13 +308,14 @@ def step_some(
 
 @kernel
 def step_chosen(p: Plan, chosen: NDArray[np.int64]) -> int:
-    return step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, chosen)
+    return step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, chosen, running(p))
 
 
 @kernel
 def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
     """Steps by Gauss-Seidel: exchange and step, one instance after the other; returns the number of failures."""
     failed = 0
+    at = running(p)
     for j in range(chosen.size):
         i = chosen[j]
         if failed > 0 and _corrupted(p.instances, p.instances[i].library):
@@ -323,7 +338,7 @@ def step_in_order(p: Plan, k: int, chosen: NDArray[np.int64]) -> int:
         )
         if p.slopes.size > 0:
             extrapolate(p, k, i, i + 1)
-        failed += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, chosen[j : j + 1])
+        failed += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, p.counters, chosen[j : j + 1], at)
     return failed
 
 
@@ -346,13 +361,14 @@ def step_together(p: Plan, chosen: NDArray[np.int64]) -> None:
 @kernel
 def collect_all(p: Plan) -> None:
     """Collects the outputs of every instance after initialization."""
+    at = running(p)
     for i in range(p.instances.size):
         m = p.instances[i]
         if p.counters[FAILURES] > 0 and _corrupted(p.instances, m.library):
             continue
-        _call(p.instances, p.calls, i, m.first_get, m.last_get)
+        _call(p.instances, p.calls, i, m.first_get, m.last_get, at)
         if m.endpoint >= 0 and m.failed[0] == 0:
-            _collect_packets(p.instances, p.calls, p.ports, i, p.encoded[0], p.tx)
+            _collect_packets(p.instances, p.calls, p.ports, i, p.encoded[0], p.tx, at)
         if m.failed[0] != 0:
             p.counters[FAILURES] += 1
     p.counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
@@ -370,11 +386,12 @@ def any_pending(instances: NDArray[Any]) -> bool:
 @kernel
 def collect_again(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Collects the outputs of the instances `chosen` at the end of their steps, after their events."""
+    at = running(p)
     for i in chosen:
         m = p.instances[i]
-        _call(p.instances, p.calls, i, m.first_get, m.last_get)
+        _call(p.instances, p.calls, i, m.first_get, m.last_get, at)
         if m.endpoint >= 0 and m.failed[0] == 0:
-            _collect_packets(p.instances, p.calls, p.ports, i, p.encoded[0], p.tx)
+            _collect_packets(p.instances, p.calls, p.ports, i, p.encoded[0], p.tx, at)
         if m.failed[0] != 0:
             p.counters[FAILURES] += 1
     p.counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)

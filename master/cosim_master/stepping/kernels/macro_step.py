@@ -46,7 +46,15 @@ from cosim_master.network.radio.tables import (
 )
 from cosim_master.network.radio.topology import copies, sort_along
 from cosim_master.stepping.kernels.exchange import delay, exchange, extrapolate, point_in_time
-from cosim_master.stepping.kernels.instances import _blame, _call, any_pending, begin_ahead, step_in_order, step_some
+from cosim_master.stepping.kernels.instances import (
+    _blame,
+    _call,
+    any_pending,
+    begin_ahead,
+    running,
+    step_in_order,
+    step_some,
+)
 from cosim_master.stepping.kernels.tables import (
     BASE,
     BLOCK,
@@ -69,6 +77,7 @@ from cosim_master.stepping.kernels.tables import (
     ORDER,
     PHASE,
     ROWS,
+    RUNNING,
     SEND,
     START,
     STEP,
@@ -267,9 +276,10 @@ def record(p: Plan) -> None:
 def end_here(p: Plan, chosen: NDArray[np.int64]) -> None:
     """Completes the last macro step, with which the instances `chosen` end the run, and adds a row for its end."""
     counters = p.counters
+    at = running(p)
     for i in chosen:
         p.instances[i].failed[0] = 0
-        _call(p.instances, p.calls, i, p.instances[i].first_get, p.instances[i].last_get)
+        _call(p.instances, p.calls, i, p.instances[i].first_get, p.instances[i].last_get, at)
     counters[FAILURES] = 0
     counters[K] += 1
     counters[PHASE] = DELIVER
@@ -321,17 +331,22 @@ def run(p: Plan, r: Radio, k_stop: int) -> int:
                 if p.slopes.size > 0:
                     extrapolate(p, k, 0, p.instances.size)
                 if p.ahead.size > 0:
-                    begin_ahead(p.instances, p.calls, p.ports, counters, p.ahead)
+                    begin_ahead(p.instances, p.calls, p.ports, counters, p.ahead, running(p))
             if counters[BLOCK] > 0:
                 hand_out(p)
             if counters[ORDER] == IN_ORDER:
                 counters[FAILURES] += step_in_order(p, k, p.confined)
             elif p.confined.size > 0:
-                counters[FAILURES] += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, p.confined)
+                counters[FAILURES] += step_some(
+                    p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, p.confined, running(p)
+                )
+            p.shared[RUNNING] = 0
             if counters[BLOCK] > 0:
                 counters[FAILURES] += join_in(p)
             elif p.free.size > 0:
-                counters[FAILURES] += step_some(p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, p.free)
+                counters[FAILURES] += step_some(
+                    p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, p.free, False
+                )
             counters[FAILURES] += _blame(p.instances, p.feeds, p.real_out, p.counters)
             if counters[FAILURES] > 0:
                 return FAILED

@@ -63,6 +63,7 @@ __all__ = [
     "REALS_OUT",
     "ROLES",
     "ROWS",
+    "RUNNING",
     "SEND",
     "SET_STRING",
     "SHOW",
@@ -193,10 +194,13 @@ NAN_ALLOWED: whether outputs may be NaN.
 """
 JACOBI, IN_ORDER, BY_PYTHON = 0, 1, 2
 
-TICKET, LIMIT, COMPLETED, QUIT, FAULTS = 0, 8, 16, 24, 32
+TICKET, LIMIT, COMPLETED, QUIT, FAULTS, RUNNING = 0, 8, 16, 24, 32, 40
 """Places in `Plan.shared`, a cache line apart: the next block, the end of this step's blocks, blocks completed, a flag
-that ends the workers, failures. Blocks are numbered consecutively from the first step on, so that a late thread can
-never take a block of an earlier step, and no thread waits for an idle one.
+that ends the workers, failures, and the FMI function being called. Blocks are numbered consecutively from the first
+step on, so that a late thread can never take a block of an earlier step, and no thread waits for an idle one.
+RUNNING: the function that the main thread's loop has called last, for the report of a crash or a hang: the address of a
+row of `Plan.calls`, or of `Plan.instances` for a step; 0 is none. The free instances, which are FMUs of this project,
+do not note theirs.
 """
 
 COPY, SIGN = 2**40, 2**41

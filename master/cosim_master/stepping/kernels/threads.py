@@ -27,7 +27,14 @@ def take_blocks(p: Plan, thread: int) -> int:
             continue
         first = ticket % per_step * size
         faults = step_some(
-            p.instances, p.calls, p.ports, p.encoded[thread], p.tx, p.counters, p.free[first : first + size]
+            p.instances,
+            p.calls,
+            p.ports,
+            p.encoded[thread],
+            p.tx,
+            p.counters,
+            p.free[first : first + size],
+            False,
         )
         if faults > 0:
             atomic_add(np.uintp(at + 8 * FAULTS), faults)

@@ -1,6 +1,6 @@
 """Names an FMU of this process that does not return, and completes the recording if the user then ends the process.
 
-    with reported_hangs(slaves, now, rescue, seconds): ...   steps; a second signal during a hang calls rescue(error)
+    with reported_hangs(scene, seconds): ...   steps; a second signal during a hang calls scene.rescue(error)
 
 While an FMU does not return, the main thread runs no Python code, and no handler of a signal. A watchdog thread notices
 that the simulation time stands still, and identifies FMU and function from the main thread's stack. It learns of
@@ -20,13 +20,12 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from cosim_master.diagnostics.errors import FmuError
-from cosim_master.execution.run.faults.crashes import FRAMES, culprit, symbols
+from cosim_master.execution.run.faults.scene import FRAMES, Scene, symbols
 from cosim_master.fmi.isolation.building import LIBRARY, CannotIsolate, binaries
-from cosim_master.fmi.slaves.slave import Slave
 
 __all__ = ["reported_hangs"]
 
@@ -38,18 +37,14 @@ _GRACE = 0.5
 
 
 @contextmanager
-def reported_hangs(
-    slaves: Sequence[Slave], now: Callable[[], float], rescue: Callable[[FmuError], None], seconds: float
-) -> Iterator[None]:
+def reported_hangs(scene: Scene, seconds: float) -> Iterator[None]:
     """Watches the main thread while it steps FMUs that this project has not built, or that are isolated.
 
     Args:
-        slaves: the instances.
-        now: returns the time that all instances have reached, s.
-        rescue: completes the recording; called with the error before the process ends.
+        scene: the instances; its `rescue` completes the recording before the process ends.
         seconds: wall-clock time after which a step is reported; 0: never.
     """
-    here = [one for one in slaves if one.library.file and (one.library.isolated or not one.library.own)]
+    here = [one for one in scene.slaves if one.library.file and (one.library.isolated or not one.library.own)]
     main = threading.current_thread() is threading.main_thread()
     if not here or sys.platform != "linux" or not main:
         yield
@@ -67,7 +62,7 @@ def reported_hangs(
         os.close(writing)
         yield
         return
-    watchdog = _Watchdog(functions, here, now, rescue, seconds, reading)
+    watchdog = _Watchdog(functions, scene, seconds, reading)
     watchdog.start()
     try:
         yield
@@ -79,17 +74,9 @@ def reported_hangs(
 
 
 class _Watchdog(threading.Thread):
-    def __init__(
-        self,
-        functions: ctypes.CDLL,
-        slaves: Sequence[Slave],
-        now: Callable[[], float],
-        rescue: Callable[[FmuError], None],
-        seconds: float,
-        signals: int,
-    ) -> None:
+    def __init__(self, functions: ctypes.CDLL, scene: Scene, seconds: float, signals: int) -> None:
         super().__init__(name="uav-cosim-watchdog", daemon=True)
-        self._functions, self._slaves, self._now, self._rescue = functions, slaves, now, rescue
+        self._functions, self._scene, self._now = functions, scene, scene.now
         self._seconds, self._signals = seconds, signals
         self._main = threading.main_thread().ident or 0
         self._number = signal.SIGRTMIN + 7
@@ -139,11 +126,11 @@ class _Watchdog(threading.Thread):
 
     def _error(self, waited: float) -> FmuError | None:
         """Returns the error of the FMU of this process in which the main thread is; None if it is in none."""
-        library, who, function = culprit(self._stack(), [one for one in self._slaves if not one.library.isolated])
-        if library is None:
+        frames = self._stack()
+        if not self._scene.inside(frames):
             return None
-        text = f"{library.fmu.path.name} has not returned; this step takes {waited:.0f} s already"
-        return FmuError(who, function or "a function of the FMU", text, self._now())
+        text = f"has not returned; this step takes {waited:.0f} s already"
+        return self._scene.error(frames, lambda file: f"{file} {text}")
 
     def _end(self, number: int, waited: float) -> None:
         """Ends the process after completing the recording, if an FMU does not return.
@@ -153,7 +140,7 @@ class _Watchdog(threading.Thread):
         # The handler that samples the stack is in the same library.
         waits = [name for file, name in symbols(self._stack()) if file == self._proxy]
         if any(name.startswith(("fmi", "isolated_fmi")) for name in waits):
-            for library in {one.library for one in self._slaves}:
+            for library in {one.library for one in self._scene.slaves}:
                 library.kill()
             return
         error = self._error(waited)
@@ -161,6 +148,6 @@ class _Watchdog(threading.Thread):
             return
         with suppress(BaseException):
             os.write(2, f"error: {error}\n".encode())
-            self._rescue(error)
+            self._scene.rescue(error)
         self._libc.signal(number, None)
         os.kill(os.getpid(), number)
