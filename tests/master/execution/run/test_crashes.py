@@ -109,8 +109,8 @@ def test_a_hang_names_the_instance(
     ) as process:
         assert process.stderr is not None
         said = next(line for line in process.stderr if "has not returned" in line)
-        for _ in range(2):
-            processes.signalled(process, signal.SIGINT)
+        for number in (signal.SIGINT, signal.SIGTERM):  # of one kind, they would need a pause
+            processes.signalled(process, number)
         process.wait(300)
     assert said.startswith("note: bad1: fmi2DoStep failed at t = 1 s: bad.fmu has not returned")
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim_master.diagnostics.errors import FmuError
+from cosim_master.fmi.calls import FUNCTIONS
 from cosim_master.fmi.slaves.fmi2 import Library
 from cosim_master.fmi.slaves.slave import Slave
-from cosim_master.stepping.kernels.tables import FUNCTIONS, RUNNING, Plan
+from cosim_master.stepping.kernels.tables import RUNNING, Plan
 
 __all__ = ["FRAMES", "Scene", "symbols"]
 
