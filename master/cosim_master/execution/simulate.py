@@ -380,7 +380,7 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
         with told_others(transport):
             structure = opened.enter_context(read_system(system, options.variant))
             one = _planned(structure, options, None, Listener(), Control(), None).in_parts(transport)
-        execution = one.opened(WatchedCalls())
+        execution = one.opened(WatchedCalls(), Scene())
         assert isinstance(execution, PartExecution)
         with execution:
             execution.agree(())
