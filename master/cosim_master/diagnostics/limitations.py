@@ -453,7 +453,7 @@ MASTERSIM_STEPS = Limitation(
 )
 MASTERSIM_ITERATION = Limitation(
     "MasterSim",
-    "iteration of each cycle alone that stops after maxIterations without convergence",
+    "NEWTON that iterates each cycle alone and stops after maxIterations without convergence",
     "note",
     "loops are iterated to {}, over all cycles; MasterSim iterates each cycle alone and stops after {} tries",
 )

@@ -651,7 +651,7 @@ def of_mastersim(stricts: Any) -> Provoked:
 
     return {
         "MASTERSIM_STEPS": lambda: project("adjustStepSize yes\nmaxIterations 3"),
-        "MASTERSIM_ITERATION": lambda: project("maxIterations 3"),
+        "MASTERSIM_ITERATION": lambda: project("maxIterations 3\nMasterMode NEWTON"),
         "MASTERSIM_IGNORED": lambda: project("relTol 1e-3"),
     }
 

@@ -24,6 +24,7 @@ def _iteration(state: RunState, master: MasterSettings) -> Steps:
 
 
 _STEPS: Mapping[str, Callable[[RunState, MasterSettings], Steps]] = {
+    "gauss-seidel": _iteration,
     "fixed-point": _iteration,
     "quasi-newton": _iteration,
 }

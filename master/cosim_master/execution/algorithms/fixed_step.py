@@ -62,7 +62,7 @@ class FixedStep:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return ()
+        return () if self._steps is None else self._steps.notes
 
     def prepare(self) -> None:
         # FMUs compiled by this project never discard a step, so swarms of them need no copies of their states.

@@ -1,4 +1,4 @@
-"""Iterates the instances that depend on each other within a step, by repeating the step: fixed point or quasi-Newton.
+"""Iterates the instances that depend on each other within a step, by repeating it: three algorithms.
 
     iteration = Iteration(plan, layout, slaves, master)
     iteration.step(t)      one macro step of all instances; failures are in the plan, as the compiled loop leaves them
@@ -14,6 +14,9 @@ F(x) differ, all members go back and step again with other values:
 
 (IQN-ILS: Degroote, Bathe, Vierendeels, Performance of a new partitioned procedure versus a monolithic procedure in
 fluid-structure interaction, Computers and Structures 87, 2009.)
+
+Gauss-Seidel with iterations repeats the step of a group as well, but its members step one after the other, each with
+the newest outputs of the others; after the last try, the run goes on, settled or not.
 
 Integers and booleans are iterated until they do not change. No data are carried over from one step to the next, so a
 resumed or repeated run yields the same results.
@@ -72,6 +75,17 @@ class Iteration:
             self._parts.append(np.array(alone, dtype=np.int64))
         self.evaluations = 0
         """The number of steps of loops so far."""
+        self._unsettled: dict[str, tuple[int, float]] = {}
+        """For loops of Gauss-Seidel, by members: the number of steps without convergence, and the time of the first."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on the steps of Gauss-Seidel that count without convergence."""
+        return tuple(
+            f"gauss-seidel: {count} steps of {names} count although their outputs still change after "
+            f"{self._master.iterations} tries, the first from t = {time:.9g} s"
+            for names, (count, time) in self._unsettled.items()
+        )
 
     def step(self, time: float) -> None:
         """Exchanges and steps all instances, beginning at `time` [s].
@@ -85,14 +99,39 @@ class Iteration:
                 step_each(self._plan, part)
             elif self._plan.counters[FAILURES] > 0:
                 step_together(self._plan, part.members)  # after a failure, the others still finish their step
+            elif self._master.algorithm == "gauss-seidel":
+                self._sweep(part, time)
             else:
                 self._iterate(part, time)
 
-    def _iterate(self, loop: _Loop, time: float) -> None:
-        plan, master = self._plan, self._master
+    def _save(self, loop: _Loop, time: float) -> None:
         for i in loop.members:
             self._slaves[i].time = time
             self._slaves[i].save_state(self._states[int(i)])
+
+    def _sweep(self, loop: _Loop, time: float) -> None:
+        """Steps the members one after the other; repeats it until their outputs do not change from try to try."""
+        plan, master = self._plan, self._master
+        self._save(loop, time)
+        for n in range(master.iterations):
+            before, discrete = plan.real_out[loop.reals].copy(), plan.int_out[loop.wholes].copy()
+            for i in loop.members if n > 0 else ():
+                self._slaves[i].restore_state(self._states[int(i)])
+            step_each(plan, loop.members)
+            self.evaluations += 1
+            if plan.counters[FAILURES] > 0:
+                return
+            reals = plan.real_out[loop.reals]
+            close = np.abs(reals - before) <= master.tolerance * np.maximum(1.0, np.abs(reals))
+            if bool(close.all()) and np.array_equal(plan.int_out[loop.wholes], discrete):
+                return
+        names = ", ".join(self._slaves[i].name for i in loop.members)
+        count, first = self._unsettled.get(names, (0, time))
+        self._unsettled[names] = (count + 1, first)
+
+    def _iterate(self, loop: _Loop, time: float) -> None:
+        plan, master = self._plan, self._master
+        self._save(loop, time)
         guess = plan.real_out[loop.reals].copy()
         discrete = plan.int_out[loop.wholes].copy()
         tries: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []

@@ -36,6 +36,10 @@ __all__ = ["Driver", "Steps"]
 class Steps(Protocol):
     """Makes the steps of a macro step in place of the compiled loop."""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on the steps made, to be reported at the end of the run."""
+
     def step(self, time: float) -> None:
         """Exchanges and steps all instances, beginning at `time` [s]; failures are in the plan.
 

@@ -10,7 +10,9 @@
 docs/masters.md describes the guarantees of each, and its limits.
 `order`: a prescribed order of instances that depend on each other; it may be incomplete. With `strictOrder="true"`
 (gauss-seidel), it is the order of all instances, whatever their dependencies.
-`tolerance`, `iterations`, `relaxation`: settings of the two iterating algorithms. `tolerance`, `minimumStep`,
+`tolerance`, `iterations`, `relaxation`: settings of the two iterating algorithms. `iterations` of gauss-seidel (1 by
+default): groups repeat their step in their order, at most so often, settled or not; "|" in a strict order separates
+the groups. `tolerance`, `minimumStep`,
 `maximumStep` (s): settings of Richardson. `minimumStep`, `maximumStep` and `constraint` (see `constraints`): settings
 of var-step.
 `nan`: "refuse" (the default) ends a run with an output that is NaN, "allow" does not.
@@ -82,7 +84,7 @@ class Traits:
 _OF_ITERATIONS = ("order", "tolerance", "iterations", "relaxation")
 ALGORITHMS = {
     "jacobi": Traits(),
-    "gauss-seidel": Traits(("order", "strictOrder"), ordered=True),
+    "gauss-seidel": Traits(("order", "strictOrder", "tolerance", "iterations"), ordered=True),
     "fixed-point": Traits(_OF_ITERATIONS, ordered=True, iterating=True),
     "quasi-newton": Traits(_OF_ITERATIONS, ordered=True, iterating=True),
     "richardson": Traits(("tolerance", "minimumStep", "maximumStep"), variable=True),
@@ -114,12 +116,13 @@ class MasterSettings:
     Attributes:
         groups: numbers of the instances in the order in which they step; the instances of a group depend on each other.
             Empty for Jacobi.
-        loops: the groups with a loop of dependencies, if they are iterated.
+        loops: the groups that are iterated: those with a loop of dependencies, or with a strict order all of several.
         delays: by input.
         extrapolated: inputs whose derivatives are set.
         tolerance: largest remaining change of the outputs of a loop, or largest growth of the error per second;
             relative to 1 or to the magnitude of the outputs, whichever is larger.
-        iterations: largest number of steps of a loop until the outputs converge within the tolerance.
+        iterations: largest number of steps of a loop until the outputs converge within the tolerance. Of Gauss-Seidel:
+            after so many, the run goes on without convergence.
         relaxation: the fraction of a change that a fixed-point iteration applies.
         minimum_step, maximum_step: of variable steps, ns; 0 leaves them to the algorithm.
         constraints: the constraints that determine the steps of var-step.
@@ -229,7 +232,11 @@ def master_settings_of(checked: CheckedSystem) -> MasterSettings:
         return MasterSettings()
     algorithm = reader.choice("algorithm", "jacobi", tuple(ALGORITHMS))
     kind = ALGORITHMS[algorithm]
-    order = tuple(reader.text("order", "").split())
+    numbers = _numbers(reader, algorithm)
+    sweeps = algorithm == "gauss-seidel" and numbers[1] > 1
+    strict = reader.choice("strictOrder", "false", ("true", "false")) == "true" and algorithm == "gauss-seidel"
+    words = reader.text("order", "").split()
+    order = tuple(word for word in words if not (sweeps and strict and word == "|"))
     every = reader.integer("extrapolation", 0, 0, 1)
     nan = reader.choice("nan", "refuse", ("refuse", "allow")) == "allow"
     children = reader.children("connection", "constraint")
@@ -237,8 +244,8 @@ def master_settings_of(checked: CheckedSystem) -> MasterSettings:
     constraints = constraints_of(checked, children["constraint"])
     if constraints and not kind.constrained:
         reader.problem(f'<constraint> is for algorithm="var-step", this is "{algorithm}"')
-    extrapolated = _extrapolated(checked, wanted, every, algorithm, problems)
-    numbers = _numbers(reader, algorithm)
+    called = "gauss-seidel with iterations" if sweeps else algorithm
+    extrapolated = _extrapolated(checked, wanted, every, called, problems)
     groups: tuple[tuple[int, ...], ...] = ()
     loops: tuple[tuple[int, ...], ...] = ()
     notes: tuple[str, ...] = ()
@@ -250,13 +257,14 @@ def master_settings_of(checked: CheckedSystem) -> MasterSettings:
         _refuse_steps(checked, delays, algorithm, irreversible, problems)
     if kind.ordered:
         ranks = _ranks(checked, reader, order)
-        if reader.choice("strictOrder", "false", ("true", "false")) == "true" and algorithm == "gauss-seidel":
+        if strict:
             groups = _in_order(checked, reader, order)
+            groups = _together(checked, groups, words) if sweeps else groups
         else:
             groups = _groups(checked, delays, ranks)
-            notes = _notes(checked, groups, algorithm)
-        if kind.iterating:
-            loops = _loops(checked, groups, delays)
+            notes = _notes(checked, groups, kind.iterating or sweeps)
+        if kind.iterating or sweeps:
+            loops = tuple(group for group in groups if len(group) > 1) if strict else _loops(checked, groups, delays)
             _refuse(checked, loops, algorithm, problems)
     reader.finish()
     if problems:
@@ -397,6 +405,18 @@ def _in_order(checked: CheckedSystem, reader: Attributes, order: Sequence[str]) 
     return tuple((number[name],) for name in dict.fromkeys(order) if name in number)
 
 
+def _together(
+    checked: CheckedSystem, singles: Sequence[tuple[int, ...]], words: Sequence[str]
+) -> tuple[tuple[int, ...], ...]:
+    """Returns the groups of a strict order: the instances between two words "|"."""
+    after = {name: words[:n].count("|") for n, name in reversed(list(enumerate(words)))}
+    groups: dict[int, tuple[int, ...]] = {}
+    for single in singles:
+        part = after[checked.instances[single[0]].name]
+        groups[part] = groups.get(part, ()) + single
+    return tuple(groups.values())
+
+
 def _groups(
     checked: CheckedSystem, delays: Mapping[Target, Delay], ranks: Sequence[int]
 ) -> tuple[tuple[int, ...], ...]:
@@ -440,7 +460,9 @@ def _immediate(links: Sequence[FlatConnection], delays: Mapping[Target, Delay]) 
 def _numbers(reader: Attributes, algorithm: str) -> tuple[float, int, float, int, int]:
     """Returns tolerance, iterations and relaxation; minimum and maximum step."""
     tolerance = reader.number("tolerance", 1e-4 if ALGORITHMS[algorithm].by_error else 1e-8, 1e-15, 1.0)
-    iterations = reader.integer("iterations", 50, 1, 100_000)
+    iterations = reader.integer("iterations", 1 if algorithm == "gauss-seidel" else 50, 1, 100_000)
+    if algorithm == "gauss-seidel" and iterations == 1 and reader.text("tolerance", ""):
+        reader.problem("tolerance: gauss-seidel uses it with iterations above 1 only")
     relaxation = reader.number("relaxation", 1.0, 1e-6, 2.0)
     steps = [round(1e9 * reader.number(name, 0.0, 0.0, 1e6)) for name in ("minimumStep", "maximumStep")]
     if all(steps) and steps[0] > steps[1]:
@@ -503,7 +525,7 @@ def _without_return(
     return (STEP_COUNTS.text(first, remedies[first]),)
 
 
-def _notes(checked: CheckedSystem, groups: Sequence[Sequence[int]], algorithm: str) -> tuple[str, ...]:
+def _notes(checked: CheckedSystem, groups: Sequence[Sequence[int]], iterated: bool) -> tuple[str, ...]:
     loops = [", ".join(checked.instances[i].name for i in group) for group in groups if len(group) > 1]
-    how = "are iterated together" if ALGORITHMS[algorithm].iterating else "step in this order"
+    how = "are iterated together" if iterated else "step in this order"
     return tuple(f"these depend on each other, and {how}: {names}" for names in loops[:5])

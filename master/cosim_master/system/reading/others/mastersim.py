@@ -5,8 +5,8 @@
     parameter Tank.area 0.4                         a start value
     hStart 10 min                                   a setting
 
-GAUSS_JACOBI is our Jacobi, GAUSS_SEIDEL our Gauss-Seidel in the order of cycles and lines, or our fixed-point iteration
-if it iterates; NEWTON is our quasi-Newton, STEP_DOUBLING our Richardson. As in MasterSim, units are not converted.
+GAUSS_JACOBI is our Jacobi, GAUSS_SEIDEL our Gauss-Seidel in the order of cycles and lines, with its iterations; NEWTON
+is our quasi-Newton, STEP_DOUBLING our Richardson. As in MasterSim, units are not converted.
 Settings that cannot be followed are errors or notes.
 """
 
@@ -390,14 +390,25 @@ class _Reading:
             self.notes.append(f"{self._where('ErrorControlMode')}: steps are controlled by richardson: {text}")
             steps = {"minimumStep": repr(self._time("hMin")), "maximumStep": repr(self._time("hMax"))}
             return {"algorithm": "richardson", "tolerance": repr(tolerance), **steps}
-        elif tries > 1 and (mode == "NEWTON" or step >= self._time("hFallBackLimit")):
+        elif mode == "NEWTON":
             self.notes.append(f"{self._where('maxIterations')}: {MASTERSIM_ITERATION.text(f'{tolerance:g}', tries)}")
-            algorithm = "quasi-newton" if mode == "NEWTON" else "fixed-point"
-            return {"algorithm": algorithm, "tolerance": repr(tolerance)}
+            return {"algorithm": "quasi-newton", "tolerance": repr(tolerance)}
         elif mode == "GAUSS_SEIDEL":
-            names = [one.name for one in sorted(self._slaves.values(), key=lambda one: one.cycle)]
-            return {"algorithm": "gauss-seidel", "order": " ".join(names), "strictOrder": "true"}
+            return self._gauss_seidel(tries if step >= self._time("hFallBackLimit") else 1, tolerance)
         return None
+
+    def _gauss_seidel(self, tries: int, tolerance: float) -> dict[str, str]:
+        """Returns the attributes of Gauss-Seidel in the order of cycles, each repeated `tries` times at most."""
+        cycles: dict[int, list[str]] = {}
+        for one in self._slaves.values():
+            cycles.setdefault(one.cycle, []).append(one.name)
+        parts = [" ".join(cycles[number]) for number in sorted(cycles)]
+        if tries <= 1 or all(len(names) == 1 for names in cycles.values()):
+            return {"algorithm": "gauss-seidel", "order": " ".join(parts), "strictOrder": "true"}
+        text = f"a cycle is settled when no value changes by more than {tolerance:g}, relative to 1 or its size"
+        self.notes.append(f"{self._where('maxIterations')}: {text}; MasterSim takes a mean of all changes")
+        master = {"algorithm": "gauss-seidel", "order": " | ".join(parts), "strictOrder": "true"}
+        return {**master, "iterations": str(tries), "tolerance": repr(tolerance)}
 
 
 def _kind(type: str) -> str:
