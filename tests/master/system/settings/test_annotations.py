@@ -128,7 +128,10 @@ def test_defaults() -> None:
     assert tables()["recording"]["packets"] == str(Recording().packets).lower()
     settings = MasterSettings()
     master = tables()["master"]
-    assert (master["algorithm"], int(master["iterations"].partition(";")[0])) == (settings.algorithm, settings.iterations)
+    assert (master["algorithm"], int(master["iterations"].partition(";")[0])) == (
+        settings.algorithm,
+        settings.iterations,
+    )
     assert float(master["tolerance"].partition(";")[0]) == settings.tolerance
     assert float(master["relaxation"]) == settings.relaxation
     assert {name: float(value) for name, value in tables()["verdict"].items()} == asdict(Limits())
