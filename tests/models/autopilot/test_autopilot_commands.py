@@ -696,3 +696,52 @@ def test_the_buttons_of_the_solo() -> None:
     assert copter.m["mode"] == LOITER
     copter.ask(mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD, 5)
     assert copter.m["mode"] == LAND
+
+
+# ---- modes ---------------------------------------------------------------------------------------------------------
+
+
+def test_guided_without_gps_flies_attitudes_only_and_needs_no_position() -> None:
+    copter = Copter(autopilot={**RECORDED_AUTOPILOT, "estimate_ready_time": 60.0})
+    copter.run(40.0)
+    assert result(copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, 20)) == ACCEPTED
+    assert result(copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)) == ACCEPTED
+    keep(copter, 7.0, thrust=0.8)
+    assert copter.v["position"][2] < -2.0
+    keep(copter, 2.0, roll=6.0)
+    assert angles(copter)[0] == pytest.approx(6.0, abs=1.0)
+    copter.go(0.0, 0.0, -20.0)  # no positions in this mode
+    attitude(copter, roll=6.0, scale=2.0)  # nor attitudes that are none: it levels
+    copter.run(1.0)
+    assert angles(copter)[0] == pytest.approx(0.0, abs=1.0)
+    assert copter.m["mode"] == 20
+
+
+def test_avoid_adsb_stops_as_guided_does() -> None:
+    copter = Copter().in_the_air(10.0)
+    copter.go(0.0, 0.0, 0.0, 0xDC7, vx=4.0)
+    copter.run(2.5)
+    assert result(copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, 19)) == ACCEPTED
+    copter.run(10.0)
+    assert np.linalg.norm(copter.v["velocity"]) < 0.1
+    copter = Copter()
+    copter.run(2.1)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, 19)
+    answers = copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    assert texts(answers) == [(2, "Arm: AVOID_ADSB mode not armable")]
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"),
+    [
+        (13, "No such mode 13"),
+        (14, "Mode change to FLIP failed: init failed"),
+        (15, "Mode change to AUTOTUNE failed: init failed"),
+        (18, "Mode change to THROW failed: init failed"),
+    ],
+)
+def test_modes_that_are_refused_in_the_air(mode: int, words: str) -> None:
+    copter = Copter().in_the_air(5.0, 10.0)
+    answers = copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
+    assert (result(answers), texts(answers)) == (FAILED, [(4, words)])
+    assert copter.m["mode"] == GUIDED

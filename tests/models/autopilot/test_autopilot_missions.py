@@ -76,7 +76,7 @@ def test_a_mission_comes_back_as_it_went(copter: Copter) -> None:
         (back,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, i, 0))
         for name in ("seq", "frame", "command", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z"):
             assert getattr(back, name) == getattr(one, name)
-        (back,) = replies(copter, mavlink.MAVLink_mission_request_message(1, 1, i, 0))
+        back, *_ = replies(copter, mavlink.MAVLink_mission_request_message(1, 1, i, 0))
         assert (back.get_type(), back.x) == ("MISSION_ITEM", pytest.approx(one.x * 1e-7, rel=1e-6))
     (home,) = replies(copter, mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0))
     assert (home.x, home.y, home.command) == (LAT, LON, 16)
@@ -106,7 +106,7 @@ def test_without_a_mission_there_is_home_only(copter: Copter) -> None:
     [
         (item(1, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT, north=1.0), 3),
         (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, north=1.0, frame=10), 2),
-        (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, float("nan"), north=1.0), 5),
+        (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, float("nan"), north=1.0), 6),
         (mavlink.MAVLink_mission_item_int_message(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, 900000001, 0, 1.0, 0), 10),
         (item(2, mavlink.MAV_CMD_NAV_WAYPOINT, north=1.0), 13),
     ],

@@ -120,12 +120,12 @@ def test_attitude_sensors_and_memory_on_request(under_way: Copter) -> None:
 
 
 def test_the_streams_hold_what_arducopter_streams() -> None:
-    """Recorded from ArduCopter under REQUEST_DATA_STREAM 0 at 4 Hz, without terrain and a second and third sensor."""
+    """Recorded from ArduCopter under REQUEST_DATA_STREAM 0 at 4 Hz, without TERRAIN_REQUEST."""
     recorded = {
         *("AHRS", "AHRS2", "ATTITUDE", "BATTERY_STATUS", "EKF_STATUS_REPORT", "GLOBAL_POSITION_INT", "GPS_RAW_INT"),
         *("LOCAL_POSITION_NED", "MEMINFO", "MISSION_CURRENT", "NAV_CONTROLLER_OUTPUT", "POWER_STATUS", "RAW_IMU"),
         *("RC_CHANNELS", "SCALED_PRESSURE", "SERVO_OUTPUT_RAW", "SIMSTATE", "SYSTEM_TIME", "SYS_STATUS", "VFR_HUD"),
-        "VIBRATION",
+        *("VIBRATION", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE2", "WIND", "TERRAIN_REPORT"),
     }
     copter = Copter()
     copter.run(2.1)

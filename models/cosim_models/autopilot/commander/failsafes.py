@@ -23,6 +23,7 @@ from cosim_models.autopilot.link.statustext import (
     BATTERY_LANDING,
     BATTERY_LOST,
     CIRCLE_BREACHED,
+    FENCE_CLEARED,
     GCS_AUTO,
     GCS_CLEARED,
     GCS_DISARMING,
@@ -51,7 +52,7 @@ _PERIOD = 0.1  # s
 _GIVE_UP = 100.0  # m beyond a fence at which the vehicle lands instead of returning
 # FS_OPTIONS
 _AUTO_GOES_ON, _AUTO_GOES_ON_ALONE, _GUIDED_GOES_ON, _LANDING_GOES_ON, _PILOT_GOES_ON_ALONE = 1, 2, 4, 8, 16
-_REPORT, _RETURN, _ALWAYS_LAND, _BRAKE = 0, 1, 2, 4  # FENCE_ACTION
+_REPORT, _ALWAYS_LAND, _BRAKE = 0, 2, 4  # FENCE_ACTION
 
 
 @kernel
@@ -193,6 +194,8 @@ def _watch_fence(m: Any, t: float) -> None:
     if m.mode == LAND or m.mode == RTL:
         now &= ~LOWEST  # the descent is intended
     new = now & ~m.fence_breach
+    if now == 0 and m.fence_breach != 0:
+        say(m, WARNING, FENCE_CLEARED, NO_NUMBER)
     m.fence_breach = now
     if new == 0:
         return
@@ -219,11 +222,22 @@ def _watch_fence(m: Any, t: float) -> None:
 
 
 @kernel
+def _count_flights(m: Any, t: float) -> None:
+    flies = m.armed and not m.on_ground
+    if flies and m.flown_since == 0.0:
+        m.flown_since = t
+        m.flights += 1
+    elif not flies:
+        m.flown_since = 0.0
+
+
+@kernel
 def watch(m: Any, t: float) -> None:
     """Runs the fail-safes, ten times a second."""
     if t < m.next_watch - 1e-9:
         return
     m.next_watch = t + _PERIOD
+    _count_flights(m, t)
     _watch_battery(m, t)
     _watch_station(m, t)
     _watch_radio(m, t)

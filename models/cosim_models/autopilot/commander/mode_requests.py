@@ -36,11 +36,16 @@ from cosim_models.autopilot.link.statustext import (
     ATTITUDE_BAD,
     AUTO_NOT_ARMABLE,
     AUTO_REFUSED,
+    AUTOTUNE_REFUSED,
+    AVOID_NOT_ARMABLE,
+    AVOID_REFUSED,
+    AVOID_REFUSED_END,
     BRAKE_NOT_ARMABLE,
     BRAKE_REFUSED,
     CIRCLE_NOT_ARMABLE,
     CIRCLE_REFUSED,
     CRITICAL,
+    FLIP_REFUSED,
     GUIDED_NOT_ARMABLE,
     GUIDED_REFUSED,
     INFO,
@@ -61,12 +66,28 @@ from cosim_models.autopilot.link.statustext import (
     RTL_NOT_ARMABLE,
     RTL_REFUSED,
     STABILIZE_REFUSED,
+    THROW_REFUSED,
     WAITING_FOR_HOME,
     WARNING,
     say,
 )
 from cosim_models.autopilot.mission.missions import COMMAND, mission_count
-from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, BRAKE, CIRCLE, GUIDED, LAND, LOITER, RTL, STABILIZE
+from cosim_models.autopilot.record.modes import (
+    ALT_HOLD,
+    AUTO,
+    AUTOTUNE,
+    AVOID_ADSB,
+    BRAKE,
+    CIRCLE,
+    FLIP,
+    GUIDED,
+    GUIDED_NOGPS,
+    LAND,
+    LOITER,
+    RTL,
+    STABILIZE,
+    THROW,
+)
 
 __all__ = [
     "arm_checked",
@@ -84,7 +105,7 @@ _FORCE_ARM, _FORCE = 2989.0, 21196.0
 
 @kernel
 def _is_mode(mode: int) -> bool:
-    return mode in (STABILIZE, ALT_HOLD, BRAKE, CIRCLE, AUTO, GUIDED, LOITER, RTL, LAND)
+    return mode in (STABILIZE, ALT_HOLD, BRAKE, CIRCLE, AUTO, GUIDED, LOITER, RTL, LAND, AVOID_ADSB, GUIDED_NOGPS)
 
 
 @kernel
@@ -123,6 +144,14 @@ def start_mission(m: Any, t: float) -> int:
 @kernel
 def change_mode(m: Any, mode: int, t: float) -> int:
     """Changes to a mode given by ArduCopter's number; returns a MAV_RESULT."""
+    if mode in (FLIP, AUTOTUNE, THROW):
+        say(
+            m,
+            WARNING,
+            FLIP_REFUSED if mode == FLIP else THROW_REFUSED if mode == THROW else AUTOTUNE_REFUSED,
+            NO_NUMBER,
+        )
+        return MAV_RESULT_FAILED
     if not _is_mode(mode):
         say(m, WARNING, NO_SUCH_MODE, mode)
         return MAV_RESULT_FAILED
@@ -139,7 +168,11 @@ def change_mode(m: Any, mode: int, t: float) -> int:
             text = CIRCLE_REFUSED
         elif mode == BRAKE:
             text = BRAKE_REFUSED
+        elif mode == AVOID_ADSB:
+            text = AVOID_REFUSED
         say(m, WARNING, text, NO_NUMBER)
+        if text == AVOID_REFUSED:
+            say(m, WARNING, AVOID_REFUSED_END, NO_NUMBER)
         return MAV_RESULT_FAILED
     if not m.armed and needs_position(mode) and not position_ready(m, t):
         say(m, CRITICAL, PREARM_NEEDS_POSITION, NO_NUMBER)
@@ -193,6 +226,8 @@ def _is_armable(m: Any, by_stick: bool, t: float) -> bool:
         text = BRAKE_NOT_ARMABLE
     elif m.mode == CIRCLE:
         text = CIRCLE_NOT_ARMABLE
+    elif m.mode == AVOID_ADSB:
+        text = AVOID_NOT_ARMABLE
     elif m.mode == AUTO and (m.AUTO_OPTIONS & _ARM_IN_AUTO) == 0:
         text = AUTO_NOT_ARMABLE
     elif m.mode == GUIDED and by_stick and (m.GUID_OPTIONS & _ARM_BY_STICK) == 0:
@@ -200,7 +235,7 @@ def _is_armable(m: Any, by_stick: bool, t: float) -> bool:
     if text != 0:
         say(m, CRITICAL, text, NO_NUMBER)
         return False
-    by_throttle = m.ARMING_CHECK != 0 and m.mode not in (GUIDED, AUTO)
+    by_throttle = m.ARMING_CHECK != 0 and m.mode not in (GUIDED, GUIDED_NOGPS, AUTO)
     if by_throttle and (pilot_climb_rate(m, t) > 0.0 or (m.mode == STABILIZE and throttle_open(m, t))):
         say(m, CRITICAL, ARM_THROTTLE, NO_NUMBER)
         return False

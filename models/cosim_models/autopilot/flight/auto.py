@@ -52,7 +52,16 @@ from cosim_models.autopilot.flight.guided import (
 )
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.yaw import circle_nose, has_turned, hold_heading, keep_heading, turn_by
-from cosim_models.autopilot.link.statustext import INFO, MISSION_TEXTS, REACHED, ROUND_BEGINS, say, say_with
+from cosim_models.autopilot.link.statustext import (
+    INFO,
+    MISSION_CHANGED,
+    MISSION_TEXTS,
+    NO_NUMBER,
+    REACHED,
+    ROUND_BEGINS,
+    say,
+    say_with,
+)
 from cosim_models.autopilot.mission.missions import (
     COMMAND,
     DONE,
@@ -387,9 +396,14 @@ def _advance(m: Any, row: int, t: float) -> None:
 @kernel
 def _follow(m: Any, t: float) -> None:
     """Updates the current command and advances the mission."""
+    if m.mission_replaced:
+        m.mission_replaced = False
+        if not m.mission_changed and m.auto_command != _FINISHED and m.mission_current < mission_count(m):
+            m.mission_changed = True
+            say(m, INFO, MISSION_CHANGED, NO_NUMBER)
     if m.mission_changed:
         m.mission_changed = False
-        _advance(m, m.mission_current, t)
+        _advance(m, max(m.mission_current, 1), t)
         return
     if m.auto_command == _FINISHED:
         return

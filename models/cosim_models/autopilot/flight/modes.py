@@ -12,7 +12,17 @@ from typing import Any
 
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.motors import SHUT_DOWN
-from cosim_models.autopilot.flight.guided import guide_stop, run_guided, run_land, run_rtl, start_land, start_rtl
+from cosim_models.autopilot.control.position import initialise_up
+from cosim_models.autopilot.flight.angles import guide_angle, level_out, run_angle
+from cosim_models.autopilot.flight.guided import (
+    guide_stop,
+    rest_on_ground,
+    run_guided,
+    run_land,
+    run_rtl,
+    start_land,
+    start_rtl,
+)
 from cosim_models.autopilot.flight.manual import (
     run_alt_hold,
     run_circle,
@@ -25,7 +35,19 @@ from cosim_models.autopilot.flight.manual import (
 from cosim_models.autopilot.flight.state import needs_position, position_ready
 from cosim_models.autopilot.flight.yaw import hold_heading
 from cosim_models.autopilot.mission.missions import forget_jumps
-from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, BRAKE, CIRCLE, GUIDED, LAND, LOITER, RTL, STABILIZE
+from cosim_models.autopilot.record.modes import (
+    ALT_HOLD,
+    AUTO,
+    AVOID_ADSB,
+    BRAKE,
+    CIRCLE,
+    GUIDED,
+    GUIDED_NOGPS,
+    LAND,
+    LOITER,
+    RTL,
+    STABILIZE,
+)
 
 __all__ = ["run_mode", "set_mode"]
 
@@ -44,8 +66,12 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
         return False
     m.mode = mode
     m.pilot_takeoff = False
-    if mode == GUIDED:
+    if mode in (GUIDED, AVOID_ADSB):
         guide_stop(m, t)
+    elif mode == GUIDED_NOGPS:
+        initialise_up(m)
+        level_out(m)
+        guide_angle(m, False, t)
     elif mode == BRAKE:
         guide_stop(m, t)
         hold_heading(m)
@@ -60,6 +86,7 @@ def set_mode(m: Any, mode: int, t: float) -> bool:
             m.auto_speed[i] = 0.0
         m.mission_complete = False
         m.mission_changed = True
+        m.mission_replaced = False
         m.auto_landing = False
     elif mode == LOITER:
         start_loiter(m, t)
@@ -93,5 +120,9 @@ def run_mode(m: Any, t: float, dt: float) -> None:
         run_rtl(m, t, dt)
     elif m.mode == STABILIZE:
         run_stabilize(m, t, dt)
+    elif m.mode == AVOID_ADSB:
+        run_guided(m, t, dt)
+    elif m.mode == GUIDED_NOGPS and not run_angle(m, t, dt):
+        rest_on_ground(m, dt)
     if not m.armed:
         m.spool_wanted = SHUT_DOWN

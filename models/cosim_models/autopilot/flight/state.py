@@ -14,8 +14,10 @@ from cosim.frames import euler_from_quaternion
 from cosim.kernel import kernel
 from cosim_models.autopilot.control.motors import GROUND_IDLE, THROTTLE_UNLIMITED, mix_towards
 from cosim_models.autopilot.control.shaping import lowpass_alpha
+from cosim_models.autopilot.mission.missions import forget_jumps
 from cosim_models.autopilot.record.modes import (
     AUTO,
+    AVOID_ADSB,
     BRAKE,
     CIRCLE,
     DESCEND,
@@ -57,7 +59,7 @@ def position_ready(m: Any, t: float) -> bool:
 @kernel
 def needs_position(mode: int) -> bool:
     """Returns whether entering or arming in a mode requires a position estimate."""
-    return mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE)
+    return mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE, AVOID_ADSB)
 
 
 @kernel
@@ -77,11 +79,16 @@ def arm(m: Any, t: float) -> None:
 
 @kernel
 def disarm(m: Any) -> None:
-    """Disarms and stops the motors."""
+    """Disarms and stops the motors; the next mission begins with its first item."""
     m.armed = False
     m.auto_armed = False
     m.on_ground = True
     m.land_time = 0.0
+    m.paused = False
+    m.mission_current = 0
+    m.mission_complete = False
+    m.mission_changed = True
+    forget_jumps(m)
 
 
 @kernel

@@ -26,9 +26,13 @@ __all__ = [
     "ARM_THROTTLE",
     "ARM_VOLTAGE",
     "ATTITUDE_BAD",
+    "AUTOTUNE_REFUSED",
     "AUTO_NOT_ARMABLE",
     "AUTO_REFUSED",
     "AUX_INVALID",
+    "AVOID_NOT_ARMABLE",
+    "AVOID_REFUSED",
+    "AVOID_REFUSED_END",
     "BANNER",
     "BATTERY_CRITICAL",
     "BATTERY_DISARMING",
@@ -47,6 +51,7 @@ __all__ = [
     "FENCE_CLEARED",
     "FENCE_FETCH_INVALID",
     "FENCE_FETCH_OLD",
+    "FLIP_REFUSED",
     "FRAMES",
     "GCS_AUTO",
     "GCS_CLEARED",
@@ -106,6 +111,7 @@ __all__ = [
     "RTL_REFUSED",
     "SERVO_IN_USE",
     "STABILIZE_REFUSED",
+    "THROW_REFUSED",
     "USE_REQUEST_INT",
     "WAITING_FOR_HOME",
     "WARNING",
@@ -221,6 +227,12 @@ _text(b"Frame: QUAD/X")
 _text(b"Frame: HEXA/X")
 _text(b"Frame: OCTA/X")
 _text(b"Frame: Y6/Y6B")
+FLIP_REFUSED = _text(b"Mode change to FLIP failed: init failed")
+AUTOTUNE_REFUSED = _text(b"Mode change to AUTOTUNE failed: init failed")
+THROW_REFUSED = _text(b"Mode change to THROW failed: init failed")
+AVOID_REFUSED = _part(b"Mode change to AVOID_ADSB failed: requires positio", 0)
+AVOID_REFUSED_END = _part(b"n", 1)
+AVOID_NOT_ARMABLE = _text(b"Arm: AVOID_ADSB mode not armable")
 FENCE_CLEARED = _text(b"Fence breach cleared")
 MISSION_CHANGED = _text(b"Auto mission changed, restarted command")
 USE_REQUEST_INT = _text(b"got MISSION_REQUEST; use MISSION_REQUEST_INT!")

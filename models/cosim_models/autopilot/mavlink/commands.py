@@ -17,9 +17,11 @@ from cosim.messages import (
     AUTOPILOT_VERSION,
     COMMAND_INT,
     COMMAND_LONG,
+    FENCE_FETCH_POINT,
     FILE_TRANSFER_PROTOCOL,
     HEARTBEAT,
     HOME_POSITION,
+    LOG_REQUEST_LIST,
     MANUAL_CONTROL,
     MAV_CMD_COMPONENT_ARM_DISARM,
     MAV_CMD_CONDITION_YAW,
@@ -59,18 +61,22 @@ from cosim.messages import (
     MISSION_REQUEST_INT,
     MISSION_REQUEST_LIST,
     MISSION_SET_CURRENT,
+    MISSION_WRITE_PARTIAL_LIST,
     PARAM_REQUEST_LIST,
     PARAM_REQUEST_READ,
     PARAM_SET,
+    RALLY_FETCH_POINT,
     RC_CHANNELS_OVERRIDE,
     REQUEST_DATA_STREAM,
     SET_ATTITUDE_TARGET,
     SET_MODE,
     SET_POSITION_TARGET_GLOBAL_INT,
     SET_POSITION_TARGET_LOCAL_NED,
+    TERRAIN_CHECK,
     TIMESYNC,
     decode_command_int,
     decode_command_long,
+    decode_fence_fetch_point,
     decode_mission_clear_all,
     decode_mission_count,
     decode_mission_item,
@@ -78,8 +84,10 @@ from cosim.messages import (
     decode_mission_request,
     decode_mission_request_list,
     decode_mission_set_current,
+    decode_mission_write_partial_list,
     decode_request_data_stream,
     decode_set_mode,
+    decode_terrain_check,
     decode_timesync,
 )
 from cosim.packets import (
@@ -108,15 +116,25 @@ from cosim_models.autopilot.flight.sticks import hear_manual_control, hear_overr
 from cosim_models.autopilot.flight.yaw import turn_by
 from cosim_models.autopilot.link.links import can_answer
 from cosim_models.autopilot.link.statustext import (
+    FENCE_FETCH_INVALID,
+    FENCE_FETCH_OLD,
     INFO,
     NO_NUMBER,
     NO_SUCH_MESSAGE,
     PLAN_RECEIVED,
+    PLAN_REJECTED,
+    RALLY_FETCH_FAILED,
+    RALLY_FETCH_OLD,
+    USE_REQUEST_INT,
+    WARNING,
     say,
+    say_here,
+    say_with,
 )
 from cosim_models.autopilot.mavlink.file_transfer import answer_file_transfer
 from cosim_models.autopilot.mavlink.messages import acknowledge, answer_timesync, send_message, tell_interval
 from cosim_models.autopilot.mavlink.parameters import list_parameters, read_parameter, set_parameter
+from cosim_models.autopilot.mavlink.requested_messages import send_no_logs, send_terrain
 from cosim_models.autopilot.mavlink.requests import obey, send_banner, take_off_by_pilot
 from cosim_models.autopilot.mavlink.targets import (
     hear_attitude_target,
@@ -129,6 +147,7 @@ from cosim_models.autopilot.mavlink.telemetry import default_interval, set_inter
 from cosim_models.autopilot.mission.missions import (
     RALLY,
     ack_mission,
+    begin_partial_upload,
     begin_upload,
     clear_mission,
     forget_jumps,
@@ -141,7 +160,7 @@ from cosim_models.autopilot.mission.missions import (
     set_current,
 )
 from cosim_models.autopilot.record.modes import ALT_HOLD, AUTO, GUIDED, LAND, LOITER, RTL
-from cosim_models.autopilot.record.streams import STREAM_COUNT, stream_group, stream_of
+from cosim_models.autopilot.record.streams import STREAM_COUNT, is_silent, stream_group, stream_of
 
 __all__ = ["receive"]
 
@@ -178,6 +197,8 @@ def _set_message_interval(m: Any, message: float, microseconds: float, t: float)
     if 0.0 <= message < 16777216.0:
         number = int(message)
         row = stream_of(number)
+    if row < 0 and is_silent(number):
+        return MAV_RESULT_ACCEPTED
     if row < 0:
         say(m, INFO, NO_SUCH_MESSAGE, number)
         return MAV_RESULT_DENIED
@@ -207,6 +228,8 @@ def _request_message(m: Any, message: float, argument: float, t: float) -> int:
     row = -1
     if 0.0 <= message < 16777216.0:
         row = stream_of(int(message))
+    if row < 0 and 0.0 <= message < 16777216.0 and is_silent(int(message)):
+        return MAV_RESULT_ACCEPTED
     if row < 0 or not can_answer(m):
         return MAV_RESULT_FAILED
     return MAV_RESULT_ACCEPTED if send_message(m, row, t) else MAV_RESULT_FAILED
@@ -359,11 +382,18 @@ def _mission(m: Any, message: int, sender: int, part: int, t: float) -> None:
     elif message == MISSION_COUNT:
         _, _, count, kind = decode_mission_count(m.received)
         begin_upload(m, count, kind, sender, part, t)
+    elif message == MISSION_WRITE_PARTIAL_LIST:
+        _, _, first, last, kind = decode_mission_write_partial_list(m.received)
+        if not begin_partial_upload(m, first, last, kind, sender, part, t):
+            say_here(m, WARNING, PLAN_REJECTED, NO_NUMBER)
     elif message == MISSION_REQUEST_LIST:
         _, _, kind = decode_mission_request_list(m.received)
         send_count(m, kind, sender, part)
     elif message in (MISSION_REQUEST_INT, MISSION_REQUEST):
         _, _, sequence, kind = decode_mission_request(m.received)
+        if message == MISSION_REQUEST and not m.deprecation_told:
+            m.deprecation_told = True
+            say_here(m, WARNING, USE_REQUEST_INT, NO_NUMBER)
         send_item(m, sequence, kind, sender, part, message == MISSION_REQUEST_INT)
     elif message == MISSION_CLEAR_ALL:
         _, _, kind = decode_mission_clear_all(m.received)
@@ -421,12 +451,26 @@ def _dispatch(m: Any, message: int, sender: int, part: int, t: float) -> None:
         answer_file_transfer(m, sender, part, t)
     elif message == PARAM_REQUEST_READ:
         read_parameter(m)
+    elif message == LOG_REQUEST_LIST:
+        if can_answer(m):
+            send_no_logs(m)
+    elif message == TERRAIN_CHECK:
+        lat, lon = decode_terrain_check(m.received)
+        if can_answer(m):
+            send_terrain(m, lat, lon)
+    elif message == FENCE_FETCH_POINT:
+        _, _, index = decode_fence_fetch_point(m.received)
+        say_here(m, INFO, FENCE_FETCH_OLD, NO_NUMBER)
+        say_with(m, WARNING, FENCE_FETCH_INVALID, index, m.fence_count)
+    elif message == RALLY_FETCH_POINT:
+        say_here(m, INFO, RALLY_FETCH_OLD, NO_NUMBER)
+        say_here(m, WARNING, RALLY_FETCH_FAILED, NO_NUMBER)
     elif message == PARAM_SET:
         set_parameter(m)
     elif message == PARAM_REQUEST_LIST:
         list_parameters(m, t)
         send_banner(m)
-    elif MISSION_ITEM <= message <= MISSION_REQUEST_INT or message == MISSION_ITEM_INT:
+    elif MISSION_WRITE_PARTIAL_LIST <= message <= MISSION_REQUEST_INT or message == MISSION_ITEM_INT:
         _mission(m, message, sender, part, t)
 
 
@@ -443,11 +487,16 @@ def receive(m: Any, packets: Any, n: int, t: float) -> None:
             continue
         sender = system(packets, start)
         to_system, to_component = target(packets, start)
-        if sender == m.SYSID_THISMAV and component(packets, start) == MAV_COMP_ID_AUTOPILOT1:
-            continue
+        if sender == m.SYSID_THISMAV:
+            m.component_known[component(packets, start)] = 1
+            if component(packets, start) == MAV_COMP_ID_AUTOPILOT1:
+                continue
         m.link_version[m.link] = version(packets, start)
-        for_vehicle = to_system == 0 or to_system == m.SYSID_THISMAV
-        if for_vehicle and to_component in (0, MAV_COMP_ID_AUTOPILOT1):
+        for_us = to_component in (0, MAV_COMP_ID_AUTOPILOT1)
+        if to_system == m.SYSID_THISMAV and to_component > 0:
+            # As in ArduPilot's routing: also packets to components that it does not know.
+            for_us = for_us or m.component_known[to_component] == 0
+        if for_us and (to_system == 0 or to_system == m.SYSID_THISMAV):
             unpack(packets, start, m.received)
             _dispatch(m, message_id(packets, start), sender, component(packets, start), t)
     m.ack_room = 0

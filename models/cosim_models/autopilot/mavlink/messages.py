@@ -49,6 +49,7 @@ from cosim.messages import (
     MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT,
     MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED,
     MAV_SYS_STATUS_AHRS,
+    MAV_SYS_STATUS_GEOFENCE,
     MAV_SYS_STATUS_PREARM_CHECK,
     MAV_SYS_STATUS_SENSOR_BATTERY,
     MAV_SYS_STATUS_SENSOR_GPS,
@@ -107,6 +108,7 @@ from cosim_models.autopilot.control.motors import GROUND_IDLE
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.state import landed_state, position_ready
 from cosim_models.autopilot.link.links import microseconds, milliseconds, send
+from cosim_models.autopilot.mavlink.requested_messages import send_requested
 from cosim_models.autopilot.mavlink.sensor_messages import (
     send_ahrs,
     send_ahrs2,
@@ -127,8 +129,8 @@ from cosim_models.autopilot.mavlink.status_messages import (
     send_simulated,
 )
 from cosim_models.autopilot.mission.missions import send_mission_current
-from cosim_models.autopilot.record.modes import AUTO, BRAKE, CIRCLE, GUIDED, LOITER, RTL
-from cosim_models.autopilot.record.streams import message_of
+from cosim_models.autopilot.record.modes import AUTO, AVOID_ADSB, BRAKE, CIRCLE, GUIDED, LOITER, RTL
+from cosim_models.autopilot.record.streams import is_silent, message_of
 
 __all__ = [
     "acknowledge",
@@ -184,7 +186,7 @@ def answer_timesync(m: Any, sent: int, t: float) -> None:
 @kernel
 def tell_interval(m: Any, message: int, row: int) -> None:
     """Sends MESSAGE_INTERVAL: microseconds between messages, -1 if not sent, 0 if unknown."""
-    interval = 0
+    interval = -1 if is_silent(message) else 0
     if row >= 0:
         seconds = m.interval[m.link, row]
         interval = int(seconds * 1e6 + 0.5) if seconds > 0.0 else -1
@@ -199,7 +201,7 @@ def tell_interval(m: Any, message: int, row: int) -> None:
 def send_heartbeat(m: Any, t: float) -> bool:
     mode = m.mode
     base_mode = 1 + 16 + 64
-    if mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE):
+    if mode in (AUTO, GUIDED, LOITER, RTL, CIRCLE, BRAKE, AVOID_ADSB):
         base_mode += 8
     if m.armed or m.test_motor > 0:
         base_mode += 128
@@ -235,6 +237,10 @@ def _send_sys_status(m: Any, t: float) -> bool:
         health += MAV_SYS_STATUS_PREARM_CHECK
     if m.battery_alarm != 0:
         health -= MAV_SYS_STATUS_SENSOR_BATTERY
+    if m.FENCE_ENABLE != 0:
+        enabled += MAV_SYS_STATUS_GEOFENCE
+        if m.fence_breach != 0:
+            health -= MAV_SYS_STATUS_GEOFENCE
     encode_sys_status(
         m.payload,
         present,
@@ -466,4 +472,6 @@ def send_message(m: Any, row: int, t: float) -> bool:
         return send_simulated(m)
     if message == MISSION_CURRENT:
         return send_mission_current(m)
-    return send_heartbeat(m, t)
+    if message == HEARTBEAT:
+        return send_heartbeat(m, t)
+    return send_requested(m, message, t)

@@ -325,6 +325,16 @@ def _calibrate_compass(m: Any, command: int, mask: float) -> int:
 
 
 @kernel
+def _tell_wind(m: Any, speed: float, direction: float) -> int:
+    """Handles EXTERNAL_WIND_ESTIMATE: speed [m/s] and direction from which it blows [deg]."""
+    if not (0.0 <= speed < math.inf and 0.0 <= direction <= 360.0):
+        return MAV_RESULT_DENIED
+    m.wind_ne[0] = -speed * math.cos(math.radians(direction))
+    m.wind_ne[1] = -speed * math.sin(math.radians(direction))
+    return MAV_RESULT_ACCEPTED
+
+
+@kernel
 def _obey_station(m: Any, command: int, p1: float, p2: float, p3: float, x: int, t: float) -> int:
     """Handles commands on the vehicle's equipment; returns a MAV_RESULT."""
     if command == MAV_CMD_DO_SEND_BANNER:
@@ -352,7 +362,7 @@ def _obey_station(m: Any, command: int, p1: float, p2: float, p3: float, x: int,
     if command == MAV_CMD_SET_EKF_SOURCE_SET:
         return MAV_RESULT_ACCEPTED if 1.0 <= p1 < 4.0 else MAV_RESULT_DENIED
     if command == _EXTERNAL_WIND:
-        return MAV_RESULT_ACCEPTED if p1 >= 0.0 and 0.0 <= p3 <= 360.0 else MAV_RESULT_DENIED
+        return _tell_wind(m, p1, p3)
     if command == MAV_CMD_DO_FOLLOW:
         return MAV_RESULT_ACCEPTED if 0.0 < p1 <= 255.0 else MAV_RESULT_DENIED
     if command == MAV_CMD_DO_PARACHUTE:

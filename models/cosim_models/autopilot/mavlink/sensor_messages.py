@@ -34,6 +34,9 @@ from cosim_models.autopilot.link.links import microseconds, milliseconds, send
 from cosim_models.autopilot.mission.fences import CIRCLE, HIGHEST, LOWEST, POLYGON
 
 __all__ = [
+    "fill_pressure",
+    "fill_scaled_imu",
+    "pressure",
     "send_ahrs",
     "send_ahrs2",
     "send_fence",
@@ -94,8 +97,8 @@ def send_memory(m: Any) -> bool:
 
 
 @kernel
-def send_scaled_imu(m: Any, t: float) -> bool:
-    """Sends SCALED_IMU: specific force [mG] and angular velocity [mrad/s], FRD."""
+def fill_scaled_imu(m: Any, t: float) -> None:
+    """Fills SCALED_IMU, and its like for further sensors: specific force [mG] and angular velocity [mrad/s], FRD."""
     f, w = m.specific_force, m.gyro
     g = 1000.0 / GRAVITY
     encode_scaled_imu(
@@ -112,15 +115,33 @@ def send_scaled_imu(m: Any, t: float) -> bool:
         0,
         0,
     )
+
+
+@kernel
+def send_scaled_imu(m: Any, t: float) -> bool:
+    """Sends SCALED_IMU."""
+    fill_scaled_imu(m, t)
     return send(m, SCALED_IMU)
 
 
 @kernel
-def send_pressure(m: Any, t: float) -> bool:
-    """Sends SCALED_PRESSURE: pressure [hPa] and temperature of the standard atmosphere."""
+def pressure(m: Any) -> tuple[float, float]:
+    """Returns pressure [hPa] and temperature [degrees C] of the standard atmosphere."""
     kelvin = _TEMPERATURE - _LAPSE * (m.origin_altitude + m.position_neu[2])
-    pressure = _SEA_LEVEL * (kelvin / _TEMPERATURE) ** _EXPONENT
-    encode_scaled_pressure(m.payload, milliseconds(t), pressure, 0.0, short(100.0 * (kelvin - _FREEZING)), 0)
+    return float(_SEA_LEVEL * (kelvin / _TEMPERATURE) ** _EXPONENT), float(kelvin - _FREEZING)
+
+
+@kernel
+def fill_pressure(m: Any, t: float) -> None:
+    """Fills SCALED_PRESSURE, and its like for a second sensor."""
+    hectopascal, celsius = pressure(m)
+    encode_scaled_pressure(m.payload, milliseconds(t), hectopascal, 0.0, short(100.0 * celsius), 0)
+
+
+@kernel
+def send_pressure(m: Any, t: float) -> bool:
+    """Sends SCALED_PRESSURE."""
+    fill_pressure(m, t)
     return send(m, SCALED_PRESSURE)
 
 

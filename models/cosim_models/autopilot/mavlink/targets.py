@@ -34,7 +34,7 @@ from cosim.messages import (
 )
 from cosim_models.autopilot.commander.mode_requests import change_mode
 from cosim_models.autopilot.control.shaping import clip, wrap_pi
-from cosim_models.autopilot.flight.angles import guide_angle
+from cosim_models.autopilot.flight.angles import guide_angle, level_out
 from cosim_models.autopilot.flight.guided import (
     guide_acceleration,
     guide_position,
@@ -44,7 +44,7 @@ from cosim_models.autopilot.flight.guided import (
 )
 from cosim_models.autopilot.flight.yaw import turn_at, turn_by, turn_from
 from cosim_models.autopilot.mission.fences import permits
-from cosim_models.autopilot.record.modes import GUIDED, POSITION
+from cosim_models.autopilot.record.modes import GUIDED, GUIDED_NOGPS, POSITION
 
 __all__ = [
     "altitude_reference",
@@ -269,7 +269,7 @@ def _climb_or_throttle(m: Any, thrust: float) -> float:
 def hear_attitude_target(m: Any, t: float) -> None:
     """Handles SET_ATTITUDE_TARGET; one without throttle, or with a part of the rates only, stops the vehicle."""
     _, _, _, mask, roll_rate, pitch_rate, yaw_rate, thrust = decode_set_attitude_target(m.received)
-    if m.mode != GUIDED:
+    if m.mode != GUIDED and m.mode != GUIDED_NOGPS:
         return
     free = (mask & ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE) != 0
     without_rates = mask & _NO_RATES
@@ -286,7 +286,10 @@ def hear_attitude_target(m: Any, t: float) -> None:
         or (without_rates != 0 and without_rates != _NO_RATES)
         or not known
     ):
-        guide_stop(m, t)
+        if m.mode == GUIDED:
+            guide_stop(m, t)
+        else:
+            level_out(m)
         return
     guide_angle(m, (m.GUID_OPTIONS & _THRUST_AS_THRUST) != 0, t)
     m.angle_free = free

@@ -36,9 +36,10 @@ from cosim.messages import (
     MAV_MISSION_ACCEPTED,
     MAV_MISSION_DENIED,
     MAV_MISSION_ERROR,
-    MAV_MISSION_INVALID,
+    MAV_MISSION_INVALID_PARAM1,
     MAV_MISSION_INVALID_PARAM5_X,
     MAV_MISSION_INVALID_PARAM6_Y,
+    MAV_MISSION_INVALID_PARAM7,
     MAV_MISSION_INVALID_SEQUENCE,
     MAV_MISSION_NO_SPACE,
     MAV_MISSION_OPERATION_CANCELLED,
@@ -92,6 +93,7 @@ __all__ = [
     "RALLY",
     "Z",
     "ack_mission",
+    "begin_partial_upload",
     "begin_upload",
     "clear_mission",
     "continue_upload",
@@ -113,6 +115,8 @@ ITEM = 11
 """Columns of the table of items: as uploaded, positions in 1e-7 degrees; DONE counts the jumps taken."""
 
 _ASK_AGAIN, _GIVE_UP = 1.0, 8.0  # s
+_HIGHEST = 83000.0  # m
+_AUTO = 3  # mode (`record.modes`, which is above this package)
 
 _FLOWN = np.array(
     (
@@ -259,8 +263,8 @@ def send_mission_current(m: Any) -> bool:
     """Sends MISSION_CURRENT: the current item and the mission state."""
     total = mission_count(m) - 1
     active = 4 if m.paused else 3
-    state = 1 if total == 0 else 5 if m.mission_complete else active if m.mode == 3 else 2
-    encode_mission_current(m.payload, m.mission_current, total, state, 1 if m.mode == 3 else 0)
+    state = 1 if total == 0 else 5 if m.mission_complete else active if m.mode == _AUTO else 2
+    encode_mission_current(m.payload, m.mission_current, total, state, 1 if m.mode == _AUTO else 0)
     return send(m, MISSION_CURRENT)
 
 
@@ -285,7 +289,8 @@ def clear_mission(m: Any, kind: int, system: int, component: int) -> None:
         return
     if kind == 0:
         m.mission_count = 1
-        m.mission_current = 0
+        if m.mode != _AUTO or m.on_ground:
+            m.mission_current = 0
     if kind == FENCE:
         m.fence_count = 0
     if kind == RALLY:
@@ -318,21 +323,48 @@ def begin_upload(m: Any, count: int, kind: int, system: int, component: int, t: 
         m.rally_count = 0
     else:
         m.mission_count = 1
-        m.mission_current = 0
-        m.mission_complete = False
+        if m.mode != _AUTO or m.on_ground:  # in flight, the mission goes on at the same item
+            m.mission_current = 0
+            m.mission_complete = False
     m.uploading = count > 0
     m.transferring = True
     if count == 0:
         ack_mission(m, MAV_MISSION_ACCEPTED, kind, system, component)
         return
+    _expect(m, 0, count, kind, system, component, t)
+
+
+@kernel
+def _expect(m: Any, first: int, count: int, kind: int, system: int, component: int, t: float) -> None:
+    """Begins to request the items from `first` to `count` - 1."""
+    m.uploading = True
+    m.transferring = True
     m.upload_link = m.link
     m.upload_kind = kind
     m.upload_count = count
-    m.upload_next = 0
+    m.upload_next = first
     m.upload_system = system
     m.upload_component = component
     m.upload_heard = t
     m.upload_asked = t - _ASK_AGAIN
+
+
+@kernel
+def begin_partial_upload(m: Any, first: int, last: int, kind: int, system: int, component: int, t: float) -> bool:
+    """Handles MISSION_WRITE_PARTIAL_LIST: items `first` to `last` of the mission replace the old ones.
+
+    Returns False if the mission has no such items.
+    """
+    if kind != 0:
+        ack_mission(m, MAV_MISSION_UNSUPPORTED, kind, system, component)
+    elif m.uploading and not is_uploading(m, system, component):
+        ack_mission(m, MAV_MISSION_DENIED, kind, system, component)
+    elif first < 0 or last < first or last > mission_count(m) or last >= MISSION_CAPACITY:
+        ack_mission(m, MAV_MISSION_ERROR, kind, system, component)
+        return False
+    else:
+        _expect(m, first, last + 1, kind, system, component, t)
+    return True
 
 
 @kernel
@@ -348,6 +380,12 @@ def continue_upload(m: Any, t: float) -> None:
 
 
 @kernel
+def _is_place(command: int) -> bool:
+    """Returns whether latitude, longitude and height of a command are those of a place."""
+    return command < 90 and command != MAV_CMD_NAV_RETURN_TO_LAUNCH
+
+
+@kernel
 def _check_item(command: int, frame: int, values: Any, latitude: float, longitude: float, z: float) -> int:
     """Returns the MAV_MISSION_RESULT for an item."""
     known = False
@@ -357,8 +395,13 @@ def _check_item(command: int, frame: int, values: Any, latitude: float, longitud
         return MAV_MISSION_UNSUPPORTED
     if command < 90 and frame not in (0, 2, 3, 5, 6):
         return MAV_MISSION_UNSUPPORTED_FRAME
-    if not math.isfinite(values[0] + values[1] + values[2]) or not math.isfinite(z):
-        return MAV_MISSION_INVALID
+    if command != MAV_CMD_NAV_LAND:
+        heading = command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_TAKEOFF)  # their param 4 may be missing
+        for i in range(3 if heading else 4):
+            if not math.isfinite(values[i]):
+                return MAV_MISSION_INVALID_PARAM1 + i
+    if _is_place(command) and not abs(z) < _HIGHEST:
+        return MAV_MISSION_INVALID_PARAM7
     if command < 90 and not abs(latitude) <= 9e8:
         return MAV_MISSION_INVALID_PARAM5_X
     if command < 90 and not abs(longitude) <= 1.8e9:
@@ -416,7 +459,8 @@ def _finish_upload(m: Any) -> None:
     m.uploading = False
     result = MAV_MISSION_ACCEPTED
     if m.upload_kind == 0:
-        m.mission_count = m.upload_count
+        m.mission_count = max(mission_count(m), m.upload_count)
+        m.mission_replaced = True
     elif m.upload_kind == RALLY:
         m.rally_count = m.upload_count
     elif fence_is_whole(m, m.upload_count):
@@ -441,8 +485,8 @@ def _keep_item(
     r = m.mission[sequence]
     r[COMMAND], r[FRAME], r[AUTOCONTINUE], r[DONE] = float(command), float(frame), float(carry_on), 0.0
     for i in range(4):
-        r[P1 + i] = values[i]
-    r[LATITUDE], r[LONGITUDE], r[Z] = latitude, longitude, z
+        r[P1 + i] = values[i] if math.isfinite(values[i]) else 0.0
+    r[LATITUDE], r[LONGITUDE], r[Z] = latitude, longitude, z if math.isfinite(z) else 0.0
 
 
 @kernel

@@ -9,12 +9,16 @@ __all__ = [
     "ALT_HOLD",
     "ANGLE",
     "AUTO",
+    "AUTOTUNE",
+    "AVOID_ADSB",
     "BRAKE",
     "CIRCLE",
     "CLIMB",
     "DESCEND",
     "FINAL",
+    "FLIP",
     "GUIDED",
+    "GUIDED_NOGPS",
     "LAND",
     "LANDING",
     "LOITER",
@@ -24,6 +28,7 @@ __all__ = [
     "RTL",
     "STABILIZE",
     "TAKEOFF",
+    "THROW",
     "VELOCITY",
     "WAIT",
     "Mode",
@@ -42,10 +47,12 @@ class Mode(IntEnum):
     CIRCLE = 7
     LAND = 9
     BRAKE = 17
+    AVOID_ADSB = 19
+    GUIDED_NOGPS = 20
 
 
 # Numpy integers, because numba recompiles a kernel for every Python integer passed as a constant.
-STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE = (
+STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE, AVOID_ADSB, GUIDED_NOGPS = (
     0,
     2,
     3,
@@ -55,7 +62,11 @@ STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, BRAKE = (
     7,
     9,
     17,
+    19,
+    20,
 )
+FLIP, AUTOTUNE, THROW = 14, 15, 18
+"""Modes that are refused as if their conditions were not met."""
 
 # Sub-modes of GUIDED.
 TAKEOFF, POSITION, VELOCITY, POSITION_VELOCITY, ACCELERATION, ANGLE = range(6)

@@ -204,7 +204,7 @@ PILOT_PARAMETERS = _rare(
     _real("RC_FS_TIMEOUT", "s", 1.0, "time without a signal after which the radio is lost", 0.5),
     _whole("SIM_RC_FAIL", 0, "receiver: 0 works, 1 gives no pulses, 2 throttle of 950 us", 0, 2),
     *(
-        _whole(f"FLTMODE{position}", mode, f"mode at switch position {position}", 0, 17)
+        _whole(f"FLTMODE{position}", mode, f"mode at switch position {position}", 0, 28)
         for position, mode in enumerate((7, 9, 6, 3, 5, 0), 1)
     ),
     _whole("FLTMODE_CH", 5, "channel of the mode switch, 0: none", 0, 16),
@@ -254,7 +254,7 @@ SAFETY_PARAMETERS = _rare(
     _whole("ARMING_CHECK", 1, "0: check the position only", 0),
     _whole("FENCE_ENABLE", 0, "1: fences are enabled", 0, 1),
     _whole("FENCE_TYPE", 7, "sum of 1 maximum height, 2 circle, 4 polygons, 8 minimum height", 0, 15),
-    _whole("FENCE_ACTION", 1, "0: report only, 1: RTL, 2: LAND, 4: BRAKE", 0, 4),
+    _whole("FENCE_ACTION", 1, "0: report only, 1, 3 and 5: RTL, 2: LAND, 4: BRAKE", 0, 5),
     _real("FENCE_ALT_MAX", "m", 100.0, "maximum height above home"),
     Parameter(
         "FENCE_ALT_MIN", unit="m", start=-10.0, minimum=-100.0, tunable=True, description="minimum height above home"

@@ -12,16 +12,23 @@ from cosim.messages import (
     AHRS,
     AHRS2,
     ATTITUDE,
+    ATTITUDE_QUATERNION,
+    ATTITUDE_TARGET,
+    AUTOPILOT_STATE_FOR_GIMBAL_DEVICE,
     AUTOPILOT_VERSION,
     BATTERY_STATUS,
     EKF_STATUS_REPORT,
     EXTENDED_SYS_STATE,
     FENCE_STATUS,
+    FLIGHT_INFORMATION,
     GLOBAL_POSITION_INT,
     GPS_GLOBAL_ORIGIN,
     GPS_RAW_INT,
     HEARTBEAT,
+    HIGH_LATENCY2,
+    HIGHRES_IMU,
     HOME_POSITION,
+    HWSTATUS,
     LOCAL_POSITION_NED,
     MAV_DATA_STREAM_EXTENDED_STATUS,
     MAV_DATA_STREAM_EXTRA1,
@@ -38,17 +45,23 @@ from cosim.messages import (
     POWER_STATUS,
     RAW_IMU,
     RC_CHANNELS,
+    RELAY_STATUS,
     SCALED_IMU,
+    SCALED_IMU2,
+    SCALED_IMU3,
     SCALED_PRESSURE,
+    SCALED_PRESSURE2,
     SERVO_OUTPUT_RAW,
     SIMSTATE,
     SYS_STATUS,
     SYSTEM_TIME,
+    TERRAIN_REPORT,
     VFR_HUD,
     VIBRATION,
+    WIND,
 )
 
-__all__ = ["HEARTBEAT_ROW", "STREAMS", "STREAM_COUNT", "message_of", "stream_group", "stream_of"]
+__all__ = ["HEARTBEAT_ROW", "STREAMS", "STREAM_COUNT", "is_silent", "message_of", "stream_group", "stream_of"]
 
 _NONE = 0  # in no MAV_DATA_STREAM
 
@@ -82,11 +95,32 @@ _TABLE = (
     (MEMINFO, MAV_DATA_STREAM_EXTENDED_STATUS),
     (FENCE_STATUS, MAV_DATA_STREAM_EXTENDED_STATUS),
     (MISSION_CURRENT, MAV_DATA_STREAM_EXTENDED_STATUS),
+    (SCALED_IMU2, MAV_DATA_STREAM_RAW_SENSORS),
+    (SCALED_IMU3, MAV_DATA_STREAM_RAW_SENSORS),
+    (SCALED_PRESSURE2, MAV_DATA_STREAM_RAW_SENSORS),
+    (WIND, MAV_DATA_STREAM_EXTRA3),
+    (TERRAIN_REPORT, MAV_DATA_STREAM_EXTRA3),
+    (ATTITUDE_QUATERNION, _NONE),
+    (ATTITUDE_TARGET, _NONE),
+    (HIGHRES_IMU, _NONE),
+    (HWSTATUS, _NONE),
+    (HIGH_LATENCY2, _NONE),
+    (FLIGHT_INFORMATION, _NONE),
+    (AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, _NONE),
+    (RELAY_STATUS, _NONE),
     (HEARTBEAT, _NONE),
 )
 STREAMS = tuple(message for message, _ in _TABLE)
 """Rows in the order in which they are sent."""
 STREAM_COUNT = len(STREAMS)
+_SILENT = np.array(
+    (
+        *(35, 100, 124, 127, 128, 132, 133, 143, 173, 180, 191, 192, 194, 225, 226, 246, 259, 260, 262, 269, 271, 277),
+        *(280, 281, 285, 295, 301, 373, 435, 436, 437, 9000, 9005, 11020, 11030),
+    ),
+    dtype=np.int64,
+)
+"""Messages that ArduCopter knows and has nothing to say in, because the sensor or device is not on board."""
 HEARTBEAT_ROW = STREAM_COUNT - 1
 _IDS = np.array(STREAMS, dtype=np.int64)
 _GROUPS = np.array([group for _, group in _TABLE], dtype=np.int64)
@@ -111,3 +145,12 @@ def stream_of(message: int) -> int:
         if _IDS[row] == message:
             return row
     return -1
+
+
+@kernel
+def is_silent(message: int) -> bool:
+    """Returns whether requests for a message id are accepted, but never followed by the message."""
+    found = False
+    for i in range(_SILENT.shape[0]):
+        found = found or _SILENT[i] == message
+    return bool(found)

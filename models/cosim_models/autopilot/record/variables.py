@@ -91,6 +91,9 @@ MEMORY = (
     Memory("home_locked", dtype="?", rare=True),  # set by a command, not by arming
     Memory("armed_at"),
     Memory("armed_heading", rare=True),
+    Memory("flown_since", rare=True),  # begin of the flight
+    Memory("flights", dtype="i4", rare=True),
+    Memory("wind_ne", shape=2, rare=True),  # m/s, as told
     Memory("idle_since"),
     Memory("arming_delay", dtype="?"),
     Memory("auto_armed", dtype="?"),
@@ -130,6 +133,8 @@ MEMORY = (
     Memory("text_count", dtype="i4"),
     Memory("ack_room", dtype="i4"),  # bytes reserved for acknowledgements of received commands
     Memory("link_version", dtype="i4", shape=LINKS, rare=True),
+    Memory("component_known", dtype="u1", shape=256, rare=True),  # 1: heard from this component of the own system
+    Memory("deprecation_told", dtype="?", rare=True),
     Memory("interval", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("due", shape=(LINKS, STREAM_COUNT), rare=True),
     Memory("next_due", shape=LINKS, rare=True),
@@ -224,6 +229,7 @@ MEMORY = (
     Memory("breach_time", rare=True),
     Memory("rally", shape=(RALLY_CAPACITY, RALLY_ITEM), rare=True),
     Memory("rally_count", dtype="i4", rare=True),
+    Memory("mission_replaced", dtype="?", rare=True),  # items have been uploaded since the last step of AUTO
     Memory("upload_kind", dtype="i4", rare=True),
     Memory("uploading", dtype="?", rare=True),
     Memory("upload_link", dtype="i4", rare=True),
