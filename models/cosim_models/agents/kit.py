@@ -47,16 +47,8 @@ from cosim.messages import (
     encode_set_position_target_global_int,
 )
 from cosim.verdict import Condition, Reason, Role
-from cosim_models.agents.parts.conversation import (
-    CONVERSATION,
-    NOBODY,
-    SLACK,
-    ask,
-    heartbeat,
-    next_position,
-    reposition,
-    send,
-)
+from cosim_models.agents.parts.assembly import NO_SUM, Frame, Law, assembled
+from cosim_models.agents.parts.conversation import CONVERSATION, SLACK, ask, reposition, send
 from cosim_models.agents.parts.guard import (
     ACCELERATION,
     NOTHING_NEW,
@@ -67,7 +59,7 @@ from cosim_models.agents.parts.guard import (
     guard_variables,
 )
 from cosim_models.agents.parts.neighbours import locate, neighbour_variables, note, select
-from cosim_models.agents.parts.script import NEVER, SCRIPT, WHY, fail, prepare, stale, supervise
+from cosim_models.agents.parts.script import NEVER, SCRIPT, WHY, fail, stale
 
 __all__ = [
     "ACCELERATION",
@@ -133,7 +125,7 @@ ERRORS = {
     1: "sysid must be 1 to 255",
     2: "period, position_rate and timeout must be positive",
     3: "period must be less than 3 s: ArduCopter stops when it has not been given a velocity for so long",
-    4: "the law returned what is not a sum of POSITION, VELOCITY and ACCELERATION",
+    NO_SUM: "the law returned what is not a sum of POSITION, VELOCITY and ACCELERATION",
     5: "the fence must be a convex polygon: give 3 to 8 fence_corners in their order, no three of them on one line",
     6: "guard_p * period must be more than 0 and at most 1: a drone would fly past the bounds of its guard",
 }
@@ -147,8 +139,7 @@ _CONDITION = Condition(
 )
 _REASONS = {**{int(of): text for of, text in WHY.items()}, int(Trouble.not_landed): "its vehicle has not landed"}
 
-_WAITING, _ARMING, _TAKEOFF = int(Task.waiting), int(Task.arming), int(Task.takeoff)
-_READY, _FLYING, _FAILED = int(Task.ready), int(Task.flying), int(Task.failed)
+_WAITING, _READY, _FLYING = int(Task.waiting), int(Task.ready), int(Task.flying)
 _LANDING, _LANDED = int(Task.landing), int(Task.landed)
 _NOT_LANDED = int(Trouble.not_landed)
 _LOOKAHEAD = 10.0  # s: a fixed wing follows a velocity towards the point that it leads to in so long
@@ -240,18 +231,6 @@ _OUTPUTS = (
 
 
 @kernel
-def _receive(m: Any, now: float) -> None:
-    """Processes the packets of the step: states of the own autopilot, the own position, and those of other drones."""
-    sender, p = next_position(m, 0)
-    while sender != NOBODY:
-        if sender == m.sysid:
-            _own_position(m, now)
-        else:
-            note(m, sender, now)
-        sender, p = next_position(m, p)
-
-
-@kernel
 def _own_position(m: Any, now: float) -> None:
     known, north, east, down, vn, ve, vd, height = locate(m)
     if known:
@@ -265,27 +244,39 @@ def _own_position(m: Any, now: float) -> None:
 
 
 @kernel
-def _begin(m: Any, now: float) -> bool:
-    """Makes the part of a step that precedes the law; returns whether the law is to be called."""
-    m.mavlink_tx_len = 0
-    _receive(m, now)
+def _begins(m: Any, now: float) -> bool:
+    """Estimates the own position, and returns whether a period of the law begins."""
     if m.position_heard >= 0.0:
         for i in range(3):
             m.position[i] = m.measured_position[i] + m.velocity[i] * (now - m.position_heard)
-    heartbeat(m, now)
     turn = floor(now / m.period + SLACK)
     begins = turn > m.turn and now >= m.first_step_time - SLACK
     m.turn = turn
-    if m.state >= _LANDING:
-        _land(m, now)
+    return bool(begins)
+
+
+@kernel
+def _ends(m: Any, now: float) -> bool:
+    if m.state < _LANDING:
         return False
-    supervise(m)
-    if m.state < _READY and now >= m.takeoff_time - SLACK:
-        was_arming = m.state == _ARMING
-        prepare(m, now)
-        if was_arming and m.state == _TAKEOFF:
-            m.home[:] = m.position
-    elif m.state in (_READY, _FLYING):
+    _land(m, now)
+    return True
+
+
+@kernel
+def _rises(m: Any, now: float) -> bool:
+    return bool(now >= m.takeoff_time - SLACK)
+
+
+@kernel
+def _armed(m: Any) -> None:
+    m.home[:] = m.position
+
+
+@kernel
+def _follow(m: Any, now: float, begins: bool, was_ready: bool) -> bool:
+    """Hovers and flies until it is time to land; returns whether the law is to be called."""
+    if was_ready and m.state in (_READY, _FLYING):
         if m.land_time > 0.0 and now >= m.land_time - SLACK:
             m.state, m.state_since, m.asked = _LANDING, now, 0
             return False
@@ -415,34 +406,12 @@ def _start(m: Any) -> int:
     return 0
 
 
-def agent_kernels(law: Callable[[Any, float, float], int]) -> tuple[Any, Any]:
-    """Returns the kernels of a model that follows `law`.
-
-    Args:
-        law: a kernel of (record, time [s], period [s]). It reads `position`, `velocity`, `home`, the first `neighbours`
-            rows of `near_id`, `near_position`, `near_velocity`, `near_age`, `near_distance`, and the model's own
-            variables; writes `setpoint_position`, `setpoint_velocity`, `setpoint_acceleration`; returns which of them
-            hold, or minus a key of the model's errors. The set-points initially keep position and altitude: a law in
-            the plane leaves their third elements unchanged.
-    """
-    decide = decision(law)
-
-    @kernel
-    def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-        if _begin(m, t):
-            which = decide(m, t)
-            if which < 0:
-                return -which
-            if which > POSITION + VELOCITY + ACCELERATION:
-                return 4
-            if which != NOTHING_NEW:
-                _steer(m, t, which)
-        return 0
-
-    return _start, advance
+@kernel
+def _finish(m: Any, now: float) -> None:
+    """Has no outputs to update."""
 
 
-def decision(law: Callable[[Any, float, float], int]) -> Callable[[Any, float], int]:
+def decision(law: Law) -> Callable[[Any, float], int]:
     """Returns a kernel of (record, time [s]) that calls `law` once, from the neighbour table to the set-points."""
 
     @kernel
@@ -455,3 +424,21 @@ def decision(law: Callable[[Any, float, float], int]) -> Callable[[Any, float], 
         return which
 
     return decide
+
+
+_SPACE = Frame(
+    _start, _own_position, note, _begins, _ends, _rises, _armed, _follow, decision, _steer, _finish
+)  # fmt: skip
+
+
+def agent_kernels(law: Law) -> tuple[Any, Any]:
+    """Returns the kernels of a model that follows `law`.
+
+    Args:
+        law: a kernel of (record, time [s], period [s]). It reads `position`, `velocity`, `home`, the first `neighbours`
+            rows of `near_id`, `near_position`, `near_velocity`, `near_age`, `near_distance`, and the model's own
+            variables; writes `setpoint_position`, `setpoint_velocity`, `setpoint_acceleration`; returns which of them
+            hold, or minus a key of the model's errors. The set-points initially keep position and altitude: a law in
+            the plane leaves their third elements unchanged.
+    """
+    return assembled(_SPACE, law)

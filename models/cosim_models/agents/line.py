@@ -1,12 +1,12 @@
-"""The behaviour of an agent of a line as kernels over its record: the packets received, and the times of its law.
+"""The frame of agents on a line: positions along a parallel of latitude, steps by time or arrival, set-points there.
 
-The law belongs to the agent: `LineAgent.advance` calls `act`, applies its law if `act` requests it, and calls `finish`.
-An agent with another law on a line does the same. `line_agent` describes the purpose of the agent, and `script` handles
-the take-off.
+A law on a line is a kernel, as one in space is (`kit`); `parts.assembly` tells which parts of a step the frames share.
+`line_agent` describes the purpose of the agent, and `script` handles the take-off.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
 from math import floor
 from typing import Any
@@ -22,10 +22,12 @@ from cosim.messages import (
     decode_global_position_int,
     encode_set_position_target_global_int,
 )
-from cosim_models.agents.parts.conversation import NOBODY, SLACK, heartbeat, next_position, reposition, send
-from cosim_models.agents.parts.script import NEVER, AgentState, enter_next, prepare, stale, supervise
+from cosim_models.agents.parts.assembly import NO_SUM, Frame, Law, assembled
+from cosim_models.agents.parts.conversation import SLACK, reposition, send
+from cosim_models.agents.parts.guard import POSITION
+from cosim_models.agents.parts.script import NEVER, AgentState, enter_next, stale
 
-__all__ = ["ERRORS", "StalePolicy", "Trigger", "act", "finish", "go", "start"]
+__all__ = ["ERRORS", "POSITION", "StalePolicy", "Trigger", "line_kernels"]
 
 _ONLY_POSITION = 0x0DF8  # POSITION_TARGET_TYPEMASK: velocity, acceleration, yaw and yaw rate ignored
 
@@ -54,11 +56,11 @@ ERRORS = {
     1: "sysid must be 1 to 255",
     2: "left_sysid and right_sysid must be 0 to 255 and not the agent's own",
     3: "period, position_rate, altitude and timeout must be positive",
+    NO_SUM: "the law returned what is not POSITION",
 }
 
 
-_WAITING, _ARMING, _TAKEOFF = int(AgentState.waiting), int(AgentState.arming), int(AgentState.takeoff)
-_READY, _FORMATION = int(AgentState.ready), int(AgentState.formation)
+_WAITING, _READY, _FORMATION = int(AgentState.waiting), int(AgentState.ready), int(AgentState.formation)
 _BY_PERIOD = int(Trigger.period)
 _DROP, _FREEZE = int(StalePolicy.drop), int(StalePolicy.freeze)
 
@@ -74,19 +76,9 @@ def _on_line(m: Any, longitude: float) -> float:
 
 
 @kernel
-def _receive(m: Any, now: float) -> None:
-    """Processes the packets of the step: states of the own autopilot, the own position, and those of the neighbours."""
-    sender, p = next_position(m, 0)
-    while sender != NOBODY:
-        if sender == m.sysid:
-            _own_position(m, now)
-        elif sender == m.left_sysid or sender == m.right_sysid:
-            _from_neighbour(m, sender, now)
-        sender, p = next_position(m, p)
-
-
-@kernel
 def _from_neighbour(m: Any, sender: int, now: float) -> None:
+    if sender != m.left_sysid and sender != m.right_sysid:
+        return
     _, latitude, longitude, _, _, _, _, _, _ = decode_global_position_int(m.payload)
     if latitude == 0 and longitude == 0:  # an autopilot that does not know its position
         return
@@ -111,7 +103,7 @@ def _own_position(m: Any, now: float) -> None:
 
 
 @kernel
-def go(m: Any, now: float, target: float) -> None:
+def _go(m: Any, now: float, target: float) -> None:
     """Makes `target` [m on the line] the desired position and sends it, at the latitude of the start."""
     m.target = target
     longitude = longitude_at(m.origin_latitude, m.origin_longitude, target, EARTH_RADIUS_ARDUPILOT)
@@ -145,27 +137,52 @@ def go(m: Any, now: float, target: float) -> None:
 
 
 @kernel
-def _fly(m: Any, now: float) -> tuple[bool, float, float, float]:
-    """Hovers and steps, as long as the autopilot is in the expected state; returns the result of `act`."""
+def _begins(m: Any, now: float) -> bool:
+    """Counts the periods since `first_step_time`; returns whether one begins."""
     period_step = 0
     if now >= m.first_step_time - SLACK:
         period_step = 1 + floor((now - m.first_step_time) / m.period + SLACK)
     begins = period_step > m.period_step
     m.period_step = period_step
+    return bool(begins)
+
+
+@kernel
+def _ends(m: Any, now: float) -> bool:  # noqa: ARG001
+    """Returns False: it does not land."""
+    return False
+
+
+@kernel
+def _rises(m: Any, now: float) -> bool:  # noqa: ARG001
+    """Returns True: it takes off as soon as it can."""
+    return True
+
+
+@kernel
+def _armed(m: Any) -> None:
+    m.start_latitude = m.latitude
+    m.start_position = m.position
+    m.target = m.position
+
+
+@kernel
+def _follow(m: Any, now: float, begins: bool, was_ready: bool) -> bool:  # noqa: ARG001
+    """Hovers and steps, as long as the autopilot is in the expected state; returns whether the law applies."""
+    by_period = m.trigger == _BY_PERIOD
     if m.state == _READY:
         if begins:
-            m.step = period_step if m.trigger == _BY_PERIOD else 1
+            m.step = m.period_step if by_period else 1
             m.step_at = now
-            go(m, now, m.start_position)
+            _go(m, now, m.start_position)
             enter_next(m, now)
-    elif m.state == _FORMATION and (begins if m.trigger == _BY_PERIOD else _arrived(m, now)):
-        m.step = period_step if m.trigger == _BY_PERIOD else m.step + 1
+    elif m.state == _FORMATION and (begins if by_period else _arrived(m, now)):
+        m.step = m.period_step if by_period else m.step + 1
         m.step_at = now
-        applies, own, left, right = _positions(m, now)
-        if applies:
-            return True, own, left, right
-        go(m, now, float(m.target))
-    return False, 0.0, 0.0, 0.0
+        if _can_apply(m, now):
+            return True
+        _go(m, now, float(m.target))
+    return False
 
 
 @kernel
@@ -181,34 +198,34 @@ def _arrived(m: Any, now: float) -> bool:
 
 
 @kernel
-def _positions(m: Any, now: float) -> tuple[bool, float, float, float]:
-    """Returns whether the law can be applied, and the positions for it: own, left, right [m on the line]."""
+def _can_apply(m: Any, now: float) -> bool:
+    """Returns whether the law can be applied, with `left` and `right` as the positions for it [m on the line]."""
     own = float(m.position)
     if m.stubborn or stale(m, m.position_heard, now):
-        return False, own, own, own
+        return False
     has_left, has_right = m.left_sysid != 0, m.right_sysid != 0
     left_stale = has_left and stale(m, m.left_heard, now)
     right_stale = has_right and stale(m, m.right_heard, now)
     fresh = (has_left and not left_stale) or (has_right and not right_stale)
     if not fresh:
-        return False, own, own, own
+        return False
     if m.stale_policy == _FREEZE and (left_stale or right_stale):
-        return False, own, own, own
+        return False
     if m.stale_policy == _DROP:
         has_left = has_left and not left_stale
         has_right = has_right and not right_stale
     elif (has_left and m.left_heard < 0.0) or (has_right and m.right_heard < 0.0):
-        return False, own, own, own
-    left = float(m.left_position) if has_left else own
-    right = float(m.right_position) if has_right else own
-    return True, own, left, right
+        return False
+    m.left = float(m.left_position) if has_left else own
+    m.right = float(m.right_position) if has_right else own
+    return True
 
 
 # ---- the kernels of the FMU --------------------------------------------------------------------------------------
 
 
 @kernel
-def start(m: Any) -> int:
+def _start(m: Any) -> int:
     """Checks the parameters and initializes the memory: nothing has been heard yet."""
     if m.sysid < 1 or m.sysid > 255:
         return 1
@@ -231,30 +248,36 @@ def start(m: Any) -> int:
 
 
 @kernel
-def act(m: Any, t: float) -> tuple[bool, float, float, float]:
-    """Reads the packets that have arrived at time `t` [s] and makes all parts of a step except the law.
-
-    Returns:
-        Whether a step of the law begins: the agent then sends the vehicle to its next position (`go`). Then the
-        positions for the law, in m on the line: its own, its left neighbour's and its right neighbour's. For a missing
-        neighbour, this is its own position.
-    """
-    m.mavlink_tx_len = 0
-    _receive(m, t)
-    heartbeat(m, t)
-    supervise(m)
-    if m.state < _READY:
-        was_arming = m.state == _ARMING
-        prepare(m, t)
-        if was_arming and m.state == _TAKEOFF:
-            m.start_latitude = m.latitude
-            m.start_position = m.position
-            m.target = m.position
-    return _fly(m, t)
+def _finish(m: Any, now: float) -> None:
+    """Updates the ages of the neighbours' positions."""
+    m.left_age = now - m.left_heard if m.left_heard >= 0.0 else NEVER
+    m.right_age = now - m.right_heard if m.right_heard >= 0.0 else NEVER
 
 
 @kernel
-def finish(m: Any, t: float) -> None:
-    """Updates the outputs that depend on the time `t` [s]."""
-    m.left_age = t - m.left_heard if m.left_heard >= 0.0 else NEVER
-    m.right_age = t - m.right_heard if m.right_heard >= 0.0 else NEVER
+def _steer(m: Any, now: float, which: int) -> None:  # noqa: ARG001
+    _go(m, now, float(m.target))
+
+
+def _decision(law: Law) -> Callable[[Any, float], int]:
+    @kernel
+    def decide(m: Any, now: float) -> int:
+        return law(m, now, m.period)
+
+    return decide
+
+
+_LINE = Frame(
+    _start, _own_position, _from_neighbour, _begins, _ends, _rises, _armed, _follow, _decision, _steer, _finish
+)  # fmt: skip
+
+
+def line_kernels(law: Law) -> tuple[Any, Any]:
+    """Returns the kernels of a model that follows `law` on a line.
+
+    Args:
+        law: a kernel of (record, time [s], period [s]), called when a step of the law begins. It reads `position`,
+            `left` and `right`, in m on the line (a missing neighbour has the own position), and the model's own
+            variables; writes `target`, in m on the line; returns POSITION, or minus a key of the model's errors.
+    """
+    return assembled(_LINE, law)

@@ -23,12 +23,12 @@ from typing import Any
 from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter
 from cosim.kernel import kernel
 from cosim.verdict import Bound, Condition, Formation, Reason, Role
-from cosim_models.agents.line import ERRORS, StalePolicy, Trigger, act, finish, go, start
+from cosim_models.agents.line import ERRORS, POSITION, StalePolicy, Trigger, line_kernels
 from cosim_models.agents.parts.consensus import consensus_step, consensus_terms
 from cosim_models.agents.parts.conversation import CONVERSATION
 from cosim_models.agents.parts.script import NEVER, SCRIPT, WHY, AgentState, Failure
 
-__all__ = ["LineAgent"]
+__all__ = ["LineAgent", "consensus"]
 
 _CONDITION = Condition(
     failed=(AgentState.failed,),
@@ -53,13 +53,10 @@ def _heard(side: str) -> Bound:
 
 
 @kernel
-def advance(m: Any, t: float, h: float) -> int:  # noqa: ARG001
-    """Makes one step at time `t` [s]: the script and, if a step of the law begins, the law."""
-    due, own, left, right = act(m, t)
-    if due:
-        go(m, t, consensus_step(own, left, right, m.epsilon))
-    finish(m, t)
-    return 0
+def consensus(m: Any, t: float, h: float) -> int:  # noqa: ARG001
+    """Sets the target: the own position, and epsilon times the sum of the ways to the neighbours."""
+    m.target = consensus_step(float(m.position), float(m.left), float(m.right), m.epsilon)
+    return POSITION
 
 
 class LineAgent(Model):
@@ -150,10 +147,12 @@ class LineAgent(Model):
         Memory("left_heard"),  # s
         Memory("right_position"),
         Memory("right_heard"),
+        Memory("left"),  # m on the line: the neighbours' positions for the law
+        Memory("right"),
         Memory("start_latitude", dtype="i4"),  # degE7
         Memory("start_position"),  # m on the line
         Memory("period_step", dtype="i4"),  # number of the current period
         Memory("step_at"),  # s, start of the current step
     )
-    kernels = (start, advance)
+    kernels = line_kernels(consensus)
     errors = ERRORS

@@ -18,6 +18,7 @@ from cosim.build import load_models, models_of_package
 from cosim.build.sources import sources_of
 from cosim_master.system.shipped import templates
 from cosim_models.agents.kit import agent_variables
+from cosim_models.agents.line_agent import LineAgent
 
 PAGE = (Path(__file__).parents[3] / "docs" / "agents.md").read_text(encoding="utf-8")
 COMMON = {v.name for v in agent_variables()}
@@ -94,7 +95,7 @@ def test_the_lines_of_laws_and_starting_points_are_counted() -> None:
     rows = re.findall(r"^\| `(.+?)` \| (\d+) \| ?(\d*) \|$", PAGE.split("### Lines of code\n")[1], re.MULTILINE)
     counted = []
     for model in models_of_package("cosim_models"):
-        if not {v.name for v in model.variables} >= COMMON:
+        if model is not LineAgent and not {v.name for v in model.variables} >= COMMON:
             continue
         text = Path(inspect.getfile(model)).read_text(encoding="utf-8")
         kernels = "@kernel\n" + text.split("\n@kernel\n", 1)[1].split(f"\nclass {model.__name__}(")[0]
