@@ -125,7 +125,7 @@ def test_a_signal_that_does_not_exist_is_refused_before_any_run() -> None:
         Metric.parsed("eror_to_law").signals({}, units)
     with pytest.raises(SystemDescriptionError, match="no agents on a line"):
         Metric.parsed("error_to_law").signals({}, units)
-    with pytest.raises(SystemDescriptionError, match="the outputs `voltage` in V and `current` in A"):
+    with pytest.raises(SystemDescriptionError, match="one output in V and one in A"):
         Metric.parsed("energy").signals({}, units)
 
 

@@ -88,6 +88,8 @@ IN_FILES = {
         "view/motion.py": "key of the page's document",
     },
     "step": {
+        "campaigns/running/options.py": "option",
+        "campaigns/study/study.py": "key of a study",
         "cli/terminal/options.py": "option",
         "execution/outcome/manifest.py": "key of the manifest",
         "fmi/description/declarations.py": "attribute of the annotation of verdicts",
@@ -125,7 +127,14 @@ IN_FILES = {
 EXAMPLES = "an example in a help text, for people who type it"
 JUSTIFIED = {
     ("epsilon", "cli/verbs/run.py"): EXAMPLES,
+    ("epsilon", "cli/verbs/sweep.py"): EXAMPLES,
     ("epsilon", "cli/views/explanation.py"): "an example in a docstring",
+    ("epsilon", "campaigns/study/factors.py"): "an example in a docstring",
+    ("sysid", "view/programs/ros/mavlink.py"): "field of mavros_msgs/Mavlink",
+    ("sysid", "view/programs/ros/ros1.py"): "field of mavros_msgs/Mavlink",
+    ("sysid", "view/programs/ros/ros2_types.py"): "field of mavros_msgs/Mavlink",
+    ("setpoint_position", "view/programs/ros/setpoints.py"): "a topic of mavros",
+    ("setpoint_velocity", "view/programs/ros/setpoints.py"): "a topic of mavros",
     ("position_start", "cli/verbs/systems.py"): EXAMPLES,
     ("Hexarotor", "cli/verbs/editing.py"): EXAMPLES,
     ("Quadrotor", "cli/verbs/build.py"): EXAMPLES,

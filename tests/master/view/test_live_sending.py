@@ -18,7 +18,7 @@ from cosim.verdict import Role
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.network.gateways.mailbox import Mailbox
-from cosim_master.network.radio.tables import BY_RADIO, EVENT
+from cosim_master.network.radio.tables import BY_RADIO
 from cosim_master.results.reading.read import packets, signals
 from cosim_master.results.reading.roles import Part, Player
 from cosim_master.stepping.observation import Packets, View
@@ -27,6 +27,7 @@ from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from cosim_master.view.live.ground_station import mavlink2
 from cosim_master.view.live.sending import Sending, reposition
 from cosim_master.view.live.traffic import LiveTraffic
+from tests.master.view.events import events_of
 from tests.master.view.watched import LINE5
 
 LATITUDE, LONGITUDE, ALTITUDE = math.radians(-35.363262), math.radians(149.165237), 584.0
@@ -59,7 +60,7 @@ def ready(
     network = Network(nodes=nodes)
     traffic = LiveTraffic(network, [Part(f"drone{i}", f"drone{i}.vehicle", "") for i in (1, 2)])
     events = [(0, 0, i, 1 - i, 0, system, 1, 0, 20, BY_RADIO) for i, system in enumerate(systems) if system]
-    traffic.packets(Packets(np.array(events, dtype=EVENT), np.zeros(0, np.uint8)), complete=True)
+    traffic.packets(Packets(events_of(events), np.zeros(0, np.uint8)), complete=True)
     mailbox.refusal = ""
     return Sending(network, known, traffic, mailbox)
 

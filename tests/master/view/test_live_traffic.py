@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega
 
-from cosim_master.network.radio.tables import BY_RADIO, EVENT, LOST_CHANNEL, LOST_RANGE, ON_BOARD
+from cosim_master.network.radio.tables import BY_RADIO, LOST_CHANNEL, LOST_RANGE, ON_BOARD
 from cosim_master.results.reading.roles import Part
 from cosim_master.stepping.observation import Packets
 from cosim_master.system.settings.network import Gateway, Network
 from cosim_master.system.settings.radio.nodes import Endpoint, Node
 from cosim_master.view.live.traffic import LiveTraffic
+from tests.master.view.events import events_of
 
 LATENCY = 20_000_000
 
@@ -47,7 +48,7 @@ class Radio:
             self.log += struct.pack("<qii", time + LATENCY, 2 * target, len(packet)) + packet
 
     def hand_over(self, *, complete: bool = False) -> None:
-        packets = Packets(np.array(self.events, dtype=EVENT), np.frombuffer(self.log, np.uint8))
+        packets = Packets(events_of(self.events), np.frombuffer(self.log, np.uint8))
         self.traffic.packets(packets, complete=complete)
         if complete:
             self.events, self.log = [], b""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega
 
 from cosim_master.network.gateways.mailbox import Mailbox
-from cosim_master.network.radio.tables import BY_RADIO, EVENT
+from cosim_master.network.radio.tables import BY_RADIO
 from cosim_master.results.reading.roles import Part
 from cosim_master.stepping.observation import Packets
 from cosim_master.system.settings.network import Network
@@ -22,6 +22,7 @@ from cosim_master.view.live.ground_station import GroundStation
 from cosim_master.view.live.traffic import LiveTraffic
 from cosim_master.view.programs.ros.mavlink import fields_of, packet_of
 from cosim_master.view.programs.ros.setpoints import Setpoints
+from tests.master.view.events import events_of
 
 POSE, TWIST, SINK = "d2/setpoint_position/local", "d2/setpoint_velocity/cmd_vel", "d2/mavlink_sink"
 
@@ -35,7 +36,7 @@ class Heard:
         network = Network(nodes=nodes)
         traffic = LiveTraffic(network, [Part(f"drone{i}", f"drone{i}.vehicle", "") for i in (1, 2)])
         events = [(0, 0, i, 1 - i, 0, system, 1, 0, 20, BY_RADIO) for i, system in enumerate(systems) if system]
-        traffic.packets(Packets(np.array(events, dtype=EVENT), np.zeros(0, np.uint8)), complete=True)
+        traffic.packets(Packets(events_of(events), np.zeros(0, np.uint8)), complete=True)
         self.mailbox, self.told = Mailbox(), list[str]()
         self.mailbox.refusal = ""
         station = GroundStation(network, traffic, self.mailbox, 191)

@@ -5,7 +5,7 @@
     error_to_law             m       greatest distance of a drone from the fixed point of its law at the end, east
     nearest_approach         m       smallest distance of two vehicles during the run
     packets_sent, _delivered, _lost  counts of the radio
-    energy                   J       integral of voltage times current of all batteries (outputs of these names)
+    energy                   J       integral of the power of all batteries (components with one output in V and one in A)
 
 A metric without a value is NaN: drones that have not settled, a run with one vehicle, a law without a fixed point.
 """
@@ -46,7 +46,7 @@ def needs(name: str, players: Mapping[str, Player], units: Mapping[str, str]) ->
         return _law_signals(players, units)
     if name == "energy":
         found = [one for pair in _batteries(units) for one in pair]
-        text = "energy needs a component with the outputs `voltage` in V and `current` in A, such as PowerSystem"
+        text = "energy needs a component with one output in V and one in A, such as a battery"
         return found, "" if found else f"{text}; this system has none"
     return [], ""
 
@@ -130,14 +130,12 @@ def _packets(name: str) -> Callable[[Measured], float]:
 
 
 def _batteries(units: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Returns the pairs of signals that are voltage and current of a battery."""
-    found = []
+    """Returns the signals of the components with one output in V and one in A: the two of a battery."""
+    found: dict[str, dict[str, list[str]]] = {}
     for name, unit in units.items():
-        component, _, variable = name.rpartition(".")
-        current = f"{component}.current"
-        if variable == "voltage" and unit == "V" and units.get(current) == "A":
-            found.append((name, current))
-    return found
+        found.setdefault(name.rpartition(".")[0], {}).setdefault(unit, []).append(name)
+    pairs = [(one.get("V", []), one.get("A", [])) for one in found.values()]
+    return [(volts[0], amperes[0]) for volts, amperes in pairs if len(volts) == len(amperes) == 1]
 
 
 def _energy(run: Measured) -> float:

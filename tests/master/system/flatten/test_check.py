@@ -560,7 +560,7 @@ class TestExperimentAndAnnotations:
             "inner.own": 0.001,
             "inner.plain": 0.002,
             "plain": 0.01,
-            "silent": None,
+            "silent": 0.001,  # nobody names one
         }
 
     def test_a_step_size_for_everything(self, workshop: Any) -> None:
