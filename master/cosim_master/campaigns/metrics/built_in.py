@@ -5,7 +5,7 @@
     error_to_law             m       greatest distance of a drone from the fixed point of its law at the end, east
     nearest_approach         m       smallest distance of two vehicles during the run
     packets_sent, _delivered, _lost  counts of the radio
-    energy                   J       integral of the power of all batteries (components with one output in V and one in A)
+    energy                   J       integral of the power of all batteries (one output in V, one in A)
 
 A metric without a value is NaN: drones that have not settled, a run with one vehicle, a law without a fixed point.
 """
