@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from cosim_master.execution.options import Listener, RunOptions
 from cosim_master.execution.simulate import simulate
 from cosim_master.results.recording.packet_log import EPOCH
-from tests.scenarios.flights import SYSTEMS, fly
+from tests.scenarios.flights import SYSTEMS, copy_of, fly
 from tests.scenarios.swarm import START_UP, Swarm, running
 
 pytestmark = pytest.mark.slow
@@ -87,6 +88,26 @@ def test_a_client_flies_a_vehicle_at_its_port(tmp_path: Path, fmus: Path) -> Non
     assert "malformed" not in counts
     assert manifest["gateways"]["@drone1"]["not taken"] > 0  # nobody has been there
     assert _crossed(tmp_path / "out" / "packets" / "@drone3.tlog") == (counts["received"], {3, 255})
+
+
+def test_a_client_at_a_relays_port_commands_the_farthest_drone(tmp_path: Path, fmus: Path) -> None:
+    """A radio in which drones hear their neighbours only: at drone 1, by four hops, drone 5 is heard and obeys."""
+    links = "".join(f'<link between="drone{i} drone{i + 1}"/>' for i in range(1, 5))
+
+    def line(text: str) -> str:
+        new = f'<network xmlns="https://uav-cosim.org/ns/1" topology="listed" relays="*">{links}</network>'
+        return re.sub(r"<network [^>]*/>", new, text)
+
+    system = copy_of("line5-script", tmp_path, fmus, line)
+    with running(tmp_path / "out", "--ports", "tcp:0", pace=PACE, system=str(system)) as swarm:
+        client = Client(f"tcp:127.0.0.1:{swarm.port('@drone1')}", 5)
+        client.wait("EKF_STATUS_REPORT", lambda m: m.flags & 512)
+        assert client.command(MODE, 1, GUIDED) == ACCEPTED
+        client.wait("HEARTBEAT", lambda m: m.custom_mode == GUIDED)
+        client.link.close()
+        manifest = swarm.stop()
+    assert manifest["packets"]["relayed"] > 8
+    assert manifest["gateways"]["@drone1"]["received"] >= 2
 
 
 def test_a_port_with_a_key_obeys_who_signs(tmp_path: Path, fmus: Path) -> None:

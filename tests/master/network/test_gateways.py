@@ -204,7 +204,7 @@ class Air:
 
     def admit(self, gateway: str, packets: bytes, t: int = 0) -> None:
         buf = np.frombuffer(packets, np.uint8).copy()
-        admit(self.radio, t, self.gateways.index(gateway), buf, len(packets))
+        admit(self.radio, np.zeros(0), t, self.gateways.index(gateway), buf, len(packets))
 
     def deliver(self, endpoint: str, t: int = 0) -> bytes:
         return self._buffer[: deliver(self.radio, t, self.names.index(endpoint), self._buffer)].tobytes()

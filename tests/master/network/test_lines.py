@@ -251,7 +251,7 @@ def test_packets_cross_by_every_line_in_use() -> None:
     one, _, loop = running(GCS, D1)
     loop.to(2)
     for g, block in enumerate((packet(255), packet(254))):
-        admit(loop.radio, 20_000_000, g, np.frombuffer(block, np.uint8), len(block))
+        admit(loop.radio, np.zeros(0), 20_000_000, g, np.frombuffer(block, np.uint8), len(block))
     loop.to(5)
     assert one.heard == [(0.02, "t", packet(255)), (0.02, "s", packet(254))]
     assert one.values["t_rx"] == one.values["s_rx"] == ""

@@ -13,6 +13,7 @@ from cosim_master.network.radio.build import GATEWAY_BYTES, grown
 from cosim_master.network.radio.queues import arrived, deliver
 from cosim_master.network.radio.router import admit
 from cosim_master.network.radio.tables import FREE_PLACES, IN_FLIGHT
+from cosim_master.network.radio.topology import copies
 
 __all__ = ["GatewayPort"]
 
@@ -30,7 +31,7 @@ class GatewayPort:
     def compile(self) -> None:
         """Compiles the kernels now; later, a real program would have to wait."""
         radio, now = self._state.radio, self._state.now
-        admit(radio, now, 0, np.frombuffer(b"-", dtype=np.uint8), 0)
+        admit(radio, self._state.plan.real_out, now, 0, np.frombuffer(b"-", dtype=np.uint8), 0)
         e = int(radio.gateways[0]["endpoint"])
         arrived(radio.endpoints, radio.places, now, e)
         deliver(radio, now, e, self._crossing)
@@ -41,11 +42,12 @@ class GatewayPort:
         for first in range(0, len(packets), _AT_ONCE):
             some = packets[first : first + _AT_ONCE]
             block = np.frombuffer(b"".join(some), dtype=np.uint8)
-            need = len(some) * (state.radio.endpoints.size + 1)
+            each = copies(state.radio) if state.radio.trip.size else 0
+            need = len(some) * (state.radio.endpoints.size + 1 + each)
             if need > state.radio.counters[FREE_PLACES]:
                 state.radio = grown(state.radio, need)
             self._blocks.make_room(need, 2 * block.size + 64 * len(some))
-            admit(state.radio, state.now, gateway, block, block.size)
+            admit(state.radio, state.plan.real_out, state.now, gateway, block, block.size)
 
     def take(self, gateway: int) -> bytes:
         """Returns the packets that have arrived at a gateway by now."""

@@ -13,7 +13,7 @@ from cosim.kernel import kernel
 from cosim.packets import system
 from cosim_master.network.radio.link.chances import DUPLICATE as OF_DUPLICATE
 from cosim_master.network.radio.link.chances import DUPLICATE_JITTER, chance
-from cosim_master.network.radio.link.channel import over_radio
+from cosim_master.network.radio.link.channel import over_link, over_radio
 from cosim_master.network.radio.link.effects import damage, first_error
 from cosim_master.network.radio.medium import (
     collided,
@@ -251,34 +251,75 @@ def _land(r: Radio, reals: NDArray[np.float64]) -> None:
         r.counters[REPEATED] += 1
         r.counters[DELIVERED] += 1
     else:
-        here = False
+        here = is_aboard(r, n, to_system)
         for j in range(r.nodes[n].first, r.nodes[n].last):
-            here = here or (to_system != 0 and r.endpoints[j].heard == to_system)
             if _hears(r, j, to_system):
                 put(r, j, t, r.data[place], 0, length, logged, -1)
                 logged = 0
         if whole and logged != 0:
             r.counters[DELIVERED] += 1  # to the relay alone
         if whole and is_relay(r, n):
+            here = _to_cables(r, t, n, to_system, place) or here
             learn(r, n, system(r.data[place], 0), r.endpoints[row.sender].node)
             if not here and r.relayed[place].hops < r.settings[0].hops:
                 continue_trip(r, place)
-                _send_on(r, reals, t, n, to_system, r.data[place], length)
+                send_on(r, reals, t, n, to_system, r.data[place], 0, length)
     take_out(r, air)
     r.counters[WAITING] -= 1
     r.counters[AIRBORNE] -= 1
 
 
 @kernel
-def _send_on(
-    r: Radio, reals: NDArray[np.float64], t: int, n: int, to_system: int, buf: NDArray[np.uint8], length: int
-) -> None:
-    """Sends the packet buf[:length], which relay `n` has received at t, to the nodes that its router selects."""
+def is_aboard(r: Radio, n: int, to_system: int) -> bool:
+    """Returns whether a system has been heard on board of node `n`; False for 0, all systems."""
+    found = False
+    for j in range(r.nodes[n].first, r.nodes[n].last):
+        found = found or (to_system != 0 and r.endpoints[j].heard == to_system)
+    return found
+
+
+@kernel
+def _to_cables(r: Radio, t: int, n: int, to_system: int, place: int) -> bool:
+    """Sends the packet in `place`, which relay `n` takes at t, to the gateways at its cables, as its router selects.
+
+    Returns:
+        Whether its target is behind one of them.
+    """
+    found = False
+    for g in range(r.gateways.size):
+        w = r.gateways[g]
+        if w.wired < 0 or r.endpoints[w.wired].node != n:
+            continue
+        if (to_system != 0 or w.quiet != 0) and w.systems[to_system] == 0:
+            continue
+        found = found or to_system != 0
+        relay, sink, length = r.nodes[n].relay, r.endpoints[w.endpoint].node, r.places[place].length
+        arrival, outcome = over_link(r, t, g, relay, sink, n)
+        if arrival >= 0:
+            put(r, w.endpoint, arrival, r.data[place], 0, length, LOGGED, -1)
+        record_event(r, t, arrival, relay, sink, r.data[place], 0, length, outcome)
+    return found
+
+
+@kernel
+def send_on(
+    r: Radio,
+    reals: NDArray[np.float64],
+    t: int,
+    n: int,
+    to_system: int,
+    buf: NDArray[np.uint8],
+    start: int,
+    stop: int,
+) -> bool:
+    """Sends the packet buf[start:stop], which relay `n` has received at t, to the nodes that its router selects."""
     relay = r.nodes[n].relay
-    if by_radio(r, reals, t, relay, to_system, buf, 0, length):
+    sent = by_radio(r, reals, t, relay, to_system, buf, start, stop)
+    if sent:
         r.counters[SENT_ON] += 1
     elif to_system != 0 and next_hop(r, n, to_system) not in (-1, r.trip[0].via):
-        record_event(r, t, -1, relay, -1, buf, 0, length, NO_ROUTE)
+        record_event(r, t, -1, relay, -1, buf, start, stop, NO_ROUTE)
+    return sent
 
 
 @kernel

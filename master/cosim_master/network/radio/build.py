@@ -273,7 +273,7 @@ def make_radio(network: Network, reals: Mapping[tuple[str, str], int], *, keep: 
         relayed=table(np.zeros(0, dtype=RELAYED)),
         trip=table(np.zeros(1 if relays else 0, dtype=RELAYED)),
         routes=np.zeros((len(nodes) if relays else 0, 256), dtype=np.int64),
-        seen=np.zeros((len(nodes) * int(members[-1]) if relays else 0, 2), dtype=np.int64),
+        seen=np.zeros((len(nodes) * (int(members[-1]) + len(network.gateways)) if relays else 0, 2), dtype=np.int64),
         order=np.arange(len(nodes), dtype=np.int64),
         along=np.zeros(len(nodes)),
         hearers=np.zeros(len(nodes) + 1, dtype=np.int64),

@@ -8,6 +8,9 @@ passes at most `hops` relays.
 
 If there are relays, packets by radio are in flight to the *air*, an endpoint behind those of all nodes, until they
 reach a node. There they are taken in the order of their arrival, passed on to the endpoints of the node, and sent on.
+The cable of a gateway is another link of the relay at its end, whose router treats it as it treats a neighbour: packets
+from the cable are sent on, and those for systems behind the gateway, or for all, leave by it.
+
 A relay sends by an endpoint of its own, with its own random numbers and, with a medium, its own time on the air. The
 rest of the journey of a packet in flight is in `Radio.relayed`, in the row of its place; `Radio.trip` is the journey of
 the packet that is being sent. All of these arrays are empty if no node relays.
@@ -20,6 +23,7 @@ from cosim_master.network.radio.tables import USED_EVENTS, Radio
 
 __all__ = [
     "begin_trip",
+    "begin_trip_at",
     "continue_trip",
     "first_time",
     "is_relay",
@@ -48,6 +52,19 @@ def begin_trip(r: Radio, e: int, t: int) -> None:
     r.trip[0].via = -1
     r.trip[0].hops = 0
     first_time(r, r.endpoints[e].node, e, r.endpoints[e].number)
+
+
+@kernel
+def begin_trip_at(r: Radio, e: int, n: int, t: int) -> None:
+    """Begins the journey of the next packet of a gateway, by its endpoint `e`, at the relay `n` that it is wired to."""
+    number = r.endpoints[e].number
+    r.endpoints[e].number = number + 1
+    r.trip[0].origin = e
+    r.trip[0].born = t
+    r.trip[0].number = number
+    r.trip[0].via = -1
+    r.trip[0].hops = 1
+    first_time(r, n, e, number)
 
 
 @kernel

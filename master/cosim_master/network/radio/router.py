@@ -39,11 +39,13 @@ from cosim.packets import (
     system,
     target,
 )
-from cosim_master.network.radio.air import addressed, by_radio
+from cosim_master.network.radio.air import addressed, by_radio, is_aboard, send_on
 from cosim_master.network.radio.link.channel import over_link
 from cosim_master.network.radio.queues import log_packet, put, record_event
 from cosim_master.network.radio.relays import (
     begin_trip,
+    begin_trip_at,
+    is_relay,
 )
 from cosim_master.network.radio.tables import (
     COUNTED,
@@ -152,7 +154,7 @@ def _own_message(r: Radio, buf: NDArray[np.uint8], start: int) -> tuple[int, int
 
 
 @kernel
-def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
+def admit(r: Radio, reals: NDArray[np.float64], t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
     """Routes the packets in buf[:n] that gateway g received by time t [ns]. They are complete and have correct CRCs."""
     w = r.gateways[g]
     e = w.endpoint
@@ -168,7 +170,11 @@ def admit(r: Radio, t: int, g: int, buf: NDArray[np.uint8], n: int) -> None:
         log_packet(r, t, r.endpoints[e].node, 1, buf, start, stop)
         taken = False
         if w.wired >= 0:
-            taken = _from_gateway(r, t, g, r.endpoints[w.wired].node, to_system, buf, start, stop)
+            node = r.endpoints[w.wired].node
+            taken = _from_gateway(r, t, g, node, to_system, buf, start, stop)
+            if r.trip.size > 0 and is_relay(r, node) and not is_aboard(r, node, to_system):
+                begin_trip_at(r, e, node, t)
+                taken = send_on(r, reals, t, node, to_system, buf, start, stop) or taken
         else:
             for other in range(r.along.size):
                 taken = _from_gateway(r, t, g, other, to_system, buf, start, stop) or taken
