@@ -47,6 +47,19 @@ def test_overhead_of_fmi_3_is_compared_with_a_program_that_computes_the_same(tmp
 
 
 @pytest.mark.slow
+def test_a_campaign_is_measured_beside_a_loop(tmp_path: Path, fmus: Path) -> None:
+    document = tmp_path / "scale.md"
+    document.write_text("# Scale\n\nOther figures.\n", encoding="utf-8")
+    words = ("--seeds", "1", "--loop", "1", "--workers", "2", "--until", "2", "--docs", str(document))
+    found = benchmark("campaigns", tmp_path, *words)
+    assert (found["loop"]["runs"], found["campaign"]["runs"]) == (1, 50)
+    assert all(found[name]["processor_s_per_run"] > 0.0 for name in ("loop", "campaign"))
+    text = document.read_text(encoding="utf-8")
+    assert text.startswith("# Scale\n\nOther figures.\n")
+    assert "| 50 |" in text
+
+
+@pytest.mark.slow
 def test_isolated_fmus_compute_the_same(tmp_path: Path) -> None:
     rows = benchmark("isolation", tmp_path, "--instances", "3", "--rounds", "1", "--scale", "0.01")["rows"]
     assert [(row["fmu"], row["instances"]) for row in rows] == [("Relay", 3), ("Quadrotor", 3)]

@@ -2,6 +2,7 @@
 
     campaign    a campaign from beginning to end: what is left to do, the runs in flight, progress, interruption
     running/    one run in a worker, prefixes that runs share, and the cluster
+    report/     a report on a campaign: curves, heat maps, sensitivities, outliers
     dataset/    the folder of a campaign: a row for each run, written as runs end
     metrics/    numbers for a run: built-in ones, expressions over signals, Python functions
     study/      a study as data: factors, design, seeds, metrics

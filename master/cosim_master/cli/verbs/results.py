@@ -167,10 +167,13 @@ def _serve_rerun(file: Path) -> None:
         viewer.wait()
 
 
-@verb("report out/line5", "report out/line5 out/line5-2 -o comparison.html")
+@verb("report out/line5", "report out/line5 out/line5-2 -o comparison.html", "report out/study")
 def report(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Folder of a run's results; several are compared.")
+        list[Path],
+        typer.Argument(
+            metavar="RUN...", help="Folder of a run's results, or of a campaign; several runs are compared."
+        ),
     ],
     file: Annotated[
         Path | None,
@@ -180,12 +183,21 @@ def report(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write a report on a run, or a comparison of several: one HTML page with figures and tables."""
+    """Write a report on a run or a campaign, or a comparison of several runs: one HTML page with figures and tables."""
     with errors(as_json=as_json), activity() as doing:
         doing.stage(f"reading {', '.join(map(str, runs[:3]))}")
-        from cosim_master.report.page import write_report
+        from cosim_master.campaigns.dataset.folder import is_campaign
 
-        written = write_report(runs, file)
+        if any(map(is_campaign, runs)):
+            if len(runs) > 1:
+                raise usage("report: campaigns are not compared; give the folder of one campaign, or folders of runs")
+            from cosim_master.campaigns.report.page import write_campaign_report
+
+            written = write_campaign_report(runs[0], file)
+        else:
+            from cosim_master.report.page import write_report
+
+            written = write_report(runs, file)
         doing.end()
         if as_json:
             print_json({"files": [str(written)]})
