@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lxml import etree
 from numpy.typing import NDArray
 
 from cosim_master import RunOptions, simulate
-from tests.scenarios.flights import SYSTEMS, Flight, fly
+from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
 
 Array = NDArray[np.float64]
 BEGIN = 20.0
@@ -120,8 +121,27 @@ def test_five_keep_their_distance_and_their_leader_stops_at_the_fence(flown: Cal
     assert way[-1, 1:, 1] == pytest.approx([-s, s, -2.0 * s, 2.0 * s], abs=0.5)
 
 
-@pytest.mark.parametrize("system", ["guarded", "tracking", "sweep"])
-def test_a_run_has_the_same_bits_with_two_threads_and_when_it_is_resumed(
+SCENARIOS = (
+    "rendezvous", "formation", "coverage", "flocking", "follower", "tracking", "sweep", "guarded", "windy",
+)  # fmt: skip
+
+
+def test_these_are_all_scenarios() -> None:
+    """Those of the line have tests of their own: test_run_is_repeated and test_run_is_resumed."""
+    assert {one.name for one in SYSTEMS.iterdir() if not one.name.startswith("line5")} == set(SCENARIOS)
+
+
+def backwards(text: str) -> str:
+    """The same system, its components in the opposite order."""
+    root = etree.fromstring(text.encode())
+    (elements,) = root.findall("{*}System/{*}Elements")
+    assert len(elements) > 2
+    elements[:] = [*reversed(elements)]
+    return str(etree.tostring(root, encoding="unicode"))
+
+
+@pytest.mark.parametrize("system", SCENARIOS)
+def test_a_run_has_the_same_bits_with_two_threads_when_it_is_resumed_and_in_any_order(
     system: str, fmus: Path, tmp_path: Path
 ) -> None:
     given: dict[str, Any] = {"until": 26.0, "checkpoint_every": 24.0}
@@ -129,7 +149,10 @@ def test_a_run_has_the_same_bits_with_two_threads_and_when_it_is_resumed(
     simulate(SYSTEMS / system, RunOptions(out=tmp_path / "whole", threads=1, overrides=lossy, **given))
     simulate(SYSTEMS / system, RunOptions(out=tmp_path / "threads", threads=2, overrides=lossy, **given))
     simulate(SYSTEMS / system, RunOptions(out=tmp_path / "rest", origin=f"{tmp_path / 'whole'}@24", **given))
+    other = copy_of(system, tmp_path, fmus, backwards)
+    simulate(other, RunOptions(out=tmp_path / "backwards", threads=2, overrides=lossy, **given))
     for name in ("signals.parquet", "packets.parquet"):
         expected = (tmp_path / "whole" / name).read_bytes()
         assert (tmp_path / "threads" / name).read_bytes() == expected
         assert (tmp_path / "rest" / name).read_bytes() == expected
+        assert (tmp_path / "backwards" / name).read_bytes() == expected
