@@ -24,7 +24,6 @@ from cosim import Model, kernel
 from cosim.frames import rotate
 from cosim_models.autopilot.commander.battery import drain
 from cosim_models.autopilot.commander.failsafes import watch
-from cosim_models.autopilot.commander.outputs import run_outputs
 from cosim_models.autopilot.commander.switches import LAST_POSITION
 from cosim_models.autopilot.control.attitude import run_rates
 from cosim_models.autopilot.control.mixer import motor_factors
@@ -32,6 +31,7 @@ from cosim_models.autopilot.control.motors import air_density_ratio, learn_hover
 from cosim_models.autopilot.control.position import GRAVITY, initialise_ne, initialise_up, set_limits
 from cosim_models.autopilot.flight.auto import run_auto
 from cosim_models.autopilot.flight.modes import run_mode
+from cosim_models.autopilot.flight.outputs import run_outputs
 from cosim_models.autopilot.flight.state import detect_landing, disarm_after_delay
 from cosim_models.autopilot.flight.sticks import read_sticks
 from cosim_models.autopilot.link.links import MAVLINK, SERIAL, TELEMETRY

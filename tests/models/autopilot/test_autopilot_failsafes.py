@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.models.autopilot.test_autopilot_commands import at
 from tests.models.copter import ACCEPTED, FAILED, GUIDED, LAND, ONLY_VELOCITY, RTL, Copter
 
 ALT_HOLD, BRAKE = (mavlink.COPTER_MODE_ALT_HOLD, mavlink.COPTER_MODE_BRAKE)
@@ -67,7 +68,8 @@ def test_on_the_ground_it_disarms() -> None:
 )
 @pytest.mark.parametrize(("action", "mode"), [(1, RTL), (2, LAND), (4, BRAKE), (0, GUIDED)])
 def test_fences(fence: dict[str, Any], way: tuple[float, float, float], text: str, action: int, mode: int) -> None:
-    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_ACTION": action, **fence}).in_the_air(5.0, 10.0)
+    values = {"FENCE_ENABLE": 1, "FENCE_ACTION": action, "AVOID_ENABLE": 0, **fence}
+    copter = Copter(autopilot=values).in_the_air(5.0, 10.0)
     copter.heard.clear()
     vx, vy, vz = way  # a velocity, since positions beyond a fence are refused
     for _ in range(4):
@@ -112,3 +114,56 @@ def test_alt_hold_keeps_height_and_lets_go_of_place() -> None:
     drift = copter.run(4.0)
     assert np.ptp(drift[:, 3]) < 0.2
     assert drift[-1, 1] - drift[0, 1] > 2.0
+
+
+@pytest.mark.parametrize(
+    ("fence", "way", "stop"),
+    [
+        ({"FENCE_RADIUS": 30.0}, (5.0, 0.0, 0.0), (28.0, 0.0, -5.0)),
+        ({"FENCE_RADIUS": 30.0}, (3.0, 4.0, 0.0), (16.8, 22.4, -5.0)),
+        ({"FENCE_ALT_MAX": 20.0}, (0.0, 0.0, -2.0), (0.0, 0.0, -18.0)),
+        ({"FENCE_TYPE": 8, "FENCE_ALT_MIN": 1.0}, (0.0, 0.0, 1.0), (0.0, 0.0, -3.0)),
+        ({"FENCE_RADIUS": 30.0, "FENCE_MARGIN": 10.0}, (5.0, 0.0, 0.0), (20.0, 0.0, -5.0)),
+    ],
+)
+def test_velocities_end_at_the_margin_of_a_fence(
+    fence: dict[str, float], way: tuple[float, float, float], stop: tuple[float, float, float]
+) -> None:
+    """ArduCopter stopped 27.7 m from home with a radius of 30 m, and at 7 m over a minimum of 5 m."""
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, **fence}).in_the_air(5.0, 10.0)
+    vx, vy, vz = way
+    for _ in range(20):
+        copter.go(0.0, 0.0, 0.0, ONLY_VELOCITY, vx=vx, vy=vy, vz=vz)
+        copter.run(1.0)
+    assert copter.m["mode"] == GUIDED
+    assert copter.v["position"] == pytest.approx(stop, abs=0.6)
+
+
+def test_loiter_stops_before_a_fence() -> None:
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_RADIUS": 20.0}).in_the_air(5.0, 10.0)
+    copter.ask(mavlink.MAV_CMD_DO_SET_MODE, 1, 5)
+    farthest = 0.0
+    for _ in range(20):
+        copter.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 1300, 1500, 1500, 0, 0, 0, 0))
+        farthest = max(farthest, float(copter.run(1.0)[:, 1].max()))
+    assert copter.m["mode"] == 5
+    assert 16.0 < farthest < 20.0
+
+
+@pytest.mark.parametrize("kind", [2, 4])
+def test_outside_of_a_fence_nothing_arms(kind: int) -> None:
+    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_TYPE": kind, "FENCE_RADIUS": 5.0})
+    copter.run(2.1)
+    lat, lon = at(50.0, 0.0)
+    if kind == 2:
+        copter.send(mavlink.MAVLink_command_int_message(1, 1, 0, 179, 0, 0, 0, 0, 0, 0, lat, lon, 584.0))
+    else:
+        copter.send(mavlink.MAVLink_mission_count_message(1, 1, 1, 1))
+        copter.run(0.01)
+        copter.send(mavlink.MAVLink_mission_item_int_message(1, 1, 0, 0, 5003, 0, 1, 5, 0, 0, 0, lat, lon, 0, 1))
+    copter.run(0.02)
+    name = "Circle" if kind == 2 else "Polygon"
+    assert copter.ask(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [
+        ("ACK", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, FAILED),
+        ("TEXT", 2, f"Arm: Vehicle breaching {name} fence"),
+    ]

@@ -125,7 +125,9 @@ def test_the_streams_of_sensors_have_the_second_ones() -> None:
 
 
 def test_an_enabled_fence_is_in_sys_status() -> None:
-    copter = Copter(autopilot={"FENCE_ENABLE": 1, "FENCE_RADIUS": 10.0, "FENCE_ACTION": 0}).in_the_air(5.0, 10.0)
+    copter = Copter(
+        autopilot={"FENCE_ENABLE": 1, "FENCE_RADIUS": 10.0, "FENCE_ACTION": 0, "AVOID_ENABLE": 0}
+    ).in_the_air(5.0, 10.0)
     fence = mavlink.MAV_SYS_STATUS_GEOFENCE
     (status,) = asked(copter, mavlink.MAVLINK_MSG_ID_SYS_STATUS)[1]
     assert status.onboard_control_sensors_enabled & fence

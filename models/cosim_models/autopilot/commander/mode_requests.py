@@ -28,8 +28,10 @@ from cosim_models.autopilot.link.statustext import (
     AHRS_TYPE,
     ARM_BATTERY_FAILSAFE,
     ARM_CHARGE,
+    ARM_CIRCLE,
     ARM_MISSION,
     ARM_NEEDS_POSITION,
+    ARM_POLYGON,
     ARM_THROTTLE,
     ARM_VOLTAGE,
     ARMING,
@@ -59,9 +61,11 @@ from cosim_models.autopilot.link.statustext import (
     PREARM_ATTITUDE,
     PREARM_BATTERY_FAILSAFE,
     PREARM_CHARGE,
+    PREARM_CIRCLE,
     PREARM_HOME,
     PREARM_MISSION,
     PREARM_NEEDS_POSITION,
+    PREARM_POLYGON,
     PREARM_VOLTAGE,
     RTL_NOT_ARMABLE,
     RTL_REFUSED,
@@ -71,6 +75,8 @@ from cosim_models.autopilot.link.statustext import (
     WARNING,
     say,
 )
+from cosim_models.autopilot.mission.fences import CIRCLE as FENCE_CIRCLE
+from cosim_models.autopilot.mission.fences import POLYGON, within_polygons
 from cosim_models.autopilot.mission.missions import COMMAND, mission_count
 from cosim_models.autopilot.record.modes import (
     ALT_HOLD,
@@ -209,6 +215,13 @@ def check_arming(m: Any, before: bool, t: float) -> bool:
         return _refuse(m, before, ARM_CHARGE, PREARM_CHARGE)
     if m.battery_alarm != 0:
         return _refuse(m, before, ARM_BATTERY_FAILSAFE, PREARM_BATTERY_FAILSAFE)
+    if m.FENCE_ENABLE != 0 and position_ready(m, t):
+        n, e = m.position_neu[0], m.position_neu[1]
+        hn, he = n - m.home_neu[0], e - m.home_neu[1]
+        if (m.FENCE_TYPE & FENCE_CIRCLE) != 0 and hn * hn + he * he > m.FENCE_RADIUS**2:
+            return _refuse(m, before, ARM_CIRCLE, PREARM_CIRCLE)
+        if (m.FENCE_TYPE & POLYGON) != 0 and m.fence_count > 0 and not within_polygons(m, n, e):
+            return _refuse(m, before, ARM_POLYGON, PREARM_POLYGON)
     if m.mode == AUTO and mission_count(m) <= 1:
         return _refuse(m, before, ARM_MISSION, PREARM_MISSION)
     return True

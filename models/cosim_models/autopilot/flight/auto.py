@@ -21,9 +21,34 @@ from cosim.frames import local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_CONDITION_DELAY,
+    MAV_CMD_CONDITION_DISTANCE,
     MAV_CMD_CONDITION_YAW,
     MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_DIGICAM_CONFIGURE,
+    MAV_CMD_DO_DIGICAM_CONTROL,
+    MAV_CMD_DO_FENCE_ENABLE,
+    MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+    MAV_CMD_DO_GRIPPER,
+    MAV_CMD_DO_GUIDED_LIMITS,
     MAV_CMD_DO_JUMP,
+    MAV_CMD_DO_JUMP_TAG,
+    MAV_CMD_DO_LAND_START,
+    MAV_CMD_DO_MOUNT_CONTROL,
+    MAV_CMD_DO_PARACHUTE,
+    MAV_CMD_DO_REPEAT_RELAY,
+    MAV_CMD_DO_REPEAT_SERVO,
+    MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+    MAV_CMD_DO_SET_HOME,
+    MAV_CMD_DO_SET_RELAY,
+    MAV_CMD_DO_SET_ROI,
+    MAV_CMD_DO_SET_ROI_LOCATION,
+    MAV_CMD_DO_SET_ROI_NONE,
+    MAV_CMD_DO_SET_SERVO,
+    MAV_CMD_DO_SPRAYER,
+    MAV_CMD_DO_WINCH,
+    MAV_CMD_IMAGE_START_CAPTURE,
+    MAV_CMD_IMAGE_STOP_CAPTURE,
+    MAV_CMD_JUMP_TAG,
     MAV_CMD_NAV_DELAY,
     MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_LAST,
@@ -33,6 +58,8 @@ from cosim.messages import (
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
     MAV_CMD_NAV_TAKEOFF,
     MAV_CMD_NAV_WAYPOINT,
+    MAV_CMD_VIDEO_START_CAPTURE,
+    MAV_CMD_VIDEO_STOP_CAPTURE,
 )
 from cosim_models.autopilot.control.motors import THROTTLE_UNLIMITED
 from cosim_models.autopilot.control.position import initialise_up, stop_ne, stopping_ne
@@ -50,8 +77,17 @@ from cosim_models.autopilot.flight.guided import (
     start_rtl,
     start_takeoff,
 )
+from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo
 from cosim_models.autopilot.flight.state import disarm
-from cosim_models.autopilot.flight.yaw import circle_nose, has_turned, hold_heading, keep_heading, turn_by
+from cosim_models.autopilot.flight.yaw import (
+    circle_nose,
+    default_nose,
+    has_turned,
+    hold_heading,
+    keep_heading,
+    look_at,
+    turn_by,
+)
 from cosim_models.autopilot.link.statustext import (
     INFO,
     MISSION_CHANGED,
@@ -92,6 +128,32 @@ _COMMANDS = np.array(
         MAV_CMD_CONDITION_YAW,
         MAV_CMD_DO_CHANGE_SPEED,
         MAV_CMD_NAV_LOITER_TURNS,
+        MAV_CMD_CONDITION_DISTANCE,
+        MAV_CMD_DO_SET_HOME,
+        MAV_CMD_DO_SET_RELAY,
+        MAV_CMD_DO_REPEAT_RELAY,
+        MAV_CMD_DO_SET_SERVO,
+        MAV_CMD_DO_REPEAT_SERVO,
+        MAV_CMD_DO_LAND_START,
+        MAV_CMD_DO_SET_ROI_LOCATION,
+        MAV_CMD_DO_SET_ROI_NONE,
+        MAV_CMD_DO_SET_ROI,
+        MAV_CMD_DO_DIGICAM_CONFIGURE,
+        MAV_CMD_DO_DIGICAM_CONTROL,
+        MAV_CMD_DO_MOUNT_CONTROL,
+        MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+        MAV_CMD_DO_FENCE_ENABLE,
+        MAV_CMD_DO_PARACHUTE,
+        MAV_CMD_DO_GRIPPER,
+        MAV_CMD_DO_SPRAYER,
+        MAV_CMD_DO_GUIDED_LIMITS,
+        MAV_CMD_JUMP_TAG,
+        MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+        MAV_CMD_IMAGE_START_CAPTURE,
+        MAV_CMD_IMAGE_STOP_CAPTURE,
+        MAV_CMD_VIDEO_START_CAPTURE,
+        MAV_CMD_VIDEO_STOP_CAPTURE,
+        MAV_CMD_DO_WINCH,
     ),
     dtype=np.int64,
 )  # in the order of MISSION_TEXTS
@@ -303,6 +365,40 @@ def _is_done(m: Any, t: float) -> bool:
 
 
 @kernel
+def _is_nowhere(m: Any, row: int) -> bool:
+    r = m.mission[row]
+    return bool(r[LATITUDE] == 0.0 and r[LATITUDE + 1] == 0.0 and r[Z] == 0.0)
+
+
+@kernel
+def _do_at_once(m: Any, row: int, t: float) -> None:
+    """Obeys a command that is done at once; those on devices that are not on board do nothing."""
+    r = m.mission[row]
+    command = int(r[COMMAND])
+    if command in (MAV_CMD_DO_SET_ROI, MAV_CMD_DO_SET_ROI_LOCATION) and not _is_nowhere(m, row):
+        n, e, _ = _place(m, row)
+        look_at(m, n, e)
+    elif command in (MAV_CMD_DO_SET_ROI, MAV_CMD_DO_SET_ROI_LOCATION, MAV_CMD_DO_SET_ROI_NONE):
+        default_nose(m)
+    elif command == MAV_CMD_DO_SET_SERVO:
+        set_servo(m, r[P1], r[P2])
+    elif command == MAV_CMD_DO_SET_RELAY:
+        set_relay(m, r[P1], r[P2])
+    elif command == MAV_CMD_DO_REPEAT_SERVO:
+        repeat_servo(m, r[P1], r[P2], r[P3], r[P4], t)
+    elif command == MAV_CMD_DO_REPEAT_RELAY:
+        repeat_relay(m, r[P1], r[P2], r[P3], t)
+    elif command == MAV_CMD_DO_FENCE_ENABLE and (r[P1] == 0.0 or r[P1] == 1.0):
+        m.FENCE_ENABLE = int(r[P1])
+    elif command == MAV_CMD_DO_SET_HOME:
+        n, e, u = m.position_neu[0], m.position_neu[1], m.position_neu[2]
+        if r[P1] != 1.0 and not _is_nowhere(m, row):
+            n, e, u = _place(m, row)
+        m.home_neu[0], m.home_neu[1], m.home_neu[2] = n, e, u
+        m.told_home = False
+
+
+@kernel
 def _do(m: Any, row: int, t: float) -> None:
     """Begins a command that runs beside navigation."""
     r = m.mission[row]
@@ -314,6 +410,8 @@ def _do(m: Any, row: int, t: float) -> None:
         change_speed(m, int(clip(r[P1], 0.0, 3.0)), r[P2])
     elif r[COMMAND] == MAV_CMD_CONDITION_YAW:
         turn_by(m, math.radians(r[P1]), math.radians(r[P2]), r[P3], r[P4] > 0.0)
+    else:
+        _do_at_once(m, row, t)
 
 
 @kernel
@@ -321,6 +419,9 @@ def _has_done(m: Any, t: float) -> bool:
     r = m.mission[m.auto_do]
     if r[COMMAND] == MAV_CMD_CONDITION_DELAY:
         return bool(t - m.auto_do_since >= r[P1])
+    if r[COMMAND] == MAV_CMD_CONDITION_DISTANCE:
+        n, e = m.guided_position_neu[0] - m.position_neu[0], m.guided_position_neu[1] - m.position_neu[1]
+        return bool(n * n + e * e < r[P1] * r[P1])
     return has_turned(m) if r[COMMAND] == MAV_CMD_CONDITION_YAW else True
 
 
@@ -345,6 +446,18 @@ def _do_next(m: Any, t: float) -> None:
 
 
 @kernel
+def _aim(m: Any, row: int) -> int:
+    """Returns the row that a jump at `row` leads to: by its number, or by its tag; -1 if there is none."""
+    wanted = m.mission[row, P1]
+    if m.mission[row, COMMAND] == MAV_CMD_DO_JUMP:
+        return int(wanted) if 1.0 <= wanted < mission_count(m) else -1
+    for i in range(1, mission_count(m)):
+        if m.mission[i, COMMAND] == MAV_CMD_JUMP_TAG and m.mission[i, P1] == wanted:
+            return i
+    return -1
+
+
+@kernel
 def _next(m: Any, row: int, taking: bool) -> int:
     """Returns the command at `row`, or the target of the jumps there; -1 at the end. `taking`: count the jumps."""
     first_jump = -1
@@ -352,16 +465,17 @@ def _next(m: Any, row: int, taking: bool) -> int:
         if row >= mission_count(m):
             return -1
         r = m.mission[row]
-        if r[COMMAND] != MAV_CMD_DO_JUMP:
+        if r[COMMAND] != MAV_CMD_DO_JUMP and r[COMMAND] != MAV_CMD_DO_JUMP_TAG:
             return row
-        if not 1.0 <= r[P1] < mission_count(m) or (not taking and first_jump == row):
+        aim = _aim(m, row)
+        if aim < 0 or (not taking and first_jump == row):
             return -1
         if first_jump < 0:
             first_jump = row
         if r[P2] < 0.0 or r[DONE] < r[P2]:
             if taking:
                 r[DONE] += 1.0
-            row = int(r[P1])
+            row = aim
         else:
             if taking:
                 r[DONE] = 0.0

@@ -40,6 +40,7 @@ from cosim_models.autopilot.control.position import (
 )
 from cosim_models.autopilot.control.shaping import clip, sqrt_controller
 from cosim_models.autopilot.flight.angles import run_angle
+from cosim_models.autopilot.flight.avoidance import avoids, slow_at_circle, slow_at_heights
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.yaw import (
     default_nose,
@@ -324,8 +325,12 @@ def run_guided(m: Any, t: float, dt: float) -> None:
     if m.submode == POSITION:
         seek_position(m, p[0], p[1], p[2], dt)
     elif m.submode == VELOCITY:
-        seek_velocity_ne(m, v[0], v[1], a[0], a[1], dt)
-        seek_velocity_up(m, v[2], a[2], False, dt)
+        vn, ve, vu = v[0], v[1], v[2]
+        if avoids(m):
+            vn, ve = slow_at_circle(m, vn, ve, dt)
+            vu = slow_at_heights(m, vu, dt)
+        seek_velocity_ne(m, vn, ve, a[0], a[1], dt)
+        seek_velocity_up(m, vu, a[2], False, dt)
     elif m.submode == POSITION_VELOCITY:
         seek_position_velocity(m, p, v, a, dt)
     else:

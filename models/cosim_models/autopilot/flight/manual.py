@@ -32,6 +32,7 @@ from cosim_models.autopilot.control.position import (
     stop_ne,
 )
 from cosim_models.autopilot.control.shaping import clip, sqrt_controller
+from cosim_models.autopilot.flight.avoidance import avoids, slow_at_circle, slow_at_heights
 from cosim_models.autopilot.flight.circle import begin_circle, go_round
 from cosim_models.autopilot.flight.guided import rest_on_ground, standard_limits
 from cosim_models.autopilot.flight.sticks import (
@@ -257,6 +258,9 @@ def _move(m: Any, t: float, dt: float) -> None:
         if speed > 0.0:
             a[i] -= m.loiter_brake * v[i] / speed
         v[i] *= share
+    if avoids(m):
+        v[0], v[1] = slow_at_circle(m, v[0], v[1], dt)
+    for i in range(2):
         p[i] += v[i] * dt
 
 
@@ -265,6 +269,8 @@ def run_loiter(m: Any, t: float, dt: float) -> None:
     """Runs LOITER: sticks set acceleration, yaw rate and climb rate; centred sticks brake and hold position."""
     _pilot_limits(m)
     climb = pilot_climb_rate(m, t)
+    if avoids(m):
+        climb = slow_at_heights(m, climb, dt)
     if not _is_flying(m, climb, t, dt):
         _reset_loiter(m, t)
         return

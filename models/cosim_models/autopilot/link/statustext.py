@@ -21,8 +21,10 @@ __all__ = [
     "ARMING",
     "ARM_BATTERY_FAILSAFE",
     "ARM_CHARGE",
+    "ARM_CIRCLE",
     "ARM_MISSION",
     "ARM_NEEDS_POSITION",
+    "ARM_POLYGON",
     "ARM_THROTTLE",
     "ARM_VOLTAGE",
     "ATTITUDE_BAD",
@@ -92,9 +94,11 @@ __all__ = [
     "PREARM_ATTITUDE",
     "PREARM_BATTERY_FAILSAFE",
     "PREARM_CHARGE",
+    "PREARM_CIRCLE",
     "PREARM_HOME",
     "PREARM_MISSION",
     "PREARM_NEEDS_POSITION",
+    "PREARM_POLYGON",
     "PREARM_VOLTAGE",
     "RADIO_AUTO",
     "RADIO_CLEARED",
@@ -188,6 +192,10 @@ GCS_LANDING = _text(b"GCS Failsafe - Continuing Landing")
 GCS_AUTO = _text(b"GCS Failsafe - Continuing Auto Mode")
 GCS_PILOT = _text(b"GCS Failsafe - Continuing Pilot Control")
 ARM_BATTERY_FAILSAFE = _text(b"Arm: Battery failsafe")
+ARM_CIRCLE = _text(b"Arm: Vehicle breaching Circle fence")
+ARM_POLYGON = _text(b"Arm: Vehicle breaching Polygon fence")
+PREARM_CIRCLE = _text(b"PreArm: Vehicle breaching Circle fence")
+PREARM_POLYGON = _text(b"PreArm: Vehicle breaching Polygon fence")
 ARM_MISSION = _text(b"Arm: Mode requires mission")
 AUTO_NOT_ARMABLE = _text(b"Arm: AUTO mode not armable")
 BRAKE_NOT_ARMABLE = _text(b"Arm: BRAKE mode not armable")
@@ -253,6 +261,32 @@ _text(b"Mission: % CondDelay")
 _text(b"Mission: % CondYaw")
 _text(b"Mission: % ChangeSpeed")
 _text(b"Mission: % LoitTurns")
+_text(b"Mission: % CondDist")
+_text(b"Mission: % SetHome")
+_text(b"Mission: % SetRelay")
+_text(b"Mission: % RepeatRelay")
+_text(b"Mission: % SetServo")
+_text(b"Mission: % RepeatServo")
+_text(b"Mission: % LandStart")
+_text(b"Mission: % SetROI")
+_text(b"Mission: % SetROI")
+_text(b"Mission: % SetROI")
+_text(b"Mission: % DigiCamCfg")
+_text(b"Mission: % DigiCamCtrl")
+_text(b"Mission: % MountControl")
+_text(b"Mission: % SetCamTrigDst")
+_text(b"Mission: % FenceEnable")
+_text(b"Mission: % Parachute")
+_text(b"Mission: % Gripper")
+_text(b"Mission: % Sprayer")
+_text(b"Mission: % GuidedLimits")
+_text(b"Mission: % Tag")
+_text(b"Mission: % PitchYaw")
+_text(b"Mission: % ImageStartCapture")
+_text(b"Mission: % ImageStopCapture")
+_text(b"Mission: % VideoStartCapture")
+_text(b"Mission: % VideoStopCapture")
+_text(b"Mission: % Winch")
 ROUND_BEGINS = _text(b"Mission: starting circle %/&")
 
 _TEXT_BYTES = np.zeros((len(_TEXTS), 50), dtype=np.uint8)

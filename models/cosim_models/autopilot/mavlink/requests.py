@@ -75,10 +75,10 @@ from cosim.messages import (
 )
 from cosim_models.autopilot.commander.battery import reset_battery
 from cosim_models.autopilot.commander.mode_requests import arm_checked, change_mode, check_arming
-from cosim_models.autopilot.commander.outputs import repeat_relay, repeat_servo, set_relay, set_servo, test_motors
 from cosim_models.autopilot.commander.readiness import home_ready
 from cosim_models.autopilot.control.shaping import clip
 from cosim_models.autopilot.flight.auto import may_pause
+from cosim_models.autopilot.flight.outputs import repeat_relay, repeat_servo, set_relay, set_servo, test_motors
 from cosim_models.autopilot.flight.state import disarm
 from cosim_models.autopilot.flight.yaw import default_nose, look_at
 from cosim_models.autopilot.link.statustext import (

@@ -20,9 +20,34 @@ from cosim.frames import deg_e7, geodetic_from_local
 from cosim.kernel import kernel
 from cosim.messages import (
     MAV_CMD_CONDITION_DELAY,
+    MAV_CMD_CONDITION_DISTANCE,
     MAV_CMD_CONDITION_YAW,
     MAV_CMD_DO_CHANGE_SPEED,
+    MAV_CMD_DO_DIGICAM_CONFIGURE,
+    MAV_CMD_DO_DIGICAM_CONTROL,
+    MAV_CMD_DO_FENCE_ENABLE,
+    MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+    MAV_CMD_DO_GRIPPER,
+    MAV_CMD_DO_GUIDED_LIMITS,
     MAV_CMD_DO_JUMP,
+    MAV_CMD_DO_JUMP_TAG,
+    MAV_CMD_DO_LAND_START,
+    MAV_CMD_DO_MOUNT_CONTROL,
+    MAV_CMD_DO_PARACHUTE,
+    MAV_CMD_DO_REPEAT_RELAY,
+    MAV_CMD_DO_REPEAT_SERVO,
+    MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+    MAV_CMD_DO_SET_HOME,
+    MAV_CMD_DO_SET_RELAY,
+    MAV_CMD_DO_SET_ROI,
+    MAV_CMD_DO_SET_ROI_LOCATION,
+    MAV_CMD_DO_SET_ROI_NONE,
+    MAV_CMD_DO_SET_SERVO,
+    MAV_CMD_DO_SPRAYER,
+    MAV_CMD_DO_WINCH,
+    MAV_CMD_IMAGE_START_CAPTURE,
+    MAV_CMD_IMAGE_STOP_CAPTURE,
+    MAV_CMD_JUMP_TAG,
     MAV_CMD_NAV_DELAY,
     MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_LOITER_TIME,
@@ -32,6 +57,8 @@ from cosim.messages import (
     MAV_CMD_NAV_RETURN_TO_LAUNCH,
     MAV_CMD_NAV_TAKEOFF,
     MAV_CMD_NAV_WAYPOINT,
+    MAV_CMD_VIDEO_START_CAPTURE,
+    MAV_CMD_VIDEO_STOP_CAPTURE,
     MAV_FRAME_GLOBAL,
     MAV_MISSION_ACCEPTED,
     MAV_MISSION_DENIED,
@@ -132,6 +159,33 @@ _FLOWN = np.array(
         MAV_CMD_CONDITION_YAW,
         MAV_CMD_DO_JUMP,
         MAV_CMD_DO_CHANGE_SPEED,
+        MAV_CMD_DO_JUMP_TAG,
+        MAV_CMD_CONDITION_DISTANCE,
+        MAV_CMD_DO_SET_HOME,
+        MAV_CMD_DO_SET_RELAY,
+        MAV_CMD_DO_REPEAT_RELAY,
+        MAV_CMD_DO_SET_SERVO,
+        MAV_CMD_DO_REPEAT_SERVO,
+        MAV_CMD_DO_LAND_START,
+        MAV_CMD_DO_SET_ROI_LOCATION,
+        MAV_CMD_DO_SET_ROI_NONE,
+        MAV_CMD_DO_SET_ROI,
+        MAV_CMD_DO_DIGICAM_CONFIGURE,
+        MAV_CMD_DO_DIGICAM_CONTROL,
+        MAV_CMD_DO_MOUNT_CONTROL,
+        MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+        MAV_CMD_DO_FENCE_ENABLE,
+        MAV_CMD_DO_PARACHUTE,
+        MAV_CMD_DO_GRIPPER,
+        MAV_CMD_DO_SPRAYER,
+        MAV_CMD_DO_GUIDED_LIMITS,
+        MAV_CMD_JUMP_TAG,
+        MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+        MAV_CMD_IMAGE_START_CAPTURE,
+        MAV_CMD_IMAGE_STOP_CAPTURE,
+        MAV_CMD_VIDEO_START_CAPTURE,
+        MAV_CMD_VIDEO_STOP_CAPTURE,
+        MAV_CMD_DO_WINCH,
     ),
     dtype=np.int64,
 )
@@ -382,7 +436,8 @@ def continue_upload(m: Any, t: float) -> None:
 @kernel
 def _is_place(command: int) -> bool:
     """Returns whether latitude, longitude and height of a command are those of a place."""
-    return command < 90 and command != MAV_CMD_NAV_RETURN_TO_LAUNCH
+    beside = command in (MAV_CMD_DO_SET_HOME, MAV_CMD_DO_SET_ROI, MAV_CMD_DO_SET_ROI_LOCATION, MAV_CMD_DO_LAND_START)
+    return beside or (command < 90 and command != MAV_CMD_NAV_RETURN_TO_LAUNCH)
 
 
 @kernel
@@ -393,7 +448,7 @@ def _check_item(command: int, frame: int, values: Any, latitude: float, longitud
         known = known or command == _FLOWN[i]
     if not known:
         return MAV_MISSION_UNSUPPORTED
-    if command < 90 and frame not in (0, 2, 3, 5, 6):
+    if _is_place(command) and frame not in (0, 2, 3, 5, 6):
         return MAV_MISSION_UNSUPPORTED_FRAME
     if command != MAV_CMD_NAV_LAND:
         heading = command in (MAV_CMD_NAV_WAYPOINT, MAV_CMD_NAV_TAKEOFF)  # their param 4 may be missing
@@ -402,9 +457,9 @@ def _check_item(command: int, frame: int, values: Any, latitude: float, longitud
                 return MAV_MISSION_INVALID_PARAM1 + i
     if _is_place(command) and not abs(z) < _HIGHEST:
         return MAV_MISSION_INVALID_PARAM7
-    if command < 90 and not abs(latitude) <= 9e8:
+    if _is_place(command) and not abs(latitude) <= 9e8:
         return MAV_MISSION_INVALID_PARAM5_X
-    if command < 90 and not abs(longitude) <= 1.8e9:
+    if _is_place(command) and not abs(longitude) <= 1.8e9:
         return MAV_MISSION_INVALID_PARAM6_Y
     return MAV_MISSION_ACCEPTED
 

@@ -7,6 +7,7 @@ __all__ = ["INT8", "INT16", "INT32"]
 INT8 = frozenset(
     [
         "ARMING_RUDDER",
+        "AVOID_ENABLE",
         "ATC_ANGLE_BOOST",
         "BATT_FS_CRT_ACT",
         "BATT_FS_LOW_ACT",

@@ -260,6 +260,8 @@ SAFETY_PARAMETERS = _rare(
         "FENCE_ALT_MIN", unit="m", start=-10.0, minimum=-100.0, tunable=True, description="minimum height above home"
     ),
     _real("FENCE_RADIUS", "m", 150.0, "maximum distance from home"),
+    _real("FENCE_MARGIN", "m", 2.0, "distance from a fence at which AVOID_ENABLE stops the vehicle", 0.0),
+    _whole("AVOID_ENABLE", 3, "1: velocities and LOITER slow down before circle and heights of the fence", 0, 7),
 )
 
 BATTERY_PARAMETERS = _rare(
