@@ -44,6 +44,7 @@ from cosim_master.results.recording.packet_log import PacketLog
 from cosim_master.results.recording.signals import SignalRecorder
 from cosim_master.stepping.kernels import macro_step as stepping
 from cosim_master.stepping.kernels import tables
+from cosim_master.stepping.kernels.instances import running
 from cosim_master.stepping.layout import make_layout
 from cosim_master.stepping.observation import Progress
 from cosim_master.system.authoring.swarm.new import fleet_of, new_system
@@ -161,6 +162,7 @@ def _timed_steps(
     """
     counters = p.counters
     stamp = spent[-3:]
+    at = running(p)
     while counters[tables.K] < k_stop:
         k = counters[tables.K]
         _lap(stamp)
@@ -183,7 +185,7 @@ def _timed_steps(
         first = 0
         for n in range(ends.size):
             failed = stepping.step_some(
-                p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, grouped[first : ends[n]]
+                p.instances, p.calls, p.ports, p.encoded[0], p.tx, counters, grouped[first : ends[n]], at
             )
             if failed > 0:
                 return tables.FAILED

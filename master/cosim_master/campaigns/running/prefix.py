@@ -8,8 +8,8 @@ change at a checkpoint; with such a factor, every run goes on from one.
 from __future__ import annotations
 
 import io
-import tarfile
 import tempfile
+import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -119,8 +119,9 @@ def make_prefix(study: Study, place: Place, run: Planned) -> Prefix | str:
         if not checkpoint.is_dir():
             return str(result.error or f"the run ended before {time:g} s")
         packed = io.BytesIO()
-        with tarfile.open(fileobj=packed, mode="w") as archive:
-            archive.add(checkpoint, arcname=f"checkpoints/{checkpoint.name}")
+        with zipfile.ZipFile(packed, "w") as archive:
+            for file in sorted(checkpoint.rglob("*")):
+                archive.write(file, Path("checkpoints", file.relative_to(checkpoint.parent)))
         return Prefix(packed.getvalue(), time, collected[0].until(time) if collected else None)
 
 
@@ -131,6 +132,6 @@ def unpacked(prefix: Prefix | None) -> Iterator[str | None]:
         yield None
         return
     with tempfile.TemporaryDirectory(prefix="uav-cosim-prefix-") as folder:
-        with tarfile.open(fileobj=io.BytesIO(prefix.checkpoint)) as archive:
-            archive.extractall(folder, filter="data")
+        with zipfile.ZipFile(io.BytesIO(prefix.checkpoint)) as archive:
+            archive.extractall(folder)
         yield f"{folder}@{prefix.time:.9g}"
