@@ -19,6 +19,7 @@ from cosim_master.campaigns.running.cluster import Cluster, cluster
 from cosim_master.campaigns.running.place import Place, look_at
 from cosim_master.campaigns.running.prefix import groups, make_prefix
 from cosim_master.campaigns.running.task import CRASHED, perform, row_without_run
+from cosim_master.campaigns.search import batches
 from cosim_master.campaigns.study.study import Planned, Study
 from cosim_master.diagnostics.errors import CosimError
 from cosim_master.execution.pacing import interrupts
@@ -139,26 +140,47 @@ def sweep(
     began = time.monotonic()
     if scheduler is not None and workers is not None:
         raise refusal("--workers", "belongs to the cluster of this machine; the scheduler has its own workers")
-    planned = study.runs()
-    if not planned:
-        raise refusal("the study", "has no runs; vary something, or give seeds")
-    place = look_at(study, planned[0])
-    left = groups(study, planned)  # before anything is written: it may refuse the study
+    first = _first(study)
+    place = look_at(study, first)
+    groups(study, [first])  # before anything is written: it may refuse the study
     with Folder(Path(out), study, place.inputs, force=force) as folder:
         before = len(folder.done)
-        todo = [(shared, [run for run in group if run.run not in folder.done]) for shared, group in left]
-        todo = [(shared, group) for shared, group in todo if group]
-        made = _Made(study, place, folder, len(planned), before, progress)
-        if todo:
+        made = _Made(study, place, folder, study.count, before, progress)
+        if before < study.count:
             with interrupts() as interrupted, cluster(scheduler, workers) as found:
                 started(found)
-                made.all(found, todo, interrupted)
+                for batch in _batches(study, folder):
+                    made.all(found, _left(study, folder, batch), interrupted)
+                    if made.interrupted:
+                        break
         campaign = Campaign(
-            Path(out), len(planned), before, made.count, Counter(folder.outcomes.values()), made.interrupted,
+            Path(out), study.count, before, made.count, Counter(folder.outcomes.values()), made.interrupted,
             made.shared, time.monotonic() - began,
         )  # fmt: skip
         folder.write_json("summary.json", _summary(campaign))
     return campaign
+
+
+def _first(study: Study) -> Planned:
+    """Returns a run with which the study is checked."""
+    if study.search is None:
+        return study.runs()[0]
+    values = {one.label: one.at(0.5) for one in study.factors}
+    return Planned(0, 0, values, study.seeds[0] if study.seeds else None)
+
+
+def _batches(study: Study, folder: Folder) -> Iterator[Sequence[Planned]]:
+    """Yields the runs that are known; those of a search depend on the runs before them."""
+    if study.search is None:
+        yield study.runs()
+    else:
+        yield from batches(study, study.search, lambda run: folder.sought(run.run))
+
+
+def _left(study: Study, folder: Folder, runs: Sequence[Planned]) -> list[tuple[bool, list[Planned]]]:
+    """Returns the runs that have no row, in groups with a common beginning."""
+    left = [(one, [run for run in group if run.run not in folder.done]) for one, group in groups(study, runs)]
+    return [(shared, group) for shared, group in left if group]
 
 
 def _summary(campaign: Campaign) -> dict[str, Any]:
@@ -198,7 +220,7 @@ class _Made:
         Raises:
             CosimError: the scheduler is lost, or a row cannot be written.
         """
-        self._interrupted = interrupted
+        self._interrupted, self._alone, self._suspects = interrupted, False, []
         self._fly(found, self._given(found.client, todo), _AHEAD)
         # A worker whose process ends takes others with it: those runs are made again, each alone.
         self._alone, suspects = True, self._suspects

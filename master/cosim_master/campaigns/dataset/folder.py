@@ -132,6 +132,7 @@ class Folder:
             raise
         self.done = {int(row["run"]) for row in rows}
         self.outcomes = {int(row["run"]): str(row["outcome"]) for row in rows}
+        self._sought = {} if study.search is None else {int(row["run"]): row[study.search.metric] for row in rows}
         self._since = time.monotonic()
 
     def _locked(self) -> None:
@@ -193,6 +194,8 @@ class Folder:
             self._rows.append(row)
             self.done.add(number)
             self.outcomes[number] = str(row["outcome"])
+            if self.study.search is not None:
+                self._sought[number] = row.get(self.study.search.metric)
             if len(self._rows) >= _ROWS or time.monotonic() - self._since >= _SECONDS:
                 self.write_part()
         except OSError as error:
@@ -212,6 +215,11 @@ class Folder:
         part.replace(file)
         self._journal.truncate(0)
         self._rows = []
+
+    def sought(self, run: int) -> float | None:
+        """Returns the metric that a search looks for of a run that has ended; None if it has none."""
+        found = self._sought[run]
+        return None if found is None else float(found)
 
     def table(self) -> pa.Table:
         """Returns the dataset so far."""

@@ -41,7 +41,7 @@ def write_campaign_report(folder: Path, file: Path | None = None) -> Path:
 
 def _body(campaign: Finished, name: str) -> Iterator[str]:
     failed = tables.failures(campaign)
-    whole = len(campaign.planned) or campaign.count
+    whole = campaign.study.count
     kind = "failure" if failed.rows else "good" if campaign.count == whole else "warning"
     text = f"{campaign.count} of {whole} runs" + (f", {len(failed.rows)} failed" if failed.rows else "")
     yield f'<h1>Campaign: {escaped(name)} <span class="badge {kind}">{escaped(text)}</span></h1>'
@@ -51,6 +51,8 @@ def _body(campaign: Finished, name: str) -> Iterator[str]:
         yield "<p>No run has ended yet.</p>"
         return
     yield from table(tables.metrics(campaign))
+    if (best := tables.best(campaign)).rows:
+        yield from table(best)
     for metric in campaign.study.metrics:
         drawn = [*curves(campaign, metric.name), *heat_maps(campaign, metric.name)]
         if drawn:

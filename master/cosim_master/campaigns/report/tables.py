@@ -11,7 +11,7 @@ from cosim_master.campaigns.report.analysis import Finished, elementary, indices
 from cosim_master.campaigns.running.options import commands
 from cosim_master.report.contents import Table
 
-__all__ = ["failures", "far", "findings", "metrics", "sensitivity", "summary"]
+__all__ = ["best", "failures", "far", "findings", "metrics", "sensitivity", "summary"]
 
 _MOST = 50
 """Failures that are listed."""
@@ -23,7 +23,7 @@ def summary(campaign: Finished) -> Table:
     outcomes = Counter(campaign.columns["outcome"])
     rows = [
         ("system", study.system),
-        ("runs", f"{campaign.count} of {len(campaign.planned) or campaign.count}"),
+        ("runs", f"{campaign.count} of {study.count}"),
         ("outcomes", ", ".join(f"{n} {outcome}" for outcome, n in sorted(outcomes.items())) or "none"),
         ("without failures and warnings", str(sum(bool(one) for one in campaign.columns["good"]))),
         ("design", f"{design.kind}:{design.size}" if design.size else design.kind),
@@ -35,6 +35,21 @@ def summary(campaign: Finished) -> Table:
         rows.append((f"factor {one.label}", values + (" ..." if len(one.values) > 20 else "")))
     rows += [(f"set {name}", text) for name, text in study.overrides.items()]
     return Table("Study", (), rows)
+
+
+def best(campaign: Finished) -> Table:
+    """Returns the best points of a search, with the command that repeats their first run; empty if it was none."""
+    search = campaign.study.search
+    labels = [one.label for one in campaign.study.factors]
+    rows = []
+    if search is not None:
+        points, means = campaign.by_point(search.metric)
+        for n in np.argsort(means if search.minimise else -means, kind="stable")[:10]:
+            row = campaign.columns["point"].index(int(points[n]))
+            values = [str(campaign.columns[label][row]) for label in labels]
+            rows.append((str(points[n]), f"{means[n]:.6g}", *values, _repeated(campaign, row)))
+    head = ("point", "mean" if search is None else search.metric, *labels, "its first run is repeated by")
+    return Table("Best points", head, rows)
 
 
 def metrics(campaign: Finished) -> Table:

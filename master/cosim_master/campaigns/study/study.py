@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from cosim_master.campaigns.refusal import refusal
 from cosim_master.campaigns.study.designs import Design, Point, points
 from cosim_master.campaigns.study.factors import Factor
 
-__all__ = ["FIXED", "Planned", "Study"]
+__all__ = ["FIXED", "Planned", "Search", "Study"]
 
 FIXED = ("run", "point", "seed", "outcome", "reason", "good", "failures", "warnings", "findings", "simulated_s")
 """The columns that every dataset has."""
@@ -30,6 +30,35 @@ class Planned:
     seed: int | None
 
 
+@dataclass(frozen=True, slots=True)
+class Search:
+    """A search for the least or greatest value of a metric, as the mean over the seeds of a point.
+
+    Attributes:
+        metric: its name.
+        minimise: whether the least value is sought.
+        trials: number of points.
+        batch: points that are chosen at once.
+    """
+
+    metric: str
+    minimise: bool = True
+    trials: int = 100
+    batch: int = 8
+
+    @classmethod
+    def parsed(cls, text: str, trials: int) -> Search:
+        """Returns the search of a text such as "min error_to_law".
+
+        Raises:
+            SystemDescriptionError: the text names no direction or no metric.
+        """
+        way, _, metric = text.strip().partition(" ")
+        if way not in ("min", "max") or not metric.strip():
+            raise refusal(f"--optimise {text}", "write min METRIC or max METRIC")
+        return cls(metric.strip(), way == "min", trials)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
     """A study. Everything that it consists of is plain data: `as_json` writes it, `of_json` reads it.
@@ -41,6 +70,7 @@ class Study:
         seeds: each point is run with each of these seeds of the radio; if empty, with that of the system.
         metrics: the numbers computed for each run.
         keep: patterns of signals that are kept of every run.
+        search: chooses the points by the metrics of earlier ones, instead of the design; None: the design does.
         overrides, at, until, step, variant, solver: of all runs, as in `RunOptions`.
     """
 
@@ -50,6 +80,7 @@ class Study:
     seeds: tuple[int, ...] = ()
     metrics: tuple[Metric, ...] = ()
     keep: tuple[str, ...] = ()
+    search: Search | None = None
     overrides: Mapping[str, str] = field(default_factory=dict)
     at: tuple[tuple[float, str, str], ...] = ()
     until: float | None = None
@@ -64,21 +95,35 @@ class Study:
             raise refusal(f'"{twice[0]}"', text)
         if len({*self.seeds}) < len(self.seeds):
             raise refusal("--seeds", "a seed is given twice; give each once")
+        if self.search is not None and self.search.metric not in [one.name for one in self.metrics]:
+            names = ", ".join(one.name for one in self.metrics)
+            raise refusal(f"--optimise {self.search.metric}", f"there is no metric of this name; valid: {names}")
+        if self.search is not None and (not self.factors or self.design.kind != "grid"):
+            raise refusal("--optimise", "it needs factors (--vary), and chooses the points itself; leave out --sample")
         if both := [one.name for one in self.factors if one.name == "network.seed"]:
             raise refusal(f"factor {both[0]}", "seeds are varied by --seeds; leave out the factor")
 
     def runs(self) -> list[Planned]:
-        """Returns all runs: point by point, and seed by seed within a point.
+        """Returns all runs: point by point, and seed by seed within a point; none of a search, which chooses them.
 
         Raises:
             SystemDescriptionError: the design does not fit the factors.
         """
         seeds: Sequence[int | None] = self.seeds or (None,)
+        if self.search is not None:
+            return []
         return [
             Planned(p * len(seeds) + s, p, values, seed)
             for p, values in enumerate(points(self.design, self.factors))
             for s, seed in enumerate(seeds)
         ]
+
+    @property
+    def count(self) -> int:
+        """The number of runs."""
+        if self.search is None:
+            return len(self.runs())
+        return self.search.trials * max(1, len(self.seeds))
 
     def split(self, values: Mapping[str, str]) -> tuple[dict[str, str], dict[float, dict[str, str]]]:
         """Returns the overrides of a run from its start, and those from later times on, by time [s]."""
@@ -101,6 +146,7 @@ class Study:
             "seeds": list(self.seeds),
             "metrics": [one.as_json() for one in self.metrics],
             "keep": list(self.keep),
+            "search": None if self.search is None else asdict(self.search),
             "overrides": dict(self.overrides),
             "at": [list(one) for one in self.at],
             "until": self.until,
@@ -125,6 +171,7 @@ class Study:
                 seeds=tuple(map(int, told.get("seeds", ()))),
                 metrics=tuple(map(Metric.of_json, told.get("metrics", ()))),
                 keep=tuple(map(str, told.get("keep", ()))),
+                search=None if told.get("search") is None else Search(**told["search"]),
                 overrides={str(name): str(text) for name, text in (told.get("overrides") or {}).items()},
                 at=tuple((float(time), str(name), str(text)) for time, name, text in told.get("at", ())),
                 until=told.get("until"),

@@ -14,7 +14,7 @@ from cosim_master.cli.terminal.registry import verb
 
 if TYPE_CHECKING:
     from cosim_master.campaigns.campaign import Campaign, Standing
-    from cosim_master.campaigns.study.study import Study
+    from cosim_master.campaigns.study.study import Search, Study
 
 _System = Annotated[
     str,
@@ -39,6 +39,15 @@ _Sample = Annotated[
         help="The points: grid, lhs:N, sobol:N, morris:N (elementary effects) or indices:N (Sobol indices).",
     ),
 ]
+_Optimise = Annotated[
+    str | None,
+    typer.Option(
+        metavar="min|max METRIC",
+        help="Search for the least or greatest value of a metric, its mean over the seeds (Optuna).",
+        show_default=False,
+    ),
+]
+_Trials = Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="Points of a search.")]
 _Seeds = Annotated[
     int | None,
     typer.Option(
@@ -105,6 +114,8 @@ def sweep(
     system: _System,
     vary: _Vary = None,
     sample: _Sample = "grid",
+    optimise: _Optimise = None,
+    trials: _Trials = 100,
     seeds: _Seeds = None,
     metric: _Metric = None,
     keep: _Keep = None,
@@ -129,11 +140,11 @@ def sweep(
         from cosim_master.campaigns.dataset.folder import is_campaign, read_study
 
         if is_campaign(Path(system)):
-            if vary or metric or keep or settings or at or seeds or folder or sample != "grid":
+            if vary or metric or keep or settings or at or seeds or folder or optimise or sample != "grid":
                 raise usage(f"{system} holds a campaign, which goes on as it began; leave out all options of the study")
             study, folder = read_study(Path(system))[0], Path(system)
         else:
-            study = _study(system, vary, sample, seeds, metric, keep)
+            study = _study(system, vary, sample, seeds, metric, keep, _search(optimise, trials))
             common = {"overrides": overrides(settings), "at": tuple(changes(at))}
             study = _with(study, **common, until=until, step=step, variant=variant, solver=solver)
             folder = folder or Path("out") / f"{Path(system).resolve().stem}-sweep"
@@ -160,6 +171,7 @@ def _study(
     seeds: int | None,
     metric: list[str] | None,
     keep: list[str] | None,
+    search: Search | None,
 ) -> Study:
     from cosim_master.campaigns.metrics.metric import Metric
     from cosim_master.campaigns.study.designs import Design
@@ -173,7 +185,18 @@ def _study(
         seeds=tuple(range(1, (seeds or 0) + 1)),
         metrics=tuple(Metric.parsed(text) for text in metric or ("nearest_approach", "packets_lost")),
         keep=tuple(keep or ()),
+        search=search,
     )
+
+
+def _search(optimise: str | None, trials: int) -> Search | None:
+    if optimise is None:
+        return None
+    import optuna  # noqa: F401 (if it is missing, nothing is written)
+
+    from cosim_master.campaigns.study.study import Search
+
+    return Search.parsed(optimise, trials)
 
 
 def _with(study: Study, **given: Any) -> Study:
