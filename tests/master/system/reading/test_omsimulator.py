@@ -169,6 +169,17 @@ def test_inline_mappings_without_a_version_have_that_of_the_file(ball: Any, work
     assert "<ParameterMapping> has no version: read as 1.0, that of the file" in finding
 
 
+def test_entries_of_a_mapping_with_an_empty_source_map_nothing(ball: Any, workshop: Any) -> None:
+    """SSP 2.0, 7: source is any string, and no parameter is called ""; OMSimulator writes templates of such entries."""
+    empty = '<ssm:MappingEntry source="" target="h"/><ssm:MappingEntry source="" target="v"/>'
+    binding = mapped(workshop, "g", ' version="1.0"').replace("<ssm:MappingEntry", f"{empty}<ssm:MappingEntry", 1)
+    checked = ball("", tool="OMSimulator", bindings=binding)
+    assert checked.instances[0].start_values == {"g": 3.0}
+    assert any('source="" names no parameter: 2 entries of the mapping map nothing' in note for note in checked.notes)
+    with pytest.raises(SystemDescriptionError, match='"target" of <MappingEntry> is empty'):
+        ball("", tool="OMSimulator", bindings=binding.replace('target="v"', 'target=""'))
+
+
 def test_names_in_a_binding_of_a_component_may_begin_with_the_component(ball: Any, workshop: Any) -> None:
     """SSP 2.0, 5.2.3: they are relative to the component; OMSimulator writes them relative to the system around it."""
     checked = ball("", tool="OMSimulator", bindings=mapped(workshop, "ball.g", ' version="1.0"'))
