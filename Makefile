@@ -42,7 +42,7 @@ $(VENV)/installed: $(VENV)/bin/python pyproject.toml
 	touch $@
 
 $(VENV)/tested: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[build,export,film,live,plot,rerun,ros2,sweep,docs,test,clients]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[build,export,film,live,mpi,plot,rerun,ros2,sweep,docs,test,clients]'
 	touch $@
 
 docs: $(VENV)/tested

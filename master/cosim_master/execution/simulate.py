@@ -25,7 +25,14 @@ from cosim_master.execution.outcome.manifest import digest_of_system, manifest
 from cosim_master.execution.outcome.result import Outcome, RunResult, failing, unrecorded
 from cosim_master.execution.pacing import Checkpoints, interrupts, run
 from cosim_master.execution.partitions.cut import Cut, cut, read_assignment
-from cosim_master.execution.partitions.opening import periods_of, refuse_options, started, told_others, told_parts
+from cosim_master.execution.partitions.opening import (
+    failing_openly,
+    periods_of,
+    refuse_options,
+    started,
+    told_others,
+    told_parts,
+)
 from cosim_master.execution.partitions.part import PartExecution
 from cosim_master.execution.partitions.starting import agree_to_run, who
 from cosim_master.execution.partitions.transport import Transport
@@ -376,7 +383,7 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
     options = replace(options, out=None, checkpoint_every=None, pace=None)
     with suppress(OSError):
         private_cache()
-    with ExitStack() as opened:
+    with failing_openly(transport), ExitStack() as opened:
         with told_others(transport):
             structure = opened.enter_context(read_system(system, options.variant))
             one = _planned(structure, options, None, Listener(), Control(), None).in_parts(transport)

@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim_master.cli.terminal.console import errors, note, notes, print_json, print_tables, report_error, say, usage
+from cosim_master.cli.terminal.launching import leave, left, part_of, serve_part
 from cosim_master.cli.terminal.live import Live, Onlooker, served, shown_live
 from cosim_master.cli.terminal.options import (
     Json,
+    PartitionFile,
+    Partitions,
     Settings,
     Step,
     Strict,
@@ -31,6 +34,7 @@ from cosim_master.cli.terminal.verdict import show_findings, summary
 if TYPE_CHECKING:
     from cosim_master.execution.options import RunOptions
     from cosim_master.execution.outcome.result import RunResult
+    from cosim_master.execution.partitions.transport import Transport
     from cosim_master.execution.preparation.prepare import Prepared
     from cosim_master.network.gateways.mailbox import Mailbox
 
@@ -199,6 +203,16 @@ _NoOpen = Annotated[
 ]
 
 
+_PartitionTimeout = Annotated[
+    float,
+    typer.Option(
+        metavar="S",
+        help="With --partitions: wall-clock time without a message of a part after which the run ends.",
+        callback=positive("--partition-timeout", "a time in s"),
+    ),
+]
+
+
 @verb(
     "run master/systems/line5 -o out/line5",
     "run master/systems/line5 --set drone3.agent.epsilon=0.5 --until 60 --seed 7",
@@ -207,6 +221,7 @@ _NoOpen = Annotated[
     "run master/systems/line5 --foxglove 8765",
     "run master/systems/line5 --ros2 0",
     "run master/systems/line5 --at 30 'drone3.vehicle.wind[2]=5'",
+    "run master/systems/line5 --partitions 2",
 )
 def run(
     system: System,
@@ -239,6 +254,9 @@ def run(
     foxglove: _FoxglovePort = None,
     ros1: _Ros1Master = None,
     ros2: _Ros2Domain = None,
+    partitions: Partitions = None,
+    partition_file: PartitionFile = None,
+    partition_timeout: _PartitionTimeout = 60.0,
     as_json: Json = False,
 ) -> None:
     """Run a system, or one FMU alone."""
@@ -248,6 +266,9 @@ def run(
         raise usage("--no-open belongs to --view, which is not given")
     if pace is None and any(one is not None for one in (foxglove, ros1, ros2)):
         pace = 1.0
+    transport = None
+    with errors(as_json=as_json):
+        transport = part_of(partitions, partition_file, partition_timeout)
     by_default = Path("out") / Path(system).resolve().stem
     with errors(as_json=as_json), activity() as doing:
         doing.starting()
@@ -263,14 +284,17 @@ def run(
             checkpoint_every=checkpoint_every, origin=origin,
             pace=pace, threads=threads, profile=profile,
             isolation=chosen_isolation(isolate, step_timeout, memory_limit, restart_crashed, host),
-            gcs=gcs or (), ports=ports,
+            gcs=gcs or (), ports=ports, assignment=partition_file,
         )  # fmt: skip
+        if transport is not None and transport.part != 0:
+            serve_part(system, options, transport)
         with ExitStack() as opened:
             mailbox = Mailbox()
             live = opened.enter_context(shown_live(options, mailbox, open_browser=not no_open)) if view else None
             others = opened.enter_context(served(foxglove, ros1, ros2, mailbox))
             sent = mailbox if view or ros1 is not None or ros2 is not None else None
-            result = _simulate(system, options, doing, live, others, sent)
+            opened.push(left(transport))
+            result = _simulate(system, options, doing, live, others, sent, transport)
             if live is not None:
                 live.end(result)
     if as_json:
@@ -279,6 +303,7 @@ def run(
         _report(result)
     if folder is None and result.folder is not None and result.folder != by_default:
         note(f"{by_default} holds a run of other inputs, which --force overwrites; the results are in {result.folder}")
+    leave(transport, result.error)
     if code := _exit_code(result, strict=strict):
         raise typer.Exit(code)
 
@@ -290,6 +315,7 @@ def _simulate(
     live: Live | None,
     others: Sequence[Onlooker],
     mailbox: Mailbox | None,
+    transport: Transport | None,
 ) -> RunResult:
     from cosim.kernel import PLAIN
     from cosim_master.execution.options import Listener
@@ -311,7 +337,15 @@ def _simulate(
     with compiling(doing):
         observers = [one.observer for one in onlookers]
         control = None if live is None else live.control
-        return simulate(system, options, listener=listener, observers=observers, control=control, mailbox=mailbox)
+        return simulate(
+            system,
+            options,
+            listener=listener,
+            observers=observers,
+            control=control,
+            mailbox=mailbox,
+            transport=transport,
+        )
 
 
 def _exit_code(result: RunResult, *, strict: bool) -> int:

@@ -19,7 +19,7 @@ from cosim_master.execution.run.opening import Setup
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.observation import Observer, PointObserver
 
-__all__ = ["periods_of", "refuse_options", "started", "told_others", "told_parts"]
+__all__ = ["failing_openly", "periods_of", "refuse_options", "started", "told_others", "told_parts"]
 
 _WORTH_THREADS = 64
 
@@ -30,7 +30,7 @@ def refuse_options(options: RunOptions, live: bool) -> None:
         "--gcs": bool(options.gcs),
         "--ports": options.ports is not None,
         "--profile": options.profile,
-        "--view": live,
+        "packets of real programs (--view, --ros1, --ros2)": live,
         "--checkpoint-every": options.checkpoint_every is not None,
         "--from": options.origin is not None,
     }
@@ -38,6 +38,18 @@ def refuse_options(options: RunOptions, live: bool) -> None:
     problems = [Problem(Where(name), text) for name, given in refused.items() if given]
     if problems:
         raise SystemDescriptionError(problems)
+
+
+@contextmanager
+def failing_openly(transport: Transport) -> Iterator[None]:
+    """Tells the other parts of an exception that is a bug or an interruption, so that they do not wait for this one."""
+    try:
+        yield
+    except CosimError:
+        raise
+    except BaseException as error:
+        transport.fail(f"it has failed: {type(error).__name__}: {error}")
+        raise
 
 
 @contextmanager

@@ -51,6 +51,9 @@ class Transport(Protocol):
             PartLost: the part has ended, or sends nothing for too long.
         """
 
+    def fail(self, reason: str) -> None:
+        """Tells all parts why this one fails; they end without it."""
+
     def close(self, *, abort: bool) -> None:
         """Ends the exchange; `abort` ends all other parts too, because one is lost."""
 
@@ -60,7 +63,9 @@ class LocalTransport:
 
     host = "this process"
 
-    def __init__(self, part: int, boxes: Sequence[Sequence[queue.SimpleQueue[bytes | None]]], seconds: float) -> None:
+    def __init__(
+        self, part: int, boxes: Sequence[Sequence[queue.SimpleQueue[bytes | str | None]]], seconds: float
+    ) -> None:
         self.part, self.parts, self.seconds = part, len(boxes), seconds
         self.here = self.parts
         self._boxes = boxes
@@ -75,10 +80,15 @@ class LocalTransport:
             message = self._boxes[source][self.part].get(timeout=None if patient else self.seconds)
         except queue.Empty:
             raise PartLost(source, f"no message for {time.monotonic() - began:.0f} s") from None
-        if message is None:
-            self._boxes[source][self.part].put(None)
-            raise PartLost(source, "it has ended")
+        if message is None or isinstance(message, str):
+            self._boxes[source][self.part].put(message)
+            raise PartLost(source, message or "it has ended")
         return message
+
+    def fail(self, reason: str) -> None:
+        """Tells all parts why this one fails; see `Transport`."""
+        for box in self._boxes[self.part]:
+            box.put(reason)
 
     def close(self, *, abort: bool) -> None:  # noqa: ARG002
         for box in self._boxes[self.part]:
@@ -87,5 +97,5 @@ class LocalTransport:
 
 def local_transports(parts: int, seconds: float = 60.0) -> list[LocalTransport]:
     """Returns connected transports for the threads of one process."""
-    boxes = [[queue.SimpleQueue[bytes | None]() for _ in range(parts)] for _ in range(parts)]
+    boxes = [[queue.SimpleQueue[bytes | str | None]() for _ in range(parts)] for _ in range(parts)]
     return [LocalTransport(part, boxes, seconds) for part in range(parts)]

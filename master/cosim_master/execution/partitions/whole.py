@@ -79,7 +79,7 @@ class WholeBlocks:
             for p in range(cut.parts)
         ]
         self._strings = len(owners)
-        self._events, self._log = [np.zeros(0, dtype=EVENT)], b""
+        self._events, self._log, self._pending = [np.zeros(0, dtype=EVENT)], bytearray(), 0
         self._waiting: list[np.ndarray[Any, Any]] = []
         self._entries: list[tuple[int, int, int, bytes]] = []
         self._row_observers: Sequence[RowObserver] = ()
@@ -112,12 +112,14 @@ class WholeBlocks:
             events = events[done]
             if self.limit is not None:
                 events = events[events["sent"] <= self.limit]
-            self._events.append(events[np.lexsort((events["order"], events["source"], events["sent"]))])
+            if events.size:
+                self._events.append(events[np.lexsort((events["order"], events["source"], events["sent"]))])
+                self._pending += events.size
         due = [entry for entry in self._entries if entry[0] <= logged]
         self._entries = [entry for entry in self._entries if entry[0] > logged]
         due.sort(key=lambda entry: entry[:3])
         self._log += b"".join(entry[3] for entry in due if self.limit is None or entry[0] <= self.limit)
-        if sum(len(chunk) for chunk in self._events) > _EVENTS or len(self._log) > _LOG:
+        if self._pending > _EVENTS or len(self._log) > _LOG:
             self.packets()
 
     def _flush_rows(self) -> None:
@@ -171,7 +173,7 @@ class WholeBlocks:
     def packets(self) -> None:
         """Hands over and empties the packets."""
         self._packets(complete=True)
-        self._events, self._log = [np.zeros(0, dtype=EVENT)], b""
+        self._events, self._log, self._pending = [np.zeros(0, dtype=EVENT)], bytearray(), 0
         self._shown.clear()
 
     def _rows(self, *, complete: bool) -> None:
@@ -183,7 +185,7 @@ class WholeBlocks:
 
     def _together(self) -> Packets:
         self._events = [np.concatenate(self._events)]
-        return Packets(self._events[0], np.frombuffer(self._log, dtype=np.uint8))
+        return Packets(self._events[0], np.frombuffer(bytes(self._log), dtype=np.uint8))
 
     def _packets(self, *, complete: bool) -> None:
         packets = self._together()

@@ -1,0 +1,134 @@
+"""Processes of a run in parts: started on this machine, or by an MPI launcher before this command begins."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, NoReturn
+
+import typer
+
+from cosim_master.cli.terminal.console import err, out, usage
+from cosim_master.diagnostics.errors import CosimError
+
+if TYPE_CHECKING:
+    from cosim_master.execution.options import RunOptions
+    from cosim_master.execution.partitions.transport import Transport
+
+__all__ = ["leave", "left", "part_of", "serve_part", "start_parts"]
+
+_COMMAND = (sys.executable, "-c", "from cosim_master.cli import main; main()")
+
+
+def start_parts(parts: int, arguments: Sequence[str]) -> int:
+    """Starts this command in `parts` processes on this machine; returns the exit code of part 0.
+
+    Ctrl-C and SIGTERM end the run as in one process: the launcher passes SIGUSR1 on, which part 0 takes as Ctrl-C.
+    """
+    own = Path(sys.executable).parent
+    launcher = shutil.which("mpirun", path=f"{own}{os.pathsep}{os.environ.get('PATH', '')}")
+    if launcher is None:
+        raise usage("--partitions needs mpirun; pip install 'uav-cosim[mpi]'")
+    said = subprocess.run([launcher, "--version"], capture_output=True, text=True, check=False).stdout
+    options = ["-n", str(parts)]
+    environment = dict(os.environ)
+    if "Open MPI" in said:
+        options += ["--with-ft", "ulfm", "--oversubscribe", "--bind-to", "none"]
+        if os.geteuid() == 0:  # as in a container; the parts are those of this user
+            environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    process = subprocess.Popen([launcher, *options, *_COMMAND, *arguments], env=environment, start_new_session=True)
+
+    def passed_on(_number: int, _frame: FrameType | None) -> None:
+        process.send_signal(signal.SIGUSR1)
+
+    before = {number: signal.signal(number, passed_on) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        return process.wait()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def part_of(parts: int | None, file: Path | None, seconds: float) -> Transport | None:
+    """Returns the messages of this process as a part of a run; None if the run has one process.
+
+    If a launcher has not started the parts, this starts them, and exits with the exit code of part 0.
+
+    Args:
+        parts: the number that the user asks for; None leaves it to the launcher.
+        file: parts and machines, see `partitions.cut.read_assignment`.
+        seconds: wall-clock time without a message after which a part counts as lost.
+    """
+    from cosim_master.execution.partitions.mpi import launched_by
+
+    there = launched_by()
+    if parts is not None and parts > 1 and there == 1:
+        raise typer.Exit(start_parts(parts, sys.argv[1:]))
+    if there == 1:
+        if file is not None:
+            raise usage("--partition-file belongs to --partitions, which is not given")
+        return None
+    if parts not in (None, there):
+        raise usage(f"--partitions {parts}: the launcher has started {there} processes; give no number, or {there}")
+    from cosim_master.execution.partitions.cut import read_assignment
+    from cosim_master.execution.partitions.mpi import MpiTransport
+
+    transport = MpiTransport(seconds, () if file is None else read_assignment(file, there).hosts)
+    if transport.part == 0:
+        signal.signal(signal.SIGUSR1, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    else:  # part 0 ends the run, also when the launcher sends a signal to all, and reports it
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+            signal.signal(number, signal.SIG_IGN)
+        out.quiet = err.quiet = True
+        logging.getLogger("cosim_master").setLevel(logging.CRITICAL)
+    return transport
+
+
+def serve_part(system: str, options: RunOptions, transport: Transport) -> NoReturn:
+    """Runs a part other than part 0 to its end, and exits; a lost part ends all others."""
+    from cosim_master.execution.partitions.transport import PartLost
+    from cosim_master.execution.simulate import take_part
+
+    lost = False
+    try:
+        take_part(system, options, transport)
+    except PartLost:
+        lost = True
+        with suppress(PartLost):  # part 0 completes its files, and then ends all parts
+            while True:
+                transport.receive(0)
+    except CosimError:
+        pass  # part 0 has the error
+    transport.close(abort=lost)
+    raise typer.Exit(int(lost))
+
+
+def left(transport: Transport | None) -> Callable[..., bool]:
+    """Returns an exit callback that ends the exchange of part 0 if an exception ends its run before it has a result."""
+
+    def leave_after(_kind: object, error: BaseException | None, _trace: object) -> bool:
+        if error is not None and transport is not None:
+            if not isinstance(error, CosimError):
+                transport.fail(f"it has failed: {type(error).__name__}: {error}")
+            leave(transport, error)
+        return False
+
+    return leave_after
+
+
+def leave(transport: Transport | None, error: BaseException | None) -> None:
+    """Ends the exchange of part 0; the loss of a part ends all others."""
+    if transport is not None:
+        from cosim_master.execution.partitions.transport import PartLost
+
+        sys.stdout.flush()
+        sys.stderr.flush()
+        transport.close(abort=isinstance(error, PartLost))

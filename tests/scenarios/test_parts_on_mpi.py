@@ -1,0 +1,175 @@
+"""Runs in parts by Open MPI, with parts that are killed, stopped or interrupted: what is said, and what is kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from tests.scenarios.flights import SYSTEMS, fly
+from tests.scenarios.test_run_in_parts import same
+
+pytest.importorskip("mpi4py")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not (Path(sys.executable).parent / "mpirun").exists(), reason="no mpirun is installed here"),
+]
+
+LIMIT = 600.0
+"""Seconds for anything; a busy machine compiles for minutes."""
+
+
+class Parts:
+    """A running `uav-cosim run --partitions`."""
+
+    def __init__(self, process: subprocess.Popen[str], out: Path) -> None:
+        self.process, self.out = process, out
+
+    def rank(self, number: int) -> int:
+        """The process id of a part, once it runs."""
+        end = time.monotonic() + LIMIT
+        wanted = f"OMPI_COMM_WORLD_RANK={number}".encode()
+        while time.monotonic() < end and self.process.poll() is None:
+            for folder in Path("/proc").glob("[0-9]*"):
+                try:
+                    environment = (folder / "environ").read_bytes().split(b"\0")
+                except OSError:
+                    continue
+                if wanted in environment and f"PARTS_OF_TEST={self.out}".encode() in environment:
+                    return int(folder.name)
+            time.sleep(0.1)
+        raise AssertionError(self.process.communicate())
+
+    def flies(self, seconds: float = 1.0) -> None:
+        """Waits until so many seconds are simulated and recorded."""
+        end = time.monotonic() + LIMIT
+        while time.monotonic() < end and self.process.poll() is None:
+            try:
+                if json.loads((self.out / "manifest.json").read_text())["simulated_s"] >= seconds:
+                    return
+            except (OSError, ValueError, KeyError):
+                pass
+            time.sleep(0.1)
+        raise AssertionError(self.process.communicate())
+
+    def end(self) -> tuple[int, str, dict[str, Any]]:
+        """The exit code, the error output and the manifest, when it has ended."""
+        _, error = self.process.communicate(timeout=LIMIT)
+        return self.process.returncode, error, json.loads((self.out / "manifest.json").read_text())
+
+
+@contextmanager
+def running(out: Path, *options: str, parts: int = 3, system: str = "line5") -> Iterator[Parts]:
+    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", str(SYSTEMS / system)]
+    command += ["-o", str(out), "--partitions", str(parts), *options]
+    environment = {**os.environ, "PARTS_OF_TEST": str(out)}
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True
+    )
+    found = Parts(process, out)
+    try:
+        yield found
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.communicate(timeout=60)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+
+
+def complete(out: Path, manifest: dict[str, Any]) -> None:
+    """Everything that the manifest says is simulated is recorded, and the files are complete."""
+    rows = pq.read_table(out / "signals.parquet")["time"].to_pylist()
+    assert rows[0] == 0.0
+    assert manifest["simulated_s"] - 0.0125 < rows[-1] <= manifest["simulated_s"]
+    assert len(rows) == round(rows[-1] / 0.0125) + 1
+    assert max(pq.read_table(out / "packets.parquet")["sent"].to_pylist()) <= manifest["simulated_s"]
+    assert not (out / "unfinished").exists()
+
+
+def test_the_same_bits(fmus: Path, tmp_path: Path) -> None:
+    whole = fly(SYSTEMS / "line5", tmp_path / "whole", until=12.0)
+    with running(tmp_path / "parts", "--until", "12", parts=2) as parts:
+        code, error, manifest = parts.end()
+    assert code == 0, error
+    same(whole.folder, tmp_path / "parts")
+    assert [one["part"] for one in manifest["parts"]] == [0, 1]
+    assert all(one["host"] == os.uname().nodename for one in manifest["parts"])
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("rank", [1, 2])
+def test_a_part_is_killed(fmus: Path, tmp_path: Path, rank: int) -> None:
+    with running(tmp_path / "out", "--pace", "1") as parts:
+        parts.flies()
+        os.kill(parts.rank(rank), signal.SIGKILL)
+        code, error, manifest = parts.end()
+    assert code == 1
+    assert f"part {rank}: its process has ended; what was recorded until then is complete" in error
+    assert manifest["outcome"] == "failed"
+    complete(tmp_path / "out", manifest)
+
+
+@pytest.mark.alone
+def test_a_part_is_stopped(fmus: Path, tmp_path: Path) -> None:
+    with running(tmp_path / "out", "--pace", "1", "--partition-timeout", "20") as parts:
+        parts.flies()
+        stopped = parts.rank(1)
+        os.kill(stopped, signal.SIGSTOP)
+        code, error, manifest = parts.end()
+    assert code == 1
+    assert "part 1: no message for 20 s: it hangs, or is stopped or unreachable" in error
+    assert manifest["outcome"] == "failed"
+    complete(tmp_path / "out", manifest)
+    end = time.monotonic() + LIMIT
+    while Path(f"/proc/{stopped}").exists() and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not Path(f"/proc/{stopped}").exists()  # nothing of the run is left
+
+
+@pytest.mark.alone
+def test_it_is_interrupted(fmus: Path, tmp_path: Path) -> None:
+    with running(tmp_path / "out", "--pace", "1") as parts:
+        parts.flies()
+        parts.process.send_signal(signal.SIGINT)
+        code, error, manifest = parts.end()
+    assert code == 130, error
+    assert manifest["outcome"] == "interrupted"
+    complete(tmp_path / "out", manifest)
+
+
+@pytest.mark.alone
+def test_it_is_started_twice(fmus: Path, tmp_path: Path) -> None:
+    with running(tmp_path / "out", "--pace", "1", parts=2) as parts:
+        parts.flies()
+        with running(tmp_path / "out", parts=2) as second:
+            _, error = second.process.communicate(timeout=LIMIT)
+        assert second.process.returncode == 2
+        assert "holds a run that goes on; give another folder" in error
+
+
+def test_a_wrong_system_is_reported_once(fmus: Path, tmp_path: Path) -> None:
+    with running(tmp_path / "out", "--set", "drone9.vehicle.mass=1") as parts:
+        _, error = parts.process.communicate(timeout=LIMIT)
+    assert parts.process.returncode == 2
+    assert error.count("error:") == 1, error
+
+
+def test_another_number_than_the_launcher_has_started(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from cosim_master.cli import main; main()", "run", "x.ssd", "--partitions", "2"]
+    environment = {**os.environ, "OMPI_COMM_WORLD_SIZE": "3"}
+    found = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, cwd=tmp_path)
+    assert found.returncode == 2
+    assert "--partitions 2: the launcher has started 3 processes; give no number, or 3" in found.stderr
