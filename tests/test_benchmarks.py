@@ -46,6 +46,17 @@ def test_overhead_of_fmi_3_is_compared_with_a_program_that_computes_the_same(tmp
     assert all(set(row["us_per_fmu_step"]) == {"C", "uav-cosim"} for row in rows)
 
 
+def test_the_model_of_parts_has_its_limits(tmp_path: Path) -> None:
+    """With free messages, nothing is lost; with a slow network, a window lasts as long as its messages at least."""
+    free = ["--message-us", "0", "--window-us", "0", "--network-us", "0", "--gbit", "1e9", "--noise", "0"]
+    free += ["--packets", "0", "--recorded", "0", "--windows", "2000", "--drones", "1600", "--hosts", "1", "4", "16"]
+    for row in benchmark("partitions", tmp_path, *free)["rows"]:
+        assert row["efficiency"] == pytest.approx(1.0, rel=0.01) == row["waited_for"]
+    slow = ["--network-us", "50000", "--drones", "100", "--hosts", "4", "--windows", "200"]
+    for row in benchmark("partitions", tmp_path, *slow)["rows"]:
+        assert row["real_time_factor"] < 0.01 * 2 / 0.05
+
+
 @pytest.mark.slow
 def test_a_campaign_is_measured_beside_a_loop(tmp_path: Path, fmus: Path) -> None:
     document = tmp_path / "scale.md"
