@@ -11,7 +11,9 @@ from __future__ import annotations
 import hashlib
 import io
 import math
+import os
 import re
+import shlex
 import struct
 import sys
 import zipfile
@@ -42,13 +44,15 @@ from cosim_master.fmi.description.source_files import SourceFiles, configured, l
 from cosim_master.fmi.description.units import BASE_UNITS, BaseUnit, Unit
 from cosim_master.fmi.description.variables import Capabilities, Clock, FmuDescription, ModelExchange, Start, Variable
 
-__all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "describe", "extract", "platform"]
+__all__ = ["Capabilities", "Clock", "FmuDescription", "Start", "Variable", "describe", "extract", "platform", "runner"]
 
 _MAX_DESCRIPTION_BYTES = 128 << 20
 _LIBRARY_SUFFIX = {"linux": ".so", "win": ".dll", "darwin": ".dylib"}
 SOURCES = "sources"
 """`FmuDescription.library` of an FMU that is compiled from its sources."""
 _SHOWN_NOTES = 5
+RUNNER = "UAV_COSIM_RUNNER"
+"""The environment variable with the command that runs programs of Windows."""
 
 
 def platform(fmi: int = 2) -> str:
@@ -58,6 +62,11 @@ def platform(fmi: int = 2) -> str:
         return f"{machine}-{'windows' if sys.platform == 'win32' else sys.platform}"
     system = "win" if sys.platform == "win32" else "darwin" if sys.platform == "darwin" else "linux"
     return f"{system}{struct.calcsize('P') * 8}"
+
+
+def runner() -> list[str]:
+    """Returns the command that runs programs of Windows, from the environment variable UAV_COSIM_RUNNER."""
+    return [] if sys.platform == "win32" else shlex.split(os.environ.get(RUNNER, ""))
 
 
 def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implementation: str = "any") -> FmuDescription:
@@ -177,9 +186,15 @@ def _library(names: Sequence[str], identifier: str, where: Where, reading: _Read
     if reading.fmi > 1 and any(name.startswith("sources/") for name in names):
         reading.notes.append("it has no binary for this platform: its sources are compiled")
         return SOURCES
+    foreign = f"binaries/{'x86_64-windows' if reading.fmi == 3 else 'win64'}/{identifier}.dll"
+    runs = reading.fmi > 1 and foreign in names
+    if runs and (command := runner()):
+        reading.notes.append(f"it has no binary for this platform: that of Windows is run by {command[0]}")
+        return foreign
     available = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
     offered = f"it has binaries for {', '.join(available)}" if available else "it has no binaries"
-    reading.problems.append(Problem(where, NO_LIBRARY.text(expected, offered)))
+    fix = f"; with {RUNNER}=wine in the environment, Wine runs that of Windows" if runs else ""
+    reading.problems.append(Problem(where, NO_LIBRARY.text(expected, offered + fix)))
     return None
 
 

@@ -23,11 +23,12 @@ from pathlib import Path
 
 from cosim_master.files.kept import intact, private_cache, seal
 
-__all__ = ["HOST", "LIBRARY", "CannotIsolate", "binaries"]
+__all__ = ["HOST", "LIBRARY", "CannotIsolate", "binaries", "portable"]
 
 LIBRARY, HOST = "isolation.so", "host"
 _SOURCES = Path(__file__).parent
 _FLAGS = ("-std=gnu11", "-O2", "-g0", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror")
+_PORTABLE = ("-std=gnu11", "-O2", "-g0", "-Wall", "-Wextra", "-Werror")
 _LIBRARIES = ("-lm", "-lpthread", "-ldl")
 
 
@@ -69,8 +70,32 @@ def binaries() -> Path:
     return kept
 
 
-def _digest() -> str:
-    digest = hashlib.sha256(platform.machine().encode())
+@cache
+def portable(target: str) -> Path:
+    """Returns the program `portable` for a system, e.g. "x86_64-windows-gnu"; a native one needs no target.
+
+    Raises:
+        CannotIsolate: it has not been compiled and cannot be.
+    """
+    windows = "windows" in target
+    kept = private_cache() / "isolation" / f"portable-{_digest(target)}{'.exe' if windows else ''}"
+    if not intact(kept):
+        if find_spec("ziglang") is None:
+            text = "their C part is not compiled: install uav-cosim[build], which brings a C compiler"
+            raise CannotIsolate(text)
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=kept.parent, prefix="new-") as folder:
+            fresh = Path(folder) / kept.name
+            command = [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else []), *_PORTABLE]
+            more = ["-lws2_32"] if windows else list(_LIBRARIES)
+            _run([*command, str(_SOURCES / "portable.c"), "-o", str(fresh), *more])
+            fresh.replace(kept)
+        seal(kept)
+    return kept
+
+
+def _digest(target: str = "") -> str:
+    digest = hashlib.sha256(f"{platform.machine()} {target}".strip().encode())
     for file in sorted(_SOURCES.glob("*.[ch]")):
         digest.update(file.name.encode() + file.read_bytes())
     digest.update(" ".join((*_FLAGS, *_LIBRARIES)).encode())
@@ -90,12 +115,21 @@ def _compile(folder: Path) -> None:
         ["-fPIC", "-shared", proxy, host, stack, crash, "-o", str(folder / LIBRARY), "-ldl"],
         ["-DPROGRAM", host, "-o", str(folder / HOST), *_LIBRARIES],
     ):
-        try:
-            done = subprocess.run([*compiler, *_FLAGS, *command], capture_output=True, text=True, check=False)
-        except OSError as error:
-            raise CannotIsolate(f"the C compiler {compiler[0]} cannot be run: {error.strerror}") from None
-        if done.returncode:
-            raise CannotIsolate(f"their C part does not compile with {' '.join(compiler)}:\n{done.stderr}")
+        _run([*compiler, *_FLAGS, *command])
+
+
+def _run(command: Sequence[str]) -> None:
+    """Runs the C compiler.
+
+    Raises:
+        CannotIsolate: it refuses, or there is none.
+    """
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise CannotIsolate(f"the C compiler {command[0]} cannot be run: {error.strerror}") from None
+    if done.returncode:
+        raise CannotIsolate(f"their C part does not compile:\n{done.stderr}")
 
 
 def main(arguments: Sequence[str]) -> None:

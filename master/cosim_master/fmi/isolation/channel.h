@@ -129,6 +129,24 @@ static const Function TABLE[] = {
 #undef FUNCTION
 };
 
+/* ---- over a socket --------------------------------------------------------------------------------------------------- */
+
+/* Precedes the operations of a request. */
+typedef struct {
+    uint64_t bytes;
+    double limit; /* s, for each call; 0: none */
+} Posted;
+
+/* Precedes a reply. Byte order and sizes are those of x86_64 and aarch64. */
+typedef struct {
+    uint32_t end; /* of the process, with its details */
+    int32_t number;
+    uint32_t function, executed;
+    uint64_t owner, memory;
+    uint64_t log, reply, output; /* bytes that follow */
+    uint64_t pulse;              /* 1: this is none, the process is busy */
+} Replied;
+
 static inline size_t padded(size_t n) { return (n + 7) & ~(size_t)7; }
 
 static inline size_t reply_at(const Header *h) { return MESSAGES + ((h->request + 63) & ~(uint64_t)63); }

@@ -149,6 +149,7 @@ def _functions() -> Any:
         ("isolated_connect", pointer, (number, number, ctypes.c_double, ctypes.c_double)),
         ("isolated_reconnect", ctypes.c_bool, (pointer, number)),
         ("isolated_relay", number, (pointer, number)),
+        ("isolated_direct", None, (pointer, number)),
     ):
         function = getattr(functions, name)
         function.restype, function.argtypes = result, arguments

@@ -73,7 +73,8 @@ struct Channel {
     char *memory;
     size_t mapped;
     int file, process, output, pid;
-    int socket; /* to the machine of the process; -1: it is here */
+    int socket; /* to the machine of the process, or to the process itself; -1: it shares memory */
+    bool direct; /* the socket is that of the process (portable.c), whose calls have to be limited here */
     int master; /* the socket to the master, if that is on another machine; -1: it is here */
     int64_t pulsed; /* when the master was last told that the process is busy, ns */
     double limit, patience; /* s; 0: none. `patience` is the limit of calls other than those of Step Mode. */
@@ -170,11 +171,13 @@ static int64_t now(void) {
 
 static bool map(Channel *c, size_t least);
 static bool receive_reply(Channel *c);
+static bool readable(Channel *c, double limit);
 static bool pulse(Channel *c);
 
 /* Waits until the process hands over; returns false, with `end`, if it never will. The time during which this process
    was stopped does not count. */
 static bool wait_for_turn(Channel *c, double limit) {
+    if (c->direct && !readable(c, limit)) return end_by(c, TIMED_OUT), false;
     if (c->socket >= 0) return receive_reply(c); /* the other machine has the time limit */
     uint32_t *turn = &header(c)->turn;
     int64_t slice = FIRST_SLICE, waited = 0, began = 0;
@@ -755,6 +758,12 @@ EXPORT Channel *isolated_connect(int file, int socket, double limit, double pati
     if (c->memory == MAP_FAILED) return free(c), NULL;
     receive_state(c);
     return c;
+}
+
+/* Says that the process at the other end of the socket is portable.c, with a pipe of its output. */
+EXPORT void isolated_direct(Channel *c, int output) {
+    c->direct = true, c->output = output;
+    fcntl(output, F_SETFL, O_NONBLOCK);
 }
 
 /* Replaces a process on another machine that has ended by a new one; returns whether that has loaded the FMU. */

@@ -12,22 +12,6 @@
 
 #define PULSE 1000000000 /* ns */
 
-/* Precedes the operations of a request. */
-typedef struct {
-    uint64_t bytes;
-    double limit; /* s, for each call; 0: none */
-} Posted;
-
-/* Precedes a reply. Byte order and sizes are those of x86_64 and aarch64. */
-typedef struct {
-    uint32_t end; /* of the process, with its details */
-    int32_t number;
-    uint32_t function, executed;
-    uint64_t owner, memory;
-    uint64_t log, reply, output; /* bytes that follow */
-    uint64_t pulse;              /* 1: this is none, the process is busy */
-} Replied;
-
 static bool transmit(int socket, struct iovec *parts, size_t n) {
     while (n > 0) {
         struct msghdr message = {.msg_iov = parts, .msg_iovlen = n};
@@ -73,11 +57,22 @@ static bool receive_reply(Channel *c) {
         return end_by(c, BROKEN), false;
     if (!receive(c->socket, c->memory + HEADER_BYTES, r.log)) return lost(c);
     if (!receive(c->socket, c->memory + reply_at(header(c)), r.reply)) return lost(c);
-    if (!receive(c->socket, c->lines, r.output)) return lost(c);
+    if (r.output && !receive(c->socket, c->lines, r.output)) return lost(c);
     header(c)->log = r.log, header(c)->executed = r.executed;
     if (r.end == ALIVE) return true;
     c->end = r.end, c->end_number = r.number, c->end_function = r.function;
-    c->end_owner = r.owner, c->end_memory = r.memory, c->n_lines = r.output;
+    c->end_owner = r.owner, c->end_memory = r.memory;
+    if (!c->direct) c->n_lines = r.output;
+    return false;
+}
+
+/* Waits until the process has sent something or has ended; false if it does neither within `limit` s (0: any time). */
+static bool readable(Channel *c, double limit) {
+    struct pollfd process = {c->socket, POLLIN, 0};
+    for (int64_t began = now(), passed = 0; limit <= 0 || (double)passed < limit * 1e9; passed = now() - began) {
+        if (poll(&process, 1, 50) > 0) return true;
+        read_output(c); /* a full pipe would stop it */
+    }
     return false;
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import json
 import logging
+import sys
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,9 +14,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cosim_master.diagnostics.errors import FmuError
-from cosim_master.fmi.description.read import FmuDescription
+from cosim_master.fmi.description.read import FmuDescription, runner
+from cosim_master.fmi.isolation.building import CannotIsolate, portable
 from cosim_master.fmi.isolation.child import Child, Limits, Process
 from cosim_master.fmi.isolation.remote import Address
+from cosim_master.fmi.isolation.runner import Runner
 from cosim_master.fmi.slaves.fmi2 import Diagnosis, Library
 
 __all__ = ["IsolatedLibrary", "Isolation", "Scope", "built_here", "isolable"]
@@ -23,6 +26,7 @@ __all__ = ["IsolatedLibrary", "Isolation", "Scope", "built_here", "isolable"]
 log = logging.getLogger(__name__)
 
 _ERROR, _FATAL = 3, 4
+_WINDOWS = "x86_64-windows-gnu"
 _STATES = {
     "2": [f"fmi2{verb}FMUstate" for verb in ("Get", "Set", "Free", "Serialize", "DeSerialize")]
     + ["fmi2SerializedFMUstateSize"],
@@ -59,7 +63,7 @@ class Isolation:
         """Returns whether the instance `name` of an FMU runs in another process."""
         if not isolable(fmu):
             return False
-        if name in self.hosts:
+        if name in self.hosts or run_by_another(fmu):
             return True
         if wish := self.wishes.get(name):
             return wish != "here"
@@ -92,6 +96,11 @@ def built_here(fmu: FmuDescription) -> bool:
 def isolable(fmu: FmuDescription) -> bool:
     """Returns whether an FMU can run in a process: FMI 2 and 3, and not a table."""
     return fmu.table is None and not fmu.fmi_version.startswith("1")
+
+
+def run_by_another(fmu: FmuDescription) -> bool:
+    """Returns whether the binary of an FMU is for Windows, and this is not: a program such as Wine runs it."""
+    return fmu.library.endswith(".dll") and sys.platform != "win32"
 
 
 @cache
@@ -145,9 +154,15 @@ class IsolatedLibrary(Library):
     def _started(self, library: Path, loading: str) -> Process:
         """Returns the process, or raises FmuError for the activity `loading`."""
         try:
+            if run_by_another(self.fmu):
+                _note(
+                    f"note: {self.fmu.path.name} is run by {runner()[0]}: its memory, files and sockets are not limited"
+                )
+                self._limits = replace(self._limits, restricted=False)
+                return Runner(runner(), portable(_WINDOWS), library, self.resources.parent, self._limits)
             return Child(library, self.resources.parent, self._limits, python=self.python, writable=self._writable)
-        except OSError as error:
-            text = f"its process cannot be started: {error.strerror}"
+        except (OSError, CannotIsolate) as error:
+            text = f"its process cannot be started: {getattr(error, 'strerror', None) or error}"
             raise FmuError(self.fmu.model_name, loading, text) from None
 
     def _function(self, name: str) -> Any:

@@ -73,6 +73,14 @@ def test_a_step_that_ends_the_process(run: Run, tmp_path: Path, fault: str) -> N
     assert not list((tmp_path / "temporary").iterdir())
 
 
+def test_exit_after_the_journal_was_written(run: Run, tmp_path: Path) -> None:
+    """Whatever was used for the first time meanwhile may have registered a handler of exit() that precedes ours."""
+    done = run("exit fmi2DoStep 4", "--pace", "1")
+    assert (done.returncode, CAUSES["exit"] in done.stderr) == (1, True)
+    assert signals(tmp_path / "out")["time"].to_pylist() == [0.0, 0.5, 1.0, 1.5]
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["outcome"] == "failed"
+
+
 @pytest.mark.parametrize("function", ["fmi2SetReal", "fmi2GetReal"])
 @pytest.mark.parametrize("fault", ["segv", "overflow", "exit"])
 def test_calls_of_the_loop(run: Run, tmp_path: Path, fault: str, function: str) -> None:

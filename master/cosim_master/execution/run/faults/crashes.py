@@ -4,8 +4,8 @@
 
 A signal arrives in the FMU's own code, in the thread that called it; it is caught on a stack of its own (`crash.c` of
 `fmi.isolation`), so that the overflow of a stack is caught, too. A Python function may run there, but the run cannot
-continue after it. This is best effort: the crash may have damaged the heap, so the function has a time limit of a few
-seconds. The exit code is 1. `_exit()` and SIGKILL cannot be caught; the journal then has the rows.
+continue after it. This is best effort: the crash may have damaged the heap, so the function has a time limit of a
+minute. The exit code is 1. `_exit()` and SIGKILL cannot be caught; the journal then has the rows.
 
 This needs Linux, and is left out where the C part is not compiled.
 """
@@ -27,7 +27,7 @@ from cosim_master.fmi.isolation.building import LIBRARY, CannotIsolate, binaries
 
 __all__ = ["reported"]
 
-_SECONDS = 10
+_SECONDS = 60
 _TOLD = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_int)
 
 

@@ -1,0 +1,183 @@
+"""FMUs whose process is connected by TCP (portable.c), here as on Windows and macOS, and FMUs of Windows run by Wine.
+
+On Linux, the program runs FMUs of Linux, too, so that the tests of its messages need no other system. The last test
+needs Wine, whose first start for a user takes a minute.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from cosim.build import build, load_models
+from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.execution.options import RunOptions
+from cosim_master.execution.outcome.result import RunResult
+from cosim_master.execution.simulate import simulate
+from cosim_master.fmi.description.read import RUNNER, describe
+from cosim_master.fmi.isolation.building import portable
+from cosim_master.fmi.isolation.child import Limits
+from cosim_master.fmi.slaves import isolated
+from cosim_master.fmi.slaves.isolated import Isolation, Scope
+from tests.master.conftest import Workshop
+from tests.master.fmi.test_isolation import Faulties, _folder, leftovers, rows
+from tests.master.fmus.clocked import clocked
+
+WINE = next((found for name in ("wine64", "/usr/lib/wine/wine64", "wine") if (found := shutil.which(name))), None)
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes of FMUs")
+PATIENT = Limits(seconds=60.0)
+
+
+@pytest.fixture
+def connected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Isolated FMUs of Linux are run by the portable program."""
+    monkeypatch.setattr(isolated, "run_by_another", lambda fmu: fmu.table is None)
+    monkeypatch.setattr(isolated, "runner", lambda: ["env"])
+    monkeypatch.setattr(isolated, "portable", lambda _: portable(""))
+
+
+@pytest.fixture
+def faulties(workshop: Workshop, tmp_path_factory: pytest.TempPathFactory) -> Faulties:
+    return Faulties(workshop, _folder(tmp_path_factory))
+
+
+def flown(system: Path, out: Path, scope: Scope = "foreign", limits: Limits = PATIENT, **how: Any) -> RunResult:
+    return simulate(system, RunOptions(out=out, isolation=Isolation(scope, limits), **how))
+
+
+def recorded(out: Path) -> Any:
+    return pq.read_table(out / "signals.parquet")
+
+
+def test_the_same_bits_over_a_socket(
+    faulties: Faulties, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reals, a String, two instances of a file, checkpoints with serialised states; nothing is left behind."""
+    (tmp_path / "temporary").mkdir()
+    system = faulties.system("none none 0", same_file=True)
+    assert flown(system, tmp_path / "shared", checkpoint_every=1.0).outcome == "done"
+    request.getfixturevalue("connected")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    before = leftovers()
+    assert flown(system, tmp_path / "socket", checkpoint_every=1.0).outcome == "done"
+    assert recorded(tmp_path / "socket") == recorded(tmp_path / "shared")
+    assert leftovers() == before
+
+
+def test_clocks_strings_and_binaries(stricts3: Any, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    clocked(stricts3, "a.fmu", "go", "fire")
+    clocked(stricts3, "b.fmu", "go", "fire")
+    ports = "text_out:output bytes_out:output ticks_fire:output"
+    parts = stricts3.component("a", "a.fmu", ports=f"{ports} fire:output", rule=1, text_in="here")
+    parts += stricts3.component("b", "b.fmu", ports=f"{ports} go:input text_in:input bytes_in:input")
+    system = stricts3.ssd(parts, "a/fire b/go", "a/text_out b/text_in", "a/bytes_out b/bytes_in")
+    assert flown(system, tmp_path / "shared").outcome == "done"
+    request.getfixturevalue("connected")
+    result = flown(system, tmp_path / "socket")
+    assert result.outcome == "done", result.error
+    assert recorded(tmp_path / "socket") == recorded(tmp_path / "shared")
+
+
+FAULTS = {
+    "segv": r"its process was ended by signal 11 \(SIGSEGV\)",
+    "overflow": r"its process was ended by signal 11 \(SIGSEGV\)",
+    "abort": r"its process was ended by signal 6 \(SIGABRT\)",
+    "exit3": "it has ended its process with exit code 3",
+    "kill": "it has ended its process with exit code -9",
+    "error": "fmi2Error",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults(connected: None, faulties: Faulties, tmp_path: Path, fault: str) -> None:
+    result = flown(faulties.system(f"{fault} fmi2DoStep 3"), tmp_path / "out")
+    assert result.outcome == "failed"
+    assert str(result.error).startswith("bad: fmi2DoStep failed at t = 1 s: ")
+    assert re.search(FAULTS[fault], str(result.error)), result.error
+    assert rows(tmp_path / "out") == [0.0, 0.5, 1.0]
+
+
+def test_a_step_that_does_not_return(connected: None, faulties: Faulties, tmp_path: Path) -> None:
+    result = flown(faulties.system("sleep fmi2DoStep 3"), tmp_path / "out", limits=Limits(seconds=2.0))
+    assert "bad: fmi2DoStep failed at t = 1 s: it did not return within " in str(result.error)
+    assert rows(tmp_path / "out") == [0.0, 0.5, 1.0]
+
+
+def test_a_restart(connected: None, faulties: Faulties, tmp_path: Path) -> None:
+    """The recording is that of an FMU that has not crashed."""
+    whole = flown(faulties.system("none none 0"), tmp_path / "whole")
+    assert whole.outcome == "done"
+    result = flown(faulties.system("crash1 fmi2DoStep 3"), tmp_path / "out", limits=Limits(seconds=60.0, restarts=1))
+    assert (result.outcome, result.restarts) == ("done", 1), result.error
+    assert recorded(tmp_path / "out") == recorded(tmp_path / "whole")
+
+
+def test_a_runner_that_does_not_connect(
+    connected: None, faulties: Faulties, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(isolated, "runner", lambda: ["false"])
+    result = flown(faulties.system("none none 0"), tmp_path / "out")
+    assert "its process cannot be started: false has ended with exit code 1" in str(result.error)
+    monkeypatch.setattr(isolated, "runner", lambda: ["/nowhere/wine"])
+    result = flown(faulties.system("none none 0"), tmp_path / "out2")
+    assert "its process cannot be started: No such file or directory" in str(result.error)
+
+
+@pytest.mark.parametrize("target", ["x86_64-windows-gnu", "x86_64-macos", "aarch64-macos", "aarch64-linux-gnu.2.17"])
+def test_it_compiles_for_other_systems(target: str) -> None:
+    """Without a warning; what it does there is not tested, except by Wine."""
+    magic = {"windows": b"MZ", "macos": b"\xcf\xfa\xed\xfe", "linux": b"\x7fELF"}
+    assert portable(target).read_bytes().startswith(next(m for name, m in magic.items() if name in target))
+
+
+def windows_fmu(folder: Path, fmi: int) -> tuple[Path, Path]:
+    """An FMU of this project for Linux, and one with the Windows binary alone."""
+    (model,) = load_models("cosim_models.vehicles.point_mass")
+    both = build(model, folder, targets=("linux-x86_64", "windows-x86_64"), fmi=fmi).file
+    (folder / "windows").mkdir()
+    alone = folder / "windows" / both.name
+    with zipfile.ZipFile(both) as old, zipfile.ZipFile(alone, "w") as new:
+        for name in old.namelist():
+            if "linux" not in name:
+                new.writestr(name, old.read(name))
+    return both, alone
+
+
+@pytest.fixture(scope="module")
+def of_windows(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    return windows_fmu(tmp_path_factory.mktemp("windows"), 2)
+
+
+def test_without_a_runner_the_error_names_it(of_windows: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(RUNNER, raising=False)
+    text = "has no library for this platform .*with UAV_COSIM_RUNNER=wine in the environment, Wine runs that of Windows"
+    with pytest.raises(SystemDescriptionError, match=text):
+        describe(of_windows[1])
+    monkeypatch.setenv(RUNNER, "wine64 --of mine")
+    found = describe(of_windows[1])
+    assert found.library == "binaries/win64/PointMass.dll"
+    assert "it has no binary for this platform: that of Windows is run by wine64" in found.notes
+    assert describe(of_windows[0]).library == "binaries/linux64/PointMass.so"
+
+
+@pytest.mark.skipif(WINE is None, reason="Wine is not installed")
+def test_an_fmu_of_windows_flies_by_wine(
+    of_windows: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The point mass computes with sums and products, which are the same everywhere."""
+    assert simulate(of_windows[0], RunOptions(out=tmp_path / "linux", until=2.0)).outcome == "done"
+    monkeypatch.setenv(RUNNER, str(WINE))
+    monkeypatch.setenv("WINEPREFIX", str(tmp_path / "prefix"))
+    monkeypatch.setenv("WINEDEBUG", "-all")
+    result = simulate(of_windows[1], RunOptions(out=tmp_path / "windows", until=2.0))
+    assert result.outcome == "done", result.error
+    tables = [pq.read_table(tmp_path / name / "signals.parquet") for name in ("linux", "windows")]
+    assert tables[0].num_rows > 100 and tables[0].equals(tables[1])
