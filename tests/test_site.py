@@ -29,6 +29,8 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     section = ports.partition('<section id="rover">')[2].partition("<section id=")[0]
     declared = {one.name for one in Rover.variables if one.role in ("parameter", "input", "output")}
     assert set(re.findall(r'<td><p><code[^>]*><span class="pre">(\w+)', section)) == declared
+    errors = (tmp_path / "site/docs/site/errors.html").read_text()
+    assert "RecordingFailed" in errors and "results cannot be written any more" in errors
     names = (tmp_path / "site/docs/site/python.html").read_text()
     assert set(re.findall(r'id="cosim_master\.(\w+)"', names)) == set(cosim_master.__all__)
     pages = [page.read_text() for page in (tmp_path / "site").rglob("*.html")]

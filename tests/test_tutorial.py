@@ -35,18 +35,20 @@ def workshop(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("tutorial")
 
 
-@pytest.mark.slow
-def test_every_block_prints_what_the_tutorial_shows(workshop: Path) -> None:
-    """Lines below a block are among those that its commands print; durations are left out."""
+def follow(page: str, folder: Path) -> str:
+    """Does what a page says. Lines below a block are among those that its commands print, except durations.
+
+    Returns what the last block printed.
+    """
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     printed = ""
-    for kind, name, text in BLOCK.findall(PAGE):
+    for kind, name, text in BLOCK.findall(page):
         if kind == "python":
-            (workshop / name.removeprefix("file=")).write_text(text, encoding="utf-8")
+            (folder / name.removeprefix("file=")).write_text(text, encoding="utf-8")
         elif kind == "sh" and name != "clone":
             done = subprocess.run(
                 ["bash", "-e", "-c", text],
-                cwd=workshop,
+                cwd=folder,
                 env={**os.environ, "PATH": path},
                 capture_output=True,
                 text=True,
@@ -57,6 +59,19 @@ def test_every_block_prints_what_the_tutorial_shows(workshop: Path) -> None:
         elif kind == "text":
             lines = printed.splitlines()
             assert [line for line in DURATION.sub("", text).splitlines() if line not in lines] == []
+    return printed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["first-flight", "own-vehicle", "own-swarm"])
+def test_the_other_tutorials(page: str, fmus: Path, tmp_path: Path) -> None:
+    assert fmus.is_dir()
+    follow((DOCS / f"{page}.md").read_text(encoding="utf-8"), tmp_path)
+
+
+@pytest.mark.slow
+def test_every_block_prints_what_the_tutorial_shows(workshop: Path) -> None:
+    printed = follow(PAGE, workshop)
     distances = [float(number) for number in re.findall(r"([\d.]+) m at 60 s", printed)]
     assert distances == pytest.approx([8.0] * 6, abs=0.2)
 

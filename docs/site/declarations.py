@@ -1,4 +1,4 @@
-"""Two directives of Sphinx for pages that are made from the code: the models' declarations, and the public names."""
+"""Directives of Sphinx for pages that are made from the code: declarations of models, public names, and errors."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from sphinx.util.docutils import SphinxDirective
 import cosim_master
 from cosim.build import models_of_package
 from cosim.model import Model, Variable
+from cosim_master.diagnostics import errors
+from cosim_master.diagnostics.errors import CosimError
 
 _PARTS = {
     "Parameters": ("parameter",),
@@ -73,8 +75,20 @@ class PublicNames(SphinxDirective):
         return self.parse_text_to_nodes("\n".join(text))
 
 
+class Errors(SphinxDirective):
+    """The tree of exceptions, and the documentation of each."""
+
+    def run(self) -> list[Any]:
+        tree = inspect.cleandoc(errors.__doc__ or "").split("\n\n")[1]
+        text = [f"```text\n{inspect.cleandoc(tree)}\n```\n"]
+        for found in (CosimError, *CosimError.__subclasses__()):
+            text.append(f"```{{eval-rst}}\n.. autoexception:: {found.__module__}.{found.__name__}\n```\n")
+        return self.parse_text_to_nodes("\n".join(text))
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Registers the directives."""
     app.add_directive("declared-models", DeclaredModels)
     app.add_directive("public-names", PublicNames)
+    app.add_directive("errors", Errors)
     return {"parallel_read_safe": True}

@@ -31,6 +31,10 @@ SNAPSHOTS = (1, 9, 17)
 """Steps whose starts are shown in space, if the run reached them; otherwise its first, middle and last step."""
 
 
+_PANEL = 1.95
+"""Width of one of three panels, inches."""
+
+
 def draw_positions(flight: Flight) -> Figure:
     """Draws desired and actual positions over time: east if agents exist, otherwise north, east and height."""
     from matplotlib.figure import Figure
@@ -41,11 +45,13 @@ def draw_positions(flight: Flight) -> Figure:
     if not on_line:
         quantities = [("north (m)", 0, 1.0), ("east (m)", 1, 1.0), ("height (m)", 2, -1.0)]
     many = len(flight.drones) > NAMED
+    if many and not on_line:
+        return _draw_many_anywhere(flight)
     figure = Figure((WIDTH, 3.6 if on_line and not many else 5.4), layout="constrained")
-    panels = 2 if on_line and many else len(quantities)
+    panels = 2 if many else len(quantities)
     all_axes = list(figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0])
     if many:
-        _draw_many(figure, all_axes, flight, quantities)
+        _draw_many_on_line(figure, all_axes, flight, quantities[0])
         return figure
     for axes, (label, i, sign) in zip(all_axes, quantities, strict=True):
         ends = []
@@ -67,25 +73,48 @@ def draw_positions(flight: Flight) -> Figure:
     return figure
 
 
-def _draw_many(
-    figure: Figure, all_axes: Sequence[Axes], flight: Flight, quantities: Sequence[tuple[str, int, float]]
+def _draw_many_on_line(
+    figure: Figure, all_axes: Sequence[Axes], flight: Flight, quantity: tuple[str, int, float]
 ) -> None:
-    """Draws the positions of very many drones, a thin line for each; on a line, also their changes."""
+    """Draws the positions of very many drones, a thin line for each, and how much they change."""
     flown = [drone.position for drone in flight.drones if drone.position is not None]
     desired = [drone.target for drone in flight.drones if drone.target is not None]
-    for axes, (label, i, sign) in zip(all_axes, quantities, strict=False):
-        values = np.stack([sign * position[:, i] for position in flown], axis=1) if flown else np.stack(desired, axis=1)
-        drawn = draw_lines(axes, np.repeat(flight.time[:, None], values.shape[1], axis=1), values, linewidth=0.5)
-        axes.set_ylabel(label)
-    colour_bar(figure, drawn, all_axes, "number of the drone")
-    if len(all_axes) > len(quantities):  # on a line, most of the picture is the distances between the drones
-        begin = flight.row(min(flight.steps.values(), default=float(flight.time[0])))
-        known = np.where(np.isfinite(values), values, np.nan)
-        change = known - known[begin]
-        draw_quantiles(all_axes[-1], flight.time, change)
-        all_axes[-1].set_ylabel("change since step 1 (m)" if flight.steps else "change (m)")
-        figure.legend(*all_axes[-1].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    _time_axis(all_axes, flight, whole=len(quantities) > 1)
+    label, i, sign = quantity
+    values = np.stack([sign * position[:, i] for position in flown], axis=1) if flown else np.stack(desired, axis=1)
+    colour_bar(figure, _thin_lines(all_axes[0], flight, values, label), all_axes, "number of the drone")
+    # most of the picture is the distances between the drones
+    begin = flight.row(min(flight.steps.values(), default=float(flight.time[0])))
+    known = np.where(np.isfinite(values), values, np.nan)
+    draw_quantiles(all_axes[-1], flight.time, known - known[begin])
+    all_axes[-1].set_ylabel("change since step 1 (m)" if flight.steps else "change (m)")
+    figure.legend(*all_axes[-1].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    _time_axis(all_axes, flight)
+
+
+def _draw_many_anywhere(flight: Flight) -> Figure:
+    """Draws places as thin lines, and heights and ways from the start as shares of the drones."""
+    from matplotlib.figure import Figure
+
+    places = np.stack([drone.position for drone in flight.drones if drone.position is not None], axis=1)
+    figure = Figure((WIDTH, 6.4), layout="constrained")
+    all_axes = list(figure.subplots(4, 1, sharex=True))
+    for axes, label, i in zip(all_axes, ("north (m)", "east (m)"), (0, 1), strict=False):
+        drawn = _thin_lines(axes, flight, places[:, :, i], label)
+    colour_bar(figure, drawn, all_axes[:2], "number of the drone")
+    draw_quantiles(all_axes[2], flight.time, -places[:, :, 2])
+    draw_quantiles(all_axes[3], flight.time, np.hypot(*np.moveaxis((places - places[0])[:, :, :2], 2, 0)))
+    all_axes[2].set_ylabel("height (m)")
+    all_axes[3].set_ylabel("from the start (m)")
+    all_axes[3].set_ylim(bottom=0.0, top=max(1.0, all_axes[3].get_ylim()[1]))
+    figure.legend(*all_axes[3].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    _time_axis(all_axes, flight, whole=True)
+    figure.align_ylabels(all_axes)
+    return figure
+
+
+def _thin_lines(axes: Axes, flight: Flight, values: Array, label: str) -> Any:
+    axes.set_ylabel(label)
+    return draw_lines(axes, np.repeat(flight.time[:, None], values.shape[1], axis=1), values, linewidth=0.5)
 
 
 def draw_map(flight: Flight, reach: float | None = None) -> Figure | None:
@@ -225,7 +254,9 @@ def draw_snapshots(flight: Flight) -> Figure | None:
         ):
             axis.set_label_text(label)
             axis.labelpad = pad
-            axis.set_major_locator(MaxNLocator(4 if axis is axes.xaxis else 3))
+            axis.set_major_locator(
+                MaxNLocator(4 if axis is axes.xaxis else 3, prune="lower" if axis is axes.yaxis else None)
+            )
         axes.patch.set_visible(False)
         axes.tick_params(pad=-3, labelsize=7)
         axes.set_box_aspect((1.5, 0.9, 0.9), zoom=0.98)
@@ -247,13 +278,15 @@ def _draw_scattered(flight: Flight, flown: Sequence[tuple[Drone, Array]]) -> Fig
     size = np.array([np.ptp(east), np.ptp(north)])
     wide, line = size[0] >= 3.0 * size[1], size[1] < 0.02 * size[0]
     up, colour = (height, np.broadcast_to(np.arange(1, len(flown) + 1), height.shape)) if line else (north, height)
-    figure = Figure((WIDTH, 4.6 if wide else 2.7), layout="constrained")
+    tall = 4.6 if wide else float(np.clip(0.75 + _PANEL * (size[1] + 1.0) / (size[0] + 1.0), 1.6, 3.6))
+    figure = Figure((WIDTH, tall), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True) if wide else figure.subplots(1, 3, sharey=True)
     moments = _moments(flight)
     rows = [flight.row(time) for _, time in moments]
     low, high = float(colour[rows].min()), float(colour[rows].max())
     if high - low < 1.0:  # smaller differences mean nothing
-        low, high = low - 0.5, high + 0.5
+        low = min(low, 0.0)
+        high = max(high, low + 1.0)
     for axes, (title, _), row in zip(panels, moments, rows, strict=True):
         spots = {"s": min(20.0, 150.0 / np.sqrt(len(flown))), "linewidths": 0.0, "rasterized": True}
         drawn = axes.scatter(
@@ -335,12 +368,14 @@ def draw_altitude(flight: Flight) -> Figure | None:
         draw_quantiles(all_axes[0], flight.time, np.stack([-position[:, 2] for _, position, _ in flown], axis=1))
     for i, (drone, position, colour) in enumerate(flown if len(flown) <= NAMED else ()):
         height = -position[:, 2]
-        all_axes[0].plot(flight.time, height, linestyle=DASHES[i % 5], color=colour, label=drone.name)
+        width = 1.0 + 3.0 * (len(flown) - 1 - i) / max(len(flown) - 1, 1)  # equal curves remain visible on each other
+        all_axes[0].plot(flight.time, height, linestyle=DASHES[i % 5], linewidth=width, color=colour, label=drone.name)
     all_axes[0].set_ylabel("height (m)")
     if len(flown) > 1:
-        all_axes[1].plot(flight.time, _separation([position for _, position, _ in flown]), color="black")
+        nearest = _separation([position for _, position, _ in flown])
+        all_axes[1].plot(flight.time, nearest, color="black")
         all_axes[1].set_ylabel("smallest distance (m)")
-        all_axes[1].set_ylim(bottom=0.0)
+        all_axes[1].set_ylim(0.0, 1.08 * max(float(np.nanmax(nearest)), 0.1))
     _time_axis(all_axes, flight, whole=True)
     figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=6)
     return figure

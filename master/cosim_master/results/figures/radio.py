@@ -94,13 +94,13 @@ def draw_latency(links: Links) -> Figure | None:
     figure = Figure((WIDTH, 2.6), layout="constrained")
     axes = figure.subplots()
     low, high = float(delays.min()), float(delays.max())
-    if high - low < 1e-6:
+    same = high - low < 1e-6
+    if same:
         low, high = low - 0.5, high + 0.5
     axes.hist(delays, bins=np.linspace(low, high, 60).tolist(), color=COLOURS[0], linewidth=0.0)
-    marks = [
-        (float(np.mean(delays)), "-", "mean"),
-        *((float(np.percentile(delays, q)), "--", f"{q} %") for q in (95, 99)),
-    ]
+    marks = [(float(np.mean(delays)), "-", "all packets" if same else "mean")]
+    if not same:
+        marks += [(float(np.percentile(delays, q)), dashes, f"{q} %") for q, dashes in ((95, "--"), (99, ":"))]
     for value, dashes, label in marks:
         axes.axvline(value, color="black", linestyle=dashes, linewidth=0.9, label=f"{label}: {value:.4g} ms")
     axes.set_yscale("log")
