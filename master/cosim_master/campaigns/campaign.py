@@ -119,9 +119,6 @@ def sweep(
 ) -> Campaign:
     """Makes the runs of a study that have no row in a folder yet.
 
-    On the cluster of this machine, a program that calls it begins with ``if __name__ == "__main__":``, since its
-    workers import the program.
-
     Args:
         study: the study.
         out: folder of the dataset; made if necessary. With the same study in it, the campaign goes on.

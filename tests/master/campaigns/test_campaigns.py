@@ -300,3 +300,49 @@ def test_a_run_that_kills_its_worker_is_a_row_and_the_others_are_made(fmus: Path
     assert "the process of the worker ended" in table.column("reason")[3].as_py()
     assert (campaign.bad, campaign.complete, campaign.interrupted) == (1, True, False)
     assert seen[-1].made == 6 and seen[-1].bad == 1 and seen[-1].left == 0.0
+
+
+PROGRAM = """
+from cosim_master import Factor, Metric, Study, sweep
+
+study = Study(system="line5", factors=(Factor.parsed("network.loss=0,1"),),
+              metrics=(Metric.parsed("packets_lost"),), until=3.0)
+print("begins")
+campaign = sweep(study, "out", workers=1)
+print(campaign.outcomes["done"], __file__.endswith("program.py"))
+"""
+
+
+@pytest.mark.slow
+def test_workers_do_not_execute_the_program(fmus: Path, tmp_path: Path) -> None:
+    """It has no `if __name__ == "__main__"`: as a main module of a worker, it would begin a campaign there."""
+    (tmp_path / "program.py").write_text(PROGRAM, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "program.py"], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=LIMIT
+    )
+    assert (done.stdout, done.returncode) == ("begins\n2 True\n", 0), done.stderr
+
+
+@pytest.mark.slow
+def test_an_interrupted_campaign_goes_on(fmus: Path, tmp_path: Path) -> None:
+    """Ctrl-C reaches all processes of a terminal."""
+    words = ["sweep", "line5", "--vary", "network.loss=0,0.2", "--seeds", "30", "--metric", "packets_lost", "--until",
+             "40", "-o", "out", "--workers", "2"]  # fmt: skip
+    out = tmp_path / "out"
+    first = subprocess.Popen(
+        [COMMAND, *words, "--json"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    wait(lambda: lines(out) >= 2, first)
+    os.killpg(first.pid, signal.SIGINT)
+    told, errors = first.communicate(timeout=LIMIT)
+    assert first.returncode == 130, errors
+    document = json.loads(told)
+    assert (document["interrupted"], document["complete"], document["before"]) == (True, False, 0)
+    assert 2 <= document["made"] == read_runs(out).num_rows < 60
+    assert "Traceback" not in errors
+    again = subprocess.run(
+        [COMMAND, "sweep", "out", "--json"], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=LIMIT
+    )
+    told_again = json.loads(again.stdout)
+    assert (told_again["before"], told_again["before"] + told_again["made"]) == (document["made"], 60)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -64,7 +65,7 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Cluster]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set({"distributed.admin.tick.limit": "60s", **_PATIENCE, **quiet}):
         if scheduler is None:
-            with _local(workers or _cores()) as made, Client(made) as client:
+            with _program_stays_here(), _local(workers or _cores()) as made, Client(made) as client:
                 yield Cluster(client, made.dashboard_link or "")
             return
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
@@ -75,6 +76,25 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Cluster]:
             raise refusal(f"--scheduler {scheduler}", text) from None
         with client:
             yield Cluster(client, client.dashboard_link or "")
+
+
+@contextmanager
+def _program_stays_here() -> Iterator[None]:
+    """Keeps workers, which are spawned now and after each death, from importing the program that runs.
+
+    They need nothing of it, and it would be executed again where it has no `if __name__ == "__main__"`.
+    """
+    program = sys.modules["__main__"]
+    names = ("__file__", "__spec__")
+    held = {name: getattr(program, name) for name in names if hasattr(program, name)}
+    program.__spec__ = None
+    if "__file__" in held:
+        del program.__file__
+    try:
+        yield
+    finally:
+        for name, value in held.items():
+            setattr(program, name, value)
 
 
 def _local(workers: int) -> Any:
@@ -89,6 +109,7 @@ def _local(workers: int) -> Any:
         dashboard_address="127.0.0.1:0",
         security=Security.temporary(),
         silence_logs=logging.CRITICAL,
+        preload=["cosim_master.campaigns.running.uninterrupted"],
     )
 
 
