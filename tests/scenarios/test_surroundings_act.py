@@ -100,6 +100,20 @@ def test_drones_lean_into_turbulence_and_repeat_it_to_the_bit(fmus: Path, tmp_pa
     assert winds[0][0] == 3.0 and 0.2 < np.std(winds[0]) < 4.0
 
 
+def test_a_large_airspace_moves_drones_as_a_small_one(fmus: Path, tmp_path: Path) -> None:
+    def flown(model: str) -> Flight:
+        swarm = Swarm("some", network={"topology": "broadcast"}, stop_time=1.0)
+        swarm.add(position=(0.0, 0.0), stays=True, vehicle="PointMass", values={"vehicle.drag_time": 2.0})
+        swarm.add(position=(0.0, 0.5), stays=True)
+        swarm.environment(model, values={"mean_wind": (3.0, 1.0, 0.0), "turbulence_wind": 6.0, "contact": True})
+        return fly(swarm.save(tmp_path / f"{model}-system"), tmp_path / model, record=("drone*.vehicle.*",))
+
+    small, large = flown("Airspace"), flown("LargeAirspace")
+    assert small.signals.keys() == large.signals.keys()
+    assert all(np.array_equal(small[name], large[name]) for name in small.signals)
+    assert abs(small.east(2)[-1] - 0.5) > 0.01  # the contact has pushed it
+
+
 def test_drones_collide_with_each_other_and_with_a_wall(flown: Callable[..., Flight]) -> None:
     """Two that begin at 0.6 m from each other are pushed to 0.7 m and more, a third out of a wall; then they fly."""
     wall = {"box_north": (20.0, *[0.0] * 7), "box_length": (4.0, *[1.0] * 7), "box_height": (9.0, *[1.0] * 7)}
