@@ -122,7 +122,7 @@ def compile_loop(names: Sequence[str] | None = None) -> None:
         "step_each": (instances.step_each, (plan, chosen)),
         "step_together": (instances.step_together, (plan, chosen)),
         "collect_again": (instances.collect_again, (plan, chosen)),
-        "admit": (router.admit, (air, whole, whole, received, whole)),
+        "admit": (router.admit, (air, numba.float64[::1], whole, whole, received, whole)),
         "arrived": (queues.arrived, (endpoints, places, whole, whole)),
         "deliver": (queues.deliver, (air, whole, whole, port)),
     }

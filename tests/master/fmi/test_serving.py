@@ -16,6 +16,7 @@ import socket
 import subprocess
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -88,7 +89,7 @@ class Relay:
 
     def _forward(self, master: socket.socket, server: socket.socket) -> None:
         answered = True
-        with suppress(OSError):
+        with suppress(OSError, ValueError):  # ValueError: a socket that `close` has closed meanwhile
             while True:
                 ready, _, _ = select.select([master, server], [], [])
                 for one in ready:
@@ -137,6 +138,9 @@ def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: list[str]) -> 
     with Server("127.0.0.1", 0, SECRET, told=told.append) as made:
         threading.Thread(target=made.serve, daemon=True).start()
         yield made
+    until = time.monotonic() + 60.0  # threads of connections that have just ended close them
+    while leftovers() - before and time.monotonic() < until:
+        time.sleep(0.05)
     assert leftovers() - before == set()  # processes, descriptors, temporary folders of both sides
 
 
