@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import threading
 from pathlib import Path
 
 __all__ = ["read_kept", "write_kept"]
@@ -23,7 +24,7 @@ def write_kept(file: Path, code: bytes) -> None:
         OSError: the disk is full, or the folder is not writable.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_suffix(f".{os.getpid()}.part")
+    part = file.with_suffix(f".{os.getpid()}.{threading.get_ident()}.part")
     try:
         part.write_bytes(hashlib.sha256(code).digest() + code)
         part.replace(file)

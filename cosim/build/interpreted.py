@@ -14,6 +14,7 @@ import os
 import shutil
 import sys
 import tempfile
+import threading
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -128,7 +129,7 @@ def _copy_sources(sources: Sources, folder: Path) -> list[Path]:
 
 def _normalise(built: Path, file: Path) -> None:
     """Copies the archive with sorted entries and fixed timestamps, so that the same sources give the same bytes."""
-    temporary = file.with_suffix(f".{os.getpid()}.part")
+    temporary = file.with_suffix(f".{os.getpid()}.{threading.get_ident()}.part")
     with zipfile.ZipFile(built) as source, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as target:
         for name in sorted(source.namelist()):
             target.writestr(zipfile.ZipInfo(name, (2020, 1, 1, 0, 0, 0)), source.read(name), zipfile.ZIP_DEFLATED)

@@ -14,6 +14,7 @@ import logging
 import os
 import stat
 import sys
+import threading
 import zipfile
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
@@ -52,7 +53,7 @@ def private_cache() -> Path:
 
 def seal(file: Path) -> None:
     """Writes the digest of a file beside it."""
-    part = _digest_of(file).with_suffix(f".{os.getpid()}.part")
+    part = _digest_of(file).with_suffix(f".{os.getpid()}.{threading.get_ident()}.part")
     part.write_text(hashlib.sha256(file.read_bytes()).hexdigest(), encoding="ascii")
     part.replace(_digest_of(file))
 
