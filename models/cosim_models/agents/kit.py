@@ -57,6 +57,7 @@ from cosim_models.agents.parts.guard import (
     fence_is_convex,
     guard,
     guard_variables,
+    is_guarded,
 )
 from cosim_models.agents.parts.neighbours import locate, neighbour_variables, note, select
 from cosim_models.agents.parts.script import NEVER, SCRIPT, WHY, fail, stale
@@ -397,7 +398,7 @@ def _start(m: Any) -> int:
         return 3
     if not fence_is_convex(m):
         return 5
-    if (m.guard_separation > 0.0 or m.fence_corners > 0) and not 0.0 < m.guard_p * m.period <= 1.0:
+    if is_guarded(m) and not 0.0 < m.guard_p * m.period <= 1.0:
         return 6
     m.state = _WAITING
     m.state_since = NEVER
@@ -419,8 +420,8 @@ def decision(law: Law) -> Callable[[Any, float], int]:
         _propose(m, t)
         which = law(m, t, m.period)
         _limit(m)
-        if m.guard_separation > 0.0 or m.fence_corners > 0:
-            return guard(m, t, which)
+        if is_guarded(m):
+            return guard(m, t, which, m.position, m.velocity)
         return which
 
     return decide

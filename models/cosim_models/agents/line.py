@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim import Memory, Parameter, Variable
 from cosim.frames import EARTH_RADIUS_ARDUPILOT, deg_e7, haversine, longitude_at, radians_from_deg_e7, wrap_pi
 from cosim.kernel import kernel
 from cosim.messages import (
@@ -24,12 +25,15 @@ from cosim.messages import (
 )
 from cosim_models.agents.parts.assembly import NO_SUM, Frame, Law, assembled
 from cosim_models.agents.parts.conversation import SLACK, reposition, send
-from cosim_models.agents.parts.guard import POSITION
+from cosim_models.agents.parts.guard import POSITION, fence_is_convex, guard, guard_variables, is_guarded
+from cosim_models.agents.parts.neighbours import distance_from, heard_variables, row_for
 from cosim_models.agents.parts.script import NEVER, AgentState, enter_next, stale
 
-__all__ = ["ERRORS", "POSITION", "StalePolicy", "Trigger", "line_kernels"]
+__all__ = ["ERRORS", "POSITION", "StalePolicy", "Trigger", "line_guard", "line_kernels"]
 
 _ONLY_POSITION = 0x0DF8  # POSITION_TARGET_TYPEMASK: velocity, acceleration, yaw and yaw rate ignored
+_ONLY_VELOCITY = 0x0DC7
+_LOOKAHEAD = 10.0  # s: a fixed wing follows a velocity towards the point that it leads to in so long
 
 
 class Trigger(IntEnum):
@@ -57,12 +61,35 @@ ERRORS = {
     2: "left_sysid and right_sysid must be 0 to 255 and not the agent's own",
     3: "period, position_rate, altitude and timeout must be positive",
     NO_SUM: "the law returned what is not POSITION",
+    5: "the fence must be a convex polygon: give 3 to 8 fence_corners in their order, no three of them on one line",
+    6: "guard_p * guard_period must be more than 0 and at most 1: a drone would fly past the bounds of its guard",
 }
 
 
 _WAITING, _READY, _FORMATION = int(AgentState.waiting), int(AgentState.ready), int(AgentState.formation)
 _BY_PERIOD = int(Trigger.period)
 _DROP, _FREEZE = int(StalePolicy.drop), int(StalePolicy.freeze)
+
+
+def line_guard(capacity: int = 16) -> tuple[Variable, ...]:
+    """Returns the variables of the guard of an agent on a line, which knows up to `capacity` other drones.
+
+    Its frame is NED from the line's zero at sea level: east is the position on the line.
+    """
+    return (
+        *guard_variables(capacity),
+        Parameter("guard_period", unit="s", start=0.2, minimum=0.0, rare=True, description="of the guard's velocities"),
+        Parameter("speed_limit", unit="m/s", start=5.0, minimum=0.0, rare=True, description="of these velocities"),
+        *heard_variables(capacity, rare=True),
+        Memory("place", shape=3, rare=True),  # m: own position, extrapolated
+        Memory("measured_place", shape=3, rare=True),  # m, at position_heard
+        Memory("velocity", shape=3, rare=True),  # m/s
+        Memory("level", rare=True),  # m: down of the altitude of the flight
+        Memory("setpoint_position", shape=3, rare=True),
+        Memory("setpoint_velocity", shape=3, rare=True),
+        Memory("setpoint_acceleration", shape=3, rare=True),
+        Memory("guard_turn", dtype="i4", rare=True),  # number of the guard's current period
+    )
 
 
 # ---- receiving and sending ---------------------------------------------------------------------------------------
@@ -76,7 +103,31 @@ def _on_line(m: Any, longitude: float) -> float:
 
 
 @kernel
+def _north(m: Any, latitude: int) -> float:
+    """Returns the distance of a latitude [degE7] from the line, north positive, in m."""
+    return float(EARTH_RADIUS_ARDUPILOT * (radians_from_deg_e7(latitude) - m.origin_latitude))
+
+
+@kernel
+def _note(m: Any, sender: int, now: float) -> None:
+    """Enters the position in the payload buffer into the guard's table."""
+    _, latitude, longitude, altitude, _, vx, vy, vz, _ = decode_global_position_int(m.payload)
+    if latitude == 0 and longitude == 0:
+        return
+    north, east = _north(m, latitude), _on_line(m, radians_from_deg_e7(longitude))
+    down = -0.001 * altitude
+    row = row_for(m, sender, m.place, distance_from(m.place, north, east, down), now)
+    if row < 0:
+        return
+    m.heard_id[row], m.heard_at[row] = sender, now
+    m.heard_position[row, 0], m.heard_position[row, 1], m.heard_position[row, 2] = north, east, down
+    m.heard_velocity[row, 0], m.heard_velocity[row, 1], m.heard_velocity[row, 2] = 0.01 * vx, 0.01 * vy, 0.01 * vz
+
+
+@kernel
 def _from_neighbour(m: Any, sender: int, now: float) -> None:
+    if m.guard_separation > 0.0:
+        _note(m, sender, now)
     if sender != m.left_sysid and sender != m.right_sysid:
         return
     _, latitude, longitude, _, _, _, _, _, _ = decode_global_position_int(m.payload)
@@ -93,19 +144,32 @@ def _from_neighbour(m: Any, sender: int, now: float) -> None:
 
 @kernel
 def _own_position(m: Any, now: float) -> None:
-    _, latitude, longitude, _, relative_alt, _, _, _, _ = decode_global_position_int(m.payload)
+    _, latitude, longitude, altitude, relative_alt, vx, vy, vz, _ = decode_global_position_int(m.payload)
     if latitude == 0 and longitude == 0:
         return
     m.latitude = latitude
     m.height = 0.001 * relative_alt
     m.position = _on_line(m, radians_from_deg_e7(longitude))
     m.position_heard = now
+    if is_guarded(m):
+        m.measured_place[0], m.measured_place[1], m.measured_place[2] = (
+            _north(m, latitude),
+            m.position,
+            -0.001 * altitude,
+        )
+        m.velocity[0], m.velocity[1], m.velocity[2] = 0.01 * vx, 0.01 * vy, 0.01 * vz
+        m.level = m.measured_place[2] + m.height - m.altitude
 
 
 @kernel
 def _go(m: Any, now: float, target: float) -> None:
-    """Makes `target` [m on the line] the desired position and sends it, at the latitude of the start."""
+    """Makes `target` [m on the line] the desired position and sends it, at the latitude of the start.
+
+    If there is a guard, that sends velocities towards it.
+    """
     m.target = target
+    if m.state == _FORMATION and is_guarded(m):
+        return
     longitude = longitude_at(m.origin_latitude, m.origin_longitude, target, EARTH_RADIUS_ARDUPILOT)
     if m.wings:
         reposition(m, MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, m.start_latitude, deg_e7(longitude), float(m.altitude))
@@ -124,6 +188,49 @@ def _go(m: Any, now: float, target: float) -> None:
         zero,
         zero,
         zero,
+        zero,
+        zero,
+        zero,
+        zero,
+        zero,
+    )
+    send(m, int(np.int64(SET_POSITION_TARGET_GLOBAL_INT)))
+
+
+@kernel
+def _guarded(m: Any, now: float) -> None:
+    """Sends, once in a period of the guard, the velocity towards the target that the guard allows."""
+    turn = floor(now / m.guard_period + SLACK)
+    begins = turn > m.guard_turn
+    m.guard_turn = turn
+    if not begins or m.state != _FORMATION or stale(m, m.position_heard, now):
+        return
+    for i in range(3):
+        m.place[i] = m.measured_place[i] + m.velocity[i] * (now - m.position_heard)
+    m.setpoint_position[0], m.setpoint_position[1] = _north(m, m.start_latitude), m.target
+    m.setpoint_position[2] = m.level
+    guard(m, now, POSITION, m.place, m.velocity)
+    zero = 0.0
+    if m.wings:
+        north = m.place[0] + _LOOKAHEAD * m.setpoint_velocity[0]
+        east = m.place[1] + _LOOKAHEAD * m.setpoint_velocity[1]
+        latitude = m.origin_latitude + north / EARTH_RADIUS_ARDUPILOT
+        longitude = longitude_at(m.origin_latitude, m.origin_longitude, east, EARTH_RADIUS_ARDUPILOT)
+        reposition(m, MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, deg_e7(latitude), deg_e7(longitude), float(m.altitude))
+        return
+    encode_set_position_target_global_int(
+        m.payload,
+        int(1000.0 * now + 0.5),
+        m.sysid,
+        MAV_COMP_ID_AUTOPILOT1,
+        MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        _ONLY_VELOCITY,
+        m.start_latitude,
+        deg_e7(longitude_at(m.origin_latitude, m.origin_longitude, m.place[1], EARTH_RADIUS_ARDUPILOT)),
+        m.altitude,
+        m.setpoint_velocity[0],
+        m.setpoint_velocity[1],
+        m.setpoint_velocity[2],
         zero,
         zero,
         zero,
@@ -235,6 +342,10 @@ def _start(m: Any) -> int:
         return 2
     if not (m.period > 0.0 and m.position_rate > 0.0 and m.altitude > 0.0 and m.timeout > 0.0):
         return 3
+    if not fence_is_convex(m):
+        return 5
+    if is_guarded(m) and not 0.0 < m.guard_p * m.guard_period <= 1.0:
+        return 6
     m.state = _WAITING
     m.state_since = NEVER
     m.position_heard = NEVER
@@ -249,9 +360,11 @@ def _start(m: Any) -> int:
 
 @kernel
 def _finish(m: Any, now: float) -> None:
-    """Updates the ages of the neighbours' positions."""
+    """Updates the ages of the neighbours' positions, and has the guard act."""
     m.left_age = now - m.left_heard if m.left_heard >= 0.0 else NEVER
     m.right_age = now - m.right_heard if m.right_heard >= 0.0 else NEVER
+    if is_guarded(m):
+        _guarded(m, now)
 
 
 @kernel

@@ -4,7 +4,7 @@ The agent runs on the drone's companion computer: it shares the autopilot's syst
 its autopilot, requests the streams that it needs, commands GUIDED mode, arming and take-off, and then sends the
 position computed by the consensus law at every step. All its information comes from packets: its own position and those
 of its neighbours from GLOBAL_POSITION_INT of their autopilots. The neighbours' ids are parameters. The agent does not
-land the drone and does not avoid collisions.
+land the drone, and avoids collisions only if its guard is switched on (`guard_separation`).
 
 The line runs east from the origin. A position on it is the haversine distance along the origin's parallel, west
 negative, with ArduPilot's radius of the Earth, so that 100 m flown read 100 m. Latitude and height do not change.
@@ -23,7 +23,7 @@ from typing import Any
 from cosim import Memory, Model, Output, PacketInput, PacketOutput, Parameter
 from cosim.kernel import kernel
 from cosim.verdict import Bound, Condition, Formation, Reason, Role
-from cosim_models.agents.line import ERRORS, POSITION, StalePolicy, Trigger, line_kernels
+from cosim_models.agents.line import ERRORS, POSITION, StalePolicy, Trigger, line_guard, line_kernels
 from cosim_models.agents.parts.consensus import consensus_step, consensus_terms
 from cosim_models.agents.parts.conversation import CONVERSATION
 from cosim_models.agents.parts.script import NEVER, SCRIPT, WHY, AgentState, Failure
@@ -153,6 +153,7 @@ class LineAgent(Model):
         Memory("start_position"),  # m on the line
         Memory("period_step", dtype="i4"),  # number of the current period
         Memory("step_at"),  # s, start of the current step
+        *line_guard(),
     )
     kernels = line_kernels(consensus)
     errors = ERRORS

@@ -35,7 +35,7 @@ def hear(swarm: Any, heard: Any, t: float) -> int:
             other, squares = swarm[j], 0.0
             for k in range(3):
                 squares += (other.position[k] - m.position[k]) ** 2
-            row = row_for(m, other.sysid, sqrt(squares), t)
+            row = row_for(m, other.sysid, m.position, sqrt(squares), t)
             if row < 0:
                 left_out += 1
                 continue

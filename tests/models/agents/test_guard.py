@@ -9,12 +9,17 @@ import numpy as np
 import pytest
 
 from cosim_models.agents.kit import ERRORS
-from cosim_models.agents.parts.guard import ACCELERATION, NOTHING_NEW, POSITION, VELOCITY, fence_is_convex, guard
+from cosim_models.agents.parts.guard import ACCELERATION, NOTHING_NEW, POSITION, VELOCITY, fence_is_convex
+from cosim_models.agents.parts.guard import guard as guard_at
 from cosim_models.agents.rendezvous import Rendezvous, rendezvous
 from tests.models.agents.point_masses import Array, PointMasses
 
 APART, P = 5.0, 0.5
 SQUARE = {"fence_corners": 4, "fence_north": (30.0, 30.0, -30.0, -30.0), "fence_east": (-30.0, 30.0, 30.0, -30.0)}
+
+
+def guard(m: Any, now: float, which: int) -> int:
+    return int(guard_at(m, now, which, m.position, m.velocity))
 
 
 def corners(values: tuple[float, ...]) -> Array:

@@ -764,3 +764,93 @@ def test_interpreted_kernels_give_the_same_numbers(tmp_path: Path) -> None:
 if __name__ == "__main__":
     recorded = history()
     np.savez(sys.argv[1], rows=recorded[0], packets=recorded[1])
+
+
+# ---- the guard ---------------------------------------------------------------------------------------------------
+
+GUARD = {"guard_separation": 6.0, "guard_p": 0.5, "stale_time": 3.0, "period": 10.0, "first_step_time": 1.0}
+FENCE = {"fence_corners": 4, "fence_north": (9.0, 9.0, -9.0, -9.0), "fence_east": (-50.0, 22.0, 22.0, -50.0)}
+
+
+def guarded(others: dict[int, float], height: float = 10.0, **parameters: Any) -> list[Any]:
+    """The set-points of an agent at 20 m between neighbours at 0 and 100 m, whom it hears, and the others too."""
+    wide = {name: np.array((*v, 0, 0, 0, 0)) if isinstance(v, tuple) else v for name, v in parameters.items()}
+    agent, pilot = flying(left_sysid=200, right_sysid=201, epsilon=0.5, **GUARD | wide)
+    nodes = {sysid: Sender(sysid) for sysid in (200, 201, *others)}
+    agent.until(0.9)
+    heard = [pilot.position(20.0, 10.0), nodes[200].position(0.0, 10.0), nodes[201].position(100.0, 10.0)]
+    agent.step(*heard, *[nodes[sysid].position(place, height) for sysid, place in others.items()])
+    agent.until(1.85)
+    agent.step(pilot.position(20.0, 10.0))
+    agent.until(2.5)
+    assert agent.m.step == 1
+    return [m for t, m in agent.sent if m.get_type() == "SET_POSITION_TARGET_GLOBAL_INT" and t > 1.05]
+
+
+def test_with_a_guard_it_sends_the_velocity_towards_its_target_five_times_a_second() -> None:
+    agent, pilot = flying(epsilon=0.5, **GUARD | {"first_step_time": 1.0, "period": 1.0, "guard_separation": 1.0})
+    nodes = [Sender(2), Sender(3)]
+    agent.until(1.9)
+    agent.step(pilot.position(20.0, 9.0), nodes[0].position(0.0, 10.0), nodes[1].position(46.0, 10.0))
+    agent.until(3.0)
+    sent = [(t, m) for t, m in agent.sent if m.get_type() == "SET_POSITION_TARGET_GLOBAL_INT" and t > 1.99]
+    assert [t for t, _ in sent] == pytest.approx([2.0, 2.2, 2.4, 2.6, 2.8])
+    assert agent.m.target == pytest.approx(23.0, abs=0.02)
+    for _, m in sent:
+        assert m.type_mask == 0x0DC7
+        assert (m.vx, m.vy, m.vz) == pytest.approx((0.0, 1.5, -0.5), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("others", "parameters", "speed"),
+    [
+        ({}, {}, 0.0),
+        ({9: 27.0}, {}, 0.0),
+        ({9: 25.0}, {}, -0.25),
+        ({9: 15.0, 8: 100.0}, {}, 0.25),
+        ({9: 24.0, 8: 16.0}, {}, 0.0),
+        ({}, FENCE, 0.0),
+        ({}, FENCE | {"fence_east": (-50.0, 19.0, 19.0, -50.0)}, -0.5),
+    ],
+)
+def test_the_guard_keeps_from_whoever_is_heard_and_within_the_fence(
+    others: dict[int, float], parameters: dict[str, Any], speed: float
+) -> None:
+    """Half of the missing distance times guard_p; it wants to stay where it is, since its first step is the start."""
+    sent = guarded(others, **parameters)
+    assert len(sent) == 7
+    assert all(m.vy == pytest.approx(speed, abs=0.02) for m in sent)
+
+
+def test_whoever_flies_far_above_is_not_kept_from() -> None:
+    agent, pilot = flying(**GUARD)
+    other = Sender(9)
+    agent.until(0.9)
+    high = other(
+        mavlink.MAVLink_global_position_int_message(
+            0, round(LATITUDE * 1e7), longitude_of(20.5), 590100, 16100, 0, 0, 0, 0
+        )
+    )
+    agent.step(pilot.position(20.0, 10.0), high)
+    agent.until(1.5)
+    velocities = [m.vy for m in agent.all("SET_POSITION_TARGET_GLOBAL_INT") if m.type_mask == 0x0DC7]
+    assert velocities and velocities == pytest.approx([0.0] * len(velocities), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("given", "code"),
+    [
+        ({"fence_corners": 2}, 5),
+        ({"fence_corners": 4}, 5),
+        ({"guard_separation": 1.0, "guard_p": 5.1}, 6),
+        ({"guard_separation": 1.0, "guard_period": 0.0}, 6),
+        ({"guard_period": 0.0}, 0),
+    ],
+)
+def test_a_guard_that_cannot_be(given: dict[str, Any], code: int) -> None:
+    m = LineAgent.record()
+    for name, value in given.items():
+        m[name] = value
+    start, _ = kernels(LineAgent)
+    assert start(m) == code
+    assert code in LineAgent.errors or code == 0

@@ -1,6 +1,6 @@
 """The guard of an agent: it changes the velocity that a law asks for as little as separation and a fence need.
 
-Any agent of the kit may have it: `guard_separation` and `fence_corners` are 0 unless a system sets them. Of all
+Any agent may have it: `guard_separation` and `fence_corners` are 0 unless a system sets them. Of all
 velocities that keep every bound, the guard takes the one nearest to that of the law (a quadratic programme in the
 plane). The bounds are on the speed towards each drone heard and towards each side of the fence:
 
@@ -21,6 +21,7 @@ from math import inf, sqrt
 from typing import Any
 
 from cosim import Memory, Parameter, State, Variable
+from cosim.frames import Vector
 from cosim.kernel import kernel
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "fence_is_convex",
     "guard",
     "guard_variables",
+    "is_guarded",
     "sqrt_controller",
 ]
 
@@ -74,6 +76,12 @@ def sqrt_controller(error: float, p: float, acceleration: float) -> float:
 
 
 @kernel
+def is_guarded(m: Any) -> bool:
+    """Returns whether the agent has a guard."""
+    return bool(m.guard_separation > 0.0 or m.fence_corners > 0)
+
+
+@kernel
 def _turn(m: Any, a: int, b: int, c: int) -> float:
     """Returns twice the area of the triangle of three corners of the fence, positive if they turn clockwise."""
     n, e = m.fence_north[b] - m.fence_north[a], m.fence_east[b] - m.fence_east[a]
@@ -101,16 +109,16 @@ def _add(m: Any, count: int, north: float, east: float, room: float) -> int:
 
 
 @kernel
-def _bounds(m: Any, now: float) -> int:
-    """Lists the bounds, those of other drones first; returns their number."""
+def _bounds(m: Any, now: float, place: Vector) -> int:
+    """Lists the bounds at a place, those of other drones first; returns their number."""
     count = 0
     for row in range(m.heard_id.size if m.guard_separation > 0.0 else 0):
         age = now - m.heard_at[row]
         if m.heard_id[row] == 0 or age > m.stale_time:
             continue
-        north = m.heard_position[row, 0] + age * m.heard_velocity[row, 0] - m.position[0]
-        east = m.heard_position[row, 1] + age * m.heard_velocity[row, 1] - m.position[1]
-        down = m.heard_position[row, 2] + age * m.heard_velocity[row, 2] - m.position[2]
+        north = m.heard_position[row, 0] + age * m.heard_velocity[row, 0] - place[0]
+        east = m.heard_position[row, 1] + age * m.heard_velocity[row, 1] - place[1]
+        down = m.heard_position[row, 2] + age * m.heard_velocity[row, 2] - place[2]
         away = sqrt(north * north + east * east)
         if abs(down) >= m.guard_separation:
             continue
@@ -125,7 +133,7 @@ def _bounds(m: Any, now: float) -> int:
         north, east = m.fence_north[b] - m.fence_north[a], m.fence_east[b] - m.fence_east[a]
         length = sqrt(north * north + east * east)
         out_n, out_e = side * east / length, -side * north / length
-        room = out_n * (m.fence_north[a] - m.position[0]) + out_e * (m.fence_east[a] - m.position[1])
+        room = out_n * (m.fence_north[a] - place[0]) + out_e * (m.fence_east[a] - place[1])
         count = _add(m, count, out_n, out_e, room)
     return count
 
@@ -175,30 +183,36 @@ def _relax(m: Any, count: int) -> None:
 
 
 @kernel
-def _as_velocity(m: Any, which: int) -> None:
+def _as_velocity(m: Any, which: int, place: Vector, velocity: Vector) -> None:
     """Makes a velocity of the set-points that hold: towards the position, and after a period of the acceleration."""
-    north, east = m.setpoint_position[0] - m.position[0], m.setpoint_position[1] - m.position[1]
+    north, east = m.setpoint_position[0] - place[0], m.setpoint_position[1] - place[1]
     if which & VELOCITY == 0:
         start = 1.0 if which & ACCELERATION != 0 and which & POSITION == 0 else 0.0
         for i in range(3):
-            m.setpoint_velocity[i] = start * m.velocity[i]
+            m.setpoint_velocity[i] = start * velocity[i]
     if which & POSITION != 0:
         away = sqrt(north * north + east * east)
         if away > 0.0:
             speed = sqrt_controller(away, m.guard_p, m.guard_braking)
             m.setpoint_velocity[0] += speed * north / away
             m.setpoint_velocity[1] += speed * east / away
-        m.setpoint_velocity[2] += m.guard_p * (m.setpoint_position[2] - m.position[2])
+        m.setpoint_velocity[2] += m.guard_p * (m.setpoint_position[2] - place[2])
     if which & ACCELERATION != 0:
         for i in range(3):
             m.setpoint_velocity[i] += m.period * m.setpoint_acceleration[i]
 
 
 @kernel
-def guard(m: Any, now: float, which: int) -> int:
+def guard(m: Any, now: float, which: int, place: Vector, velocity: Vector) -> int:
     """Guards the set-points that a law gave, or its last ones; returns which hold afterwards: the velocity.
 
     If no velocity keeps all bounds, all of them are raised by the same speed.
+
+    Args:
+        m: the record.
+        now: time [s].
+        which: the set-points that the law gave.
+        place, velocity: of the own drone, NED in the frame of `heard_position` and of the fence [m, m/s].
     """
     if which < 0 or which > POSITION + VELOCITY + ACCELERATION:
         return which
@@ -214,13 +228,13 @@ def guard(m: Any, now: float, which: int) -> int:
         for i in range(3):
             m.law_gave[0, i], m.law_gave[1, i] = m.setpoint_position[i], m.setpoint_velocity[i]
             m.law_gave[2, i] = m.setpoint_acceleration[i]
-    _as_velocity(m, which)
+    _as_velocity(m, which, place, velocity)
     speed = sqrt(m.setpoint_velocity[0] * m.setpoint_velocity[0] + m.setpoint_velocity[1] * m.setpoint_velocity[1])
     if speed > m.speed_limit:
         m.setpoint_velocity[0] *= m.speed_limit / speed
         m.setpoint_velocity[1] *= m.speed_limit / speed
     north, east = m.setpoint_velocity[0], m.setpoint_velocity[1]
-    count = _bounds(m, now)
+    count = _bounds(m, now, place)
     if not _keep(m, count, 0.0):
         _relax(m, count)
     if m.setpoint_velocity[0] != north or m.setpoint_velocity[1] != east:

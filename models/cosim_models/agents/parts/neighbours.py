@@ -16,12 +16,12 @@ from math import inf, sqrt
 from typing import Any
 
 from cosim import Memory, Output, Parameter, Variable
-from cosim.frames import local_from_geodetic, radians_from_deg_e7
+from cosim.frames import Vector, local_from_geodetic, radians_from_deg_e7
 from cosim.kernel import kernel
 from cosim.messages import decode_global_position_int
 from cosim.verdict import Bound
 
-__all__ = ["locate", "neighbour_variables", "note", "row_for", "select"]
+__all__ = ["distance_from", "heard_variables", "locate", "neighbour_variables", "note", "row_for", "select"]
 
 
 def neighbour_variables(capacity: int) -> tuple[Variable, ...]:
@@ -58,10 +58,17 @@ def neighbour_variables(capacity: int) -> tuple[Variable, ...]:
         Memory("near_velocity", shape=(capacity, 3)),  # m/s, NED
         Memory("near_age", shape=capacity),  # s
         Memory("near_distance", shape=capacity),  # m
-        Memory("heard_id", dtype="i4", shape=capacity),  # 0: a free row
-        Memory("heard_at", shape=capacity),  # s
-        Memory("heard_position", shape=(capacity, 3)),
-        Memory("heard_velocity", shape=(capacity, 3)),
+        *heard_variables(capacity),
+    )
+
+
+def heard_variables(capacity: int, *, rare: bool = False) -> tuple[Variable, ...]:
+    """Returns the memory of the drones heard, with `capacity` rows."""
+    return (
+        Memory("heard_id", dtype="i4", shape=capacity, rare=rare),  # 0: a free row
+        Memory("heard_at", shape=capacity, rare=rare),  # s
+        Memory("heard_position", shape=(capacity, 3), rare=rare),  # m, NED
+        Memory("heard_velocity", shape=(capacity, 3), rare=rare),  # m/s, NED
     )
 
 
@@ -95,7 +102,7 @@ def note(m: Any, sender: int, now: float) -> None:
     known, north, east, down, vn, ve, vd, height = locate(m)
     if not known:
         return
-    row = row_for(m, sender, _distance(m, north, east, down), now)
+    row = row_for(m, sender, m.position, distance_from(m.position, north, east, down), now)
     if row < 0:
         return
     if height < m.airborne_height:
@@ -119,14 +126,18 @@ def _may_be(m: Any, sender: int) -> bool:
 
 
 @kernel
-def _distance(m: Any, north: float, east: float, down: float) -> float:
-    n, e, d = north - m.position[0], east - m.position[1], down - m.position[2]
+def distance_from(place: Vector, north: float, east: float, down: float) -> float:
+    """Returns the distance of a point from a place [m]."""
+    n, e, d = north - place[0], east - place[1], down - place[2]
     return sqrt(n * n + e * e + d * d)
 
 
 @kernel
-def row_for(m: Any, sender: int, distance: float, now: float) -> int:
-    """Returns the row for `sender`: its own, a free one, a stale one or that of a farther drone; -1 if none exists."""
+def row_for(m: Any, sender: int, place: Vector, distance: float, now: float) -> int:
+    """Returns the row for `sender`, which is at a `distance` [m] from the own place; -1 if none exists.
+
+    It is its own row, a free one, a stale one, or that of a farther drone.
+    """
     free, farthest, far = -1, -1, distance
     for row in range(m.heard_id.size):
         if m.heard_id[row] == sender:
@@ -135,7 +146,7 @@ def row_for(m: Any, sender: int, distance: float, now: float) -> int:
             if free < 0:
                 free = row
             continue
-        away = _distance(m, m.heard_position[row, 0], m.heard_position[row, 1], m.heard_position[row, 2])
+        away = distance_from(place, m.heard_position[row, 0], m.heard_position[row, 1], m.heard_position[row, 2])
         if away > far:
             farthest, far = row, away
     return free if free >= 0 else farthest
@@ -154,7 +165,7 @@ def select(m: Any, now: float) -> None:
         north = m.heard_position[row, 0] + age * m.heard_velocity[row, 0]
         east = m.heard_position[row, 1] + age * m.heard_velocity[row, 1]
         down = m.heard_position[row, 2] + age * m.heard_velocity[row, 2]
-        distance = _distance(m, north, east, down)
+        distance = distance_from(m.position, north, east, down)
         if distance <= m.radius:
             k = _place(m, m.heard_id[row])
             m.near_id[k], m.near_age[k], m.near_distance[k] = m.heard_id[row], age, distance
