@@ -120,6 +120,25 @@ def test_a_restart(connected: None, faulties: Faulties, tmp_path: Path) -> None:
     assert recorded(tmp_path / "out") == recorded(tmp_path / "whole")
 
 
+def test_a_library_that_cannot_be_loaded(connected: None, faulties: Faulties, tmp_path: Path) -> None:
+    """The error has the words of the system's loader."""
+    system = faulties.system("none none 0")
+    spoil(faulties.workshop.root / "bad.fmu", ".so")
+    result = flown(system, tmp_path / "out")
+    assert re.fullmatch(
+        r"\S+: loading \S+bad.fmu failed: \S+\.so: (file too short|invalid ELF header)", str(result.error)
+    )
+
+
+def spoil(fmu: Path, suffix: str) -> None:
+    """Replaces the binary of an FMU by a few bytes that are none."""
+    with zipfile.ZipFile(fmu) as old:
+        parts = {name: old.read(name) for name in old.namelist()}
+    with zipfile.ZipFile(fmu, "w") as new:
+        for name, content in parts.items():
+            new.writestr(name, b"MZ no library" if name.endswith(suffix) else content)
+
+
 def test_a_runner_that_does_not_connect(
     connected: None, faulties: Faulties, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,3 +200,6 @@ def test_an_fmu_of_windows_flies_by_wine(
     assert result.outcome == "done", result.error
     tables = [pq.read_table(tmp_path / name / "signals.parquet") for name in ("linux", "windows")]
     assert tables[0].num_rows > 100 and tables[0].equals(tables[1])
+    spoil(of_windows[1], ".dll")
+    result = simulate(of_windows[1], RunOptions(out=tmp_path / "broken", until=2.0))
+    assert re.search(r"PointMass\.dll cannot be loaded: error \d+ of Windows, \w", str(result.error)), result.error

@@ -136,7 +136,13 @@ static void catch_crashes(void) {
 static void *open_library(const char *file) { return (void *)LoadLibraryExA(file, NULL, LOAD_WITH_ALTERED_SEARCH_PATH); }
 static void *symbol(void *library, const char *name) { return (void *)GetProcAddress((HMODULE)library, name); }
 static void describe_error(char *text, size_t room, const char *file) {
-    snprintf(text, room, "%s cannot be loaded: error %lu of Windows", file, GetLastError());
+    DWORD number = GetLastError();
+    char words[256] = "";
+    DWORD n = FormatMessageA(FORMAT_MESSAGE_FROM_SYSTEM | FORMAT_MESSAGE_IGNORE_INSERTS, NULL, number,
+                             MAKELANGID(LANG_ENGLISH, SUBLANG_ENGLISH_US), words, sizeof words, NULL);
+    while (n > 0 && strchr(" .\r\n", words[n - 1]) != NULL) words[--n] = 0;
+    const char *hint = number == ERROR_MOD_NOT_FOUND ? "; a library that it needs may be missing" : "";
+    snprintf(text, room, "%s cannot be loaded: error %lu of Windows%s%s%s", file, number, n ? ", " : "", words, hint);
 }
 #else
 static void catch_crashes(void) {

@@ -135,7 +135,8 @@ class IsolatedLibrary(Library):
         if end is not None or self.child.refusal:
             lines = self.child.output().splitlines()
             self.child.close()
-            raise FmuError(self.fmu.model_name, loading, self.child.refusal if end is None else end.text, log=lines)
+            text = self.child.refusal or (end.text if end is not None else "")
+            raise FmuError(self.fmu.model_name, loading, text, log=lines)
         if missing := self.child.unrestricted:
             _note(f"note: this kernel cannot forbid FMUs to {missing}")
         if self._limits.restarts and not all(map(self.child.has, needed := _STATES[self.fmu.fmi_version[0]])):
