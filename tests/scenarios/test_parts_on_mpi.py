@@ -124,13 +124,13 @@ def test_a_part_is_killed(fmus: Path, tmp_path: Path, rank: int) -> None:
 
 @pytest.mark.alone
 def test_a_part_is_stopped(fmus: Path, tmp_path: Path) -> None:
-    with running(tmp_path / "out", "--pace", "1", "--partition-timeout", "20") as parts:
+    with running(tmp_path / "out", "--pace", "1", "--partition-timeout", "8") as parts:
         parts.flies()
-        stopped = parts.rank(1)
+        stopped = parts.rank(2)  # part 0 waits for part 1, which waits for this one
         os.kill(stopped, signal.SIGSTOP)
         code, error, manifest = parts.end()
     assert code == 1
-    assert "part 1: no message for 20 s: it hangs, or is stopped or unreachable" in error
+    assert "part 2: no message for 8 s: it hangs, or is stopped or unreachable" in error
     assert manifest["outcome"] == "failed"
     complete(tmp_path / "out", manifest)
     end = time.monotonic() + LIMIT

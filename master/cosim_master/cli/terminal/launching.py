@@ -104,7 +104,7 @@ def serve_part(system: str, options: RunOptions, transport: Transport) -> NoRetu
         lost = True
         with suppress(PartLost):  # part 0 completes its files, and then ends all parts
             while True:
-                transport.receive(0)
+                transport.receive(0, patient=True)
     except CosimError:
         pass  # part 0 has the error
     transport.close(abort=lost)

@@ -4,7 +4,11 @@ MPI libraries wait by spinning. Parts that share their cores with others would t
 that `receive` polls a few hundred times, and naps between further polls.
 
 A part whose process dies is reported by Open MPI 5 with fault tolerance (`mpirun --with-ft ulfm`, ULFM: User Level
-Failure Mitigation). Other launchers end all processes. A part that lives and sends nothing is found by a time-out.
+Failure Mitigation), to all parts within about 10 ms, whichever part they wait for. Other launchers end all processes. A
+part that lives and sends nothing is found by a time-out.
+
+Parts wait for each other, so the part that another one waits for in vain need not be the one that is lost. Each tells
+part 0 whom it misses, and part 0 names the one that is missed and misses nobody.
 """
 
 from __future__ import annotations
@@ -22,10 +26,19 @@ from cosim_master.execution.partitions.transport import PartLost
 __all__ = ["MpiTransport", "launched_by", "missing"]
 
 _SPINS, _NAP = 200, 20e-6
+_LOOK = 50
+"""Naps between two looks for parts that have died and for reports of them."""
+_HEARING = 0.5
+"""Seconds for which part 0 waits for other parts' reports of the same loss."""
+_LONGER = 3
+"""Part 0 may itself wait for a lost part, and then complete its files; others wait so many times longer for it."""
+_REPORTS = 1
+"""Tag of reports of lost parts to part 0."""
 _PATIENCE = 1800.0
 """Seconds for messages of parts that read a system, load FMUs or compile kernels."""
 _DATA, _ENDED, _FAILED = b"d", b"e", b"f"
 """First byte of a message: a message; the part has ended; it fails, with the reason."""
+_DIED, _SILENT = "its process has ended", "no message"
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
 
@@ -70,6 +83,8 @@ class MpiTransport:
         self.here = names.count(self.host)
         self._sending: list[tuple[Any, bytes]] = []
         self._gone: set[int] = set()
+        self._reported = False
+        self._tells = _tells_of_dead(self._comm)
 
     def send(self, to: int, message: bytes) -> None:
         self._send(to, _DATA + message)
@@ -85,30 +100,105 @@ class MpiTransport:
         """Returns the next message; see `Transport`."""
         if source in self._gone:
             raise PartLost(source, "it has ended")
-        limit, spins, status = (_PATIENCE if patient else self.seconds), 0, self._mpi.Status()
-        began = time.monotonic()
         try:
-            while (found := self._comm.Improbe(source=source, status=status)) is None:
-                spins += 1
-                if spins > _SPINS:
+            limit = self.seconds * (_LONGER if source == 0 else 1)
+            message = self._next(source, _PATIENCE if patient else limit)
+        except PartLost as error:
+            raise self._agreed(error) from None
+        kind, content = message[:1], message[1:]
+        if kind == _DATA:
+            return content
+        self._gone.add(source)
+        if kind == _ENDED:
+            raise PartLost(source, "it has ended")
+        raise self._agreed(PartLost(source, content.decode("utf-8", "replace")))
+
+    def _next(self, source: int, limit: float) -> bytes:
+        """Returns the next message with its kind; raises PartLost if any part has died, or the time is over."""
+        status, naps, began = self._mpi.Status(), -_SPINS, time.monotonic()
+        try:
+            while (found := self._comm.Improbe(source=source, tag=0, status=status)) is None:
+                naps += 1
+                if naps > 0:
                     time.sleep(_NAP)
-                    if time.monotonic() - began > limit:
-                        raise PartLost(source, f"no message for {limit:g} s: it hangs, or is stopped or unreachable")
+                    if naps % _LOOK == 0:
+                        self._look()
+                        if time.monotonic() - began > limit:
+                            raise PartLost(source, f"{_SILENT} for {limit:g} s: it hangs, or is stopped or unreachable")
             message = bytearray(status.Get_count(self._mpi.BYTE))
             found.Recv([message, self._mpi.BYTE])
         except self._mpi.Exception as error:
             raise self._lost(source, error) from None
-        kind, content = bytes(message[:1]), bytes(message[1:])
-        if kind == _DATA:
-            return content
-        self._gone.add(source)
-        raise PartLost(source, content.decode("utf-8", "replace") if kind == _FAILED else "it has ended")
+        return bytes(message)
+
+    def _look(self) -> None:
+        """Raises PartLost if a part has died, or, in part 0, if another part reports that one is lost.
+
+        A part that has reported a loss waits for part 0, which completes its files and then ends all.
+        """
+        for part in self._dead():
+            if part not in self._gone and (part == 0 or not self._reported):
+                raise PartLost(part, _DIED)
+        if self.part == 0 and (reported := self._report()) is not None:
+            raise reported[1]
+
+    def _dead(self) -> list[int]:
+        """Returns the parts of which MPI knows that their processes have ended."""
+        if not self._tells:
+            return []
+        failed = self._comm.Get_failed()
+        dead = self._mpi.Group.Translate_ranks(failed, range(failed.size), self._comm.Get_group())
+        failed.Free()
+        return [int(part) for part in dead]
+
+    def _report(self) -> tuple[int, PartLost] | None:
+        """Returns the next report of a lost part, with the part that reports it; None if there is none."""
+        status = self._mpi.Status()
+        try:
+            found = self._comm.Improbe(source=self._mpi.ANY_SOURCE, tag=_REPORTS, status=status)
+            if found is None:
+                return None
+            message = bytearray(status.Get_count(self._mpi.BYTE))
+            found.Recv([message, self._mpi.BYTE])
+        except self._mpi.Exception:  # a part has died, so that any source may be it
+            return None
+        part, _, why = message.decode("utf-8", "replace").partition(" ")
+        return status.Get_source(), PartLost(int(part), why)
+
+    def _agreed(self, missed: PartLost) -> PartLost:
+        """Returns the loss on which the parts agree; in other parts than 0, tells part 0 of a loss."""
+        if self.part != 0:
+            self._reported = True
+            self._gone.add(missed.part)
+            told = f"{missed.part} {missed.why}".encode()
+            if missed.part != 0:
+                with suppress(self._mpi.Exception):
+                    self._sending.append((self._comm.Isend([told, self._mpi.BYTE], dest=0, tag=_REPORTS), told))
+            return missed
+        found: dict[int, PartLost] = {missed.part: missed}
+        missing: set[int] = set()
+        end = time.monotonic() + (_HEARING if missed.why.startswith(_SILENT) else 0.0)
+        while True:
+            for part in self._dead():
+                if part not in self._gone:
+                    self._gone.add(part)
+                    return PartLost(part, _DIED)
+            if (reported := self._report()) is not None:
+                missing.add(reported[0])
+                found.setdefault(reported[1].part, reported[1])
+            elif time.monotonic() > end:
+                break
+            else:
+                time.sleep(_NAP * _LOOK)
+        lost = next((one for part, one in found.items() if part not in missing), missed)
+        self._gone.add(lost.part)
+        return lost
 
     def _lost(self, part: int, error: Any) -> PartLost:
         self._gone.add(part)
         failed = getattr(self._mpi, "ERR_PROC_FAILED", None)
         dead = failed is not None and error.Get_error_class() == failed
-        return PartLost(part, "its process has ended" if dead else f"MPI reports {error}")
+        return PartLost(part, _DIED if dead else f"MPI reports {error}")
 
     def fail(self, reason: str) -> None:
         """Tells all parts why this one fails; they end without it."""
@@ -132,6 +222,15 @@ class MpiTransport:
         end = time.monotonic() + self.seconds
         while any(not _done(request) for request, _ in self._sending) and time.monotonic() < end:
             time.sleep(_NAP)
+
+
+def _tells_of_dead(comm: Any) -> bool:
+    """Returns whether the MPI library tells which processes have ended."""
+    try:
+        comm.Get_failed().Free()
+    except (AttributeError, NotImplementedError, RuntimeError):  # RuntimeError: MPI's own exception
+        return False
+    return True
 
 
 def _done(request: Any) -> bool:

@@ -17,10 +17,11 @@ class PartLost(CosimError):
 
     Attributes:
         part: its number.
+        why: what is known of it.
     """
 
     def __init__(self, part: int, why: str) -> None:
-        self.part = part
+        self.part, self.why = part, why
         super().__init__(f"part {part}: {why}; what was recorded until then is complete")
 
 

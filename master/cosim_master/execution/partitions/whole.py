@@ -340,7 +340,7 @@ class WholeExecution(PartExecution):
         if not self._ended:
             self._ended = True
             for other in self._others:
-                if self._begun and other not in self._lost:
+                if self._begun and not self._lost:
                     self._dismiss(other)
         failures = [*super().end(), *self._late]
         self._late = []
