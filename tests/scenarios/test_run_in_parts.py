@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim_master.execution.options import RunOptions
+from cosim_master.execution.simulate import simulate
 from cosim_master.system.authoring.swarm.new import new_system
 from tests.master.parts import assigned, run_in_parts
 from tests.scenarios.flights import SYSTEMS, Flight, copy_of, fly
@@ -132,3 +133,38 @@ def test_listed_links_send_packets_only_where_they_are_heard(fmus: Path, tmp_pat
     result, errors = run_in_parts(system, RunOptions(out=tmp_path / "parts"), 3)
     assert (result.outcome, errors) == ("done", [])
     same(whole.folder, tmp_path / "parts")
+
+
+def test_a_run_goes_on_in_other_parts_or_in_one_process(lossy: tuple[Path, Flight], tmp_path: Path) -> None:
+    """Packets are in flight at 8 s: they, their counts and all values go to other parts, to one process, and back."""
+    system, whole = lossy
+
+    def flown(name: str, parts: list[int] | None, origin: str | None = None, every: float | None = None) -> Path:
+        file = None if parts is None else assigned(tmp_path / f"{name}.json", DRONES, parts)
+        options = RunOptions(
+            out=tmp_path / name, until=16.0, assignment=file, origin=origin, checkpoint_every=every, seed=None
+        )
+        if parts is None:
+            result = simulate(system, options)
+        else:
+            result, errors = run_in_parts(system, options, max(parts) + 1)
+            assert errors == []
+        assert result.outcome == "done"
+        return tmp_path / name
+
+    flown("of one", None, every=4.0)
+    flown("of three", [0, 1, 2, 0, 1], every=4.0)
+    assert sorted(one.name for one in (tmp_path / "of three" / "checkpoints").iterdir()) == ["12", "4", "8"]
+    for name, origin, parts in (
+        ("one to two", "of one@8", [1, 1, 0, 0, 1]),
+        ("three to one", "of three@8", None),
+        ("three to four", "of three@8", [3, 0, 2, 1, 0]),
+    ):
+        found = flown(name, parts, str(tmp_path / origin))
+        for file in ("signals.parquet", "packets.parquet"):
+            assert pq.read_table(found / file).equals(pq.read_table(whole.folder / file)), name
+        for file in sorted(whole.folder.glob("*.tlog")):
+            assert (found / file.name).read_bytes() == file.read_bytes()
+        mine, its = (json.loads((folder / "manifest.json").read_text()) for folder in (whole.folder, found))
+        assert its["packets"] == mine["packets"]
+        assert its["verdict"] == mine["verdict"]

@@ -20,11 +20,10 @@ from cosim_master.execution.algorithms.choice import algorithm_for
 from cosim_master.execution.algorithms.fixed_step import FixedStep
 from cosim_master.execution.preparation.stimuli import Agenda
 from cosim_master.execution.run.blocks import Blocks
-from cosim_master.execution.run.checkpoint import refuse_checkpoints, restore
+from cosim_master.execution.run.checkpoint import Saved, captured, refuse_checkpoints, restore
 from cosim_master.execution.run.gateway_port import GatewayPort
 from cosim_master.execution.run.instances import Instances
 from cosim_master.execution.run.opening import Setup, open_run
-from cosim_master.execution.run.state import RunState
 from cosim_master.execution.run.workers import Workers
 from cosim_master.execution.startup.initialize import answers
 from cosim_master.network.radio.build import packet_counts
@@ -101,8 +100,7 @@ class Execution:
         """Proceeds from the outputs at the start to the first communication point, or to that of a checkpoint."""
         assert self._algorithm is not None
         if checkpoint is not None:
-            refuse_checkpoints(self.state)
-            restore(checkpoint, self.state)
+            self._resume(checkpoint)
         self._algorithm.prepare()
         port = GatewayPort(self.state, self.blocks)
         self.admit, self.take, self.waiting = port.admit, port.take, port.waiting
@@ -112,6 +110,11 @@ class Execution:
         if checkpoint is None:
             # One call up to k = 0 routes the packets that the instances send at the start, and records the first row.
             self.advance(0)
+
+    def _resume(self, checkpoint: Checkpoint) -> None:
+        """Sets the run to the state of a checkpoint."""
+        refuse_checkpoints(self.state)
+        restore(checkpoint, self.state)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -159,19 +162,20 @@ class Execution:
             changed = True
         return changed
 
-    def settle(self) -> RunState:
+    def settle(self) -> Saved:
         """Steps to the next communication point of the system's own grid, if the run is between two; returns its state.
 
         All rows and packets up to then are handed over to the observers, so that a checkpoint can be saved.
 
         Raises:
             RunFailed: a step up to that communication point fails.
+            FmuError: an FMU fails to save its state.
         """
         assert self._algorithm is not None
         self._algorithm.settle()
         self.blocks.rows()
         self.blocks.packets()
-        return self.state
+        return captured(self.state)
 
     def conclude(self) -> None:
         """Prepares for the end of the run at the present communication point, when the user ends it."""

@@ -99,6 +99,11 @@ class Checkpoints:
             raise SystemDescriptionError([Problem(Where("checkpoints"), text)])
         self._every = round(steps)
 
+    @property
+    def every(self) -> int:
+        """The interval in base steps; 0: there are no checkpoints."""
+        return self._every
+
     def before(self, k: int, chunk: int) -> int:
         """Returns the next base step to stop at: at most `chunk` after `k`, and not after the next checkpoint."""
         self._next = (k // self._every + 1) * self._every
@@ -111,18 +116,18 @@ class Checkpoints:
             recording, seen = self.recording, remember(self.watch)
             if self.monitoring is not None:
                 seen["monitors"] = self.monitoring.memory()
-            state = execution.settle()
             try:
-                save(
-                    self._folder,
-                    state,
-                    execution.k,
-                    position=recording.position(),
-                    segments=recording.segments(),
-                    about={**self._about, "verdict": seen},
-                )
+                saved = execution.settle()
             except FmuError as error:
                 raise RunFailed([error]) from None
+            save(
+                self._folder,
+                saved,
+                execution.k,
+                position=recording.position(),
+                segments=recording.segments(),
+                about={**self._about, "verdict": seen},
+            )
 
 
 @contextmanager

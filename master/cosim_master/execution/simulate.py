@@ -112,11 +112,12 @@ def simulate(
     options, listener = options or RunOptions(), listener or Listener()
     with suppress(OSError):  # a home that cannot be written to: nothing is kept there
         private_cache()  # before code is loaded from it
-    checkpoint = None if options.origin is None else find(options.origin)
-    with read_system(system, options.variant) as structure:
-        if checkpoint is not None:
-            options = going_on(options, checkpoint, structure)
+    with ExitStack() as opened:
         with told_others(transport):
+            checkpoint = None if options.origin is None else find(options.origin)
+            structure = opened.enter_context(read_system(system, options.variant))
+            if checkpoint is not None:
+                options = going_on(options, checkpoint, structure)
             one = _planned(structure, options, checkpoint, listener, control or Control(options.pace), mailbox)
             one = one.in_parts(transport)
         looking = [make(one.view()) for make in observers]
@@ -266,7 +267,7 @@ class _Run:
             observed = Observers(execution, looking, ready.clock.steps, execution.blocks)
             opened.enter_context(observed)
             if isinstance(execution, PartExecution):
-                execution.agree(periods_of(looking))
+                execution.agree(periods_of(looking), self.saving.every)
             scene.rescue = rescue
             scene.on_recording()
             interrupted = opened.enter_context(interrupts())
@@ -385,8 +386,11 @@ def take_part(system: str | PathLike[str], options: RunOptions, transport: Trans
         private_cache()
     with failing_openly(transport), ExitStack() as opened:
         with told_others(transport):
+            checkpoint = None if options.origin is None else find(options.origin)
             structure = opened.enter_context(read_system(system, options.variant))
-            one = _planned(structure, options, None, Listener(), Control(), None).in_parts(transport)
+            if checkpoint is not None:
+                options = going_on(options, checkpoint, structure)
+            one = _planned(structure, options, checkpoint, Listener(), Control(), None).in_parts(transport)
         execution = one.opened(WatchedCalls(), Scene())
         assert isinstance(execution, PartExecution)
         with execution:

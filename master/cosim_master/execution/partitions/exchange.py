@@ -21,6 +21,7 @@ from cosim_master.network.radio.build import grown
 from cosim_master.network.radio.replay import replay
 from cosim_master.network.radio.tables import FREE_PLACES, POST, POSTED
 from cosim_master.network.radio.topology import copies
+from cosim_master.stepping.kernels.exchange import feed
 from cosim_master.stepping.kernels.frames import USED
 from cosim_master.stepping.kernels.tables import BASE, PER_NS, START
 
@@ -60,9 +61,10 @@ class Exchange:
 
     Args:
         part: its number.
+        first: the base step at which the run begins: not 0 if it is resumed from a checkpoint.
     """
 
-    def __init__(self, state: RunState, blocks: Blocks, cut: Cut, part: int) -> None:
+    def __init__(self, state: RunState, blocks: Blocks, cut: Cut, part: int, first: int = 0) -> None:
         self._state, self._blocks, self._part, self._cut = state, blocks, part, cut
         radio, network = state.radio, state.network
         self._heard = np.array(radio.endpoints["heard"])
@@ -80,6 +82,8 @@ class Exchange:
         self._last: dict[int, tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]] = {}
         self._reached: dict[int, int] = {}
         self._replace_delays()
+        if first:
+            self._go_on(first)
 
     def _hearing_parts(self) -> np.ndarray[Any, Any]:
         """Returns, for each endpoint, the parts with a node that may hear it: (endpoints, parts)."""
@@ -101,6 +105,14 @@ class Exchange:
             if target == self._part:
                 self._delayed.setdefault(owner, []).append(_Delayed(row, kind, _column(places[owner], kind, source)))
                 plan.delays[row]["source"] = -1
+
+    def _go_on(self, k: int) -> None:
+        """Takes the values of all parts at a checkpoint as their latest frames."""
+        plan = self._state.plan
+        feed(plan, k, plan.feeds[:0])  # values that connections convert
+        for owner in range(self._cut.parts):
+            reals, ints = self._cut.passed_on(owner, self._state.layout, self._state.network)
+            self._last[owner], self._reached[owner] = (plan.real_out[_row(reals)], plan.int_out[_row(ints)]), k
 
     # ---- giving ------------------------------------------------------------------------------------------------------
 
@@ -214,3 +226,7 @@ def _column(places: tuple[list[int], list[int]], kind: int, source: int) -> int:
     """Returns the column of a delayed value in the frames; positions, which may be the same value, come before it."""
     own = places[kind]
     return len(own) - 1 - own[::-1].index(source)
+
+
+def _row(places: Sequence[int]) -> np.ndarray[Any, Any]:
+    return np.array([places], dtype=np.int64)

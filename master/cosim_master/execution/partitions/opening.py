@@ -31,8 +31,6 @@ def refuse_options(options: RunOptions, live: bool) -> None:
         "--ports": options.ports is not None,
         "--profile": options.profile,
         "packets of real programs (--view, --ros1, --ros2)": live,
-        "--checkpoint-every": options.checkpoint_every is not None,
-        "--from": options.origin is not None,
     }
     text = "a run in parts does not support it yet; run the system in one process"
     problems = [Problem(Where(name), text) for name, given in refused.items() if given]

@@ -22,13 +22,16 @@ import numpy as np
 
 from cosim_master.diagnostics.errors import CosimError, FmuError, RunFailed, RunTerminated
 from cosim_master.execution.execution import Execution
+from cosim_master.execution.partitions.checkpoints import PartState, confine, part_state
 from cosim_master.execution.partitions.cut import Cut
 from cosim_master.execution.partitions.exchange import Exchange, Given
 from cosim_master.execution.partitions.starting import all_ready
 from cosim_master.execution.partitions.transport import Transport
 from cosim_master.execution.run.blocks import Blocks
+from cosim_master.execution.run.checkpoint import Saved
 from cosim_master.execution.run.opening import Setup
 from cosim_master.network.radio.build import packet_counts
+from cosim_master.results.storage.checkpoint_folder import Checkpoint
 from cosim_master.stepping.confining import outputs_of_part
 from cosim_master.stepping.layout import Layout
 from cosim_master.stepping.observation import Packets, Rows, Seen
@@ -82,6 +85,7 @@ class Report:
         failed: the base step at which the part has failed, and its errors as (instance, function, status, time, log);
             None if it has not.
         outputs: at an instant, the values of all its outputs (reals, integers).
+        state: at an instant with a checkpoint, what the part alone knows.
     """
 
     k: int
@@ -90,6 +94,7 @@ class Report:
     counters: np.ndarray[Any, Any]
     failed: tuple[int, tuple[tuple[Any, ...], ...]] | None
     outputs: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]] | None = None
+    state: PartState | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +138,9 @@ class PartExecution(Execution):
         self.transport, self.cut = transport, cut
         self.part, self._others = transport.part, [p for p in range(cut.parts) if p != transport.part]
         self._collected = Collected()
-        self._at, self._replayed = -1, -1
+        self._at, self._replayed, self._saving = -1, -1, 0
+        self._first = 0 if setup.checkpoint is None else setup.checkpoint.k
+        self._saved: Saved | None = None
         self._open: list[tuple[int, list[Given | None]]] = []
         self._periods: tuple[int, ...] = ()
         self._ending = self._last_window = self._dismissed = self._begun = self.over = False
@@ -147,20 +154,34 @@ class PartExecution(Execution):
         """The blocks of the part's own rows and packets."""
         return self.blocks
 
+    def _begin(self, checkpoint: Checkpoint | None) -> None:
+        super()._begin(checkpoint)
+        if checkpoint is not None:
+            self._window(checkpoint.k)
+
+    def _resume(self, checkpoint: Checkpoint) -> None:
+        super()._resume(checkpoint)
+        confine(self.state, self.cut, self.part)
+
     # ---- windows -----------------------------------------------------------------------------------------------------
 
-    def agree(self, periods: Sequence[int]) -> None:
-        """Tells all parts the instants of the run: the multiples of `periods`, in base steps; only part 0 is told."""
+    def agree(self, periods: Sequence[int], saving: int = 0) -> None:
+        """Tells all parts the instants of the run; the arguments are those of part 0.
+
+        Args:
+            periods: their multiples are instants, in base steps.
+            saving: at its multiples, there is a checkpoint; 0: there are none.
+        """
         if self.part == 0:
-            self._periods = tuple(periods)
+            self._periods, self._saving = (*periods, saving) if saving else tuple(periods), saving
             for other in self._others:
-                self.transport.send(other, pickle.dumps(self._periods))
+                self.transport.send(other, pickle.dumps((self._periods, self._saving)))
         else:
             told = pickle.loads(self.transport.receive(0, patient=True))
             if isinstance(told, Message):
                 self.over = self._dismissed = True
             else:
-                self._periods = tuple(int(one) for one in told)
+                self._periods, self._saving = told
 
     def advance(self, k_stop: int) -> None:
         """Makes windows until base step `k_stop`, or slightly further: a window is not divided.
@@ -171,7 +192,7 @@ class PartExecution(Execution):
         """
         stop = min(k_stop, self.clock.steps)
         if self._at < 0:
-            self._window(0)
+            self._window(self._first)
         while self._at < stop and not self.over:
             self._window(self._boundary())
 
@@ -183,7 +204,7 @@ class PartExecution(Execution):
 
     def is_instant(self, k: int) -> bool:
         """Returns whether somebody looks at the run at base step k."""
-        return k in (0, self.clock.steps) or any(k % period == 0 for period in self._periods)
+        return k in (self._first, self.clock.steps) or any(k % period == 0 for period in self._periods)
 
     def _window(self, end: int) -> None:
         """Steps a window and exchanges; the end of the exchange of a hidden window is that of the next one."""
@@ -194,7 +215,7 @@ class PartExecution(Execution):
                 self._failure = (max(self._algorithm_k, 0), failure_data(error))
         if self._exchange is None:
             self._mine.attach([self._collected], [self._collected])
-            self._exchange = Exchange(self.state, self._mine, self.cut, self.part)
+            self._exchange = Exchange(self.state, self._mine, self.cut, self.part, self._first)
             all_ready(self.transport, ())
             self._begun = True
         self._at = end
@@ -263,7 +284,8 @@ class PartExecution(Execution):
         report = self._report()
         plan = self.plan
         outputs = (plan.real_out[self._own_reals], plan.int_out[self._own_ints])
-        whole = replace(report, outputs=outputs)
+        state = self._captured() if self._saving and self._at % self._saving == 0 else None
+        whole = replace(report, outputs=outputs, state=state, failed=self._failure)
         if self.part != 0:
             self.transport.send(0, pickle.dumps(Message(None, whole), protocol=5))
         else:
@@ -274,6 +296,17 @@ class PartExecution(Execution):
                 self.reported(other, message.report)
         if last or self._at >= self.clock.steps:
             self.over = self.part != 0
+
+    def _captured(self) -> PartState | None:
+        """Returns what the part knows for a checkpoint; None if an FMU fails to save its state, or has failed."""
+        if self._failure is not None or self._at in (self._first, self.clock.steps):
+            return None
+        try:
+            found, self._saved = part_state(self.state, self.cut, self.part)
+        except FmuError as error:
+            self._failure = (self._at, failure_data(error))
+            return None
+        return found
 
     def reported(self, part: int, report: Report) -> None:
         """Receives what a part reports; only part 0 is told."""

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from cosim_master.diagnostics.errors import FmuError, RunFailed
+from cosim_master.execution.partitions.checkpoints import together
 from cosim_master.execution.partitions.cut import Cut
 from cosim_master.execution.partitions.part import Message, PartExecution, Report
 from cosim_master.execution.partitions.transport import PartLost, Transport
 from cosim_master.execution.run.blocks import Blocks
+from cosim_master.execution.run.checkpoint import Saved
 from cosim_master.execution.run.opening import Setup
 from cosim_master.fmi.calls import KINDS
 from cosim_master.network.radio.build import packet_counts
@@ -309,6 +311,15 @@ class WholeExecution(PartExecution):
 
     def _first_failure(self, known: Sequence[Report]) -> int:
         return min(one.failed[0] for one in known if one.failed is not None)
+
+    def settle(self) -> Saved:
+        """Returns the state of the whole system at a checkpoint; see `Execution.settle`."""
+        self.blocks.rows()
+        self.blocks.packets()
+        states = [one.state for one in self._reports if one is not None and one.state is not None]
+        assert self._saved is not None
+        assert len(states) == self.cut.parts
+        return together(self.state, self.cut, self._saved, states)
 
     def conclude(self) -> None:
         """Goes on to an instant, so that everything that was sent until then is known; for the end of a run."""

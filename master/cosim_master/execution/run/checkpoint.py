@@ -16,7 +16,7 @@ import json
 import shutil
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -32,7 +32,7 @@ from cosim_master.network.roles import STATE
 from cosim_master.results.storage.checkpoint_folder import FORMAT, Checkpoint, Position, sealed
 from cosim_master.stepping.kernels.tables import PHASE, ROLES, K
 
-__all__ = ["cannot_be_serialised", "refuse_checkpoints", "restore", "save"]
+__all__ = ["Saved", "cannot_be_serialised", "captured", "refuse_checkpoints", "restore", "save"]
 
 _UNREADABLE = (BadZipFile, zlib.error)
 _GROWING = ("radio.places", "radio.data", "radio.relayed")
@@ -57,30 +57,39 @@ def refuse_checkpoints(state: RunState) -> None:
         raise SystemDescriptionError([Problem(state.checked.structure.where, CHECKPOINT.text(reason))])
 
 
-def save(
-    folder: Path,
-    state: RunState,
-    k: int,
-    *,
-    position: Position,
-    segments: Sequence[Path],
-    about: Mapping[str, Any],
-) -> Path:
-    """Writes a checkpoint into `folder`; returns its subfolder. Rows and packets must already be written out.
+@dataclass(frozen=True, slots=True)
+class Saved:
+    """All data that the future of a run depends on, copied at a communication point.
 
-    Args:
-        k: the base step reached, in the system's own grid.
-        segments: files with the recording since the last checkpoint; they become part of this one.
+    Attributes:
+        time: of the communication point, s.
+        phase: of the macro step.
+        arrays: of the plan, of the radio ("radio.counters"), and by instance, see `captured`.
+        states: of the FMUs, serialised.
+        texts: Strings that are not packets, by ``instance.variable``.
+        events: of Event Mode, as plain data.
+    """
+
+    time: float
+    phase: int
+    arrays: Mapping[str, np.ndarray[Any, Any]]
+    states: Sequence[bytes]
+    texts: Mapping[str, str]
+    events: Any
+
+
+def captured(state: RunState) -> Saved:
+    """Returns a copy of the state of a run. Rows and packets must already be written out.
 
     Raises:
         FmuError: an FMU fails to save its state.
     """
     plan, radio, slaves = state.plan, state.radio, state.slaves
-    arrays = changing(plan, ROLES, (STATE,))
-    arrays |= {f"radio.{name}": array for name, array in changing(radio, RADIO_ROLES, (STATE,)).items()}
+    arrays = {name: array.copy() for name, array in changing(plan, ROLES, (STATE,)).items()}
+    arrays |= {f"radio.{name}": array.copy() for name, array in changing(radio, RADIO_ROLES, (STATE,)).items()}
     arrays["next_events"] = np.array([one.next_event for one in slaves])
     arrays["pending"] = np.array([one.pending for one in slaves], dtype=np.int64)
-    sizes, states = [], []
+    states = []
     for one in slaves:
         fmu_state = ctypes.c_void_p()
         one.save_state(fmu_state)
@@ -88,11 +97,30 @@ def save(
             states.append(one.serialise(fmu_state))
         finally:
             one.free_state(fmu_state)
-        sizes.append(len(states[-1]))
-    arrays["state_sizes"] = np.array(sizes, dtype=np.int64)
-    arrays["states"] = np.frombuffer(b"".join(states), dtype=np.uint8)
     arrays["blocks"] = np.array([radio.events.size, radio.log.size], dtype=np.int64)
-    own = folder / f"{state.time:.9g}"
+    texts = {f"{slaves[i].name}.{name}": text for (i, name), text in state.texts.outputs.items()}
+    return Saved(state.time, int(plan.counters[PHASE]), arrays, states, texts, state.event_mode.events.as_json())
+
+
+def save(
+    folder: Path,
+    saved: Saved,
+    k: int,
+    *,
+    position: Position,
+    segments: Sequence[Path],
+    about: Mapping[str, Any],
+) -> Path:
+    """Writes a checkpoint into `folder`; returns its subfolder.
+
+    Args:
+        k: the base step reached, in the system's own grid.
+        segments: files with the recording since the last checkpoint; they become part of this one.
+    """
+    arrays = dict(saved.arrays)
+    arrays["state_sizes"] = np.array([len(one) for one in saved.states], dtype=np.int64)
+    arrays["states"] = np.frombuffer(b"".join(saved.states), dtype=np.uint8)
+    own = folder / f"{saved.time:.9g}"
     part = own.with_name(own.name + ".part")
     shutil.rmtree(part, ignore_errors=True)
     shutil.rmtree(own, ignore_errors=True)
@@ -101,12 +129,12 @@ def save(
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     content = {
         "format": FORMAT,
-        "time": state.time,
+        "time": saved.time,
         "k": k,
-        "phase": int(plan.counters[PHASE]),
+        "phase": saved.phase,
         **about,
-        "events": state.event_mode.events.as_json(),
-        "texts": {f"{slaves[i].name}.{name}": text for (i, name), text in state.texts.outputs.items()},
+        "events": saved.events,
+        "texts": saved.texts,
         "position": asdict(position),
     }
     for segment in segments:

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim_master.diagnostics.errors import SystemDescriptionError
+from cosim_master.diagnostics.errors import FmuError, SystemDescriptionError
 from cosim_master.execution.options import RunOptions
 from cosim_master.execution.partitions import opening, starting
 from cosim_master.execution.partitions.transport import LocalTransport, PartLost
@@ -26,6 +26,18 @@ def table(out: Path) -> Any:
 def two_probes(probes: Any, stop: float = 3.0, **values: float) -> Path:
     probes.fmu()
     path: Path = probes.ssd(probes.component("a", p=1.0) + probes.component("b", p=2.0, **values), stop=stop)
+    return path
+
+
+def oscillators(linears: Any, delay: float, stop: float) -> Path:
+    """Two oscillators that drive each other with delays, and an integer that drives a real."""
+    linears.fmu()
+    parts = "".join(
+        linears.component(name, step=0.5, x0=x, w2=0.3, gain=0.7) for name, x in (("a", 1.0), ("b", -2.0), ("c", 0.5))
+    )
+    master = f'><connection to="b.u" delay="{delay}" start="0.25"/>'
+    master += f'<connection to="a.u" delay="{delay + 0.5}"/><connection to="c.u" delay="{delay}"/></master>'
+    path: Path = linears.ssd(parts, "a/y b/u", "b/v a/u", "a/n c/u", master=master, stop=stop)
     return path
 
 
@@ -139,7 +151,6 @@ def test_an_exception_of_a_part_ends_the_run(probes: Any, tmp_path: Path, monkey
     [
         ({"gcs": ["udpout:127.0.0.1:14550"]}, "--gcs"),
         ({"profile": True}, "--profile"),
-        ({"checkpoint_every": 1.0}, "--checkpoint-every"),
     ],
 )
 def test_options_that_parts_do_not_have_are_refused(
@@ -151,19 +162,50 @@ def test_options_that_parts_do_not_have_are_refused(
     assert system.exists()
 
 
+# ---- checkpoints ----------------------------------------------------------------------------------------------------
+
+
+def test_parts_whose_instances_cannot_save_their_states_have_no_checkpoints(probes: Any, tmp_path: Path) -> None:
+    system = two_probes(probes)
+    options = RunOptions(out=tmp_path / "out", checkpoint_every=1.0)
+    with pytest.raises(SystemDescriptionError, match="canGetAndSetFMUstate of a is false"):
+        run_in_parts(system, options, 2)
+
+
+def test_a_part_that_fails_to_save_ends_the_run(linears: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from cosim_master.execution.partitions import part
+    from cosim_master.execution.partitions.checkpoints import part_state
+
+    def fails(state: Any, cut: Any, number: int) -> Any:
+        if number == 1:
+            raise FmuError("b", "fmi2SerializeFMUstate", "fails", state.time)
+        return part_state(state, cut, number)
+
+    monkeypatch.setattr(part, "part_state", fails)
+    system = oscillators(linears, 1.0, stop=4.0)
+    file = assigned(tmp_path / "parts.json", ["a", "b", "c"], [0, 1, 0])
+    options = RunOptions(out=tmp_path / "out", assignment=file, checkpoint_every=1.0)
+    result, errors = run_in_parts(system, options, 2)
+    assert (result.outcome, errors) == ("failed", [])
+    assert str(result.error).startswith("b: fmi2SerializeFMUstate")
+    assert table(tmp_path / "out")["time"].to_pylist() == [0.0, 0.5, 1.0]
+    assert not (tmp_path / "out" / "checkpoints").exists()
+
+
+def test_a_checkpoint_that_one_part_cannot_read_ends_all(linears: Any, tmp_path: Path) -> None:
+    system = oscillators(linears, 1.0, stop=4.0)
+    simulate(system, RunOptions(out=tmp_path / "whole", checkpoint_every=2.0))
+    options = RunOptions(out=tmp_path / "out", origin=f"{tmp_path}/whole@2")
+    with pytest.raises(SystemDescriptionError, match=r"part 1: .*has no checkpoint at 3 s; there are: 2"):
+        run_in_parts(system, options, 2, others=[RunOptions(origin=f"{tmp_path}/whole@3")])
+
+
 # ---- values between parts ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("delay", [0.5, 1.0, 1.5, 3.0])
 def test_delayed_values_cross_the_cut(linears: Any, tmp_path: Path, delay: float) -> None:
-    """Two oscillators that drive each other with delays, and an integer that drives a real."""
-    linears.fmu()
-    parts = "".join(
-        linears.component(name, step=0.5, x0=x, w2=0.3, gain=0.7) for name, x in (("a", 1.0), ("b", -2.0), ("c", 0.5))
-    )
-    master = f'><connection to="b.u" delay="{delay}" start="0.25"/>'
-    master += f'<connection to="a.u" delay="{delay + 0.5}"/><connection to="c.u" delay="{delay}"/></master>'
-    system = linears.ssd(parts, "a/y b/u", "b/v a/u", "a/n c/u", master=master, stop=40.0)
+    system = oscillators(linears, delay, stop=40.0)
     simulate(system, RunOptions(out=tmp_path / "whole"))
     for places in ([0, 1, 0], [0, 1, 2], [1, 1, 0]):
         file = assigned(tmp_path / "parts.json", ["a", "b", "c"], places)
@@ -171,3 +213,23 @@ def test_delayed_values_cross_the_cut(linears: Any, tmp_path: Path, delay: float
         result, errors = run_in_parts(system, options, max(places) + 1)
         assert (result.outcome, errors) == ("done", [])
         assert table(tmp_path / "parts").equals(table(tmp_path / "whole"))
+
+
+@pytest.mark.parametrize("delay", [0.5, 1.0, 3.0])
+def test_values_under_way_are_part_of_a_checkpoint(linears: Any, tmp_path: Path, delay: float) -> None:
+    system = oscillators(linears, delay, stop=20.0)
+    simulate(system, RunOptions(out=tmp_path / "whole", checkpoint_every=5.0))
+
+    def in_parts(name: str, places: list[int], **options: Any) -> None:
+        file = assigned(tmp_path / "parts.json", ["a", "b", "c"], places)
+        result, errors = run_in_parts(
+            system, RunOptions(out=tmp_path / name, assignment=file, **options), max(places) + 1
+        )
+        assert (result.outcome, errors) == ("done", [])
+        assert table(tmp_path / name).equals(table(tmp_path / "whole"))
+
+    in_parts("parts", [0, 1, 2], checkpoint_every=2.5)
+    in_parts("other parts", [1, 0, 1], origin=f"{tmp_path}/parts@7.5")
+    in_parts("parts of one", [0, 1, 0], origin=f"{tmp_path}/whole@10")
+    simulate(system, RunOptions(out=tmp_path / "one", origin=f"{tmp_path}/parts@12.5"))
+    assert table(tmp_path / "one").equals(table(tmp_path / "whole"))
