@@ -49,7 +49,7 @@ class FixedStep:
         self._grid = Grid(state.plan, state.clock.periods)
         self._unrepeatable = cannot_be_repeated(state)
         self._snapshot: Snapshot | None = None
-        self._saved_at = -math.inf
+        self._saved_at, self._emptied = -math.inf, 0
 
     @property
     def k(self) -> int:
@@ -72,7 +72,7 @@ class FixedStep:
             self._save()
 
     def advance(self, k_stop: int) -> None:
-        if self._snapshot is not None and time.perf_counter() - self._saved_at > _SNAPSHOT_EVERY:
+        if self._emptied != self._blocks.emptied or time.perf_counter() - self._saved_at > _SNAPSHOT_EVERY:
             self._save()
         grid = self._grid
         while self.k < k_stop:
@@ -105,12 +105,11 @@ class FixedStep:
         judge_failures(self._state, reason, can_end_here=self._grid.factor == 1)
 
     def _save(self) -> None:
+        """Copies the state; the blocks keep their rows, whose groups in files must not depend on the wall clock."""
         if self._snapshot is None:
             return
-        self._blocks.rows()
-        self._blocks.make_room_for_a_step()
         self._snapshot.save()
-        self._saved_at = time.perf_counter()
+        self._saved_at, self._emptied = time.perf_counter(), self._blocks.emptied
 
     def _repeat(self, discarded: Discarded) -> None:
         """Goes back to the start of the discarded step, and divides the steps that begin there."""

@@ -35,10 +35,13 @@ class Blocks:
 
     Args:
         phase: measures the time of a phase.
+
+    Attributes:
+        emptied: how many times blocks have been emptied; rows and packets before that cannot be taken back.
     """
 
     def __init__(self, state: RunState, phase: Callable[[str], AbstractContextManager[Any]]) -> None:
-        self._state, self._phase = state, phase
+        self._state, self._phase, self.emptied = state, phase, 0
         self._row_observers: Sequence[RowObserver] = ()
         self._packet_observers: Sequence[PacketObserver] = ()
         self._texts: list[list[str]] = []
@@ -64,6 +67,7 @@ class Blocks:
         self._hand_over_rows(complete=True)
         self._state.plan.counters[ROWS] = 0
         self._texts.clear()
+        self.emptied += 1
 
     def record_end(self) -> None:
         """Records a row of the current communication point, with which the run ends, unless it has one."""
@@ -132,8 +136,8 @@ class Blocks:
         self._texts[:] = done.texts
 
     def take_back(self) -> None:
-        """Discards the Strings of the rows in the block, because the run has gone back to an earlier time."""
-        self._texts.clear()
+        """Discards the Strings of rows that are not in the block, because the run has gone back to an earlier time."""
+        del self._texts[int(self._state.plan.counters[ROWS]) :]
 
     # ---- packets -----------------------------------------------------------------------------------------------------
 
@@ -142,6 +146,7 @@ class Blocks:
         self._hand_over_packets(complete=True)
         self._state.radio.counters[[USED_EVENTS, USED_LOG]] = 0
         self._shown.clear()
+        self.emptied += 1
 
     def _hand_over_packets(self, *, complete: bool) -> None:
         radio = self._state.radio

@@ -64,7 +64,7 @@ class Driver:
     ) -> None:
         self._state, self._blocks, self._on_failure, self._steps = state, blocks, on_failure, steps
         self.on_room: Callable[[], None] = lambda: None
-        """Called after the blocks have been written out: data recorded before can no longer be taken back."""
+        """Called after room was made: blocks may have been handed over, and then cannot be taken back."""
         self._served = {
             BLOCK_FULL: self._block_full,
             NEED_PLACES: self._need_places,

@@ -20,8 +20,8 @@ __all__ = ["Snapshot"]
 class Snapshot:
     """FMU states, the arrays that change, Strings and events.
 
-    Rows and packet logs must have been written out before `save`: they are not part of it. `close` frees the FMU
-    states; call it before the instances are freed.
+    Rows and packets are not part of it, only their numbers: a copy is of use until `Blocks.emptied` changes. `close`
+    frees the FMU states; call it before the instances are freed.
     """
 
     def __init__(self, state: RunState) -> None:
