@@ -44,6 +44,7 @@ from cosim_master.execution.preparation.stimuli import read_stimuli
 from cosim_master.execution.run.checkpoint import refuse_checkpoints
 from cosim_master.execution.run.faults.crashes import reported
 from cosim_master.execution.run.faults.hangs import reported_hangs
+from cosim_master.execution.run.faults.last_call import kept
 from cosim_master.execution.run.faults.process_state import ProcessState, WatchedCalls, WatchedSteps, told
 from cosim_master.execution.run.faults.scene import Scene
 from cosim_master.execution.run.opening import Setup
@@ -55,6 +56,7 @@ from cosim_master.network.gateways.gateways import Address, Gateways, gateways_o
 from cosim_master.network.gateways.mailbox import Mailbox
 from cosim_master.results.recording.recording import Recording, check_columns
 from cosim_master.results.storage.checkpoint_folder import Checkpoint, find
+from cosim_master.results.storage.journal import FOLDER
 from cosim_master.results.storage.run_folder import RunFolder
 from cosim_master.stepping.control import Control
 from cosim_master.stepping.layout import Layout, make_layout
@@ -255,6 +257,7 @@ class _Run:
             opened.enter_context(execution)
             if (recording := self.recording(execution, start_up)) is not None:
                 opened.enter_context(recording)
+                opened.enter_context(kept(recording.folder / FOLDER, scene))
             watch = self._watch(execution, recording)
             recorders = [] if recording is None else recording.observers
             monitoring = self._monitoring()

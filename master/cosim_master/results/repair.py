@@ -19,6 +19,7 @@ from typing import Any
 from cosim_master.diagnostics.errors import CosimError, Problem, RecordingFailed, SystemDescriptionError, Where
 from cosim_master.results.reading.links import statistics
 from cosim_master.results.storage.journal import FOLDER, goes_on, groups_of, schema_of
+from cosim_master.results.storage.last_call import last_call
 from cosim_master.results.storage.manifest_file import NAME, write_manifest
 from cosim_master.results.storage.parquet import packets_writer, signals_writer
 
@@ -53,6 +54,8 @@ def repair(run: Path) -> dict[str, Any]:
         if manifest["outcome"] == "running":
             manifest["outcome"] = "killed"
             manifest["error"] = f"the process was killed after {manifest['simulated_s']:.9g} s of simulated time"
+            if (call := last_call(run)) is not None:
+                manifest["error"] += f"; the last call of an FMU in it was {call}"
         manifest["links"] = statistics(run) if (run / "packets.parquet").is_file() else None
         write_manifest(run, manifest)
     except OSError as error:

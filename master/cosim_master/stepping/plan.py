@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,9 +49,11 @@ from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["make_plan", "rows_of_block"]
+__all__ = ["make_plan", "page_of", "rows_of_block"]
 
 _BLOCK_BYTES = 8 << 20
+_COUNTERS, _SHARED_AT = 17, 512
+"""Number of counters, and the place of `Plan.shared` in the page that begins with them, bytes."""
 
 
 def make_plan(
@@ -93,6 +96,7 @@ def make_plan(
     instances = _instance_table(clock, network, slaves, memory)
     block = 0 if threads == 1 else max(1, min(32, len(free) // (4 * threads)))
     confined = [*(master.sequence or sorted(set(range(len(slaves))) - set(free)))]
+    page = mmap.mmap(-1, mmap.PAGESIZE)
     return Plan(
         instances=table(instances),
         calls=table(_calls(instances, feeds, values, ports, calls, kinds, slopes, derivatives)),
@@ -116,7 +120,7 @@ def make_plan(
         real_block=np.zeros((rows, len(real.recorded))),
         int_block=np.zeros((rows, len(recorded)), dtype=np.int32),
         ticks=np.zeros(rows, dtype=np.int64),
-        counters=_counters(clock, master, slaves, real, every=every, block=block),
+        counters=_counters(page, clock, master, slaves, real, every=every, block=block),
         grids=np.array([] if grid else clock.grids, dtype=np.int64),
         delays=table(delays),
         slopes=table(slopes),
@@ -126,7 +130,7 @@ def make_plan(
         confined=np.array(confined, dtype=np.int64),
         free=np.array(sorted(free), dtype=np.int64),
         ahead=table(_ahead_table(slaves, confined)),
-        shared=np.zeros(RUNNING + 8, dtype=np.int64),
+        shared=np.ndarray(RUNNING + 8, np.int64, page, _SHARED_AT),
         native=memory.memory,
     )
 
@@ -137,11 +141,25 @@ def rows_of_block(layout: Layout) -> int:
     return max(16, min(_BLOCK_BYTES // (8 * len(kinds[0].recorded) + 4 * len(_recorded_integers(kinds)) + 8), 65536))
 
 
+def page_of(plan: Plan) -> mmap.mmap:
+    """Returns the memory page of `Plan.counters` and `Plan.shared`, which is used for nothing else."""
+    page = plan.counters.base
+    assert isinstance(page, mmap.mmap)
+    return page
+
+
 def _counters(
-    clock: TimeGrid, master: MasterSettings, slaves: Sequence[Slave], real: Ports, *, every: int, block: int
+    page: mmap.mmap,
+    clock: TimeGrid,
+    master: MasterSettings,
+    slaves: Sequence[Slave],
+    real: Ports,
+    *,
+    every: int,
+    block: int,
 ) -> np.ndarray[Any, Any]:
     """Returns `Plan.counters` at the start of a run."""
-    counters = np.zeros(17, dtype=np.int64)
+    counters = np.ndarray(_COUNTERS, np.int64, page)
     counters[K], counters[PHASE], counters[FINER] = -1, SEND, 1
     counters[START], counters[BASE], counters[LAST] = clock.start, clock.base, clock.steps
     counters[PER_NS], counters[EVERY], counters[BLOCK] = clock.per_ns, every, block

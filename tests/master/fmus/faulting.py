@@ -1,9 +1,9 @@
 """Any C FMU of the tests, with faults at any of its functions: a wrapper around each, generated from their signatures.
 
 The variable FAULT of the environment is "FAULT FUNCTION N", as the GUID of faulty.c: at call N of the function, the FMU
-crashes (segv), overflows its stack (overflow), ends its process (exit), does not return (sleep) or fills its memory
-(memory); "once" is segv in one process only, which a file remembers. With "list", the functions that are called are
-written to the file FAULT_CALLS.
+crashes (segv), overflows its stack (overflow), ends its process (exit, _exit, kill), does not return (sleep) or fills
+its memory (memory); "once" is segv in one process only, which a file remembers. With "list", the functions that are
+called are written to the file FAULT_CALLS.
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ static void strike(const char *function) {
     if (!strcmp(what, "segv") || !strcmp(what, "once")) *(volatile int *)8 = 1;
     if (!strcmp(what, "overflow")) calls = deepened(0);
     if (!strcmp(what, "exit")) exit(3);
+    if (!strcmp(what, "_exit")) _exit(3);
+    if (!strcmp(what, "kill")) kill(getpid(), SIGKILL);
     while (!strcmp(what, "sleep")) sleep(1);
     static void *volatile kept;
     while (!strcmp(what, "memory")) memset((void *)(kept = malloc(1 << 22)), 1, 1 << 22);
@@ -65,7 +67,13 @@ def faulting(source: Path, folder: Path) -> bytes:
     ]
     chosen = {name: shape for name, shape in _signatures().items() if name in exported}
     lines = [f"#define {name} inner_{name}" for name in chosen]
-    lines += [f'#include "{source}"', "#include <unistd.h>", *(f"#undef {name}" for name in chosen), _STRIKE]
+    lines += [
+        f'#include "{source}"',
+        "#include <signal.h>",
+        "#include <unistd.h>",
+        *(f"#undef {name}" for name in chosen),
+        _STRIKE,
+    ]
     for name, shape in chosen.items():
         types = [_TYPES[letter] for letter in shape]
         given = "".join(f", {kind}a{n}" for n, kind in enumerate(types))

@@ -65,6 +65,7 @@ static int act(Faulty *f) {
     if (!strcmp(fault, "divide")) raise(SIGFPE);
     if (!strcmp(fault, "exit")) exit(0);
     if (!strcmp(fault, "exit3")) exit(3);
+    if (!strcmp(fault, "_exit")) _exit(0);
     if (!strcmp(fault, "hang")) while (1) sink++;
     if (!strcmp(fault, "sleep")) while (1) sleep(1);
     if (!strcmp(fault, "memory"))

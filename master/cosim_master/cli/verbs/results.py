@@ -302,3 +302,5 @@ def repair(run: Run, as_json: Json = False) -> None:
             print_json({"folder": str(run), **{name: manifest[name] for name in told}})
         else:
             say(f"{run}: {manifest['outcome']}, {manifest['simulated_s']:g} s simulated")
+            if manifest["outcome"] == "killed":
+                say(f"error: {manifest['error']}")

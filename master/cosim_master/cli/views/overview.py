@@ -17,6 +17,7 @@ from cosim_master.results.reading.message_names import message_names
 from cosim_master.results.reading.read import has_packets, packets
 from cosim_master.results.reading.recorded_signals import open_signals
 from cosim_master.results.storage.journal import goes_on
+from cosim_master.results.storage.last_call import last_call
 
 __all__ = ["overview", "overview_tables", "signal_table"]
 
@@ -42,7 +43,7 @@ def overview(folder: Path) -> dict[str, Any]:
             "kind": "run",
             "system": manifest["system"]["name"],
             "outcome": manifest["outcome"],
-            "error": _KILLED if manifest["outcome"] == "running" and not goes_on(folder) else manifest["error"],
+            "error": _killed(folder) if manifest["outcome"] == "running" and not goes_on(folder) else manifest["error"],
             "simulated_s": manifest["simulated_s"],
             "wall_s": manifest["wall_s"],
             "real_time_factor": manifest["real_time_factor"],
@@ -70,7 +71,12 @@ def overview(folder: Path) -> dict[str, Any]:
         raise SystemDescriptionError([Problem(Where(str(folder)), text)]) from None
 
 
-_KILLED = "the process was killed; `uav-cosim repair` completes the recording"
+def _killed(folder: Path) -> str:
+    call = last_call(folder)
+    last = "" if call is None else f"; the last call of an FMU in it was {call}"
+    return f"the process was killed{last}; `uav-cosim repair` completes the recording"
+
+
 _COLUMNS = ["sent", "source", "target", "message", "sequence", "outcome"]
 
 

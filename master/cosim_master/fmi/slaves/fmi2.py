@@ -143,6 +143,8 @@ class Library:
         self.isolated = False
         self.calling = ("", "")
         """Instance and FMI function that Python has called last."""
+        self.on_call: Callable[[str, str], None] | None = None
+        """Called with them before the call."""
         self.watch: Callable[[str, Any], Any] | None = None
         """Replaces functions that Python calls, by name; None: they are called as they are."""
         self.resources_path: bytes | None = f"{resources}/".encode() if resources.is_dir() else None
@@ -200,6 +202,8 @@ class Library:
     def function(self, name: str, instance: str) -> Any:
         """Returns the FMI function `name`, which returns a status, for a call of an instance that follows at once."""
         self.calling = instance, name
+        if self.on_call is not None:
+            self.on_call(instance, name)
         return self._function(name) if self.watch is None else self.watch(name, self._function(name))
 
     def _function(self, name: str) -> Any:

@@ -104,6 +104,21 @@ class Scene:
                 return library, name
         return library, ""
 
+    def functions(self) -> dict[int, tuple[str, str]]:
+        """Returns the values of RUNNING for FMUs of others in this process: instance and function."""
+        plan, found = self.plan, {}
+        if plan is None:
+            return {}
+        for i, one in enumerate(self.slaves):
+            if one.library.isolated or one.library.own:
+                continue
+            found[_address(plan.instances, i)] = one.name, one.function_name(_STEP)
+            first, last = plan.instances[["first_set", "last_get"]][i]
+            for row in range(first, last):
+                called = FUNCTIONS[int(plan.calls["number"][row])]
+                found[_address(plan.calls, row)] = one.name, one.function_name(called)
+        return found
+
     def _running(self) -> tuple[Slave, str] | None:
         """Returns the instance that the loop has called, and the function; None if the loop does not run."""
         plan = self.plan
@@ -114,10 +129,14 @@ class Scene:
             return one, one.function_name(_STEP)
         if (row := _row(plan.calls, at)) is None:
             return None
-        call = plan.calls[row]
-        owners = np.flatnonzero(plan.instances["handle"] == call["handle"])
+        owners = np.flatnonzero((plan.instances["first_set"] <= row) & (row < plan.instances["last_get"]))
         one = self.slaves[int(owners[0])]
-        return one, one.function_name(FUNCTIONS[int(call["number"])])
+        return one, one.function_name(FUNCTIONS[int(plan.calls["number"][row])])
+
+
+def _address(table: NDArray[Any], row: int) -> int:
+    """Returns the address of a row of a table."""
+    return int(table.ctypes.data) + row * table.itemsize
 
 
 def _row(table: NDArray[Any], at: int) -> int | None:
