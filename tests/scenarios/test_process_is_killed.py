@@ -49,6 +49,8 @@ def test_what_is_repaired_is_what_the_run_would_have_left(
 ) -> None:
     """Byte for byte, with row groups that end where those of the run would, beside a run that ended there."""
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 200_000)
+    monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_BYTES", 150_000)
+    monkeypatch.setattr("cosim_master.results.recording.packet_log._GROUP", 100)
     cut, ended = tmp_path / "cut", tmp_path / "ended"
     with pytest.raises(RuntimeError, match="power cut at 3 s"):
         simulate(line5, RunOptions(out=cut, until=9.0), observers=[PowerCut])
@@ -61,6 +63,7 @@ def test_what_is_repaired_is_what_the_run_would_have_left(
     for name in RECORDED:
         assert (cut / name).read_bytes() == (ended / name).read_bytes(), name
     assert pq.ParquetFile(cut / "signals.parquet").num_row_groups > 2
+    assert pq.ParquetFile(cut / "packets.parquet").num_row_groups > 2
     assert not (cut / "unfinished").exists()
     manifest = json.loads((cut / "manifest.json").read_text())
     assert manifest["fingerprint"] != json.loads((ended / "manifest.json").read_text())["fingerprint"]  # of 9 s

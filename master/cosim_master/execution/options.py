@@ -47,6 +47,7 @@ class RunOptions:
         profile: measure the time profile.
         gcs: addresses of ground stations, each within radio reach of all vehicles: see `gateways`.
         ports: address of the first vehicle's serial port, and the difference between consecutive ports.
+        replay: folder of an earlier run, of which values set and packets of the live page or ROS are repeated.
         assignment: a file that says which part of a run in parts runs what: see `partitions.cut.read_assignment`.
     """
 
@@ -69,6 +70,7 @@ class RunOptions:
     profile: bool = False
     gcs: Sequence[str] = ()
     ports: str | None = None
+    replay: Path | None = None
     assignment: Path | None = None
 
 

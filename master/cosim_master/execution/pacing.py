@@ -296,7 +296,7 @@ def run(
                 control.made.append((execution.agenda.request(change, execution.k, clock), change))
             if gateways:
                 gateways.exchange(execution)
-            stop_at = held.after(execution.k)
+            stop_at = gateways.before(held.after(execution.k))
             if checkpoints is None:
                 observed.advance(stop_at)
             else:

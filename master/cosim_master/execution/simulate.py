@@ -37,9 +37,10 @@ from cosim_master.execution.partitions.part import PartExecution
 from cosim_master.execution.partitions.starting import agree_to_run, who
 from cosim_master.execution.partitions.transport import Transport
 from cosim_master.execution.partitions.whole import WholeExecution
-from cosim_master.execution.preparation.fingerprint import digest_of_changes, fingerprint_of
+from cosim_master.execution.preparation.fingerprint import digest_of_changes, fingerprint_of, with_packets
 from cosim_master.execution.preparation.isolating import isolation_for
 from cosim_master.execution.preparation.prepare import Prepared, prepare
+from cosim_master.execution.preparation.replay import NOTHING, Actions, as_json, entering, read_actions
 from cosim_master.execution.preparation.stimuli import read_stimuli
 from cosim_master.execution.run.checkpoint import refuse_checkpoints
 from cosim_master.execution.run.faults.crashes import reported
@@ -79,6 +80,7 @@ __all__ = ["simulate", "take_part"]
 
 _MAILBOX = "@page"
 """The node of packets from the mailbox."""
+_CHECKPOINTS = "a run with checkpoints takes no packets: what has passed a gateway cannot be taken back"
 _REPEATS = "this run takes no packets: its FMUs may discard steps, and what has passed a gateway cannot be taken back"
 
 
@@ -162,6 +164,7 @@ class _Run:
     cut: Cut | None = None
     parts: tuple[Mapping[str, Any], ...] = ()
     packets: bool = False
+    replayed: bool = False
 
     def in_parts(self, transport: Transport | None) -> _Run:
         """Returns the run as one part of several, which all have agreed on it; without a transport, the same run.
@@ -240,8 +243,9 @@ class _Run:
         ready, complete = self.ready, threading.Event()
 
         def document(result: RunResult) -> dict[str, Any]:
-            changed, fingerprint = self._changed(execution, result)
-            return self._manifest(changed, result, start_up, execution, fingerprint)
+            changed, fingerprint = self._changed(execution)
+            found = self._manifest(changed, result, start_up, execution, fingerprint)
+            return {**found, "posted": as_json(self._admitted, ready.clock)} if self._admitted else found
 
         def rescue(error: FmuError) -> None:
             if complete.is_set():
@@ -301,16 +305,18 @@ class _Run:
         fingerprint: Mapping[str, str],
     ) -> dict[str, Any]:
         found = manifest(ready, result, start_up, execution.parameters, fingerprint)
+        given = {"variant": self.options.variant, "solver": self.options.solver}
+        found |= {name: text for name, text in given.items() if text is not None}
         return {**found, "parts": [dict(one) for one in self.parts]} if self.parts else found
 
-    def _changed(self, execution: Execution, result: RunResult) -> tuple[Prepared, dict[str, str]]:
-        """Returns the run and its fingerprint as if the values set by request had been known from the beginning.
+    @property
+    def _admitted(self) -> Sequence[tuple[int, bytes]]:
+        """The packets of the mailbox that have entered the network, with their base steps."""
+        return () if self.mailbox is None else self.mailbox.admitted
 
-        No options repeat packets from the mailbox: they make the run one with real programs.
-        """
-        fingerprint = dict(self.fingerprint)
-        if _MAILBOX in result.gateways:
-            fingerprint["real programs"] = "mailbox"
+    def _changed(self, execution: Execution) -> tuple[Prepared, dict[str, str]]:
+        """Returns the run and its fingerprint as if values and packets had been known from the beginning."""
+        fingerprint = with_packets(self.fingerprint, self._admitted)
         if not execution.agenda.requested:
             return self.ready, fingerprint
         changes = tuple(sorted([*self.ready.changes, *execution.agenda.requested], key=lambda change: change.k))
@@ -350,6 +356,8 @@ class _Run:
         gateways.start()
         if self.mailbox is not None and self.asked and self.asked[-1][1] is self.mailbox:
             self.mailbox.refusal = _REPEATS if execution.repeats else ""
+            if execution.repeats and self.replayed:
+                raise SystemDescriptionError([Problem(Where("--replay"), _REPEATS)])
         changes.begin(execution.time, interrupted)
         result = run(
             execution,
@@ -414,12 +422,14 @@ def _planned(
     Raises:
         SystemDescriptionError: the description is invalid, or the run cannot have its folder or its checkpoints.
     """
-    ready, overrides = _prepared(structure, options)
+    actions = NOTHING if options.replay is None else read_actions(options.replay)
+    ready, overrides = _prepared(structure, options, actions)
+    replayed = entering(actions.posted, ready.clock)
     asked: list[tuple[Gateway, Address | Mailbox]] = [*gateways_of(ready.network, options.gcs, options.ports)]
     fingerprint = _fingerprint(ready, [f"{gateway} {address}" for gateway, address in asked], checkpoint)
     out = options.out
     if isinstance(out, RunFolder):
-        out = out.choose(fingerprint, repeatable=not asked)
+        out = out.choose(with_packets(fingerprint, replayed), repeatable=not asked and not replayed)
     saving = Checkpoints(ready, out, options.checkpoint_every, overrides, options.record)
     if checkpoint is not None:
         checkpoint.check(saving.identity)
@@ -427,8 +437,13 @@ def _planned(
             text = "this is the folder of the run that it goes on from; give another folder"
             raise SystemDescriptionError([Problem(Where(str(out)), text)])
         ready = replace(ready, changes=tuple(c for c in ready.changes if c.k >= checkpoint.k))
+    if replayed:
+        mailbox = mailbox or Mailbox()
+        mailbox.repeat(replayed)
     if mailbox is not None and (checkpoint is not None or options.checkpoint_every is not None):
-        mailbox.refusal = "a run with checkpoints takes no packets: what has passed a gateway cannot be taken back"
+        mailbox.refusal = _CHECKPOINTS
+        if replayed:
+            raise SystemDescriptionError([Problem(Where("--replay"), _CHECKPOINTS)])
     elif mailbox is not None:
         asked.append((Gateway(_MAILBOX, quiet=True), mailbox))
     ready = replace(ready, network=with_gateways(ready.network, [gateway for gateway, _ in asked]))
@@ -449,16 +464,18 @@ def _planned(
         saving=saving,
         layout=layout,
         profiler=Profiler() if options.profile else None,
+        replayed=bool(replayed),
         packets=(out is not None and ready.recording.packets) or hears_packets(ready.monitors),
     )
 
 
-def _prepared(structure: SystemStructure, options: RunOptions) -> tuple[Prepared, dict[str, str]]:
+def _prepared(structure: SystemStructure, options: RunOptions, actions: Actions) -> tuple[Prepared, dict[str, str]]:
     """Returns the prepared system, and the overrides with full names."""
     if options.solver is not None:
         structure = as_model_exchange(structure)
     overrides = full_names(structure, options.overrides)
-    at = [(when, *named) for when, name, text in options.at for named in full_names(structure, {name: text}).items()]
+    given = [*actions.at, *options.at]
+    at = [(when, *named) for when, name, text in given for named in full_names(structure, {name: text}).items()]
     checked = check(structure, overrides)
     if options.solver is not None:
         checked = _with_solver(checked, options.solver)

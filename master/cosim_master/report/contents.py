@@ -267,12 +267,32 @@ def repetition(run: Run) -> str:
         given |= {f"{tag}.{name}": str(value) for name, value in settings.items()}
     for name, value in given.items():
         words += ["--set", f"{name}={value}"]
-    for change in manifest.get("changes", ()):
-        words += ["--at", f"{change['time']:g} {change['variable']}={change['value']}"]
+    if manifest.get("posted"):  # packets of a person or a program; the values set are repeated with them
+        words += ["--replay", str(run.folder)]
+    else:
+        for change in manifest.get("changes", ()):
+            value = str(change["value"])
+            value = value.lower() if isinstance(change["value"], bool) else value
+            words += ["--at", f"{change['time']:.12g} {change['variable']}={value}"]
     if path := (manifest.get("input") or {}).get("path"):
         words += ["--input", str(path)]
+    asked = {one["step"] for one in manifest.get("instances", {}).values() if one.get("step_by") == "--step"}
+    for step in sorted(asked):
+        words += ["--step", f"{step:.12g}"]
+    for pattern in (manifest.get("recording") or {}).get("signals", ()):
+        words += ["--record", pattern]
+    for name in ("variant", "solver"):
+        if text := manifest.get(name):
+            words += [f"--{name}", str(text)]
     end = (manifest.get("start_time") or 0.0) + (manifest.get("simulated_s") or 0.0)
     return shlex.join([*words, "--seed", str(manifest.get("seed", 1)), "--until", f"{end:.12g}"])
+
+
+def programs(run: Run) -> list[str]:
+    """Returns the gateways through which programs have sent packets into a run, which no command repeats."""
+    repeated = {"@page"} if run.manifest.get("posted") else set()
+    found = run.manifest.get("gateways") or {}
+    return [name for name, counts in found.items() if counts.get("received") and name not in repeated]
 
 
 def differences(runs: Sequence[Run]) -> list[Table]:

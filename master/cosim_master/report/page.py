@@ -66,6 +66,9 @@ def _report(run: Run, heading: str, number: int = 1) -> Iterator[str]:
         yield "<h2>Notes</h2><ul>" + "".join(f"<li>{escaped(str(note))}</li>" for note in notes[:50]) + "</ul>"
     yield f'<h2 id="repeat{number}">Repeat this run</h2>'
     yield f"<pre>{escaped(contents.repetition(run))}</pre>"
+    if programs := contents.programs(run):
+        text = f"Packets that real programs sent through {', '.join(programs)} are not repeated."
+        yield f"<p>{escaped(text)}</p>"
 
 
 def _outcome(run: Run) -> tuple[str, str]:

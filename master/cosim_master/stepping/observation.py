@@ -88,9 +88,10 @@ class Rows:
     integers: NDArray[np.int32]
     texts: Sequence[Sequence[str]] = ()
 
-    def after(self, n: int) -> Rows:
-        """Returns the rows without the first `n`."""
-        return Rows(self.time[n:], self.reals[n:], self.integers[n:], self.texts[n:])
+    def between(self, first: int, end: int) -> Rows:
+        """Returns the rows from `first` on, before `end`."""
+        part = slice(first, end)
+        return Rows(self.time[part], self.reals[part], self.integers[part], self.texts[part])
 
 
 @dataclass(frozen=True, slots=True)

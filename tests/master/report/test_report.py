@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from lxml import etree
 from lxml import html as lxml_html
 
 from cosim_master.diagnostics.errors import CosimError
-from cosim_master.report.contents import differences, read_run, repetition
+from cosim_master.report.contents import differences, programs, read_run, repetition
 from cosim_master.report.page import write_report
 from cosim_master.report.structure import draw_structure, groups
 from cosim_master.results.storage.run_folder import is_figure
@@ -104,6 +105,29 @@ def test_the_command_repeats_the_run(run: Path) -> None:
         *("uav-cosim", "run", "my systems/line.ssd", "--set", "drone*.agent.epsilon=0.25", "--set", "network.loss=0.1"),
         *("--at", "30 drone3.vehicle.wind[1]=5.0", "--seed", "7", "--until", "40"),
     ]
+
+
+def test_the_command_repeats_what_a_person_did(run: Path, tmp_path: Path) -> None:
+    """Clicks, and with them the values set; an own step, patterns, a variant; programs cannot be repeated."""
+    manifest = json.loads((run / "manifest.json").read_text())
+    manifest["posted"] = [{"time": 3.0, "packet": "fd00"}]
+    manifest["gateways"] = {"@page": {"received": 1}, "@gcs": {"received": 3}, "@quiet": {"sent": 2}}
+    manifest["recording"] = {"interval": 0.1, "signals": ["*.position*"], "packets": True}
+    manifest["variant"] = "calm"
+    for one in manifest["instances"].values():
+        one |= {"step": 0.0025, "step_by": "--step"}
+    copied = tmp_path / "copied"
+    shutil.copytree(run, copied)
+    (copied / "manifest.json").write_text(json.dumps(manifest))
+    found = read_run(copied)
+    words = shlex.split(repetition(found))
+    assert "--at" not in words
+    assert words[words.index("--replay") :] == [
+        *("--replay", str(copied), "--step", "0.0025", "--record", "*.position*", "--variant", "calm"),
+        *("--seed", "7", "--until", "40"),
+    ]
+    assert programs(found) == ["@gcs"]
+    assert "real programs sent through @gcs are not repeated" in write_report([copied]).read_text(encoding="utf-8")
 
 
 def instances(count: int, **others: str) -> dict[str, Any]:

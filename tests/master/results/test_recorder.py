@@ -6,8 +6,10 @@ import errno
 import hashlib
 import json
 import os
+import subprocess
 import sys
 from collections import Counter
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -115,10 +117,25 @@ def test_schema_and_values(probes: Any, tmp_path: Path) -> None:
 def test_more_rows_than_a_block_holds(probes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cosim_master.stepping.plan._BLOCK_BYTES", 1)  # sixteen rows, the least
     probes.fmu(step=0.01)
+    monkeypatch.setattr("cosim_master.results.recording.signals._GROUP_BYTES", 20 * (8 + 4 + 8))
     simulate(probes.ssd(probes.component("a"), stop=0.5), RunOptions(out=tmp_path / "out", record=["a.y", "a.c"]))
     file = pq.ParquetFile(tmp_path / "out" / "signals.parquet")
-    assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [16, 16, 16, 3]
+    assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [20, 20, 11]
     assert file.read()["time"].to_pylist() == [k / 100 for k in range(51)]
+
+
+@pytest.mark.skipif(find_spec("pandas") is None, reason="pandas is not installed")
+def test_recording_and_reading_import_no_pandas(chatters: Any, tmp_path: Path) -> None:
+    """pyarrow imports it for types that it does not know to be numpy's: a fifth of a second for nothing."""
+    program = (
+        "import sys; from pathlib import Path; from cosim_master.execution.simulate import simulate;"
+        "from cosim_master.execution.options import RunOptions;"
+        "done = simulate(Path(sys.argv[1]), RunOptions(out=Path(sys.argv[2]))); assert done.outcome == 'done', done;"
+        "assert 'pandas' not in sys.modules"
+    )
+    out = tmp_path / "out"
+    subprocess.run([sys.executable, "-c", program, str(chatters()), str(out)], check=True, timeout=600)
+    assert json.loads((out / "manifest.json").read_text())["links"]["count"] > 0
 
 
 def test_an_interval_and_patterns_from_the_system(probes: Any, tmp_path: Path) -> None:

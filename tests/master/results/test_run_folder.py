@@ -68,7 +68,7 @@ def test_results_of_unknown_inputs_are_refused(tmp_path: Path) -> None:
 
 def test_a_run_with_real_programs_repeats_none(tmp_path: Path) -> None:
     folder = holding(tmp_path / "a", INPUTS)
-    text = "holds the results of a run with real programs, which no run repeats; "
+    text = "holds the results of a run with packets from outside, of programs or a person; "
     assert refusal(RunFolder(folder), repeatable=False) == text + "give another folder, or --force to overwrite it"
 
 

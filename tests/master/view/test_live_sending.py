@@ -161,6 +161,10 @@ def test_a_drone_flies_there_and_only_then_is_anything_different(fmus: Path, tmp
         name for name, digest in manifests[2]["fingerprint"].items() if digest != manifests[0]["fingerprint"][name]
     }
     assert changed == {"real programs"}  # so that no run overwrites it
+    (posted,) = manifests[2]["posted"]
+    assert bytes.fromhex(posted["packet"]) == mavlink2(
+        1, 255, 190, 75, reposition(3, -353632620 + 900, 1491654582, 594.0)
+    )
     assert manifests[2]["gateways"]["@page"]["received"] == 1
     of_page = [row for row in packets(sent).to_pylist() if "@page" in (row["source"], row["target"])]
     assert [(row["source"], row["target"], row["message"]) for row in of_page] == [

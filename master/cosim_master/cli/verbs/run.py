@@ -69,6 +69,14 @@ _At = Annotated[
         help="Set a tunable parameter or an open input at a time in s; may be repeated.",
     ),
 ]
+_Replay = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="RUN",
+        help="Repeat what was done to that run: values set, and packets sent from the live page or ROS.",
+        show_default=False,
+    ),
+]
 _Inputs = Annotated[
     Path | None,
     typer.Option("--input", metavar="FILE.csv", help="Values of open inputs over time, as FMPy reads them."),
@@ -221,6 +229,7 @@ _PartitionTimeout = Annotated[
     "run master/systems/line5 --foxglove 8765",
     "run master/systems/line5 --ros2 0",
     "run master/systems/line5 --at 30 'drone3.vehicle.wind[2]=5'",
+    "run master/systems/line5 --replay out/line5",
     "run master/systems/line5 --partitions 2",
 )
 def run(
@@ -235,6 +244,7 @@ def run(
     seed: _Seed = None,
     settings: Settings = None,
     at: _At = None,
+    replay: _Replay = None,
     inputs: _Inputs = None,
     solver: _Solver = None,
     record: _Record = None,
@@ -278,7 +288,8 @@ def run(
         from cosim_master.results.storage.run_folder import RunFolder
 
         options = RunOptions(
-            variant=variant, overrides=overrides(settings), at=changes(at), inputs=inputs, solver=solver,
+            variant=variant, overrides=overrides(settings), at=changes(at), replay=replay, inputs=inputs,
+            solver=solver,
             strict=strict, until=until, step=step, seed=seed,
             out=RunFolder(folder or by_default, numbered=folder is None, force=force), record=record or (),
             checkpoint_every=checkpoint_every, origin=origin,

@@ -6,7 +6,7 @@ They do not include the number of threads, the pace, profiles and checkpoints, w
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
@@ -18,7 +18,7 @@ from cosim_master.system.settings.master import MasterSettings
 from cosim_master.system.settings.network import Network
 from cosim_master.system.settings.time_grid import TimeGrid
 
-__all__ = ["digest_of_changes", "fingerprint_of"]
+__all__ = ["digest_of_changes", "fingerprint_of", "with_packets"]
 
 
 def fingerprint_of(
@@ -74,6 +74,13 @@ def digest_of_changes(checked: CheckedSystem, changes: Sequence[Change]) -> str:
     """Returns the digest of the values set during a run."""
     names = [instance.name for instance in checked.instances]
     return _digest((change.k, names[change.instance], change.variable.name, change.value) for change in changes)
+
+
+def with_packets(fingerprint: Mapping[str, str], entered: Sequence[tuple[int, bytes]]) -> dict[str, str]:
+    """Returns the fingerprint of the same run with packets of its mailbox, as (k, packet)."""
+    if not entered:
+        return dict(fingerprint)
+    return {**fingerprint, "real programs": _digest([fingerprint["real programs"], *entered])}
 
 
 def _files(checkpoint: Path) -> list[Path]:

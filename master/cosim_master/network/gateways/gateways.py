@@ -55,6 +55,10 @@ class Air(Protocol):
     @property
     def network(self) -> Network: ...
 
+    @property
+    def k(self) -> int:
+        """The base step that the run has reached."""
+
     def admit(self, gateway: int, packets: Sequence[bytes]) -> None:
         """Admits packets that the gateway with this number received, at the current time."""
 
@@ -315,12 +319,22 @@ class Gateways:
     def exchange(self, air: Air) -> None:
         """Admits the packets that the sockets have received, and sends those that have arrived at the gateways."""
         for g, crossing in enumerate(self._open):
+            mailbox = crossing.address if isinstance(crossing.address, Mailbox) else None
+            if mailbox is not None:
+                mailbox.reach(air.k)
             readers = 1 if crossing.gateway.wired else max(1, len(air.network.nodes))
             if air.waiting(g) > _WAITING * readers:
                 crossing.counts["held back"] += 1  # they remain in the socket: TCP clients will wait
             else:
-                air.admit(g, crossing.incoming())
+                packets = crossing.incoming()
+                air.admit(g, packets)
+                if mailbox is not None:
+                    mailbox.admitted += [(air.k, packet) for packet in packets]
             crossing.outgoing(air.take(g))
+
+    def before(self, stop: int) -> int:
+        """Returns the base step up to which the run may go on: `stop`, or that at which a known packet enters."""
+        return min((one.address.before(stop) for one in self._open if isinstance(one.address, Mailbox)), default=stop)
 
     def counts(self) -> dict[str, dict[str, int | str]]:
         """Returns, by gateway, the numbers of packets carried and refused, of connections, and of times held back.

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cosim_master.results.reading.read import packets
+from cosim_master.results.storage.arrays import numbers
 from cosim_master.system.flatten.flat import natural
 
 __all__ = ["Links", "nodes_of", "read_links", "statistics"]
@@ -85,7 +86,7 @@ def read_links(run: Path) -> Links:
     codes, columns = {}, {}
     for name in ("source", "target", "outcome"):
         coded = table[name].combine_chunks().dictionary_encode()
-        codes[name], columns[name] = coded.dictionary.to_pylist(), coded.indices.to_numpy(zero_copy_only=False)
+        codes[name], columns[name] = coded.dictionary.to_pylist(), numbers(coded.indices, np.int32)
     node_of = nodes_of(codes["source"], codes["target"])
     names = sorted({*node_of.values(), *(target for target in codes["target"] if target)}, key=natural)
     number = {name: i for i, name in enumerate(names)}
@@ -106,7 +107,7 @@ def read_links(run: Path) -> Links:
         for code, outcome in sorted(enumerate(codes["outcome"]), key=lambda one: one[1])
         if gone[code] and (cause == code).any()
     }
-    delay = (table["arrival"].to_numpy() - table["sent"].to_numpy())[on_air]
+    delay = (numbers(table["arrival"], np.float64) - numbers(table["sent"], np.float64))[on_air]
     here = arrived[on_air]
     count = np.bincount(link, weights=here, minlength=len(keys))
     with np.errstate(invalid="ignore"):

@@ -58,7 +58,9 @@ def packets(run: Path | str, names: list[str] | None = None) -> pa.Table:
     if not file.is_file():
         raise CosimError(f"{run}: no packets were recorded (there is no packets.parquet)")
     try:
-        return pq.read_table(file, columns=names)
+        with pq.ParquetFile(file) as found:  # `read_table` would import pandas, where it is installed
+            table = found.read(columns=names)
+        return table if names is None else table.select(names)
     except (pa.ArrowException, OSError) as error:
         raise CosimError(
             f"{file}: not a complete Parquet file; the run that wrote it was cut short ({error})"

@@ -149,7 +149,14 @@ class Recording:
     # ---- checkpoints -------------------------------------------------------------------------------------------------
 
     def position(self) -> Position:
-        """Returns the position of the recording, after writing all buffered values."""
+        """Returns the position of the recording, after writing all values so far.
+
+        Raises:
+            RecordingFailed: a file cannot be written.
+        """
+        self._signals.end_group()
+        if self._log is not None:
+            self._log.end_group()
         groups = {what: file.groups for what, file in self._files.items()}
         return Position(**groups, tlogs={} if self._log is None else self._log.lengths())
 
@@ -204,8 +211,8 @@ class Recording:
         return failure
 
     def _complete(self) -> None:
-        if self._faults.files:
-            raise RecordingFailed(str(self.folder), "its files cannot be completed")
+        if self._faults.failure is not None:
+            raise self._faults.failure
         with self._faults.noted(self.folder / "signals.parquet"):
             for file in sorted((self.folder / FOLDER).glob("*.parquet")):
                 file.replace(self.folder / file.name)

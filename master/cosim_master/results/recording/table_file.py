@@ -23,10 +23,12 @@ class Faults:
     Attributes:
         journal: whether the journal is among them; it is not written again.
         files: whether a file of the finished run is among them; the files are not completed.
+        failure: the first error of a file of the finished run; None if there is none.
     """
 
     def __init__(self) -> None:
         self.journal = self.files = False
+        self.failure: RecordingFailed | None = None
 
     @contextmanager
     def noted(self, file: Path) -> Iterator[None]:
@@ -34,11 +36,12 @@ class Faults:
         try:
             yield
         except OSError as error:
+            failure = RecordingFailed(str(file), error.strerror or str(error))
             if file.suffix == ".arrows":
                 self.journal = True
             else:
-                self.files = True
-            raise RecordingFailed(str(file), error.strerror or str(error)) from None
+                self.files, self.failure = True, self.failure or failure
+            raise failure from None
 
 
 class TableFile:

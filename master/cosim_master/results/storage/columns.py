@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
+from cosim_master.results.storage.arrays import array_of, texts
 from cosim_master.stepping.observation import Rows
 from cosim_master.system.flatten.flat import CheckedSystem
 
@@ -45,19 +48,31 @@ class Columns:
 
     def table(self, rows: Rows) -> pa.Table:
         """Returns rows as a table."""
-        arrays = [pa.array(rows.time)]
+        return self.table_of(rows.time, rows.reals.T, rows.integers.T, rows.texts)
+
+    def table_of(
+        self, time: NDArray[np.float64], reals: NDArray[Any], integers: NDArray[Any], rows: Sequence[Sequence[str]]
+    ) -> pa.Table:
+        """Returns the table of values that are sorted by signals.
+
+        Args:
+            time: (n,) s.
+            reals, integers: (number of values, n), as `Rows` has them in its columns. They are not copied where the
+                values of a signal are contiguous, and must not change while the table is used.
+            rows: n lists of texts.
+        """
+        arrays = [array_of(time, pa.float64())]
         for field, place in zip(list(self.schema)[1:], self.places, strict=True):
             if pa.types.is_string(field.type):
-                arrays.append(pa.array([row[place] for row in rows.texts], type=pa.string()))
+                arrays.append(texts([row[place] for row in rows]))
             elif pa.types.is_floating(field.type):
-                arrays.append(pa.array(rows.reals[:, place]))
+                arrays.append(array_of(reals[place], field.type))
             elif field.type in _WIDE.values():
-                halves = np.ascontiguousarray(rows.integers[:, place : place + 2])
+                halves = np.ascontiguousarray(integers[place : place + 2].T)
                 values = halves.view(np.uint64 if pa.types.is_uint64(field.type) else np.int64)[:, 0]
-                arrays.append(pa.array(values).cast(field.type))
+                arrays.append(array_of(values.astype(field.type.to_pandas_dtype()), field.type))
             else:
-                integers = rows.integers[:, place]
-                arrays.append(pa.array(integers.astype(bool) if pa.types.is_boolean(field.type) else integers))
+                arrays.append(array_of(integers[place], field.type))
         return pa.Table.from_arrays(arrays, schema=self.schema)
 
     def rows(self, table: pa.Table) -> Rows:

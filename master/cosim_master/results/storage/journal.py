@@ -6,9 +6,9 @@
                                     comes last
     RUN/unfinished/lock             locked while the process is alive
 
-`Journal` appends new rows and packets about once a second, each time with one write. A batch without rows marks the end
-of a row group of the finished file, so that `repair` makes the same row groups as the run. When the run has completed
-its files, the folder is removed.
+`Journal` appends new rows and packets about once a second, straight from the loop's block. A batch without rows marks
+the end of a row group of the finished file, so that `repair` makes the same row groups as the run. When the run has
+completed its files, the folder is removed.
 
 Rows are stored in the form of the loop, with one list for each kind of value. Arrow needs a fifth of a second to write
 thousands of columns, however few rows they have. `read_journal` converts the lists to columns.
@@ -27,6 +27,7 @@ import numpy as np
 import pyarrow as pa
 
 from cosim_master.diagnostics.errors import CosimError
+from cosim_master.results.storage.arrays import array_of, texts
 from cosim_master.results.storage.columns import Columns
 from cosim_master.stepping.observation import Rows
 
@@ -58,7 +59,7 @@ class Journal:
         self.folder = folder / FOLDER
         self._widths = columns.widths
         self._schemas = {"signals": _schema_of_rows(columns)} | ({} if packets is None else {"packets": packets})
-        self._streams: dict[str, IO[bytes]] = {}
+        self._streams: dict[str, Any] = {}
         self.folder.mkdir()
         with ExitStack() as opened:
             lock = opened.enter_context((self.folder / "lock").open("wb"))
@@ -67,44 +68,53 @@ class Journal:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             for what, schema in self._schemas.items():
                 file = opened.enter_context((self.folder / f"{what}.arrows").open("wb", buffering=0))
-                _write(file, schema.serialize())
-                self._streams[what] = file
+                self._streams[what] = pa.ipc.new_stream(pa.PythonFile(_Whole(file), "w"), schema)
             self._opened = opened.pop_all()
 
     def rows(self, rows: Rows) -> None:
         """Appends rows."""
-        arrays: list[pa.Array] = [pa.array(rows.time)]
-        reals, integers, texts = self._widths
+        arrays: list[pa.Array] = [array_of(rows.time, pa.float64())]
+        reals, integers, width = self._widths
         if reals:
-            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(rows.reals.reshape(-1)), reals))
+            arrays.append(pa.FixedSizeListArray.from_arrays(array_of(rows.reals.reshape(-1), pa.float64()), reals))
         if integers:
-            arrays.append(pa.FixedSizeListArray.from_arrays(pa.array(rows.integers.reshape(-1)), integers))
-        if texts:
-            flat = pa.array([text for row in rows.texts for text in row], type=pa.string())
-            arrays.append(pa.FixedSizeListArray.from_arrays(flat, texts))
+            arrays.append(pa.FixedSizeListArray.from_arrays(array_of(rows.integers.reshape(-1), pa.int32()), integers))
+        if width:
+            flat = texts([text for row in rows.texts for text in row])
+            arrays.append(pa.FixedSizeListArray.from_arrays(flat, width))
         batch = pa.RecordBatch.from_arrays(arrays, schema=self._schemas["signals"])
-        _write(self._streams["signals"], batch.serialize())
+        self._streams["signals"].write(batch)
 
     def packets(self, table: pa.Table) -> None:
         """Appends packets."""
         for batch in table.to_batches():
-            _write(self._streams["packets"], batch.serialize())
+            self._streams["packets"].write(batch)
 
     def end_group(self, what: str) -> None:
         """Marks the end of a row group of signals or packets."""
         schema = self._schemas[what]
-        empty = pa.RecordBatch.from_arrays([pa.array([], type=field.type) for field in schema], schema=schema)
-        _write(self._streams[what], empty.serialize())
+        self._streams[what].write(pa.RecordBatch.from_arrays([pa.nulls(0, one.type) for one in schema], schema=schema))
 
     def close(self) -> None:
         """Closes the files."""
         self._opened.close()
 
 
-def _write(file: IO[bytes], content: Any) -> None:
-    rest = memoryview(content)
-    while rest:
-        rest = rest[file.write(rest) :]
+class _Whole:
+    """A file that writes everything it is given, also where the system takes a part of it at a time."""
+
+    closed = False
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def write(self, content: Any) -> None:
+        rest = memoryview(content)
+        while rest:
+            rest = rest[self._file.write(rest) :]
+
+    def flush(self) -> None:
+        """Has nothing in a buffer."""
 
 
 def _schema_of_rows(columns: Columns) -> pa.Schema:

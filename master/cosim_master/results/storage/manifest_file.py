@@ -12,11 +12,27 @@ __all__ = ["NAME", "RunningManifest", "write_manifest"]
 NAME = "manifest.json"
 _OUTCOME, _NUMBER, _COUNT = 16, 25, 20
 """Characters that an outcome, a number and a count take at most."""
+_LINES = 3
+"""Levels of the manifest that are divided into lines. Python writes the others six times as fast: 1,000 drones have a
+million of values."""
 
 
 def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
     """Writes the manifest. An earlier one is replaced only when the new one is complete."""
-    _replace(folder, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    _replace(folder, _text(content, _LINES) + "\n")
+
+
+def _text(value: Any, levels: int) -> str:
+    """Returns a value as JSON, with so many levels divided into lines."""
+    if levels and value and isinstance(value, (Mapping, list, tuple)):
+        opening, closing = "{}" if isinstance(value, Mapping) else "[]"
+        if isinstance(value, Mapping):
+            lines = [f"{_text(str(name), 0)}: {_text(one, levels - 1)}" for name, one in value.items()]
+        else:
+            lines = [_text(one, levels - 1) for one in value]
+        content = ",\n".join(lines).replace("\n", "\n ")
+        return f"{opening}\n {content}\n{closing}"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def _replace(folder: Path, text: str) -> None:
@@ -49,7 +65,7 @@ class RunningManifest:
                 self._places[name] = (len(text.encode()), room)
                 text += f"{json.dumps(value):<{room}}"
             else:
-                text += json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False).replace("\n", "\n ")
+                text += _text(value, _LINES - 1).replace("\n", "\n ")
         _replace(folder, text + "\n}\n")
         self._file = (folder / NAME).open("r+b", buffering=0)
 

@@ -18,7 +18,7 @@ _PLAIN = ("message", "system", "component", "sequence", "length")
 def signals_writer(file: Path, schema: pa.Schema) -> Any:
     """Opens a file of signals; each table written is a row group."""
     # Values in floating-point time series hardly repeat, so dictionaries are useless; byte stream splitting compresses
-    # better.
+    # better. Smallest and largest values are of no use to readers, who select by time or name.
     floats = [f.name for f in schema if pa.types.is_floating(f.type)]
     return pq.ParquetWriter(
         file,
@@ -26,6 +26,8 @@ def signals_writer(file: Path, schema: pa.Schema) -> Any:
         compression="zstd",
         use_dictionary=False,
         column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
+        write_statistics=False,
+        write_batch_size=1 << 16,
     )
 
 

@@ -91,7 +91,7 @@ def _described(folder: Path, held: Mapping[str, str], fingerprint: Mapping[str, 
         return "holds the results of a run whose inputs are not known (it was cut short, or is of an older version)"
     other = differences(held, fingerprint)
     if not other:
-        return "holds the results of a run with real programs, which no run repeats"
+        return "holds the results of a run with packets from outside, of programs or a person"
     return f"holds the results of a run with other inputs ({', '.join(other)})"
 
 

@@ -105,11 +105,11 @@ def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[floa
     found: list[Change] = []
     changeable = Changeable(checked)
     for time, name, text in wanted:
-        k = _base_step(clock, time)
+        k = clock.step_at(time)
         try:
             for number, variable in changeable.matching(name):
                 period = clock.periods[number]
-                if k is None or k % period:
+                if k is None or k == clock.steps or k % period:
                     raise ValueError(_expected(clock, period, checked.instances[number].name))
                 found.append(Change(k, number, variable, variable.parsed(text)))
         except ValueError as error:
@@ -117,15 +117,6 @@ def changes(checked: CheckedSystem, clock: TimeGrid, wanted: Sequence[tuple[floa
     if problems:
         raise SystemDescriptionError(problems)
     return tuple(sorted(found, key=lambda change: change.k))
-
-
-def _base_step(clock: TimeGrid, time: float) -> int | None:
-    """Returns the base step that begins at `time`, or None if none does."""
-    ticks = time * 1e9 * clock.per_ns - clock.start
-    if not abs(ticks) < 2**62:
-        return None
-    k = round(ticks / clock.base)
-    return k if 0 <= k < clock.steps and abs(k * clock.base - ticks) < 0.5 * clock.per_ns else None
 
 
 def _expected(clock: TimeGrid, period: int, name: str) -> str:

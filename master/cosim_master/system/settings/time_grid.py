@@ -65,6 +65,14 @@ class TimeGrid:
         """Returns the communication point t_k, s."""
         return (self.start + k * self.base) / (_NANO * self.per_ns)
 
+    def step_at(self, time: float) -> int | None:
+        """Returns the base step that begins at `time` [s], or at which the run ends; None if none does."""
+        ticks = time * _NANO * self.per_ns - self.start
+        if not abs(ticks) < _LARGEST_TICK:
+            return None
+        k = round(ticks / self.base)
+        return k if 0 <= k <= self.steps and abs(k * self.base - ticks) < 0.5 * self.per_ns else None
+
 
 def exact(seconds: float) -> Fraction | None:
     """Returns a step size as a fraction in nanoseconds; None if it is not a positive number.
