@@ -68,6 +68,15 @@ def test_with_all_effects_a_run_is_the_same_whatever_the_threads_and_when_it_is_
     for one in links[0]["worst"]:
         of_links.update({"sent": one["sent"], "lost": one["lost"], "arrived or in flight": one["delivered"]})
         of_links.update({f"lost: {cause}": n for cause, n in one["causes"].items()})
+    assert whole.verdict is not None
+    told = {one.kind: one for one in whole.verdict.findings if one.kind in ("overloaded radio", "packets lost")}
+    assert ("overloaded radio" in told) == (
+        cause_of_medium == "queue" or counts["lost: collision"] > 0.2 * counts["sent"]
+    )
+    for one in told.values():
+        (of_link,) = [link for link in links[0]["worst"] if (link["from"], link["to"]) == one.who]
+        assert {name.removeprefix("lost: "): n for name, n in one.numbers.items() if ": " in name} == of_link["causes"]
+        assert (one.numbers["sent"], one.numbers["lost"]) == (of_link["sent"], of_link["lost"])
     addressed = {name: n for name, n in counts.items() if name.startswith("lost: ") and n and name != "lost: no route"}
     assert {name: n for name, n in of_links.items() if name.startswith("lost: ")} == addressed
     assert of_links["sent"] == counts["sent"] - counts["lost: no route"]
@@ -83,5 +92,7 @@ def test_57600_baud_are_enough_for_ten_drones_and_not_for_fifty(fmus: Path, tmp_
         medium = {"network.medium": "shared", "network.rate": "57600"}
         result = simulate(system, RunOptions(overrides=medium, until=16.0))
         lost[drones] = result.packets.get("lost: queue", 0) / result.packets["sent"]
+        assert result.verdict is not None
+        assert ("overloaded radio" in [one.kind for one in result.verdict.findings]) == (drones == 50)
     assert lost[10] == 0.0
     assert lost[50] > 0.4

@@ -55,6 +55,7 @@ from cosim_master.fmi.slaves.isolated import Isolation
 from cosim_master.fmi.slaves.solvers import Choice
 from cosim_master.network.gateways.gateways import Address, Gateways, gateways_of
 from cosim_master.network.gateways.mailbox import Mailbox
+from cosim_master.results.reading.links import Links
 from cosim_master.results.recording.recording import Recording, check_columns
 from cosim_master.results.storage.checkpoint_folder import Checkpoint, find
 from cosim_master.results.storage.journal import FOLDER
@@ -282,7 +283,8 @@ class _Run:
             opened.enter_context(reported_hangs(scene, seconds))
             result = self._stepped(execution, gateways, observed, interrupted, changes)
             result = replace(result, notes=(*result.notes, *noted, *changes.notes))
-            result = self._judged(result, execution, watch, monitoring)
+            links = None if recording is None else recording.links()
+            result = self._judged(result, execution, watch, monitoring, links)
             if recording is not None:
                 self.listener.stage(f"writing {self.out}")
                 result = unrecorded(result, recording.finish(lambda failure: document(unrecorded(result, failure))))
@@ -372,11 +374,16 @@ class _Run:
         return unrecorded(result, observed.close())
 
     def _judged(
-        self, result: RunResult, execution: Execution, watch: Watch, monitoring: Monitoring | None
+        self,
+        result: RunResult,
+        execution: Execution,
+        watch: Watch,
+        monitoring: Monitoring | None,
+        links: Links | None,
     ) -> RunResult:
         """Returns the result with the verdict on the run, its notes and its profile."""
         ready = self.ready
-        verdict = judgement(ready.verdict(), watch, ready.network, result.packets, result.gateways, monitoring)
+        verdict = judgement(ready.verdict(), watch, ready.network, result.packets, result.gateways, monitoring, links)
         notes = (*result.notes, *execution.notes)
         result = replace(result, notes=notes, restarts=len(execution.restarts), verdict=verdict, folder=self.out)
         if self.profiler is not None:

@@ -6,6 +6,7 @@ approach    the closest approaches of vehicles
 spells      durations of violated conditions
 subjects    the declared outputs to be watched, and their instances
 watch       the observer of a run
+losses      packets lost by radio, by link and cause, as findings
 reporting   its findings, in words
 monitors/   the monitors that a system declares
 memory      the observer's memory in a checkpoint

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from cosim_master.stepping.observation import Progress, Seen
 from cosim_master.system.settings.network import Network
 from cosim_master.verdict.findings import Finding, Judgement
+from cosim_master.verdict.losses import Links, of_radio
 from cosim_master.verdict.monitors import reporting as of_monitors
 from cosim_master.verdict.monitors.monitoring import Monitoring
 from cosim_master.verdict.prior import DOUBLE_ID
@@ -71,6 +72,7 @@ def judgement(
     packets: Mapping[str, int],
     crossed: Mapping[str, Mapping[str, int | str]],
     monitoring: Monitoring | None = None,
+    links: Links | None = None,
 ) -> Judgement:
     """Returns the judgement of a run.
 
@@ -80,25 +82,17 @@ def judgement(
         packets: see `Execution.packet_counts`.
         crossed: see `Gateways.counts`.
         monitoring: the observer of the system's monitors, already closed or settled; None: it has none.
+        links: packets by link and cause; None: they were not recorded, or not yet.
     """
     quiet = {gateway.name for gateway in network.gateways if gateway.quiet}
     crossed = {name: counts for name, counts in crossed.items() if name not in quiet}
     on_air = [gateway.name for gateway in network.gateways if gateway.wired is None]
     known = [one for one in before.findings if not (watch.hears_by_place and one.kind == DOUBLE_ID)]
-    found = [*known, *findings(watch), *_of_radio(packets), *_of_gateways(crossed, on_air)]
+    found = [*known, *findings(watch), *of_radio(packets, links, network, known), *_of_gateways(crossed, on_air)]
     if monitoring is None:
         return Judgement.of(found, watch.begin, watch.end, nearest(watch))
     found += of_monitors.findings(monitoring)
     return Judgement.of(found, watch.begin, watch.end, nearest(watch), of_monitors.in_manifest(monitoring))
-
-
-def _of_radio(packets: Mapping[str, int]) -> Iterator[Finding]:
-    """Returns the findings from the counters of the radio."""
-    sent, delivered, on_the_way = (packets.get(what, 0) for what in ("sent", "delivered", "in flight"))
-    if sent and not delivered and not on_the_way:
-        causes = ", ".join(f"{n} {cause}" for cause, n in packets.items() if cause.startswith("lost: ") and n)
-        text = f"none of the {sent} packets sent by radio has reached a node ({causes})"
-        yield Finding("no radio", "warning", (), text, numbers={"sent": sent, "delivered": delivered})
 
 
 def _of_gateways(counts: Mapping[str, Mapping[str, int | str]], on_air: Sequence[str]) -> Iterator[Finding]:

@@ -60,7 +60,11 @@ def statistics(run: Path) -> dict[str, Any]:
     Raises:
         CosimError: the run has no record of packets, or an incomplete one.
     """
-    links = read_links(run)
+    return in_manifest(read_links(run))
+
+
+def in_manifest(links: Links) -> dict[str, Any]:
+    """Returns links as `statistics`."""
     listed = [
         {
             "from": links.nodes[links.source[i]],

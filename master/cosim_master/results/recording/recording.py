@@ -26,7 +26,7 @@ from typing import Any, Self
 import pyarrow.parquet as pq
 
 from cosim_master.diagnostics.errors import CosimError, Problem, RecordingFailed, SystemDescriptionError, Where
-from cosim_master.results.reading.links import statistics
+from cosim_master.results.reading.links import Links, in_manifest, read_links
 from cosim_master.results.recording.packet_log import PacketLog, log_names
 from cosim_master.results.recording.signals import SignalRecorder
 from cosim_master.results.recording.table_file import Faults, TableFile
@@ -109,7 +109,7 @@ class Recording:
         self._faults = Faults()
         self._files: dict[str, TableFile] = {}
         self._log: PacketLog | None = None
-        self._links: dict[str, Any] | None = None
+        self._links: Links | None = None
         self._opened = ExitStack()
         if goes_on(folder):
             raise _refusal(folder, "another run is being recorded there; give another folder")
@@ -216,9 +216,14 @@ class Recording:
         with self._faults.noted(self.folder / "signals.parquet"):
             for file in sorted((self.folder / FOLDER).glob("*.parquet")):
                 file.replace(self.folder / file.name)
-        if self._log is not None:
+        self.links()
+
+    def links(self) -> Links | None:
+        """Returns the links by radio, once the observers are closed; None: packets are not recorded, or incomplete."""
+        if self._log is not None and self._links is None:
             with suppress(CosimError):  # a failed run may have recorded less than a file
-                self._links = statistics(self.folder)
+                self._links = read_links(self.folder)
+        return self._links
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
         """Replaces the manifest, once all other files are complete, or are known to remain incomplete.
@@ -228,8 +233,9 @@ class Recording:
         Raises:
             RecordingFailed: the disk has no space for it; the existing manifest then has the outcome.
         """
+        links = None if self._links is None else in_manifest(self._links)
         try:
-            write_manifest(self.folder, {**manifest, "links": self._links})
+            write_manifest(self.folder, {**manifest, "links": links})
         except OSError as error:
             with suppress(OSError, ValueError):
                 self._manifest.update({name: manifest[name] for name in _CHANGING} | {"outcome": "failed"})
