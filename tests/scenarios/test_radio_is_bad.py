@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.scenarios.flights import SYSTEMS, copy_of, fly
@@ -48,3 +49,16 @@ def test_a_drone_cut_off_becomes_a_fixed_node_for_its_neighbours(fmus: Path, tmp
     assert flight.east(4)[-1] == pytest.approx((alone + 100.0) / 2, abs=0.5)
     assert flight.result.packets["lost: outage"] > 0
     assert flight["drone3.agent.left_age"][-1] == pytest.approx(125.0 - cut_at, abs=0.5)
+
+
+def test_one_that_is_heard_late_and_one_that_falls_silent_and_returns_are_taken_in(fmus: Path, tmp_path: Path) -> None:
+    """Over a radio that loses a fifth; meanwhile, the others spread between those that they hear."""
+    outages = '<outage node="drone3" start="0" stop="45"/><outage node="drone2" start="60" stop="75"/>'
+    bad = copy_of("line5", tmp_path, fmus, lambda text: with_radio(text, 'loss="0.2" latency="0.02"', outages))
+    flight = fly(bad, tmp_path / "bad", until=125.0)
+    before = int(np.searchsorted(flight["time"], 45.0)) - 1
+    assert flight.east(3)[before] == pytest.approx(20.0, abs=0.3)  # it has heard nobody
+    assert flight["drone3.agent.left_age"][before] == -1.0
+    silent = int(np.searchsorted(flight["time"], 75.0)) - 1
+    assert flight["drone3.agent.left_age"][silent] > 14.0
+    assert [flight.east(drone)[-1] for drone in range(1, 6)] == pytest.approx([0, 25, 50, 75, 100], abs=0.7)

@@ -106,3 +106,20 @@ def test_the_lines_of_laws_and_starting_points_are_counted() -> None:
         assert lines < 60
         counted.append((f"new {kind}", str(lines), ""))
     assert sorted(rows) == sorted(counted)
+
+
+def test_the_tests_of_the_laws_exist_and_every_law_has_them() -> None:
+    laws = {
+        model.__name__ for model in models_of_package("cosim_models") if {v.name for v in model.variables} >= COMMON
+    }
+    rows = re.findall(
+        r"^\| `?(\w+)`? \| .*?`(test_\w+)` \| (.+)$", PAGE.split("### Tests of the laws\n")[1], re.MULTILINE
+    )
+    assert {name for name, _, _ in rows} == laws | {"LineAgent", "guard"}
+    for name, file, cells in rows:
+        text = (Path(__file__).parent / f"{file}.py").read_text(encoding="utf-8")
+        named = re.findall(r"`(test_\w+)`", cells)
+        assert 2 <= len(named) <= 3, name
+        for test in named:
+            assert f"\ndef {test}(" in text, (name, test)
+        assert '"loss"' in text or "loss=0.2" in text

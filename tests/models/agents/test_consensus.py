@@ -114,6 +114,56 @@ def test_values_stay_between_the_ends(start: list[float], epsilon: float) -> Non
         assert start[0] - 1e-9 <= min(x) and max(x) <= start[-1] + 1e-9
 
 
+def over_a_radio(start: np.ndarray, epsilon: float, loss: float, alive: list[np.ndarray]) -> np.ndarray:
+    """All steps of a line that holds what it heard last; `alive`: who moves and is heard in each step."""
+    random, x = np.random.default_rng(4), start.copy()
+    left, right = np.roll(x, 1), np.roll(x, -1)
+    history = [x.copy()]
+    for here in alive:
+        heard_left = here & np.roll(here, 1) & (random.random(len(x)) >= loss)
+        heard_right = here & np.roll(here, -1) & (random.random(len(x)) >= loss)
+        left[heard_left] = np.roll(x, 1)[heard_left]
+        right[heard_right] = np.roll(x, -1)[heard_right]
+        for i in np.flatnonzero(here[1:-1]) + 1:
+            x[i] = consensus_step(x[i], left[i], right[i], epsilon)
+        left[:], right[:] = np.where(here, left, np.roll(x, 1)), np.where(here, right, np.roll(x, -1))
+        history.append(x.copy())
+    return np.array(history)
+
+
+@pytest.mark.parametrize(("loss", "rel"), [(0.0, 1e-6), (0.2, 0.01)])
+def test_a_hundred_spread_at_the_rate_of_the_slowest_mode(loss: float, rel: float) -> None:
+    """Its error is sin(pi i / 99); a step multiplies it by 1 - 2 eps (1 - cos(pi / 99)).
+
+    Positions that are p / (1 - p) steps old on average, for a loss of p, slow this down by 1 + 2 eps p / (1 - p).
+    """
+    n, epsilon = 100, 1.0 / 3.0
+    mode = np.sin(np.pi * np.arange(n) / (n - 1.0))
+    even = 10.0 * np.arange(n)
+    path = over_a_radio(even + 30.0 * mode, epsilon, loss, [np.ones(n, dtype=bool)] * 600)
+    sizes = np.linalg.norm(path - even, axis=1)
+    rate = 2.0 * epsilon * (1.0 - np.cos(np.pi / (n - 1.0)))
+    assert -np.log(sizes[-1] / sizes[100]) / 500.0 == pytest.approx(
+        -np.log(1.0 - rate) / (1.0 + 2.0 * epsilon * loss / (1.0 - loss)), rel=rel
+    )
+    assert (np.diff(path, axis=1) > 0.0).all()  # their order
+    assert path.min() >= 0.0 and path.max() <= 990.0
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_those_that_fail_or_leave_are_fixed_until_they_return_and_a_late_one_is_taken_in(loss: float) -> None:
+    everybody = np.ones(9, dtype=bool)
+    late, failed = everybody.copy(), everybody.copy()
+    late[6], failed[[2, 4]] = False, False
+    start = np.array([0.0, 3.0, 5.0, 30.0, 36.0, 38.0, 60.0, 70.0, 80.0])
+    path = over_a_radio(start, 1.0 / 3.0, loss, [late] * 200 + [failed] * 200 + [everybody] * 300)
+    assert path[200, [0, 6, 8]] == pytest.approx([0.0, 60.0, 80.0])
+    assert path[200] == pytest.approx(np.interp(np.arange(9), [0, 6, 8], [0.0, 60.0, 80.0]), abs=0.05)
+    held = path[200, [0, 2, 4, 8]]
+    assert path[400] == pytest.approx(np.interp(np.arange(9), [0, 2, 4, 8], held), abs=0.05)
+    assert path[700] == pytest.approx(10.0 * np.arange(9), abs=0.05)
+
+
 def test_an_agent_without_a_neighbour_ignores_that_side() -> None:
     assert consensus_step(10.0, 10.0, 16.0, 0.25) == 11.5
 

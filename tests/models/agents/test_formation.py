@@ -53,19 +53,27 @@ def test_places_of_the_shapes() -> None:
     assert places(2, Shape.table, **table) == pytest.approx(np.array([[0, 0], [1, -1]]))
 
 
-@pytest.mark.parametrize("shape", [Shape.line, Shape.ring, Shape.grid, Shape.v])
-def test_a_hundred_take_their_places_about_the_mean_of_their_starts(shape: Shape) -> None:
-    """The rate is that of the graph, whatever the shape."""
+@pytest.mark.parametrize(
+    ("shape", "loss", "off", "rel"),
+    [
+        *((shape, 0.0, 1e-6, 0.03) for shape in (Shape.line, Shape.ring, Shape.grid, Shape.v)),
+        (Shape.grid, 0.2, 1.0, 0.1),
+    ],
+)
+def test_a_hundred_take_their_places_about_the_mean_of_their_starts(
+    shape: Shape, loss: float, off: float, rel: float
+) -> None:
+    """The rate is that of the graph, whatever the shape; with loss, the mean moves a little."""
     wanted = places(100, shape)
     graph = chain(100, reach=8)
     slowest = np.linalg.eigvalsh(np.diag(graph.sum(axis=1)) - graph)[1]
-    swarm = masses(100, shape, graph, gain=0.25)
+    swarm = masses(100, shape, graph, gain=0.25, loss=loss)
     middle = (swarm.plane - wanted).mean(axis=0)
     swarm.run(60.0)
     first = error(swarm, wanted)
     swarm.run(20.0)
-    assert np.log(error(swarm, wanted) / first) / 20.0 == pytest.approx(-0.25 * slowest, rel=0.03)
-    assert (swarm.plane - wanted).mean(axis=0) == pytest.approx(middle, abs=1e-6)
+    assert np.log(error(swarm, wanted) / first) / 20.0 == pytest.approx(-0.25 * slowest, rel=rel)
+    assert (swarm.plane - wanted).mean(axis=0) == pytest.approx(middle, abs=off)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.2])
@@ -79,9 +87,10 @@ def test_five_follow_a_leader_without_lagging_behind(loss: float) -> None:
     assert swarm.m.velocity[:, :2] == pytest.approx(np.tile((2.0, 1.0), (5, 1)), abs=0.02)
 
 
-def test_those_that_are_left_close_up_to_their_places_and_a_late_one_joins() -> None:
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_those_that_are_left_close_up_to_their_places_and_a_late_one_joins(loss: float) -> None:
     wanted = places(6, Shape.ring)
-    swarm = masses(6, Shape.ring, ~np.eye(6, dtype=bool), lag=0.5, loss=0.2)
+    swarm = masses(6, Shape.ring, ~np.eye(6, dtype=bool), lag=0.5, loss=loss)
     swarm.alive[5] = False
     swarm.run(40.0)
     assert error(swarm, wanted) < 0.1

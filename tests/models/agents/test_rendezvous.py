@@ -50,17 +50,19 @@ def test_the_distance_shrinks_at_the_second_eigenvalue_of_the_laplacian() -> Non
     assert swarm.plane == pytest.approx(starts * (1.0 - t * GAIN * values[1]), abs=1e-9)
 
 
-def test_a_hundred_meet_at_the_mean_of_their_starts() -> None:
+@pytest.mark.parametrize(("loss", "off", "rel"), [(0.0, 1e-6, 0.05), (0.2, 1.0, 0.08)])
+def test_a_hundred_meet_at_the_mean_of_their_starts(loss: float, off: float, rel: float) -> None:
+    """With loss, a drone may see another one where that no longer is: the mean moves a little."""
     starts = scattered(100)
     graph = ring(100, each_side=8)
     slowest = np.linalg.eigvalsh(np.diag(graph.sum(axis=1)) - graph)[1]
-    swarm = masses(starts, graph)
+    swarm = masses(starts, graph, loss=loss)
     path = swarm.run(60.0)
-    away = np.linalg.norm(path - starts.mean(axis=0), axis=2).max(axis=1)
-    assert path[-1].mean(axis=0) == pytest.approx(starts.mean(axis=0), abs=1e-6)
+    away = np.linalg.norm(path - path[-1].mean(axis=0), axis=2).max(axis=1)
+    assert path[-1].mean(axis=0) == pytest.approx(starts.mean(axis=0), abs=off)
     late = slice(150, 290)
     rate = np.polyfit(0.2 * np.arange(300)[late], np.log(away[late]), 1)[0]
-    assert rate == pytest.approx(-GAIN * slowest, rel=0.05)
+    assert rate == pytest.approx(-GAIN * slowest, rel=rel)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.2])
@@ -80,10 +82,11 @@ def test_with_loss_they_meet_all_the_same() -> None:
     assert np.ptp(path[-1], axis=0).max() < 1.0
 
 
-def test_one_that_fails_is_forgotten_and_one_that_returns_is_met() -> None:
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_one_that_fails_is_forgotten_and_one_that_returns_is_met(loss: float) -> None:
     starts = scattered(8)
     everybody = ~np.eye(8, dtype=bool)
-    swarm = masses(starts, everybody, lag=0.5)
+    swarm = masses(starts, everybody, lag=0.5, loss=loss)
     swarm.alive[0] = False  # has not joined yet
     swarm.run(10.0)
     assert (swarm.m.neighbours[1:] == 6).all()

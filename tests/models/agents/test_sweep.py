@@ -59,11 +59,12 @@ def test_all_cells_are_visited_by_equal_parts(n: int) -> None:
     assert swarm.plane == pytest.approx(np.array(swarm.m.home[:, :2]), abs=1.0)
 
 
-def test_a_hundred_are_faster_than_ten() -> None:
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_a_hundred_are_faster_than_ten(loss: float) -> None:
     """900 cells of 10 m: 90 or 9 of them each, and the way there."""
     times = []
     for n in (10, 100):
-        swarm = masses(n, side=300.0)
+        swarm = masses(n, side=300.0, loss=loss)
         while swarm.m.swept.max() < 1.0:
             swarm.turn()
             assert swarm.t < 400.0
