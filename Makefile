@@ -9,11 +9,16 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 COSIM := $(BIN)/uav-cosim
+# Modules are compiled when they are first imported; most never are.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
 # Hundreds of processes import the same sources.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test fmus lint docs wheel sdist clean
+# Tests wait for processes and clocks: with one worker more than cores, all cores are busy.
+WORKERS = $(shell $(BIN)/python -c 'import os; print((os.cpu_count() or 1) + 1)')
+
+.PHONY: demo test fmus lint compiled-tests docs wheel sdist clean
 
 demo: $(VENV)/installed
 	$(COSIM) build line5 -o fmus
@@ -23,9 +28,14 @@ demo: $(VENV)/installed
 fmus: $(VENV)/installed
 	$(COSIM) build -o fmus
 
-test: $(VENV)/tested fmus lint
-	$(BIN)/python -m pytest -m 'not alone' -n auto --dist loadfile --no-loadscope-reorder
+test: $(VENV)/tested
+	$(MAKE) -j 2 fmus lint compiled-tests
+	$(BIN)/python -m pytest -m 'not alone' -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 	$(BIN)/python -m pytest -m alone $(if $(ARDUPILOT_SITL),,-n 2 --dist load)
+
+# Once, and not by each worker.
+compiled-tests: $(VENV)/tested
+	$(BIN)/python -m pytest --collect-only -q > $(VENV)/collected || (cat $(VENV)/collected; exit 1)
 
 lint: $(VENV)/tested
 	$(BIN)/ruff format --check .
@@ -38,12 +48,12 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[build,plot]'
+	$(PIP) -e '.[build,plot]'
 	touch $@
 
-$(VENV)/tested: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[build,export,film,live,mpi,plot,rerun,ros2,sweep,docs,test,clients]'
-	touch $@
+$(VENV)/tested: $(VENV)/bin/python pyproject.toml
+	$(PIP) -e '.[build,export,film,live,mpi,plot,rerun,ros2,sweep,docs,test,clients]'
+	touch $(VENV)/installed $@
 
 docs: $(VENV)/tested
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs/site -d build/docs . site

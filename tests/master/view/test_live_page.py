@@ -68,14 +68,16 @@ def test_packets_are_seen_while_they_fly(browser: Any, fmus: Path, tmp_path: Pat
         watched.control.set_speed(None)
         tab.wait("!cosim.live.going")
         tab.wait("cosim.end === 10")
+        tab.wait("cosim.live.ended !== null")
+        table = packets(tmp_path / "run")
+        on_air = table.filter(pc.not_equal(table["outcome"], "on board"))
+        tab.wait(f"cosim.links().reduce((sum, one) => sum + one.sent, 0) >= {on_air.num_rows}")
         log, links = tab.ask("cosim.log('')"), tab.ask("cosim.links()")
         tab.page.locator("#tabs button[data-name=links]").click()
         row = tab.page.locator("#pane-links tbody tr").first.inner_text().split()
         tab.page.locator("#tabs button[data-name=log]").click()
         assert tab.page.locator("#pane-log .row").count() > 3
         assert tab.complaints == []
-    table = packets(tmp_path / "run")
-    on_air = table.filter(pc.not_equal(table["outcome"], "on board"))
     counted = {(one["from"], one["to"]): (one["sent"], one["lost"]) for one in links}
     assert sum(sent for sent, _ in counted.values()) == on_air.num_rows
     for (source, target), counts in counted.items():

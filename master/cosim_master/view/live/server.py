@@ -234,11 +234,13 @@ class LivePage:
                         await connection.send(packets)
                     reader.frame, reader.undrawn = number, reader.undrawn + 1
                     await connection.send(frame)
+                if links := self._links(reader):
+                    await connection.send(links)
         except ConnectionClosed:
             return
 
     def _packets(self, reader: _Reader) -> Iterator[str | bytes]:
-        """Yields flights, messages and statistics that a page has not received yet."""
+        """Yields flights and messages that a page has not received yet."""
         traffic = self._feed.traffic
         if traffic is None:
             return
@@ -247,11 +249,18 @@ class LivePage:
             yield flying
         if said := traffic.messages(messages, reader.heard[1]):
             yield json.dumps({"messages": said, "sends": traffic.sends})
-        now, counted = self._loop.time(), traffic.sends
+
+    def _links(self, reader: _Reader) -> str | None:
+        """Returns the statistics of links if a page is to receive them: now and then, and of a run that stands."""
+        traffic = self._feed.traffic
+        if traffic is None or (counted := traffic.sends) == reader.counted:
+            return None
+        now = self._loop.time()
         still = self._control.paused or self._ended is not None
-        if counted != reader.counted and (still or now - reader.counted_at >= _COUNTING):
-            reader.counted, reader.counted_at = counted, now
-            yield json.dumps({"links": traffic.links()})
+        if not still and now - reader.counted_at < _COUNTING:
+            return None
+        reader.counted, reader.counted_at = counted, now
+        return json.dumps({"links": traffic.links()})
 
     def _state(self) -> str:
         control = self._control
