@@ -19,7 +19,8 @@ import sys
 import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import lru_cache
+from dataclasses import replace
+from functools import cache, lru_cache
 from pathlib import Path, PurePosixPath
 from platform import machine as machine_name
 from typing import Any, cast
@@ -84,15 +85,16 @@ def describe(path: str | Path, sizes: Mapping[str, int] | None = None, implement
     """
     given = Path(path)
     if not sizes and implementation == "any":
-        with suppress(OSError):  # `_described` says what is wrong with the file
-            return _known(given, given.absolute(), _digest(given))
+        with suppress(OSError, SystemDescriptionError):  # `_described` says what is wrong with the file
+            found = _known(given.absolute(), _digest(given))
+            return found if found.path == given else replace(found, path=given)
     return _described(given, sizes, implementation)
 
 
 @lru_cache(maxsize=64)
-def _known(path: Path, place: Path, contents: str) -> FmuDescription:  # noqa: ARG001
+def _known(place: Path, contents: str) -> FmuDescription:  # noqa: ARG001
     """Returns the description of a file with contents of this digest; many runs in a process read it once."""
-    return _described(path, None, "any")
+    return _described(place, None, "any")
 
 
 def _described(path: Path, sizes: Mapping[str, int] | None, implementation: str) -> FmuDescription:
@@ -287,13 +289,21 @@ class _Reading:
     def _structure(self) -> None:
         """Reads the ModelStructure. Its indices count from 1; FMPy interprets 0 as the last variable."""
         count = len(self.root.findall("ModelVariables/ScalarVariable"))
+
+        @cache  # many have the same dependencies
+        def read(text: str) -> tuple[list[str], str | None]:
+            indices = text.split()
+            wrong = (one for one in indices if not (one.isdecimal() and len(one) < 10 and 1 <= int(one) <= count))
+            return indices, next(wrong, None)
+
         for unknown in self.root.iterfind("ModelStructure/*/Unknown"):
-            indices = [unknown.get("index", ""), *unknown.get("dependencies", "").split()]
-            wrong = [text for text in indices if not (text.isdecimal() and len(text) < 10 and 1 <= int(text) <= count)]
-            if wrong:
-                self._problem(unknown, f'<Unknown> refers to variable "{wrong[0]}"; valid: 1 to {count}')
+            index, dependencies = unknown.get("index", ""), unknown.get("dependencies", "")
+            wrong = read(index)[1] if len(read(index)[0]) == 1 else index
+            wrong = read(dependencies)[1] if wrong is None else wrong
+            if wrong is not None:
+                self._problem(unknown, f'<Unknown> refers to variable "{wrong}"; valid: 1 to {count}')
             elif unknown.get("dependencies") is not None:
-                unknown.set("dependencies", " ".join(indices[1:]))
+                unknown.set("dependencies", " ".join(read(dependencies)[0]))
 
     def _unit(self, unit: Any) -> Unit:
         base = unit.baseUnit
